@@ -28,7 +28,14 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Attempt, JoinRequest, Person, Submission, Team
+from reverie_eval.server.store.tables import (
+    IS_SHOWN,
+    Attempt,
+    JoinRequest,
+    Person,
+    Submission,
+    Team,
+)
 
 DAYS_KEPT = 90
 MOST_KEPT = 50_000
@@ -157,9 +164,8 @@ class Day:
 
 def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
     """Count the submissions of each split that has any."""
-    is_published = Submission.published_at.is_not(None) & Submission.withdrawn_at.is_(None)
     # Two statements, as each has an index.
-    published = select(Submission.split, func.count()).where(is_published)
+    published = select(Submission.split, func.count()).where(IS_SHOWN)
     shown = dict(session.execute(published.group_by(Submission.split)).all())
     every = select(Submission.split, func.count())
     counted = every.group_by(Submission.split).subquery()

@@ -23,6 +23,7 @@ from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.service.schedules import Schedules, Timetable
 from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
+    IS_SHOWN,
     AuditEntry,
     Correction,
     StoredSnapshot,
@@ -263,8 +264,7 @@ def _scored(session: Session, board: Board, timetable: Timetable, now: datetime)
             Submission.anonymous_until,
         )
         .join(Team, Submission.team_id == Team.id)
-        .where(Submission.split == board.name)
-        .where(Submission.published_at.is_not(None), Submission.withdrawn_at.is_(None))
+        .where(Submission.split == board.name, IS_SHOWN)
         .order_by(Submission.published_at, Submission.id)
     )
     reviews = {

@@ -75,7 +75,8 @@ class Ranking:
 
     def team(self, entry: Entry) -> str:
         """Return the team of an entry; empty while it is anonymous."""
-        return "" if self._is_anonymous(entry) else entry.team
+        is_anonymous = entry.anonymous_until is not None and entry.anonymous_until > self.now
+        return "" if is_anonymous else entry.team
 
     def submissions(self, entry: Entry) -> int | None:
         """Return the number of submissions that an entry's team has made to the split.
@@ -84,9 +85,6 @@ class Ranking:
         of many. None for reported results.
         """
         return None if entry.team_id is None else self.counts[entry.team_id]
-
-    def _is_anonymous(self, entry: Entry) -> bool:
-        return entry.anonymous_until is not None and entry.anonymous_until > self.now
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from reverie_eval.schemas.organising import PersonReport
 from reverie_eval.schemas.personal_data import PersonalData, SessionRecord, SubmissionRecord
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.service.attempts import attempt_report
-from reverie_eval.server.service.audit import audit_reports, row_name
+from reverie_eval.server.service.audit import audit_reports, entries, row_name
 from reverie_eval.server.service.people import find_person, person_report
 from reverie_eval.server.service.tokens import revoke_all, token_report
 from reverie_eval.server.service.transactions import Transaction
@@ -51,7 +51,7 @@ def personal_data(session: Session, person_id: int) -> PersonalData:
     submissions = select(Submission).where(Submission.person_id == person.id)
     attempts = select(Attempt).where(Attempt.person_id == person.id).order_by(Attempt.id)
     name = row_name(person)
-    entries = select(AuditEntry).where(or_(AuditEntry.actor == name, AuditEntry.subject == name))
+    logged = entries(session, or_(AuditEntry.actor == name, AuditEntry.subject == name))
     return PersonalData(
         person=person_report(person),
         tokens=list(map(token_report, tokens)),
@@ -64,7 +64,7 @@ def personal_data(session: Session, person_id: int) -> PersonalData:
             for row in session.scalars(submissions.order_by(Submission.received_at))
         ],
         attempts=list(map(attempt_report, session.scalars(attempts))),
-        audit=audit_reports(session, session.scalars(entries.order_by(AuditEntry.id)).all()),
+        audit=audit_reports(session, logged),
     )
 
 

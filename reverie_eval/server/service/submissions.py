@@ -33,7 +33,7 @@ from reverie_eval.server.service.reviews import find_submission, is_disqualified
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import AT_ONCE
-from reverie_eval.server.store.tables import Person, Review, Submission
+from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 RECENT = 8
@@ -177,12 +177,7 @@ def with_public_episodes(split: str) -> Select[Submission]:
     )
     return (
         select(Submission)
-        .where(
-            Submission.split == split,
-            Submission.published_at.is_not(None),
-            Submission.withdrawn_at.is_(None),
-            Submission.shows_episodes | is_baseline,
-        )
+        .where(Submission.split == split, IS_SHOWN, Submission.shows_episodes | is_baseline)
         .order_by(Submission.published_at.desc(), Submission.id)
     )
 
@@ -367,8 +362,7 @@ class SubmissionService:
             Submission.split == row.split,
             Submission.team_id == row.team_id,
             Submission.id != row.id,
-            Submission.published_at.is_not(None),
-            Submission.withdrawn_at.is_(None),
+            IS_SHOWN,
         )
         for earlier in transaction.session.scalars(chosen).all():
             if not is_disqualified(transaction.session, earlier.id):

@@ -196,6 +196,10 @@ class Submission(Base):
         return "published" if self.published_at else "unpublished"
 
 
+IS_SHOWN = Submission.published_at.is_not(None) & Submission.withdrawn_at.is_(None)
+"""Whether everyone sees a submission, for statements."""
+
+
 class ClusterSums(Base):
     """The sums of a published result over clusters of episodes, from which ranks are compared.
 

@@ -1,4 +1,4 @@
-"""The leaderboards, their charts, and export for papers."""
+"""The leaderboards, their charts, comparing two results, and export for papers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,14 +15,17 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.reporting._comparison import signed
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.reporting._submission import headline_of
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
+from reverie_eval.server.service.comparing import compare_results
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import Filter, Ranking, as_bibtex, as_latex
 from reverie_eval.server.service.news import latest_news
@@ -258,6 +261,20 @@ def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown)
     rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
     title, site = server.settings.title, address_of_site(request)
     return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
+
+
+@of_board.get("/compare")
+def show_comparison(
+    board: NamedBoard,
+    visitor: Visitor,
+    _: ScoringSlot,
+    result: Annotated[list[str], Query(default_factory=list)],
+) -> Response:
+    """Compare two results, by their ids."""
+    with visitor.snapshot() as snapshot:
+        ranking = visitor.server.ranking(snapshot.session, board)
+        pair = compare_results(snapshot.session, visitor.server.submissions, ranking, result)
+        return page(snapshot, "compare.html", board=board, pair=pair, signed=signed)
 
 
 @router.get("/boards/{split}/snapshots/{number}")

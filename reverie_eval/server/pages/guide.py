@@ -91,13 +91,7 @@ def show_protocols(visitor: Visitor, task: str = "") -> Response:
 
 
 def _task(visitor: Call, name: str) -> Task:
-    """Return one of the tasks that the splits are of; without a name, the first one.
-
-    Raises
-    ------
-    NotFoundError
-        If no split is of such a task.
-    """
+    """Return one of the tasks that the splits are of; without a name, the first one."""
     known = {task.name: task for task in visitor.server.tasks}
     if name and name not in known:
         raise NotFoundError(

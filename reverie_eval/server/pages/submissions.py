@@ -84,13 +84,7 @@ def _own_page(
     typed: Mapping[str, Any] = MappingProxyType({}),
     problem: ProblemDocument | None = None,
 ) -> Response:
-    """Show a submission to its team; after a problem, with the input of the form.
-
-    Raises
-    ------
-    NotFoundError
-        If it does not exist, or belongs to another team.
-    """
+    """Show a submission to its team alone; after a problem, with the input of the form."""
     server, session, person = visit.server, snapshot.session, snapshot.person
     shown = submission_of(
         session, person, submission_id, server.submissions.view(snapshot.session, snapshot.now)

@@ -45,8 +45,6 @@ MANIFEST = "manifest.json"
 UPLOADS = "uploads/"
 FORMAT = 1
 _SIGNING_KEY = "signing_key"
-_PIECE = 1 << 20
-"""Bytes of a file that are in memory at a time."""
 
 
 class Manifest(BaseModel):
@@ -143,10 +141,7 @@ def _dump(
 ) -> tuple[str, str | None]:
     """Write all rows as lines of JSON; collect the uploads that they refer to, and their counts.
 
-    Returns
-    -------
-    tuple of str and str
-        The migration, and the id of the signing key in use, if any.
+    Returns the migration, and the id of the signing key in use, if any.
     """
     key_id = None
     with database_errors(), closing(Database(settings.database_url)) as database:
@@ -176,17 +171,15 @@ class _Contents:
     def add(self, name: str, content: bytes) -> None:
         self._add(name, io.BytesIO(content), len(content))
 
-    def add_file(self, name: str, file: IO[bytes]) -> None:
+    def add_file(self, name: str, file: io.BufferedIOBase) -> None:
         """Add what was written to a file."""
         self._add(name, file, file.tell())
 
-    def _add(self, name: str, file: IO[bytes], size: int) -> None:
+    def _add(self, name: str, file: io.BufferedIOBase, size: int) -> None:
         member = tarfile.TarInfo(name)
         member.size, member.mode = size, 0o600
-        digest = hashlib.sha256()
         file.seek(0)
-        while piece := file.read(_PIECE):
-            digest.update(piece)
+        digest = hashlib.file_digest(file, "sha256")
         file.seek(0)
         self._archive.addfile(member, file)
         self.digests[name] = digest.hexdigest()

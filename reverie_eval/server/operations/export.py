@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import METRICS
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.operations.crate import METADATA, Crate, File
 from reverie_eval.server.service.boards import Board
@@ -141,12 +142,7 @@ _RESULT = {
     "description": _TEXT,
     "paper": _TEXT,
     "code": _TEXT,
-    "extra_data": _FLAG,
-    "pre_exploration": _FLAG,
-    "ground_truth_objects": _FLAG,
-    "ensemble": _FLAG,
-    "navigation_only": _FLAG,
-    "human": _FLAG,
+    **dict.fromkeys(METHOD_FLAGS, _FLAG),
     "signature": _TEXT,
     "source": _TEXT,
     "reported_date": _TEXT,

@@ -227,10 +227,7 @@ def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
 def _fields_of(columns: Sequence[str], metrics: Collection[str]) -> Sequence[str]:
     """Return the metric, if it is one of those given, or the field of each column.
 
-    Raises
-    ------
-    TableError
-        If a column is unknown or has the same meaning as another; names each of them.
+    A column must not be unknown or have the same meaning as another.
     """
     fields: dict[str, str] = {}
     problems = []

@@ -3,8 +3,6 @@
 It can be exported as JSON, CSV, a LaTeX table, or BibTeX entries.
 """
 
-import csv
-import io
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,7 +20,7 @@ from reverie_eval.reporting._table import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, Method, SnapshotEntry
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.csv_files import spreadsheet_cell
+from reverie_eval.server.service.csv_files import csv_text
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
 from reverie_eval.server.service.rank_intervals import RankInterval
 from reverie_eval.tasks import DEFAULT_TASK, Task
@@ -245,26 +243,26 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
     present: set[str] = set().union(*(row["scores"] for row in rows))
     shown = [key for key in METRICS if key in present]
     drawn = [key for key in METRICS if any(key in row["intervals"] for row in rows)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
     ends = [f"{key}_{end}" for key in drawn for end in ("low", "high")]
-    writer.writerow([*_ABOUT, *headings, *_STANDING, *shown, *ends, *_OF_RANK])
-    for row in rows:
-        reviews = "; ".join(f"{each['verdict']}: {each['reason']}" for each in row["reviews"])
-        words = [
+    columns = [*_ABOUT, *headings, *_STANDING, *shown, *ends, *_OF_RANK]
+    cells = [
+        [
             *(row[name] for name in _ABOUT),
             *(row["method"].get(name) for name in _OF_METHOD),
-            *({**row, "reviews": reviews}[name] for name in _STANDING),
-        ]
-        numbers = [
+            *({**row, "reviews": _in_words(row["reviews"])}[name] for name in _STANDING),
             *(row["scores"].get(key) for key in shown),
             *(end for key in drawn for end in row["intervals"].get(key, (None, None))),
             *(row["rank_interval"] or (None, None)),
             row["group"],
         ]
-        writer.writerow([*map(spreadsheet_cell, words), *numbers])
-    return text.getvalue()
+        for row in rows
+    ]
+    return csv_text(columns, cells)
+
+
+def _in_words(reviews: Sequence[Mapping[str, str]]) -> str:
+    return "; ".join(f"{each['verdict']}: {each['reason']}" for each in reviews)
 
 
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._submission import known_task
-from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
+from reverie_eval.schemas.service import QuotaReport, SubmissionReport
 from reverie_eval.server.http.callers import Member, Snapshot
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.boards import Board
@@ -105,17 +105,13 @@ def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota
     quotas = server.intake.quotas(snapshot.session, snapshot.person)
     schedules = server.schedules.in_effect(snapshot.session)
     return [
-        _split_quota(board, schedules[name], quotas[name], snapshot.now)
+        SplitQuota(
+            board=board,
+            quota=quotas[name],
+            is_open=schedules[name].is_open(snapshot.now),
+            is_paused=schedules[name].paused,
+            opens_at=schedules[name].opens_at(snapshot.now),
+            closes_at=schedules[name].closes_at(snapshot.now),
+        )
         for name, board in server.boards.items()
     ]
-
-
-def _split_quota(board: Board, schedule: Schedule, quota: QuotaReport, now: datetime) -> SplitQuota:
-    return SplitQuota(
-        board=board,
-        quota=quota,
-        is_open=schedule.is_open(now),
-        is_paused=schedule.paused,
-        opens_at=schedule.opens_at(now),
-        closes_at=schedule.closes_at(now),
-    )

@@ -73,15 +73,12 @@ class Scorer:
         if job.upload_deleted_at is not None:
             return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
         try:
-            return self._score(job)
+            content = stored_upload(self.uploads, job.sha256)
+            report, scores = self.board.scored(content, has_intervals=job.has_intervals)
         except SubmissionError as error:
             return f"rejected: {error.problems[0]}"
         except UploadsError as error:
             return str(error)
-
-    def _score(self, job: Job) -> Rescored:
-        content = stored_upload(self.uploads, job.sha256)
-        report, scores = self.board.scored(content, has_intervals=job.has_intervals)
         sums = cluster_sums(scores) if scores and report.intervals else None
         return Rescored(report, sums)
 

@@ -52,28 +52,17 @@ HEADERS = {
 """Pages load nothing from other hosts, and run no inline scripts."""
 _LINK = re.compile(r' (href|src|action|data-source|data-submission)="([^"]*)"')
 """An attribute with an address. No value can look like one: quotes in it are escaped."""
-_SHORT_FLAGS: Mapping[str, str] = MappingProxyType(
+_SHORT_FLAGS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
-        "extra_data": "+data",
-        "pre_exploration": "explored",
-        "ground_truth_objects": "+objects",
-        "ensemble": "ensemble",
-        "navigation_only": "nav only",
-        "human": "human",
+        "extra_data": ("+data", "+d"),
+        "pre_exploration": ("explored", "ex"),
+        "ground_truth_objects": ("+objects", "+o"),
+        "ensemble": ("ensemble", "en"),
+        "navigation_only": ("nav only", "nav"),
+        "human": ("human", "hu"),
     }
 )
-"""What a method discloses, where there is little room."""
-_BRIEF_FLAGS: Mapping[str, str] = MappingProxyType(
-    {
-        "extra_data": "+d",
-        "pre_exploration": "ex",
-        "ground_truth_objects": "+o",
-        "ensemble": "en",
-        "navigation_only": "nav",
-        "human": "hu",
-    }
-)
-"""The same on a phone."""
+"""What a method discloses, where there is little room, and on a phone."""
 _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
@@ -236,8 +225,8 @@ def _environment() -> Environment:
         "called": TOKEN_NAMES,
         "flags": METHOD_FLAGS,
         "flag_meanings": {flag: Method.model_fields[flag].description for flag in METHOD_FLAGS},
-        "short_flags": _SHORT_FLAGS,
-        "brief_flags": _BRIEF_FLAGS,
+        "short_flags": {flag: short for flag, (short, _) in _SHORT_FLAGS.items()},
+        "brief_flags": {flag: brief for flag, (_, brief) in _SHORT_FLAGS.items()},
         "longest": {
             "name": LONGEST_NAME,
             "line": LONGEST_LINE,

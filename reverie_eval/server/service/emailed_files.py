@@ -17,7 +17,6 @@ from reverie_eval.server.service.intake import Intake
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.transactions import Actor
-from reverie_eval.server.store.tables import Person
 from reverie_eval.text import printable, time_text
 
 
@@ -74,14 +73,11 @@ class EmailedFiles:
             raise refusal from error
         # A withdrawn submission stays withdrawn until its team restores it.
         if file.publish and accepted.submission.status == "unpublished":
-            accepted = self._published(organiser, sender, accepted)
+            change = SubmissionChange(published=True)
+            published = self.submissions.change(sender, accepted.submission.id, change, organiser)
+            accepted = accepted.model_copy(update={"submission": published})
         reply = _letter(file, f"{about} scored on {file.split}.", *_result(accepted))
         return EmailedFileReport(**dict(accepted), reply=reply)
-
-    def _published(self, organiser: Actor, sender: Person, accepted: Accepted) -> Accepted:
-        change = SubmissionChange(published=True)
-        published = self.submissions.change(sender, accepted.submission.id, change, organiser)
-        return accepted.model_copy(update={"submission": published})
 
 
 def _letter(file: EmailedFile, opening: str, *lines: str) -> str:

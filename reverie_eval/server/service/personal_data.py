@@ -5,7 +5,7 @@ finds the log unbroken. Results, and the log of what the person did, stay under 
 """
 
 from sqlalchemy import delete, or_, select, update
-from sqlalchemy.orm import InstrumentedAttribute, Session
+from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import PersonReport
 from reverie_eval.schemas.personal_data import PersonalData, SessionRecord, SubmissionRecord
@@ -18,7 +18,6 @@ from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import (
     Attempt,
     AuditEntry,
-    Base,
     BrowserSession,
     Message,
     News,
@@ -31,14 +30,14 @@ from reverie_eval.server.store.tables import (
     Token,
 )
 
-_SIGNED: tuple[tuple[type[Base], InstrumentedAttribute[int], InstrumentedAttribute[str]], ...] = (
-    (Review, Review.id, Review.reviewer),
-    (ReportedResult, ReportedResult.id, ReportedResult.added_by),
-    (Notice, Notice.id, Notice.posted_by),
-    (News, News.id, News.posted_by),
-    (SetSchedule, SetSchedule.id, SetSchedule.set_by),
+_SIGNATURES = (
+    Review.reviewer,
+    ReportedResult.added_by,
+    Notice.posted_by,
+    News.posted_by,
+    SetSchedule.set_by,
 )
-"""Tables whose rows have the name of the organiser who wrote them: key and column of the name."""
+"""Columns with the name of the organiser who wrote a row."""
 
 
 def personal_data(session: Session, person_id: int) -> PersonalData:
@@ -97,11 +96,12 @@ def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
 
 def _sign_anew(session: Session, person: Person) -> None:
     """Put a person's current name on the rows that they wrote, according to the audit log."""
-    for table, key, signature in _SIGNED:
+    for signature in _SIGNATURES:
+        table = signature.class_
         rows = AuditEntry.row.startswith(f"{table.__tablename__}:", autoescape=True)
         written = select(AuditEntry.row).where(AuditEntry.actor == row_name(person), rows)
         numbers = {int(row.partition(":")[2]) for row in session.scalars(written)}
-        changed = update(table).where(key.in_(numbers)).values({signature: person.name})
+        changed = update(table).where(table.id.in_(numbers)).values({signature: person.name})
         session.execute(changed, execution_options={"synchronize_session": False})
 
 

@@ -199,7 +199,6 @@ class Intake:
             for further, report in reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))
-            transaction.add(row)
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {split}"
             announce(transaction, "submission", said, f"/submissions/{row.id}")

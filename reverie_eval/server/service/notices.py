@@ -49,7 +49,6 @@ class Notices:
     def post(self, transaction: Transaction, new: NewNotice) -> NoticeReport:
         """Post a notice: set or remove the banner, pause or resume submissions."""
         posted = Notice(**new.model_dump(), posted_by=transaction.actor, created_at=transaction.now)
-        transaction.add(posted)
         transaction.record("notice posted", posted, "server", **new.model_dump())
         return self.if_posted(new, posted.posted_by, posted.created_at)
 

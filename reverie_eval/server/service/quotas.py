@@ -223,7 +223,6 @@ def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> G
         created_at=transaction.now,
         **new.model_dump(exclude={"team"}),
     )
-    transaction.add(row)
     transaction.record("granted", row, new.team, **new.model_dump(mode="json", exclude={"team"}))
     return grant_report(row)
 

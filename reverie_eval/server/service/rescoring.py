@@ -305,7 +305,6 @@ def _announced(transaction: Transaction, board: Board, reason: str) -> str:
         reason=reason,
         created_at=transaction.now,
     )
-    transaction.add(row)
     transaction.record("correction announced", row, board.label, reason=reason)
     return reason
 

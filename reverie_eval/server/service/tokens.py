@@ -286,7 +286,6 @@ def _create(
         created_at=transaction.now,
         expires_at=expires_at,
     )
-    transaction.add(token)
     transaction.record(f"{kind} token created", token, person, hint=token.hint)
     return NewTokenReport(**token_report(token).model_dump(), token=text)
 

@@ -50,12 +50,14 @@ class Transaction:
         self.session.flush()
 
     def record(self, action: str, row: Base, subject: Person | str, **details: Any) -> None:
-        """Append an action on a row to the audit log; ``subject`` is what or who it is about.
+        """Insert a row if it is new, and append an action on it to the audit log.
+
+        ``subject`` is what or who the action is about.
 
         Persons are logged by their row, so that the log need not change when a person is deleted.
         So ``details`` must not name any person.
         """
-        self.session.flush()
+        self.add(row)
         self.audit_log.append(
             self.session,
             self.now,

@@ -19,6 +19,7 @@ from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import Role
 from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.tokens import check_organiser_left, valid_token
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.state import ServerState
@@ -63,6 +64,11 @@ class Snapshot:
         if self.caller is None:
             raise NotSignedInError("send your token: `Authorization: Bearer rv_...`")
         return self.caller
+
+    @property
+    def view(self) -> View:
+        """What may be seen of submissions now."""
+        return state_of(self.request).submissions.view(self.session, self.now)
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,11 +43,7 @@ def show_submission(
                 return _own_page(visitor, snapshot, submission_id, done)
             except NotFoundError:
                 pass  # it may be published
-        shown = publication(
-            snapshot.session,
-            submission_id,
-            visitor.server.submissions.view(snapshot.session, snapshot.now),
-        )
+        shown = publication(snapshot.session, submission_id, snapshot.view)
         return page(
             snapshot,
             "publication.html",
@@ -62,8 +58,7 @@ def change_submission(submission_id: str, member: Member, form: Posted, _: Scori
     """Apply one of the forms on the page; each sends only its own fields."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
     with member.snapshot() as snapshot:
-        view = member.server.submissions.view(snapshot.session, snapshot.now)
-        submission_of(snapshot.session, snapshot.person, submission_id, view)
+        submission_of(snapshot.session, snapshot.person, submission_id, snapshot.view)
 
     def draw(problem: ProblemDocument) -> Response:
         with member.snapshot() as snapshot:
@@ -86,9 +81,7 @@ def _own_page(
 ) -> Response:
     """Show a submission to its team alone; after a problem, with the input of the form."""
     server, session, person = visit.server, snapshot.session, snapshot.person
-    shown = submission_of(
-        session, person, submission_id, server.submissions.view(snapshot.session, snapshot.now)
-    )
+    shown = submission_of(session, person, submission_id, snapshot.view)
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
     return page(

@@ -70,14 +70,13 @@ def show_team(member: Member) -> Response:
     """Show the team's people, quotas, submissions and tokens."""
     server = member.server
     with member.snapshot() as snapshot:
-        person, view = snapshot.person, server.submissions.view(snapshot.session, snapshot.now)
-        team = team_of(snapshot.session, person, MOST_SUBMISSIONS, view)
+        team = team_of(snapshot.session, snapshot.person, MOST_SUBMISSIONS, snapshot.view)
         left = [(each.board.name, each.quota) for each in split_quotas(server, snapshot)]
         return page(
             snapshot,
             "team.html",
             team=team,
-            person=person,
+            person=snapshot.person,
             left=left,
             signed_in_with=snapshot.browser and snapshot.browser.token_id,
             by_task=_by_task(team.submissions),

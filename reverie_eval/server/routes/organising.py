@@ -346,8 +346,8 @@ def download_submissions(split: SplitName, organiser: Organiser) -> Response:
     """
     server = organiser.server
     with organiser.snapshot() as snapshot:
-        view = server.submissions.view(snapshot.session, snapshot.now)
-        archive = archive_of(snapshot.session, server.board(split), server.uploads, view)
+        board = server.board(split)
+        archive = archive_of(snapshot.session, board, server.uploads, snapshot.view)
     headers = {
         "Content-Length": str(archive.length),
         "Content-Disposition": 'attachment; filename="submissions.tar"',

@@ -9,6 +9,7 @@ were shown stay visible.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from typing import TypeVar
 
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, SubmissionReport
@@ -16,6 +17,8 @@ from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.results import results_of, submission_report
 from reverie_eval.server.service.schedules import Timetable
 from reverie_eval.server.store.tables import Submission
+
+Result = TypeVar("Result", BoardResult, SubmissionReport)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,28 +44,21 @@ class View:
         known, until = submission_report(row), self.held_until(row)
         if until is None:
             return known
-        return known.model_copy(
-            update={
-                "report": without_scores(known.report),
-                "receipt": self.signer.sign_again(known.receipt, scores={}),
-                "earlier": [],
-                "also": self.also(row),
-                "scores_held_until": until,
-            }
-        )
+        held = {"also": self.also(row), "scores_held_until": until}
+        return self._withheld(known).model_copy(update=held)
 
     def also(self, row: Submission) -> Mapping[str, BoardResult]:
         """Return a submission's results on further leaderboards, unless scores are held back."""
         known = {name: result for name, result in results_of(row).items() if name}
         if self.held_until(row) is None:
             return known
-        return {
-            name: BoardResult(
-                report=without_scores(result.report),
-                receipt=self.signer.sign_again(result.receipt, scores={}),
-            )
-            for name, result in known.items()
-        }
+        return {name: self._withheld(result) for name, result in known.items()}
+
+    def _withheld(self, result: Result) -> Result:
+        """Return a result, or a submission with its own result, without scores."""
+        receipt = self.signer.sign_again(result.receipt, scores={})
+        held = {"report": without_scores(result.report), "receipt": receipt, "earlier": []}
+        return result.model_copy(update=held)
 
 
 def without_scores(report: ScoreReport) -> ScoreReport:

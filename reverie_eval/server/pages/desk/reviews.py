@@ -34,14 +34,13 @@ def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Shown:
     """Show the reviews, and the form to review a submission."""
     session = snapshot.session
     chosen = _chosen(session, typed)
-    view = desk.server.submissions.view(session, snapshot.now)
     standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
     return {
         "standing": reviews.review_rows(session, standing, standing=True),
         "lifted": reviews.review_rows(session, lifted, standing=False),
         "latest": reviews.latest_submissions(session, A_FEW),
         "chosen": chosen,
-        "report": None if chosen is None else view.score_report(chosen),
+        "report": None if chosen is None else snapshot.view.score_report(chosen),
         "verdicts": VERDICTS,
     }
 

@@ -162,7 +162,7 @@ class Intake:
             check_metadata(method, self.settings.required_metadata)
             schedule = self.schedules.of(session, split).at(arrived)
             if not organiser:
-                self._check_paused(self.notices.at(session, arrived), board, schedule)
+                self._check_paused(self.notices.current(session, arrived), board, schedule)
             self._check_open(board, schedule, arrived)
             self._check_quota(
                 session, person, board, len(content), arrived, in_the_past=bool(organiser)

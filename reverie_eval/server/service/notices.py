@@ -23,15 +23,9 @@ class Notices:
         )
         """The notice of the settings; used where the database is not read."""
 
-    def current(self, session: Session) -> NoticeReport:
-        """Return the current notice."""
-        return self._of(latest_notice(session))
-
-    def at(self, session: Session, moment: datetime) -> NoticeReport:
-        """Return the notice that was current at a moment."""
-        return self._of(latest_notice(session, moment))
-
-    def _of(self, posted: Notice | None) -> NoticeReport:
+    def current(self, session: Session, moment: datetime | None = None) -> NoticeReport:
+        """Return the notice that applies now, or that applied at a moment."""
+        posted = latest_notice(session, moment)
         if posted is None:
             return self.of_settings
         new = NewNotice(banner=posted.banner, paused=posted.paused)

@@ -63,7 +63,10 @@ class Signer:
         return derivation.derive(self._key.private_bytes_raw())
 
     def sign(self, **content: Any) -> Receipt:
-        """Return a signed receipt of a submission's scores and the quota after it."""
+        """Return a signed receipt of a submission's scores and the quota after it.
+
+        ``content`` has its fields, but for the server, the key and the proof.
+        """
         return self._sign(Receipt, content)
 
     def sign_result(self, row: Submission, report: ScoreReport, quota: QuotaReport) -> Receipt:
@@ -80,7 +83,7 @@ class Signer:
         )
 
     def sign_snapshot(self, **content: Any) -> Snapshot:
-        """Return a signed state of a leaderboard."""
+        """Return a signed state of a leaderboard; ``content`` is as for :meth:`sign`."""
         return self._sign(Snapshot, content)
 
     def sign_again(self, receipt: Signed, **changed: Any) -> Signed:

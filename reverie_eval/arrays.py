@@ -133,6 +133,12 @@ def frozen(array: Array) -> Array:
     return array
 
 
+def take_prefixed(arrays: dict[str, Array], prefix: str) -> dict[str, Array]:
+    """Remove the arrays whose names have a prefix, and return them by the rest of the name."""
+    names = [name for name in arrays if name.startswith(prefix)]
+    return {name.removeprefix(prefix): arrays.pop(name) for name in names}
+
+
 def read_arrays(path: Path) -> dict[str, Array]:
     """Read the arrays of an ``.npz`` file by their names, without unpickling anything.
 

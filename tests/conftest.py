@@ -28,6 +28,8 @@ pytest_plugins = [
     "tests.support.episode_pages",
 ]
 
+collect_ignore = ["support/planted_faults.py"]  # which needs what scripts/evidence installs
+
 # Tests interrupt what they start, which nohup or a script that runs this behind may have forbidden.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

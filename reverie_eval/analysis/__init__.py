@@ -16,7 +16,6 @@ from reverie_eval.analysis._comparison import (
     check_comparable,
     compare,
     p_text,
-    score_all,
 )
 from reverie_eval.analysis._episode import Episode, PredictedBox, VisibleObject, episode
 from reverie_eval.analysis._evidence import (
@@ -74,7 +73,6 @@ __all__ = [
     "nearest_earlier",
     "p_text",
     "rank_intervals",
-    "score_all",
     "spread_of_changes",
     "with_different_routes",
 ]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 
 from reverie_eval.analysis._runs import Method, RunIntervals, Runs, crossed_means, runs_of
-from reverie_eval.arrays import Array, IntArray, difference
+from reverie_eval.arrays import Array, FloatArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import METRICS, Metric, units_of
@@ -24,7 +24,6 @@ from reverie_eval.scoring import (
     ClusterIntervals,
     Interval,
     Intervals,
-    Scores,
     Track,
     clusters_of,
     evaluate,
@@ -134,7 +133,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             If they are not comparable, or none is named like the baseline.
         """
         # Only comparisons and intervals need scipy, which this imports.
-        from reverie_eval.metrics.uncertainty import smallest_p, swaps_for
+        from reverie_eval.metrics.uncertainty import randomisation_p, smallest_p, swaps_for
 
         check_comparable(scores)
         scores = _baseline_first(scores, baseline)
@@ -150,20 +149,19 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # To have compared all pairs for the best one is no less than to test them all.
         pairs = comb(len(scores), 2) if baseline == BEST else None
         if any(isinstance(each, Runs) for each in scores.values()):
-            run_intervals, differences = _differences_of_runs(scores, changes, cluster, pairs)
+            run_intervals, p_value = _test_runs(scores, changes, cluster)
+            differences = _differences(changes, run_intervals, p_value, pairs)
             return cls(scores, run_intervals, differences, pairs, 0, 0.0)
         row_cluster = clusters_of(first.ground_truth, cluster)
         intervals = Intervals.of_several(changes, row_cluster, cluster, seed=seed)
         n_comparisons = pairs or len(others)
         swaps = swaps_for(n_comparisons)
-        return cls(
-            scores,
-            intervals,
-            _differences(changes, intervals, row_cluster, pairs=pairs, swaps=swaps, seed=seed),
-            pairs,
-            swaps,
-            smallest_p(n_comparisons, len(np.unique(row_cluster))),
-        )
+        # All changes side by side, so that the swaps are drawn once.
+        table = np.column_stack([each for change in changes.values() for each in change.values()])
+        p_value = randomisation_p(table, row_cluster, resamples=swaps, seed=seed)
+        differences = _differences(changes, intervals, p_value, pairs)
+        smallest = smallest_p(n_comparisons, len(np.unique(row_cluster)))
+        return cls(scores, intervals, differences, pairs, swaps, smallest)
 
     def __getitem__(self, name: str) -> Mapping[str, Difference]:
         return self.differences[name]
@@ -327,8 +325,10 @@ def compare(
     ------
     ProtocolError
         If there are fewer than two, or they are not comparable.
-    SubmissionError, GroundTruthError, OSError
-        As :func:`reverie_eval.evaluate` does; invalid submissions are reported together.
+    ComparedSubmissionsError
+        If some are invalid; reports all of them.
+    GroundTruthError, OSError
+        As :func:`reverie_eval.evaluate` does.
 
     Examples
     --------
@@ -341,53 +341,15 @@ def compare(
     if len(set(names)) != len(submissions):
         given = ", ".join(map(str, names))
         raise ProtocolError(f"every submission needs a name of its own; got {given}")
-    named = dict(zip(names, submissions, strict=True))
-    single = {name: each for name, each in named.items() if not isinstance(each, Runs)}
-    scored = score_all(
-        single,
-        split=split,
-        ground_truth=ground_truth,
-        protocol=protocol,
-        track=track,
-        subset=subset,
-        task=task,
-    )
-    scores = {
-        name: each if isinstance(each, Runs) else scored[name] for name, each in named.items()
-    }
-    return Comparison.of(scores, cluster, seed=seed, baseline=baseline)
-
-
-def score_all(
-    submissions: Mapping[str, Submission | Scores],
-    *,
-    split: KnownSplit | str | None = None,
-    ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
-    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
-    track: Track = "full",
-    subset: Iterable[str] | None = None,
-    task: str | None = None,
-) -> Mapping[str, Scores]:
-    """Score several submissions by name, and leave existing scores as they are.
-
-    Parameters are those of :func:`compare`.
-
-    Raises
-    ------
-    ComparedSubmissionsError
-        If some are invalid; reports all of them.
-    ProtocolError, GroundTruthError, OSError
-        As :func:`reverie_eval.evaluate` does.
-    """
-    if split is None and not all(isinstance(each, Scores) for each in submissions.values()):
+    if split is None and not all(isinstance(each, Method) for each in submissions):
         raise ProtocolError("give the split of the submissions: split=...")
     truth = find_ground_truth(ground_truth, split, task) if split else None
     if truth and subset is not None:
         truth = truth.subset(subset)
-    scores: dict[str, Scores] = {}
+    scores: dict[str, Method] = {}
     errors: dict[str, SubmissionError] = {}
-    for name, each in submissions.items():
-        if isinstance(each, Scores):
+    for name, each in zip(names, submissions, strict=True):
+        if isinstance(each, Method):
             scores[name] = each
             continue
         try:
@@ -399,7 +361,7 @@ def score_all(
             errors[name] = error
     if errors:
         raise ComparedSubmissionsError(errors)
-    return scores
+    return Comparison.of(scores, cluster, seed=seed, baseline=baseline)
 
 
 def p_text(p_value: float) -> str:
@@ -445,62 +407,36 @@ def _changes(difference: Difference) -> bool:
     return bool(difference.higher or difference.lower)
 
 
-def _differences_of_runs(
-    scores: Mapping[str, Method],
-    changes: Mapping[str, Mapping[str, Array]],
-    cluster: Clustering,
-    pairs: int | None,
-) -> tuple[Mapping[str, RunIntervals], Mapping[str, Mapping[str, Difference]]]:
-    """Test the differences of methods of several runs from the first of them."""
-    from reverie_eval.metrics.uncertainty import holm
-
+def _test_runs(
+    scores: Mapping[str, Method], changes: Mapping[str, Mapping[str, Array]], cluster: Clustering
+) -> tuple[Mapping[str, RunIntervals], FloatArray]:
+    """Test methods of several runs: the intervals of their changes, and each one's p-value."""
     first = runs_of(next(iter(scores.values())))
     intervals: dict[str, RunIntervals] = {}
-    p_values: dict[str, dict[str, float]] = {}
+    p_values = []
     for name, change in changes.items():
         keys, runs = list(change), runs_of(scores[name])
         means = crossed_means(runs, keys, cluster).minus(crossed_means(first, keys, cluster))
         intervals[name] = RunIntervals.of(means, keys, cluster, [len(runs), len(first)])
-        for key, p_value in zip(keys, means.p_value.tolist(), strict=True):
-            p_values.setdefault(key, {})[name] = p_value
-    corrected = {
-        key: dict(zip(found, holm(np.array(list(found.values())), pairs).tolist(), strict=True))
-        for key, found in p_values.items()
-    }
-    differences = {
-        name: {
-            key: Difference(
-                mean=float(values.mean()),
-                interval=intervals[name][key],
-                p_value=corrected[key][name],
-                higher=int((values > 0).sum()),
-                lower=int((values < 0).sum()),
-                mcnemar_p=None,
-            )
-            for key, values in change.items()
-        }
-        for name, change in changes.items()
-    }
-    return intervals, differences
+        p_values.append(means.p_value)
+    return intervals, np.concatenate(p_values)
 
 
 def _differences(
     changes: Mapping[str, Mapping[str, Array]],
-    intervals: Mapping[str, Intervals],
-    cluster: IntArray,
-    *,
+    intervals: Mapping[str, ClusterIntervals],
+    p_value: FloatArray,
     pairs: int | None,
-    swaps: int,
-    seed: int,
 ) -> Mapping[str, Mapping[str, Difference]]:
-    """Test the changes, arrays of shape (n_episodes,) by submission and metric."""
-    from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
+    """Describe the changes, arrays of shape (n_episodes,) by submission and metric.
+
+    ``p_value`` has the p-value of each change, one after the other.
+    """
+    from reverie_eval.metrics.uncertainty import holm, mcnemar_p
 
     columns = [(name, key) for name, change in changes.items() for key in change]
-    # All changes side by side, so that the swaps are drawn once.
-    table = np.column_stack([changes[name][key] for name, key in columns])
-    higher, lower = (table > 0).sum(axis=0), (table < 0).sum(axis=0)
-    p_value = randomisation_p(table, cluster, resamples=swaps, seed=seed)
+    higher = np.array([(changes[name][key] > 0).sum() for name, key in columns])
+    lower = np.array([(changes[name][key] < 0).sum() for name, key in columns])
     mcnemar = mcnemar_p(higher, lower)
     # Holm's correction is over the submissions that have a metric.
     metric = np.array([key for _, key in columns])
@@ -510,12 +446,13 @@ def _differences(
         mcnemar[rows] = holm(mcnemar[rows], pairs)
     differences: dict[str, dict[str, Difference]] = {name: {} for name in changes}
     for column, (name, key) in enumerate(columns):
+        has_mcnemar = METRICS[key].is_binary and isinstance(intervals[name], Intervals)
         differences[name][key] = Difference(
             mean=float(changes[name][key].mean()),
             interval=intervals[name][key],
             p_value=float(p_value[column]),
             higher=int(higher[column]),
             lower=int(lower[column]),
-            mcnemar_p=float(mcnemar[column]) if METRICS[key].is_binary else None,
+            mcnemar_p=float(mcnemar[column]) if has_mcnemar else None,
         )
     return differences

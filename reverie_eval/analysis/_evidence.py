@@ -68,15 +68,7 @@ class Likeness(NamedTuple):
 
 
 def most_frequent(codes: IntArray) -> IntArray:
-    """Return the most frequent code of each episode; the smallest of several.
-
-    Parameters
-    ----------
-    codes : int array of shape (n_files, n_episodes)
-
-    Returns
-    -------
-    int array of shape (n_episodes,)
+    """Return the most frequent code of each episode, a column; the smallest of several.
 
     >>> most_frequent(np.array([[3, 1], [2, 1], [3, 0], [2, 4]]))
     array([2, 1])

@@ -170,8 +170,7 @@ class Runs(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        task = self._first.ground_truth.task
-        return [task.metric(key) for key in task.headline if key in self]
+        return self.ground_truth.task.headline_metrics(self)
 
     @property
     def notes(self) -> Sequence[str]:

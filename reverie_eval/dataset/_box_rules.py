@@ -153,13 +153,8 @@ _VISIBLE_FROM_FEW = (
 )
 
 
-def _viewpoints_per_object(boxes: Boxes) -> IntArray:
-    _, viewpoints = np.unique(boxes.scan_object[boxes.is_visible], return_counts=True)
-    return viewpoints
-
-
 def _visible_from(boxes: Boxes, number: int) -> Count:
-    return Count.where(_viewpoints_per_object(boxes) == number)
+    return Count.where(boxes.sightings[1] == number)
 
 
 def _visible_where(boxes: Boxes, mask: BoolArray) -> Count:
@@ -170,7 +165,7 @@ def _visible_where(boxes: Boxes, mask: BoolArray) -> Count:
 
 def _never_visible(boxes: Boxes) -> Count:
     objects, first = np.unique(boxes.scan_object, return_index=True)
-    never = ~np.isin(objects, boxes.scan_object[boxes.is_visible])
+    never = ~np.isin(objects, boxes.sightings[0])
     return Count.where(never, lambda row: boxes.entry_text(first[row]))
 
 
@@ -207,7 +202,7 @@ VISIBILITY_RULES: Sequence[Rule[Boxes]] = (
     info(
         "visible-objects",
         "objects visible somewhere",
-        lambda boxes: Count(len(_viewpoints_per_object(boxes)), len(np.unique(boxes.scan_object))),
+        lambda boxes: Count(len(boxes.sightings[1]), len(np.unique(boxes.scan_object))),
     ),
     warning(
         "never-visible",
@@ -252,7 +247,7 @@ def visibility_spreads(boxes: Boxes) -> list[Spread]:
             "viewpoints-per-object",
             "viewpoints that see an object, over visible objects",
             "",
-            _viewpoints_per_object(boxes),
+            boxes.sightings[1],
         ),
         spread(
             "views-per-sighting",

@@ -46,13 +46,17 @@ class Boxes:
         return np.array([viewpoint for viewpoint, _, _ in self.entries], dtype=np.int64)
 
     @cached_property
+    def object_id(self) -> IntArray:
+        """Shape (n_entries,): the id of each object within its scan."""
+        return np.array([object_id for _, object_id, _ in self.entries], dtype=np.int64)
+
+    @cached_property
     def scan_object(self) -> IntArray:
         """Shape (n_entries,): a number for each object, the same wherever it is listed."""
         scan_ids = sorted({key.scan_id for key in self.viewpoints})
         number = {scan_id: n for n, scan_id in enumerate(scan_ids)}
         scan = np.array([number[key.scan_id] for key in self.viewpoints], dtype=np.int64)
-        object_id = np.array([object_id for _, object_id, _ in self.entries], dtype=np.int64)
-        return with_object(scan[self.viewpoint], object_id)
+        return with_object(scan[self.viewpoint], self.object_id)
 
     @cached_property
     def n_views(self) -> IntArray:
@@ -77,6 +81,11 @@ class Boxes:
     def visible(self) -> IntArray:
         """Shape (n_visible,): the entries that are visible."""
         return np.flatnonzero(self.is_visible)
+
+    @cached_property
+    def sightings(self) -> tuple[IntArray, IntArray]:
+        """The objects that are visible somewhere, ascending, and how many viewpoints see each."""
+        return np.unique(self.scan_object[self.is_visible], return_counts=True)
 
     @cached_property
     def box_entry(self) -> IntArray:

@@ -64,10 +64,10 @@ def compile_split(
     if has_targets:
         arrays["task_target"] = np.array([target_of(task) for task in tasks])
     if content.has_answers:
-        arrays |= _path_arrays(tasks, graph) | _goal_arrays(tasks, graph)
+        arrays |= _path_arrays(tasks, graph)
     if has_targets:
-        seen = _candidate_entries(boxes, graph)
-        arrays |= _candidate_arrays(boxes, seen, graph)
+        seen, candidates = _candidates(boxes, graph)
+        arrays |= candidates
         entries = [boxes.entry_at[viewpoints_of(task)[-1], target_of(task)] for task in tasks]
         texts["target_category"] = [boxes.entries[entry].record.name for entry in entries]
         texts["candidate_category"] = [boxes.entries[entry].record.name for entry in seen]
@@ -124,56 +124,43 @@ def _episode_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict
 
 
 def _path_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
-    """Return the annotated paths, end to end."""
-    return {
-        "path": np.array([graph.index[id_] for task in tasks for id_ in task.reference]),
-        "path_offsets": offsets_of(np.array([len(task.reference) for task in tasks])),
+    """Return the annotated paths, and the goals beside paths of a task that has them."""
+    rows: dict[tuple[str, str], Sequence[Sequence[str]]] = {
+        ("path", "path_offsets"): [task.reference for task in tasks]
     }
-
-
-def _goal_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
-    """Return further annotated paths and goals beside paths, of a task that has them."""
-    rows = {name: [task.further_paths[name] for task in tasks] for name in tasks[0].further_paths}
-    arrays = {}
-    for name, paths in rows.items():
-        arrays[f"path/{name}"] = np.array([graph.index[id_] for path in paths for id_ in path])
-        arrays[f"path_offsets/{name}"] = offsets_of(np.array([len(path) for path in paths]))
+    for name in tasks[0].further_paths:
+        further = [task.further_paths[name] for task in tasks]
+        rows[f"path/{name}", f"path_offsets/{name}"] = further
     if any(task.goals for task in tasks):
-        goals = [task.goals for task in tasks]
-        arrays["goal_viewpoint"] = np.array([graph.index[id_] for each in goals for id_ in each])
-        arrays["goal_offsets"] = offsets_of(np.array([len(each) for each in goals]))
+        rows["goal_viewpoint", "goal_offsets"] = [task.goals for task in tasks]
+    arrays: dict[str, Array] = {}
+    for (viewpoints, offsets), listed in rows.items():
+        arrays[viewpoints] = np.array([graph.index[id_] for row in listed for id_ in row])
+        arrays[offsets] = offsets_of(np.array([len(row) for row in listed]))
     outlines = [outline for task in tasks for outline in task.outlines]
     if outlines:
         arrays["goal_outline"] = np.array(outlines)
     return arrays
 
 
-def _candidate_entries(boxes: Boxes, graph: NavigationGraph) -> IntArray:
-    """Return the entries of visible objects at included viewpoints, by viewpoint and object id."""
-    viewpoint, object_id = _entry_keys(boxes, graph)
-    by_viewpoint = np.lexsort((object_id, viewpoint))
-    return by_viewpoint[(boxes.is_visible & (viewpoint >= 0))[by_viewpoint]]
+def _candidates(boxes: Boxes, graph: NavigationGraph) -> tuple[IntArray, dict[str, Array]]:
+    """Return the entries of visible objects at included viewpoints, and the arrays of these.
 
-
-def _entry_keys(boxes: Boxes, graph: NavigationGraph) -> tuple[IntArray, IntArray]:
-    """Return the viewpoint of each entry, -1 if it is not included, and its object id."""
+    They are in the order of viewpoint and object id.
+    """
     indices = [graph.index.get(key.viewpoint_id, -1) for key in boxes.viewpoints]
-    object_id = np.array([object_id for _, object_id, _ in boxes.entries], np.int64)
-    return np.array(indices, np.int64)[boxes.viewpoint], object_id
-
-
-def _candidate_arrays(boxes: Boxes, entry: IntArray, graph: NavigationGraph) -> dict[str, Array]:
-    """List the visible objects of every viewpoint with their boxes, in the order of ``entry``."""
-    viewpoint, object_id = _entry_keys(boxes, graph)
+    viewpoint = np.array(indices, np.int64)[boxes.viewpoint]
+    by_viewpoint = np.lexsort((boxes.object_id, viewpoint))
+    entry = by_viewpoint[(boxes.is_visible & (viewpoint >= 0))[by_viewpoint]]
     candidate_of = np.full(len(boxes.entries), -1)
     candidate_of[entry] = np.arange(len(entry))
     candidate = candidate_of[boxes.box_entry]
     # A stable sort keeps the published order of each candidate's boxes. Boxes without a candidate
     # (-1) come first and are cut off.
     box = np.argsort(candidate, kind="stable")[np.count_nonzero(candidate < 0) :]
-    return {
+    return entry, {
         "candidate_viewpoint": viewpoint[entry],
-        "candidate_object": object_id[entry],
+        "candidate_object": boxes.object_id[entry],
         "box_candidate": candidate[box],
         "box_view": boxes.box_view[box],
         "box_xywh": boxes.box_xywh[box],

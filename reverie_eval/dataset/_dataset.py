@@ -105,9 +105,8 @@ class Targets:
     @cached_property
     def n_viewpoints(self) -> IntArray:
         """Shape (n_listed,): viewpoints that see each target, of targets listed at their goal."""
-        boxes = self.boxes
-        visible, number = np.unique(boxes.scan_object[boxes.is_visible], return_counts=True)
-        target = boxes.scan_object[self.at_goal[self.at_goal >= 0]]
+        visible, number = self.boxes.sightings
+        target = self.boxes.scan_object[self.at_goal[self.at_goal >= 0]]
         # A target larger than all visible objects has an index behind the last one: hence `append`.
         index = np.searchsorted(visible, target)
         is_visible = np.append(visible, -1)[index] == target

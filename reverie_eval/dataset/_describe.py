@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict
@@ -17,7 +17,7 @@ from reverie_eval.dataset._paper import PaperComparison, compare_with_paper
 from reverie_eval.dataset._reader import Progress, no_progress
 from reverie_eval.dataset._records import viewpoints_of
 from reverie_eval.ground_truth import NavigationGraph
-from reverie_eval.tasks import DEFAULT_TASK, Task
+from reverie_eval.tasks import DEFAULT_TASK
 from reverie_eval.text import category_text, count_text, tokenize
 from reverie_eval.version import __version__
 
@@ -46,44 +46,6 @@ class DatasetDescription:
     version: str = __version__
     """Version of reverie-eval that described it."""
 
-    @classmethod
-    def of(
-        cls,
-        facts: Mapping[str, Sequence[TaskFacts]],
-        viewpoint_counts: Mapping[str, int],
-        task: Task,
-    ) -> Self:
-        """Describe a dataset.
-
-        Parameters
-        ----------
-        facts : mapping
-            The tasks of each split; at least one split.
-        viewpoint_counts : mapping
-            Number of included viewpoints of each scan.
-        task : Task
-            The task of the dataset.
-        """
-
-        # The paper gives several numbers for the same groups of splits.
-        @cache
-        def describe(splits: tuple[str, ...]) -> SplitDescription:
-            return SplitDescription.of({split: facts[split] for split in splits}, viewpoint_counts)
-
-        alone = {split: describe((split,)) for split in facts}
-        buildings, viewpoints = len(viewpoint_counts), sum(viewpoint_counts.values())
-        paper: Sequence[PaperComparison] = ()
-        if task.name == DEFAULT_TASK:
-            paper = compare_with_paper(alone, describe, buildings=buildings, viewpoints=viewpoints)
-        return cls(
-            splits=alone,
-            total=describe(tuple(facts)),
-            buildings=buildings,
-            viewpoints=viewpoints,
-            paper=paper,
-            notes=_notes(alone) if task.has_targets else (),
-        )
-
 
 def describe_dataset(
     files: DatasetFiles, *, progress: Progress = no_progress
@@ -107,13 +69,30 @@ def describe_dataset(
     """
     dataset = read_dataset(files, progress)
     check_sound(dataset, "describe")
-    graph = dataset.graphs.ground_truth()
-    boxes = dataset.boxes
+    graph, boxes, task = dataset.graphs.ground_truth(), dataset.boxes, files.task
     facts = {split.name: list(_task_facts(split, graph, boxes)) for split in dataset.splits}
     viewpoint_counts = {
         scan_id: len(scan.viewpoint_ids) for scan_id, scan in dataset.graphs.scans.items()
     }
-    return DatasetDescription.of(facts, viewpoint_counts, files.task)
+
+    # The paper gives several numbers for the same groups of splits.
+    @cache
+    def describe(splits: tuple[str, ...]) -> SplitDescription:
+        return SplitDescription.of({split: facts[split] for split in splits}, viewpoint_counts)
+
+    alone = {split: describe((split,)) for split in facts}
+    buildings, viewpoints = len(viewpoint_counts), sum(viewpoint_counts.values())
+    paper: Sequence[PaperComparison] = ()
+    if task.name == DEFAULT_TASK:
+        paper = compare_with_paper(alone, describe, buildings=buildings, viewpoints=viewpoints)
+    return DatasetDescription(
+        splits=alone,
+        total=describe(tuple(facts)),
+        buildings=buildings,
+        viewpoints=viewpoints,
+        paper=paper,
+        notes=_notes(alone) if task.has_targets else (),
+    )
 
 
 def _notes(splits: Mapping[str, SplitDescription]) -> Sequence[str]:

@@ -153,14 +153,9 @@ class SplitDescription:
     def of(
         cls, facts: Mapping[str, Sequence[TaskFacts]], viewpoint_counts: Mapping[str, int]
     ) -> Self:
-        """Describe one split, or several together.
+        """Describe one split, or several together, each with at least one task.
 
-        Parameters
-        ----------
-        facts : mapping
-            The tasks of each split; at least one split, each with at least one task.
-        viewpoint_counts : mapping
-            How many included viewpoints each scan has.
+        ``viewpoint_counts`` has the number of included viewpoints of each scan.
         """
         tasks = [task for split in facts.values() for task in split]
         instructions = [words for task in tasks for words in task.words]

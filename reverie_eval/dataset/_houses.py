@@ -103,12 +103,7 @@ class House:
 
 
 def read_house(path: Path) -> House:
-    """Read the objects of a ``.house`` file.
-
-    Parameters
-    ----------
-    path : Path
-        A file of version 1.1.
+    """Read the objects of a ``.house`` file of version 1.1.
 
     Raises
     ------
@@ -226,10 +221,7 @@ def _rows(vectors: Sequence[_Numbers]) -> FloatArray:
 def _kind_of(words: Sequence[str]) -> str:
     """Return what a line describes.
 
-    Raises
-    ------
-    ValueError
-        If no line begins like this. As in all readers below, the message is for people.
+    As in all readers below, the message of a ValueError is for people.
     """
     letter = words[0]
     if letter not in _KINDS:

@@ -98,13 +98,7 @@ def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> Li
 
 
 def check_sound(dataset: Dataset, purpose: Purpose) -> None:
-    """Check a dataset against the rules that are errors for a purpose.
-
-    Raises
-    ------
-    DatasetError
-        Listing the errors that :func:`lint_dataset` finds in the same files.
-    """
+    """Raise DatasetError with the errors for a purpose that :func:`lint_dataset` finds too."""
     files, graphs, boxes = dataset.files, dataset.graphs, dataset.boxes
     found = [
         *file_problems(dataset.reader, purpose),

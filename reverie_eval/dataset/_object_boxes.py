@@ -70,14 +70,8 @@ def exclude_names(house: House, rules: BoxRules) -> House:
 def list_objects(house: House, position: FloatArray, rules: BoxRules) -> ListedBoxes:
     """Return the objects listed at a viewpoint, in the order of object ids and views.
 
-    Parameters
-    ----------
-    house : House
-        The objects that may be listed, and may hide each other.
-    position : float array of shape (3,)
-        The camera's position in the scan's frame, metres.
-    rules : BoxRules
-        Which objects are near, and which boxes are hidden; names are ignored here.
+    ``position``, shape (3,), is the camera's in the scan's frame, metres. The rules' names are
+    ignored here: all objects of the house may be listed, and may hide each other.
     """
     near = house.take(_distances(house, position) < rules.max_distance)
     box, view, box_xywh = boxes_in_views(position, near.boxes)
@@ -118,18 +112,8 @@ def is_hidden(view: IntArray, box_xywh: IntArray, distance: FloatArray) -> BoolA
     Boxes are compared with all others, including hidden ones, so their order does not matter. Equal
     boxes lie within each other; objects at the same distance do not hide each other.
 
-    Parameters
-    ----------
-    view : int array of shape (n,)
-        The view that each box is in.
-    box_xywh : int array of shape (n, 4)
-        Left, top, width and height in pixels.
-    distance : float array of shape (n,)
-        Metres from the camera to the centre of the box's object.
-
-    Returns
-    -------
-    bool array of shape (n,)
+    ``view`` is the view that each box is in, and ``distance`` the metres from the camera to the
+    centre of its object.
 
     References
     ----------
@@ -145,14 +129,8 @@ def is_hidden(view: IntArray, box_xywh: IntArray, distance: FloatArray) -> BoolA
     hidden = np.zeros(len(view), dtype=np.bool_)
     for index in np.unique(view):
         rows = np.flatnonzero(view == index)
-        left, top, width, height = box_xywh[rows].T
-        right, bottom = left + width, top + height
-        contains = (
-            (left[:, None] <= left)
-            & (top[:, None] <= top)
-            & (right[:, None] >= right)
-            & (bottom[:, None] >= bottom)
-        )
+        near, far = box_xywh[rows, :2], box_xywh[rows, :2] + box_xywh[rows, 2:]
+        contains = ((near[:, None] <= near) & (far[:, None] >= far)).all(axis=-1)
         is_nearer = distance[rows, None] < distance[rows]
         hidden[rows] = (contains & is_nearer).any(axis=0)
     return hidden

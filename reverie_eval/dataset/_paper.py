@@ -63,14 +63,7 @@ def compare_with_paper(
 ) -> Sequence[PaperComparison]:
     """Compare the dataset with the paper, as far as it has the splits.
 
-    Parameters
-    ----------
-    alone : mapping
-        The description of each split of the dataset.
-    describe : callable
-        Describes several of these splits as one.
-    buildings, viewpoints : int
-        How many the dataset has, including those without tasks.
+    ``alone`` has the description of each split; ``describe`` describes several of them as one.
     """
     comparisons = [
         PaperComparison("buildings", (), (), buildings, 90),

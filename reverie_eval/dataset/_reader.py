@@ -47,7 +47,9 @@ class Reader:
         """Return the content of a file; None if it cannot be read or does not have this form."""
         self.n_files += 1
         try:
-            content = _unpacked(path.read_bytes())
+            content = path.read_bytes()
+            if content.startswith(_GZIP_MAGIC):
+                content = gzip.decompress(content)
             self._digests.setdefault(kind, []).append(hashlib.sha256(content).digest())
             return adapter.validate_python(self._parse(content, path.name))
         except ValidationError as error:
@@ -94,10 +96,6 @@ class Reader:
             return json.loads(content, object_pairs_hook=build_object)
         lines = content.splitlines()
         return [json.loads(line, object_pairs_hook=build_object) for line in lines if line.strip()]
-
-
-def _unpacked(content: bytes) -> bytes:
-    return gzip.decompress(content) if content.startswith(_GZIP_MAGIC) else content
 
 
 def explain(error: ValidationError) -> str:

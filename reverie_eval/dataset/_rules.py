@@ -155,17 +155,8 @@ class Spread:
 
 
 def spread(code: str, says: str, unit: str, values: Array) -> Spread:
-    """Return the mean and percentiles of values.
+    """Return the mean and percentiles of finite values, of which there may be none.
 
-    Parameters
-    ----------
-    code, says, unit : str
-        What was measured.
-    values : float or int array of shape (n,)
-        Finite; may be empty.
-
-    Examples
-    --------
     >>> lengths = spread("length", "of edges", "m", np.array([1.0, 2.0, 6.0]))
     >>> lengths.number, lengths.mean, lengths.percentiles["50"], lengths.percentiles["100"]
     (3, 3.0, 2.0, 6.0)

@@ -87,20 +87,10 @@ def view_spreads(boxes: Boxes) -> list[Spread]:
 
 
 def neighbours(boxes: Boxes, views: IntArray) -> Array:
-    """Pair the boxes of an object in two views.
+    """Pair the boxes of an object in two views: return their rows, shape (n_pairs, 2).
 
-    Parameters
-    ----------
-    boxes : Boxes
-        The columns of boxes.
-    views : int array of shape (n, 2)
-        Which views make a pair.
-
-    Returns
-    -------
-    int array of shape (n_pairs, 2)
-        Rows of boxes that do not touch a border: a box that does may be cut, and its edge is not
-        the object's.
+    ``views``, shape (n, 2), has the views that make a pair. Boxes that touch a border are left out:
+    such a box may be cut, and its edge is not the object's.
     """
     is_view = np.isin(boxes.box_view, _ROWS)
     usable = np.flatnonzero(is_view & ~touches_border(boxes.box_xywh).any(axis=1))
@@ -113,17 +103,7 @@ def neighbours(boxes: Boxes, views: IntArray) -> Array:
 def edge_differences(boxes: Boxes, pairs: Array) -> FloatArray:
     """Return the degrees between the azimuths of an edge in two neighbouring level views.
 
-    Parameters
-    ----------
-    boxes : Boxes
-        The columns of boxes.
-    pairs : int array of shape (n_pairs, 2)
-        From :func:`neighbours`.
-
-    Returns
-    -------
-    float array of shape (n_pairs, 2)
-        The differences of the left and of the right edge; never negative.
+    Shape (n_pairs, 2): of the left and of the right edge; never negative.
     """
     left, _, width, _ = boxes.box_xywh.T
     edge = np.stack([left, left + width], axis=-1)[pairs]
@@ -133,15 +113,7 @@ def edge_differences(boxes: Boxes, pairs: Array) -> FloatArray:
 
 
 def centre_differences(boxes: Boxes, pairs: Array) -> FloatArray:
-    """Return the degrees between the directions of the centres of boxes in two views.
-
-    The parameters are those of :func:`edge_differences`.
-
-    Returns
-    -------
-    float array of shape (n_pairs,)
-        Never negative.
-    """
+    """Return the degrees between the directions of the centres of boxes in two views."""
     left, top, width, height = boxes.box_xywh.T
     rays = rays_of(np.stack([left + width / 2, top + height / 2], axis=-1)[pairs])
     world = np.einsum("nvi,nvij->nvj", rays, VIEW_AXES[boxes.box_view[pairs]])

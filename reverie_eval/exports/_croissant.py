@@ -62,7 +62,7 @@ def croissant(files: DatasetFiles) -> Mapping[str, Any]:
         "name": task.title,
         "description": f"Annotations of the {task.title} benchmark: {', '.join(files.annotations)}"
         f"{', boxes of objects' if files.boxes else ''} and navigation graphs.",
-        "url": _address(task),
+        "url": f"https://{task.source}",
         "license": task.licence,
         "citeAs": task.citation,
         "creator": {"@type": "sc:Person", "name": task.citation.partition(",")[0]},
@@ -186,7 +186,3 @@ def _kind(annotated: Any, depth: int = 0) -> tuple[type, int]:
     if origin is list:
         return _kind(parts[0], depth + 1)
     return _kind(parts[0], depth) if parts else (annotated, depth)
-
-
-def _address(task: Task) -> str:
-    return f"https://{task.source}"

@@ -26,13 +26,8 @@ def task_problem(task: Task, splits: Iterable[str]) -> Mapping[str, Any]:
     """Return what a submission answers and how it is scored: a problem, and a part for each split.
 
     Its inputs are parts of the dataset's description. Scoring is by the task's default protocol,
-    with the metrics of a score table that have a better direction.
-
-    Parameters
-    ----------
-    task : Task
-    splits : iterable of str
-        Those that the dataset has; the ids of their record sets.
+    with the metrics of a score table that have a better direction. ``splits`` are those that the
+    dataset has, which are also the ids of their record sets.
     """
     unit = "item" if task.has_items else "episode"
     return {

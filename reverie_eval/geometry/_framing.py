@@ -43,17 +43,6 @@ _DECIMALS = 6
 """Decimals to which pixels are rounded before they become whole, so that all machines agree."""
 
 
-class BoundsInViews(NamedTuple):
-    """The boxes that each view shows, sorted by box and view, and their bounds."""
-
-    box: IntArray
-    """Shape (k,): rows of the oriented boxes."""
-    view: IntArray
-    """Shape (k,): 0 to 35."""
-    bounds: FloatArray
-    """Shape (k, 4): left, top, right and bottom in pixels, within the image."""
-
-
 class BoxesInViews(NamedTuple):
     """The boxes that each view shows, sorted by box and view, and their pixels."""
 
@@ -68,19 +57,9 @@ class BoxesInViews(NamedTuple):
 def boxes_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoxesInViews:
     """Return the rectangle of whole pixels around each oriented box in each of the 36 views.
 
-    A pixel is covered if its centre is. Boxes that cover no pixel of a view are left out.
-
-    Parameters
-    ----------
-    position : float array of shape (3,)
-        The camera's position in the world.
-    boxes : OrientedBoxes
-        In the world.
-
-    Returns
-    -------
-    BoxesInViews
-        With x >= 0, y >= 0, w >= 1, h >= 1, x + w <= 640 and y + h <= 480.
+    A pixel is covered if its centre is. Boxes that cover no pixel of a view are left out, so that
+    x >= 0, y >= 0, w >= 1, h >= 1, x + w <= 640 and y + h <= 480. ``position``, shape (3,), is the
+    camera's in the world, where the boxes are too.
 
     References
     ----------
@@ -106,10 +85,13 @@ def boxes_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoxesInViews:
     return BoxesInViews(box[shown], view[shown], box_xywh[shown])
 
 
-def bounds_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoundsInViews:
-    """Return the unrounded bounds of each oriented box in each of the 36 views.
+def bounds_in_views(
+    position: FloatArray, boxes: OrientedBoxes
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the box and the view of each box in a view, and its unrounded bounds.
 
-    Parameters are those of :func:`boxes_in_views`.
+    Bounds, shape (k, 4), are left, top, right and
+    bottom in pixels, within the image.
     """
     box, view = _near_frustum(position, boxes)
     seen = boxes[box].seen_by(position, VIEW_AXES[view])
@@ -120,7 +102,7 @@ def bounds_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoundsInViews
     bounds = np.concatenate([low, high], axis=1)[shown]
     # Projected corners of the frustum are those of the image up to the last bit.
     bounds = np.clip(bounds, 0, [WIDTH, HEIGHT, WIDTH, HEIGHT])
-    return BoundsInViews(box[shown], view[shown], bounds)
+    return box[shown], view[shown], bounds
 
 
 def _near_frustum(position: FloatArray, boxes: OrientedBoxes) -> tuple[IntArray, IntArray]:
@@ -188,14 +170,9 @@ def _clip(
 ) -> tuple[FloatArray, FloatArray]:
     """Return where edges enter and leave a body bounded by planes, in steps from their starts.
 
-    Parameters
-    ----------
-    inside : float array of shape (..., n_planes)
-        Metres from each plane inwards to the start of an edge.
-    gain : float array of shape (..., n_planes)
-        Metres that each step leads farther inwards.
-    end : float or float array of shape (...)
-        Length of the edge in steps.
+    ``inside``, shape (..., n_planes), is metres from each plane inwards to the start of an edge;
+    ``gain``, of that shape, the metres that each step leads farther inwards; ``end``, a number or
+    shape (...), the length of the edge in steps.
 
     References
     ----------

@@ -45,16 +45,9 @@ class OrientedBoxes:
     ) -> Self:
         """Build boxes from two of their axes; the third is the cross product.
 
-        Parameters
-        ----------
-        centre, first_axis, second_axis : float arrays of shape (n, 3)
-            The axes may have any length. If they are not quite orthogonal, as when they were
-            written with a few digits, the second is made so.
-        radii : float array of shape (n, 3)
-            Half extents in metres.
+        All arrays have the shape (n, 3). Axes may have any length. If they are not quite
+        orthogonal, as when they were written with a few digits, the second is made so.
 
-        Examples
-        --------
         >>> up, rightish = np.array([[0.0, 0.0, 2.0]]), np.array([[1.0, 0.0, 0.1]])
         >>> OrientedBoxes.along(np.zeros((1, 3)), up, rightish, np.ones((1, 3))).axes[0].tolist()
         [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
@@ -73,12 +66,8 @@ class OrientedBoxes:
     def seen_by(self, position: FloatArray, camera_axes: FloatArray) -> Self:
         """Return the boxes in the frames of cameras, one camera per box.
 
-        Parameters
-        ----------
-        position : float array of shape (3,)
-            The position of all cameras.
-        camera_axes : float array of shape (n, 3, 3)
-            Right, up and forward of each camera, in rows.
+        All cameras are at ``position``, shape (3,). The rows of ``camera_axes``, shape (n, 3, 3),
+        are right, up and forward of each.
         """
         centre: FloatArray = np.einsum("nj,nij->ni", self.centre - position, camera_axes)
         return type(self)(centre, np.einsum("naj,nij->nai", self.axes, camera_axes), self.radii)

@@ -53,17 +53,8 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
 def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray, FloatArray]:
     """Return the areas of the intersections of polygons and boxes, and the sums of both areas.
 
-    Parameters
-    ----------
-    polygons : array of shape (n,) of shapely polygons
-        As :func:`warp` returns them.
-    target_box_xywh : float or int array of shape (n, 4)
-        Left, top, width and height in pixels of the same view.
-
-    Returns
-    -------
-    two float arrays of shape (n,)
-        Square pixels.
+    Areas are square pixels. Polygons are those of :func:`warp`; boxes are left, top, width and
+    height in pixels of the same view.
     """
     import shapely
 
@@ -74,19 +65,10 @@ def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray
 
 
 def clip_at_depth(polygon: FloatArray, depth: float) -> FloatArray:
-    """Clip a flat polygon at a plane in front of the camera.
+    """Clip a flat polygon at a plane in front of the camera; return the corners of what remains.
 
-    Parameters
-    ----------
-    polygon : float array of shape (n, 3)
-        Corners in the camera's frame, in order around a convex polygon: right, up, forward.
-    depth : float
-        Where the plane is; anything closer, or behind the camera, is cut away.
-
-    Returns
-    -------
-    float array of shape (m, 3)
-        Corners of what remains, in order; empty if nothing does.
+    Anything closer than ``depth``, or behind the camera, is cut away. Corners, shape (n, 3), are in
+    the camera's frame (right, up, forward), in order around a convex polygon.
 
     References
     ----------

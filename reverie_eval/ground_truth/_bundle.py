@@ -17,7 +17,7 @@ from typing import Self
 import msgspec
 import numpy as np
 
-from reverie_eval.arrays import Array, frozen, read_arrays
+from reverie_eval.arrays import Array, frozen, read_arrays, take_prefixed
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.files import staged_file
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
@@ -193,18 +193,17 @@ class Bundle:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a bundle and check that it is complete.
-
-        Raises
-        ------
-        GroundTruthError
-            If the file is not a bundle, is damaged, or has another format version.
-        FileNotFoundError
-            If there is no such file.
-        """
-        members = _read_members(path)
-        header = _read_header(path, members.pop(_HEADER, None))
-        other_splits, texts = _take(members, _OTHER_SPLIT), _take(members, _TEXT)
+        """Read a bundle and check that it is complete; errors are those of `GroundTruth.load`."""
+        try:
+            members = read_arrays(path)
+            header = _read_header(path, members.pop(_HEADER).tobytes())
+        except (ValueError, KeyError, msgspec.DecodeError) as error:
+            raise GroundTruthError(
+                f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` "
+                "creates one"
+            ) from error
+        other_splits = take_prefixed(members, _OTHER_SPLIT)
+        texts = take_prefixed(members, _TEXT)
         has_targets = _task_of(path, header).has_targets
         needed = {*ANSWER_ARRAYS, *(TARGET_ARRAYS if has_targets else ())}
         is_complete = members.keys() >= PUBLIC_ARRAYS.keys() and (
@@ -228,13 +227,7 @@ def pack_texts(texts: Sequence[str]) -> Array:
 
 
 def unpack_texts(packed: Array | None, what: str, count: int) -> tuple[str, ...]:
-    """Return the texts that :func:`pack_texts` packed.
-
-    Raises
-    ------
-    GroundTruthError
-        If there are no texts, or not ``count`` of them. The message calls them ``what``.
-    """
+    """Return the ``count`` texts that :func:`pack_texts` packed; errors call them ``what``."""
     if packed is None:
         raise GroundTruthError(
             f"this ground truth was compiled without {what}; compile it again with this version"
@@ -246,12 +239,6 @@ def unpack_texts(packed: Array | None, what: str, count: int) -> tuple[str, ...]
     if len(texts) != count:
         raise GroundTruthError(f"the {what} of this ground truth are damaged; compile it again")
     return texts
-
-
-def _take(members: dict[str, Array], prefix: str) -> dict[str, Array]:
-    """Remove the members with a prefix, and return them by their names without it."""
-    names = [name for name in members if name.startswith(prefix)]
-    return {name.removeprefix(prefix): members.pop(name) for name in names}
 
 
 def fingerprint_of(arrays: Mapping[str, Array]) -> str:
@@ -268,22 +255,10 @@ def fingerprint_of(arrays: Mapping[str, Array]) -> str:
     return digest.hexdigest()
 
 
-def _read_members(path: Path) -> dict[str, Array]:
-    try:
-        return read_arrays(path)
-    except ValueError as error:
-        raise _not_a_bundle(path) from error
-
-
-def _read_header(path: Path, header: Array | None) -> BundleHeader:
-    if header is None:
-        raise _not_a_bundle(path)
-    try:
-        version = msgspec.json.decode(header.tobytes(), type=_AnyHeader).format_version
-        if version == FORMAT_VERSION:
-            return msgspec.json.decode(header.tobytes(), type=BundleHeader)
-    except msgspec.DecodeError as error:
-        raise _not_a_bundle(path) from error
+def _read_header(path: Path, header: bytes) -> BundleHeader:
+    version = msgspec.json.decode(header, type=_AnyHeader).format_version
+    if version == FORMAT_VERSION:
+        return msgspec.json.decode(header, type=BundleHeader)
     raise GroundTruthError(
         f"{path} has bundle format {version}, this version of reverie-eval reads format "
         f"{FORMAT_VERSION}; compile it again"
@@ -297,9 +272,3 @@ def _task_of(path: Path, header: BundleHeader) -> Task:
         raise GroundTruthError(
             f"{path} is the ground truth of a task that is not installed: {error}"
         ) from error
-
-
-def _not_a_bundle(path: Path) -> GroundTruthError:
-    return GroundTruthError(
-        f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` creates one"
-    )

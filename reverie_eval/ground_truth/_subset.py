@@ -38,13 +38,7 @@ def read_episode_ids(path: str | PathLike[str]) -> Sequence[str]:
 
 
 def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> IntArray:
-    """Return the rows of the chosen episodes, ascending.
-
-    Raises
-    ------
-    SubsetError
-        If there are none, or some are unknown or listed twice; lists every problem.
-    """
+    """Return the rows of the chosen episodes, ascending, or raise SubsetError with all problems."""
     if not chosen:
         message = f"no episode is listed; list the instr_ids of some episodes of {split}"
         raise SubsetError([Problem("no-episode", "list", message)])
@@ -65,7 +59,7 @@ def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> 
 
 def subset_digest(instr_ids: Sequence[str]) -> str:
     """Return the digest of a list of episodes; their order does not matter."""
-    return hashlib.sha256("\n".join(sorted(instr_ids)).encode()).hexdigest()[:_DIGEST_SHOWN]
+    return _digest("\n".join(sorted(instr_ids)))[:_DIGEST_SHOWN]
 
 
 def draw_subset(strata: Mapping[str, str], number: int, seed: int, split: str) -> Sequence[str]:
@@ -95,7 +89,7 @@ def draw_subset(strata: Mapping[str, str], number: int, seed: int, split: str) -
             f"got {number:,}"
         )
     members: defaultdict[str, list[str]] = defaultdict(list)
-    for instr_id in sorted(strata, key=lambda each: _random_key(seed, each)):
+    for instr_id in sorted(strata, key=lambda each: _digest(f"{seed}:{each}")):
         members[strata[instr_id]].append(instr_id)
     # Largest remainders: each stratum has its share, rounded down or up.
     exact = {stratum: number * len(ids) / len(strata) for stratum, ids in members.items()}
@@ -107,5 +101,5 @@ def draw_subset(strata: Mapping[str, str], number: int, seed: int, split: str) -
     return [instr_id for instr_id in strata if instr_id in drawn]
 
 
-def _random_key(seed: int, instr_id: str) -> bytes:
-    return hashlib.sha256(f"{seed}:{instr_id}".encode()).digest()
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

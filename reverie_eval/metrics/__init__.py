@@ -6,9 +6,6 @@ from reverie_eval.metrics._catalogue import (
     PRIMARY_METRIC,
     Metric,
     Need,
-    primary_metric,
-    ranking_metrics,
-    table_metrics,
     units_of,
 )
 from reverie_eval.metrics._fidelity import FIDELITY_DISTANCE, cls, dtw, ndtw, sdtw
@@ -60,12 +57,9 @@ __all__ = [
     "oracle_error",
     "oracle_success",
     "path_length",
-    "primary_metric",
-    "ranking_metrics",
     "sdtw",
     "spl",
     "steps",
     "success",
-    "table_metrics",
     "units_of",
 ]

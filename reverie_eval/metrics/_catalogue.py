@@ -6,7 +6,7 @@ function's arguments in order. Each is a property of :class:`reverie_eval.scorin
 another metric.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -49,6 +49,7 @@ Need = Literal["trajectory", "answer", "box", "goal region", "planner's path", "
 _SUFFIXES: Mapping[Unit, str] = MappingProxyType(
     {"fraction": "%", "metres": "m", "count": "", "turns": "turns"}
 )
+_TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +65,8 @@ class Metric:
     definition: str
     unit: Unit
     better: Direction
-    needs: frozenset[Need]
-    """What a submission must contain for the metric to be scored."""
+    needs: frozenset[Need] = _TRAJECTORY
+    """What a submission must contain for the metric to be scored, by default a trajectory."""
     protocol_rules: frozenset[str] = frozenset()
     """Fields of the protocol that the value depends on, directly or through another metric."""
     compute: Callable[..., Array]
@@ -82,8 +83,6 @@ class Metric:
     have one, and there are no intervals."""
     headline: bool = False
     """Whether every score table shows it; JSON, CSV and the notebook give all metrics."""
-    ranks: int | None = None
-    """Priority in ranking submissions: the scored metric with the lowest number ranks."""
 
     @property
     def upper_bound(self) -> float:
@@ -144,13 +143,15 @@ class Metric:
         return self.display(value)
 
 
-_TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
 _ANSWER: frozenset[Need] = frozenset({"answer"})
 _OUTLINE: frozenset[Need] = frozenset({"trajectory", "outline"})
 _BOX: frozenset[Need] = frozenset({"answer", "box"})
 # The goal rule is among them because some protocols count an answer only with success.
 _ANSWER_RULES = frozenset({"grounding", "goal", "text_ids_count"})
 _BOX_INPUTS = ("box_overlap", "box_row", "n_episodes")
+
+_fraction = partial(Metric, unit="fraction", better="higher")
+"""A metric in [0, 1] of which more is better, as most of them are."""
 
 _METRICS = (
     Metric(
@@ -160,107 +161,85 @@ _METRICS = (
         definition="metres along the navigation graph, summed from pose to pose",
         unit="metres",
         better="neither",
-        needs=_TRAJECTORY,
         compute=path_length,
         inputs=("leg_length", "offsets"),
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="success",
         label="SR",
         name="success rate",
         definition="the target object is visible where the agent stops",
         of_goal="{goal} where the agent stops",
-        unit="fraction",
-        better="higher",
-        needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal"}),
         compute=success,
         inputs=("at_goal", "offsets"),
         is_binary=True,
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="oracle_success",
         label="OSR",
         name="oracle success rate",
         definition="the target object is visible from any viewpoint of the trajectory",
         of_goal="{goal} from any viewpoint of the trajectory",
-        unit="fraction",
-        better="higher",
-        needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal"}),
         compute=oracle_success,
         inputs=("oracle_at_goal", "offsets"),
         is_binary=True,
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="spl",
         label="SPL",
         name="success weighted by path length",
         definition="success, times the shortest length divided by the larger of walked and "
         "shortest length",
-        unit="fraction",
-        better="higher",
-        needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal", "spl_numerator", "spl_floor"}),
         compute=spl,
         inputs=("success", "path_length", "reference_length", "spl_floor"),
         headline=True,
-        ranks=3,
     ),
-    Metric(
+    _fraction(
         key="rgs",
         label="RGS",
         name="remote grounding success",
         definition="the predicted object is the target object, or the predicted box matches it",
-        unit="fraction",
-        better="higher",
         needs=_ANSWER,
         protocol_rules=_ANSWER_RULES,
         compute=remote_grounding_success,
         inputs=("is_answer_correct", "success", "needs_success"),
         is_binary=True,
         headline=True,
-        ranks=2,
     ),
-    Metric(
+    _fraction(
         key="rgspl",
         label="RGSPL",
         name="remote grounding success weighted by path length",
         definition="remote grounding success, weighted as SPL is; the benchmark's primary metric",
-        unit="fraction",
-        better="higher",
         needs=_TRAJECTORY | _ANSWER,
         protocol_rules=_ANSWER_RULES | {"spl_numerator", "rgspl_floor"},
         compute=spl,
         inputs=("rgs", "path_length", "reference_length", "rgspl_floor"),
         headline=True,
-        # The REVERIE challenges of 2020 to 2022 ranked by it.
-        ranks=1,
     ),
-    Metric(
+    _fraction(
         key="iou",
         label="IoU",
         name="intersection over union",
         definition="intersection over union of the predicted box and the target's in the same "
         "view; 0 without a predicted box",
-        unit="fraction",
-        better="higher",
         needs=_BOX,
         protocol_rules=frozenset({"grounding"}),
         compute=iou,
         inputs=_BOX_INPUTS,
     ),
     *(
-        Metric(
+        _fraction(
             key=f"iou_{100 * threshold:.0f}",  # iou_25, iou_50, iou_75
             label=f"IoU>={threshold:g}".replace("0.", "."),
             name=f"boxes with an IoU of at least {threshold:g}",
             definition=f"the answer is a box with an IoU of at least {threshold:g}{remark}",
-            unit="fraction",
-            better="higher",
             needs=_BOX,
             protocol_rules=frozenset({"grounding"}),
             compute=partial(iou_reaches, threshold),
@@ -281,7 +260,6 @@ _METRICS = (
         "path",
         unit="metres",
         better="lower",
-        needs=_TRAJECTORY,
         compute=navigation_error,
         inputs=("goal_distance", "offsets"),
     ),
@@ -293,7 +271,6 @@ _METRICS = (
         "the end of the annotated path",
         unit="metres",
         better="lower",
-        needs=_TRAJECTORY,
         compute=oracle_error,
         inputs=("oracle_distance", "offsets"),
     ),
@@ -305,42 +282,32 @@ _METRICS = (
         "path",
         unit="metres",
         better="lower",
-        needs=_TRAJECTORY,
         compute=dtw,
         inputs=("pose_to_node", "n_poses", "n_nodes"),
     ),
-    Metric(
+    _fraction(
         key="ndtw",
         label="nDTW",
         name="normalised dynamic time warping",
         definition="exp(-DTW / (3 m x nodes of the annotated path))",
-        unit="fraction",
-        better="higher",
-        needs=_TRAJECTORY,
         compute=ndtw,
         inputs=("dtw", "n_nodes"),
     ),
-    Metric(
+    _fraction(
         key="sdtw",
         label="SDTW",
         name="success weighted by normalised dynamic time warping",
         definition="nDTW if the episode is a success, else 0",
-        unit="fraction",
-        better="higher",
-        needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal"}),
         compute=sdtw,
         inputs=("ndtw", "success"),
     ),
-    Metric(
+    _fraction(
         key="cls",
         label="CLS",
         name="coverage weighted by length score",
         definition="how closely the trajectory covers the annotated path, times how well the "
         "lengths agree",
-        unit="fraction",
-        better="higher",
-        needs=_TRAJECTORY,
         compute=cls,
         inputs=("pose_to_node", "n_poses", "n_nodes", "path_length", "annotated_length"),
     ),
@@ -351,7 +318,6 @@ _METRICS = (
         definition="metres of the shortest route from the start to the end of the annotated path",
         unit="metres",
         better="neither",
-        needs=_TRAJECTORY,
         compute=np.asarray,
         inputs=("shortest_length",),
     ),
@@ -362,7 +328,6 @@ _METRICS = (
         definition="poses after the first",
         unit="count",
         better="neither",
-        needs=_TRAJECTORY,
         compute=steps,
         inputs=("offsets",),
     ),
@@ -373,7 +338,6 @@ _METRICS = (
         definition="moves between unconnected viewpoints, counted at shortest-path distance",
         unit="count",
         better="lower",
-        needs=_TRAJECTORY,
         compute=jumps,
         inputs=("is_jump", "offsets"),
     ),
@@ -381,6 +345,8 @@ _METRICS = (
 
 CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metric in _METRICS})
 """Every metric of REVERIE by its key, in the order in which tables show them."""
+PRIMARY_METRIC = "rgspl"
+"""The metric that REVERIE ranks by, as its challenges of 2020 to 2022 did."""
 
 _OF_OTHER_TASKS = (
     Metric(
@@ -395,39 +361,33 @@ _OF_OTHER_TASKS = (
         inputs=("start_to_goals", "stop_to_goals"),
         is_signed=True,
     ),
-    Metric(
+    _fraction(
         key="oracle_path_success",
         label="OPSR",
         name="oracle path success rate",
         definition="a viewpoint of the trajectory is less than 3 m from the end of the planner's "
         "path",
-        unit="fraction",
-        better="higher",
         needs=_TRAJECTORY | {"planner's path"},
         compute=oracle_path_success,
         inputs=("planner_distance", "offsets"),
         is_binary=True,
     ),
-    Metric(
+    _fraction(
         key="detection_success",
         label="DSR",
         name="detection success rate",
         definition="the predicted point is inside the target's outline as seen from the stop",
-        unit="fraction",
-        better="higher",
         needs=_OUTLINE,
         protocol_rules=frozenset({"repeated_outlines"}),
         compute=detection_success,
         inputs=("point", "outline"),
         is_binary=True,
     ),
-    Metric(
+    _fraction(
         key="sfpl",
         label="SFPL",
         name="success rate of finding weighted by path length",
         definition="SPL if the target is detected, else 0",
-        unit="fraction",
-        better="higher",
         needs=_OUTLINE,
         protocol_rules=frozenset({"repeated_outlines", "goal", "spl_numerator", "spl_floor"}),
         compute=np.multiply,
@@ -473,44 +433,6 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
     {**CATALOGUE, **{metric.key: metric for metric in _OF_OTHER_TASKS}}
 )
 """Every metric of every task by its key: those of REVERIE, then further ones."""
-
-
-def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
-    """Return the metrics of a score table: the headline ones, and those of boxes if scored.
-
-    Where navigation is scored, the table has a column for each headline metric, whether or not
-    answers are scored.
-    """
-    has_all = "success" in scored
-    return [
-        metric
-        for metric in CATALOGUE.values()
-        if (metric.headline and (has_all or metric.key in scored))
-        or ("box" in metric.needs and metric.key in scored)
-    ]
-
-
-def ranking_metrics() -> Sequence[Metric]:
-    """Return the metrics that rank REVERIE's submissions; the first that is scored ranks.
-
-    >>> [metric.key for metric in ranking_metrics()]
-    ['rgspl', 'rgs', 'spl']
-    """
-    ranking = [metric for metric in CATALOGUE.values() if metric.ranks is not None]
-    return sorted(ranking, key=lambda metric: metric.ranks or 0)
-
-
-def primary_metric(scored: Collection[str] = CATALOGUE) -> Metric:
-    """Return the metric that submissions are ranked by: RGSPL, else RGS, else SPL.
-
-    >>> primary_metric().key, primary_metric(["success", "spl"]).key
-    ('rgspl', 'spl')
-    """
-    return next(metric for metric in ranking_metrics() if metric.key in scored)
-
-
-PRIMARY_METRIC = primary_metric().key
-"""The metric that the benchmark ranks by."""
 
 
 def units_of(keys: Iterable[str]) -> dict[str, Unit]:

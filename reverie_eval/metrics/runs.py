@@ -96,14 +96,12 @@ class CrossedMeans:
         Never negative, though the estimate of a small one may be.
         """
         observed = (self.deviation**2).sum(axis=0) * _jackknife(len(self.deviation))
-        part: FloatArray = np.maximum(observed - self.noise, 0.0)
-        return part
+        return np.asarray(np.maximum(observed - self.noise, 0.0))
 
     @property
     def variance(self) -> FloatArray:
         """Shape (n_metrics,): the variance of the mean."""
-        total: FloatArray = self.run_variance.sum(axis=0) + self.cluster_variance
-        return total
+        return np.asarray(self.run_variance.sum(axis=0) + self.cluster_variance)
 
     @property
     def run_share(self) -> FloatArray:
@@ -127,8 +125,7 @@ class CrossedMeans:
     def p_value(self) -> FloatArray:
         """Shape (n_metrics,): two-sided p-values of Student's t test that the mean is 0."""
         t = np.abs(_divide(self.mean, np.sqrt(self.variance)))
-        p_value: FloatArray = 2 * stdtr(self.freedom, -t)
-        return p_value
+        return np.asarray(2 * stdtr(self.freedom, -t))
 
 
 def _jackknife(n_clusters: int) -> float:

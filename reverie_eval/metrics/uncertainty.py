@@ -128,8 +128,7 @@ def randomisation_p(
         sign = rng.integers(2, size=(batch.stop - batch.start, len(sums)), dtype=np.int8)
         swapped = (2.0 * sign - 1.0) @ sums
         n_extreme += (np.abs(swapped) >= extreme).sum(axis=0)
-    p_value: FloatArray = (n_extreme + 1) / (resamples + 1)
-    return p_value
+    return np.asarray((n_extreme + 1) / (resamples + 1))
 
 
 def swaps_for(n_comparisons: int) -> int:
@@ -179,8 +178,7 @@ def mcnemar_p(won: Array, lost: Array) -> FloatArray:
     # Doubling the smaller tail can exceed 1, as it counts a balanced outcome in both tails.
     smaller, total = np.minimum(won, lost), won + lost
     p_value = 2.0 * bdtr(smaller.astype(float), total, 0.5)
-    bounded: FloatArray = np.clip(p_value, np.finfo(np.float64).tiny, 1.0)
-    return bounded
+    return np.asarray(np.clip(p_value, np.finfo(np.float64).tiny, 1.0))
 
 
 def holm(p_values: FloatArray, family: int | None = None) -> FloatArray:

@@ -4,12 +4,7 @@ from datetime import datetime
 
 from pydantic import Field
 
-from reverie_eval.schemas.organising import (
-    AttemptReport,
-    AuditReport,
-    PersonReport,
-    TokenReport,
-)
+from reverie_eval.schemas.organising import AttemptReport, AuditReport, PersonReport, TokenReport
 from reverie_eval.schemas.report import SplitName
 from reverie_eval.schemas.service import Method
 from reverie_eval.schemas.wire import Sha256, SubmissionId, TeamName, WireModel

@@ -29,13 +29,7 @@ from reverie_eval.scoring._many import (
     score_files,
 )
 from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
-from reverie_eval.scoring._protocol import (
-    ALIASES,
-    PROTOCOLS,
-    basis_of,
-    find_protocol,
-    scored_by,
-)
+from reverie_eval.scoring._protocol import ALIASES, PROTOCOLS, basis_of, find_protocol, scored_by
 from reverie_eval.scoring._scores import Scores, signature_of, task_of
 from reverie_eval.scoring._validation import Validation
 from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol

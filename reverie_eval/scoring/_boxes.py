@@ -80,14 +80,8 @@ def score_boxes(
 ) -> BoxScores:
     """Compare predicted boxes with the annotation.
 
-    Parameters
-    ----------
-    boxes : BoxAnswers
-        ``row`` indexes the episodes.
-    stop, target_object : int arrays of shape (n_episodes,)
-        The viewpoint where the agent stops, and the target's object id.
-    answers : Answers
-        The split's candidates with their boxes.
+    ``stop`` and ``target_object``, shape (n_episodes,), are the viewpoint where the agent stops and
+    the target's object id.
 
     References
     ----------

@@ -69,7 +69,7 @@ class EpisodeTable(Mapping[str, Array]):
             protocol,
             track,
             has_boxes=lookups.has_boxes,
-            has_answers=not lookups.is_navigation_only,
+            has_answers=not lookups.submission.is_navigation_only,
         )
         # Two caches: metrics that depend on others take booleans as they are, users get floats.
         self._values: dict[str, Array] = {}
@@ -108,12 +108,12 @@ class EpisodeTable(Mapping[str, Array]):
     @cached_property
     def is_answer_correct(self) -> BoolArray:
         """Shape (n_episodes,): whether the answer is correct, wherever the agent stopped."""
-        lookups = self._lookups
-        correct = candidate_match(lookups.predicted_object, lookups.target_object)
+        lookups, submission = self._lookups, self._lookups.submission
+        correct = candidate_match(submission.predicted_object, lookups.target_object)
         if not self._protocol.text_ids_count:
-            correct &= ~lookups.answer_is_text
+            correct &= ~submission.answer_is_text
         # The published evaluators compare ids as text: "007" is not "7".
-        correct &= ~lookups.has_leading_zeros
+        correct &= ~submission.has_leading_zeros
         if lookups.has_boxes:
             correct[lookups.boxes.row] = lookups.boxes.is_correct
         return correct

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from os import PathLike
 from typing import Self, get_args
 
@@ -142,7 +142,7 @@ def diagnose(
     truncate hops, raises ProtocolError.
     """
     truth = find_answers(ground_truth, split, task=task)
-    check_first_of_hop(protocol, truth.task.name)
+    check_first_of_hop(protocol, truth.task)
     rules = truth.task.protocol(protocol)
     predictions = read_predictions(submission, truth.task)
     whole = PreparedSubmission.of(predictions, truth)
@@ -175,7 +175,7 @@ class PreparedSubmission:
     ground_truth: GroundTruth
     track: Track = "full"
     qualifier: str = ""
-    """What the scores depend on besides split, protocol and data; part of the signature."""
+    """What the scores depend on besides split, protocol, data and track; in the signature."""
     hints: Sequence[str] = ()
     """How the file was read, and what looks like a mistake; independent of the answers."""
     answer_hints: Sequence[str] = ()
@@ -205,7 +205,7 @@ class PreparedSubmission:
             submission=aligned,
             ground_truth=truth,
             track=track,
-            qualifier=qualifier_of(track) or qualifier,
+            qualifier=qualifier,
             hints=list(submission_hints(predictions, aligned, answers_only=grounding)),
             answer_hints=list(answer_hints(aligned, truth)),
             predictions=predictions,
@@ -245,15 +245,14 @@ class PreparedSubmission:
         if reason:
             raise GroundTruthError(reason)
         hints = [*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)]
-        return Scores.of(self._lookups, rules, self.track, hints=hints, qualifier=self.qualifier)
+        qualifier = qualifier_of(self.track) or self.qualifier
+        return Scores.of(self._lookups, rules, hints=hints, qualifier=qualifier)
 
     def _literal_reading_notes(self, rules: Protocol) -> Iterator[str]:
         if self.predictions is not None and self.track == "full":
-            truncated = partial(self._score_truncated, rules)
-            yield from literal_reading_notes(self.predictions, rules, truncated)
-
-    def _score_truncated(self, rules: Protocol) -> Scores:
-        return self.truncated().score(rules)
+            yield from literal_reading_notes(
+                self.predictions, rules, lambda: self.truncated().score(rules)
+            )
 
     @cached_property
     def _lookups(self) -> Lookups:
@@ -261,13 +260,7 @@ class PreparedSubmission:
 
 
 def check_track(track: Track) -> Track:
-    """Return the track if it exists.
-
-    Raises
-    ------
-    ProtocolError
-        If it does not.
-    """
+    """Return the track if it exists; raise ProtocolError if not."""
     if track not in get_args(Track):
         raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")
     return track

@@ -90,22 +90,22 @@ class Intervals(ClusterIntervals):
     seed: int
 
     @classmethod
-    def of(
+    def of_several(
         cls,
-        episodes: Mapping[str, Array],
+        tables: Mapping[str, Mapping[str, Array]],
         cluster: IntArray,
         clustering: Clustering,
         *,
         confidence: float | None = None,
         resamples: int | None = None,
         seed: int | None = None,
-    ) -> Self:
-        """Compute intervals by resampling clusters of episodes.
+    ) -> Mapping[str, Self]:
+        """Compute the intervals of several tables from the same resamples of clusters of episodes.
 
         Parameters
         ----------
-        episodes : mapping of arrays of shape (n_episodes,)
-            An episode table.
+        tables : mapping of mappings of arrays of shape (n_episodes,)
+            Episode tables of the same episodes, by name.
         cluster : array of int, shape (n_episodes,)
             As :func:`clusters_of` returns it.
         clustering : "target" or "scan"
@@ -117,32 +117,6 @@ class Intervals(ClusterIntervals):
         ------
         ProtocolError
             If all episodes are in one cluster, or confidence, resamples or seed are out of range.
-        """
-        several = cls.of_several(
-            {clustering: episodes},
-            cluster,
-            clustering,
-            confidence=confidence,
-            resamples=resamples,
-            seed=seed,
-        )
-        return several[clustering]
-
-    @classmethod
-    def of_several(
-        cls,
-        tables: Mapping[str, Mapping[str, Array]],
-        cluster: IntArray,
-        clustering: Clustering,
-        *,
-        confidence: float | None = None,
-        resamples: int | None = None,
-        seed: int | None = None,
-    ) -> Mapping[str, Self]:
-        """Compute the intervals of several tables of the same episodes from the same resamples.
-
-        ``tables`` has episode tables by name; the other parameters and errors are those of
-        :meth:`of`.
         """
         # Importing scipy would double the start-up time of commands that show no intervals.
         from reverie_eval.metrics import uncertainty

@@ -9,10 +9,9 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 
 from reverie_eval.errors import ProtocolError
-from reverie_eval.scoring._protocol import first_of_hop, hop_reading
 from reverie_eval.scoring._scores import Scores
 from reverie_eval.submissions import Predictions
-from reverie_eval.tasks import DEFAULT_TASK, HopReading, Protocol
+from reverie_eval.tasks import HopReading, Protocol, Task
 
 _FIRST_ONLY = "it reads only the first viewpoint of each hop"
 _NO_TEXT = "no object id written as text is correct"
@@ -39,20 +38,20 @@ _NOT_DIAGNOSED: Mapping[HopReading, str] = MappingProxyType(
 )
 
 
-def check_first_of_hop(name: str, task: str = DEFAULT_TASK) -> None:
-    """Check that a protocol's evaluator reads only the first viewpoint of nested hops.
+# HAMT's evaluator differs from DUET's in nothing else.
+_HOPS_BY_ALIAS: Mapping[str, HopReading] = MappingProxyType({"hamt": "first viewpoint"})
 
-    Raises
-    ------
-    ProtocolError
-        If there is no such protocol, or its evaluator reads hops in another way.
-    """
-    reading = hop_reading(name, task)
-    if reading != "first viewpoint":
-        others = ", ".join(first_of_hop(task)) or "none of its protocols"
+
+def check_first_of_hop(name: str, task: Task) -> None:
+    """Raise ProtocolError if a protocol's evaluator does not truncate nested hops."""
+    names = [name, *(rules.name for rules in task.protocols), *task.aliases]
+    readings = {each: _HOPS_BY_ALIAS.get(each, task.protocol(each).nested_hops) for each in names}
+    if readings[name] != "first viewpoint":
+        found = [each for each, reading in readings.items() if reading == "first viewpoint"]
+        others = ", ".join(found) or "none of its protocols"
         raise ProtocolError(
-            f"{name} has nothing to diagnose: {_NOT_DIAGNOSED[reading]}; evaluators that read only "
-            f"the first viewpoint of a hop are those of {others}"
+            f"{name} has nothing to diagnose: {_NOT_DIAGNOSED[readings[name]]}; evaluators that "
+            f"read only the first viewpoint of a hop are those of {others}"
         )
 
 
@@ -61,13 +60,8 @@ def literal_reading_notes(
 ) -> Iterator[str]:
     """Yield a note if the protocol's own evaluator would read the file differently.
 
-    Parameters
-    ----------
-    predictions : Predictions
-        The content of the file.
-    rules : Protocol
-    score_truncated : callable
-        Returns the scores by the first viewpoints of hops; called only if the note states them.
+    ``score_truncated`` returns the scores by the first viewpoints of hops; it is called only if the
+    note states them.
     """
     # Where ids are read literally and hops are not, no evaluator prints the table's scores.
     if not rules.text_ids_count:

@@ -35,10 +35,6 @@ class Lookups:
 
     def __init__(self, submission: AlignedSubmission, ground_truth: GroundTruth) -> None:
         self.offsets = submission.offsets
-        self.predicted_object = submission.predicted_object
-        self.answer_is_text = submission.answer_is_text
-        self.has_leading_zeros = submission.has_leading_zeros
-        self.is_navigation_only = submission.is_navigation_only
         self.n_episodes = len(submission.predicted_object)
         self.has_boxes = len(submission.boxes.row) > 0
         """Whether any answer is a box."""

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, ca
 
 from reverie_eval.errors import GroundTruthError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.metrics import CATALOGUE, Metric, table_metrics, units_of
+from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.processes import map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track
 from reverie_eval.scoring._evaluator import Evaluator
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._scores import Scores
-from reverie_eval.tasks import DEFAULT_PROTOCOL, KnownProtocol, KnownSplit
+from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, KnownProtocol, KnownSplit, find_task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +30,7 @@ _CHUNK = 50
 _FOR_ONE = 50
 """Files for which one more process pays: to start it takes about as long as to score them."""
 
-TABLE_KEYS = frozenset(metric.key for metric in table_metrics(CATALOGUE))
+TABLE_KEYS = frozenset(metric.key for metric in find_task(DEFAULT_TASK).table_metrics(CATALOGUE))
 """The metrics that a score table may show."""
 
 Failure: TypeAlias = SubmissionError | OSError

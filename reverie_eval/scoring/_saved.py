@@ -3,15 +3,15 @@
 Scores are computed again from them, which takes milliseconds and gives the same digits.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from os import PathLike
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from reverie_eval.arrays import Array, frozen, read_arrays
+from reverie_eval.arrays import frozen, read_arrays, take_prefixed
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_file
 from reverie_eval.submissions import AlignedSubmission, BoxAnswers
@@ -59,24 +59,16 @@ def write_saved(
     path: str | PathLike[str], header: SavedHeader, submission: AlignedSubmission
 ) -> None:
     """Write what scores are computed from; the file appears complete or not at all."""
-    columns = {name: _column(submission, name) for name in _COLUMNS}
+    columns = {name: attrgetter(name.replace("/", "."))(submission) for name in _COLUMNS}
     if submission.point is not None:
         columns[_POINT] = submission.point
     columns[_HEADER] = np.frombuffer(msgspec.json.encode(header), np.uint8)
     with staged_file(Path(path)) as file:
-        np.savez_compressed(file, **columns)  # type: ignore[arg-type]  # mypy: allow_pickle, too
+        np.savez_compressed(file, **columns)
 
 
 def read_saved(path: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmission]:
-    """Read what :func:`write_saved` wrote.
-
-    Raises
-    ------
-    ReverieEvalError
-        If the file has no saved scores, is damaged, or was written by a later version.
-    OSError
-        If it cannot be read.
-    """
+    """Read what :func:`write_saved` wrote; errors are those of :meth:`Scores.load`."""
     try:
         arrays = read_arrays(Path(path))
         names = [*_COLUMNS, *({_POINT} & arrays.keys())]
@@ -92,22 +84,7 @@ def read_saved(path: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmissio
             f"{path} has format {header.format_version} of saved scores, this version of "
             f"reverie-eval reads format {FORMAT_VERSION}; load it with the version that wrote it"
         )
-    return header, _submission(columns, is_navigation_only=header.is_navigation_only)
-
-
-def _column(submission: AlignedSubmission, name: str) -> Array:
-    holder = submission.boxes if name.startswith(_BOXES) else submission
-    column: Array = getattr(holder, name.removeprefix(_BOXES))
-    return column
-
-
-def _submission(columns: Mapping[str, Array], *, is_navigation_only: bool) -> AlignedSubmission:
-    boxes = {
-        name.removeprefix(_BOXES): column
-        for name, column in columns.items()
-        if name.startswith(_BOXES)
-    }
-    others = {name: column for name, column in columns.items() if not name.startswith(_BOXES)}
-    return AlignedSubmission(
-        **others, boxes=BoxAnswers(**boxes), is_navigation_only=is_navigation_only
-    )
+    boxes = BoxAnswers(**take_prefixed(columns, _BOXES))
+    is_navigation_only = header.is_navigation_only
+    aligned = AlignedSubmission(**columns, boxes=boxes, is_navigation_only=is_navigation_only)
+    return header, aligned

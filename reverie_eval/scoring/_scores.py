@@ -14,7 +14,7 @@ from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalErro
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import METRICS, Metric, units_of
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
-from reverie_eval.scoring._episode_table import EpisodeTable, Track, track_of
+from reverie_eval.scoring._episode_table import EpisodeTable, track_of
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
@@ -71,13 +71,12 @@ class Scores(Mapping[str, float]):
         cls,
         lookups: Lookups,
         protocol: Protocol,
-        track: Track,
         *,
         hints: Sequence[str],
         qualifier: str,
     ) -> Self:
         """Score an aligned submission; a metric's values are computed when they are needed."""
-        table = EpisodeTable(lookups, protocol, track)
+        table = EpisodeTable(lookups, protocol, track_of(qualifier))
         return cls(
             ground_truth=lookups.ground_truth,
             protocol=protocol,
@@ -129,7 +128,6 @@ class Scores(Mapping[str, float]):
         scores = cls.of(
             Lookups(submission, scored_by(rules, truth)),
             rules,
-            track_of(header.qualifier),
             hints=header.hints,
             qualifier=header.qualifier,
         )
@@ -171,7 +169,6 @@ class Scores(Mapping[str, float]):
         return cls.of(
             Lookups(submission.take(order), whole if is_whole else whole.subset(instr_ids)),
             first.protocol,
-            track_of(first.qualifier),
             hints=list(dict.fromkeys(hint for part in listed for hint in part.hints)),
             qualifier=first.qualifier,
         )
@@ -207,8 +204,7 @@ class Scores(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        task = self.ground_truth.task
-        return [task.metric(key) for key in task.headline if key in self.episodes]
+        return self.ground_truth.task.headline_metrics(self)
 
     @property
     def notes(self) -> Sequence[str]:
@@ -307,15 +303,16 @@ class Scores(Mapping[str, float]):
             If there is no such clustering, all episodes are in one cluster, or confidence,
             resamples or seed are out of range.
         """
-        intervals = Intervals.of(
-            {key: self.episodes[key] for key in self if not METRICS[key].is_partial},
+        whole = {key: self.episodes[key] for key in self if not METRICS[key].is_partial}
+        intervals = Intervals.of_several(
+            {"": whole},
             clusters_of(self.ground_truth, cluster),
             cluster,
             confidence=confidence,
             resamples=resamples,
             seed=seed,
         )
-        return replace(self, intervals=intervals)
+        return replace(self, intervals=intervals[""])
 
     def subset(self, instr_ids: Iterable[str]) -> Self:
         """Return the scores of some of the episodes, as for a declared subset.
@@ -333,7 +330,6 @@ class Scores(Mapping[str, float]):
         return self.of(
             Lookups(self.require_submission().take(rows), truth),
             self.protocol,
-            track_of(self.qualifier),
             hints=self.hints,
             qualifier=self.qualifier,
         )

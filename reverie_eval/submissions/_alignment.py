@@ -10,12 +10,18 @@ from itertools import chain, repeat
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of, take_rows
+from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_rows
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._predictions import BoxAnswers, Content, IdColumn, Predictions
+from reverie_eval.submissions._predictions import (
+    AnswerColumns,
+    BoxAnswers,
+    Content,
+    IdColumn,
+    Predictions,
+)
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
@@ -26,27 +32,14 @@ _FOREIGN = ("other-task", "not-the-demo-world")
 """The codes of problems that explain why all ids are unknown."""
 
 
-@dataclass(frozen=True, eq=False)
-class AlignedSubmission:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AlignedSubmission(AnswerColumns):
     """A valid submission, its episodes in the order of the ground truth."""
 
     viewpoint: IntArray
     """Shape (n_poses,): the viewpoint of every pose, trajectory after trajectory."""
     offsets: IntArray
     """Shape (n_episodes + 1,): where each episode's trajectory begins in ``viewpoint``."""
-    predicted_object: IntArray
-    """Shape (n_episodes,): object id within the scan, or -1."""
-    answer_is_text: BoolArray
-    """Shape (n_episodes,): whether the object id is written as text."""
-    has_leading_zeros: BoolArray
-    """Shape (n_episodes,): whether the object id is text with leading zeros."""
-    boxes: BoxAnswers
-    """The predicted boxes, in the order of their episodes."""
-    is_navigation_only: bool = False
-    """Whether no record has an answer."""
-    point: FloatArray | None = None
-    """Shape (n_episodes, 2): heading and elevation of each predicted point, turns; NaN where there
-    is none. None in a task without points."""
 
     @property
     def abstained(self) -> BoolArray:
@@ -60,12 +53,7 @@ class AlignedSubmission:
         return AlignedSubmission(
             viewpoint=self.viewpoint[take_rows(rows, self.offsets)],
             offsets=offsets_of(np.diff(self.offsets)[rows]),
-            predicted_object=self.predicted_object[rows],
-            answer_is_text=self.answer_is_text[rows],
-            has_leading_zeros=self.has_leading_zeros[rows],
-            boxes=_boxes_of(self.boxes, rows, len(self.predicted_object)),
-            is_navigation_only=self.is_navigation_only,
-            point=None if self.point is None else self.point[rows],
+            **self.answers_of(rows),
         )
 
     @classmethod
@@ -107,11 +95,10 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
         _trajectory_problems(predictions, episode, viewpoint, whole),
     )
     order = _in_order(episode, rows)
-    return _aligned(
-        predictions,
-        order,
+    return AlignedSubmission(
         viewpoint=viewpoint[take_rows(order, predictions.offsets)],
         offsets=offsets_of(np.diff(predictions.offsets)[order]),
+        **predictions.answers_of(order),
     )
 
 
@@ -132,8 +119,8 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     # A public bundle has no goals; the starts serve as well to check the answers.
     answers = ground_truth.answers
     stop = ground_truth.episodes.start if answers is None else answers.goal
-    offsets = np.arange(len(stop) + 1)
-    return _aligned(predictions, _in_order(episode, rows), viewpoint=stop, offsets=offsets)
+    answered = predictions.answers_of(_in_order(episode, rows))
+    return AlignedSubmission(viewpoint=stop, offsets=np.arange(len(stop) + 1), **answered)
 
 
 def check_batch(
@@ -197,22 +184,14 @@ def _look_up(
     If unknown ids have something in common, that is one problem, and what was meant is looked up.
     """
     if ground_truth.task.has_short_ids:
-        predictions = _with_full_ids(predictions, ground_truth.episodes.by_short_id)
-    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
-    viewpoint = _viewpoints(predictions.viewpoint_ids, ground_truth.graph)
-    if (episode != _UNKNOWN).all() and (viewpoint != _UNKNOWN).all():
-        return predictions, episode, viewpoint
-    fixed = _fix_ids(predictions, ground_truth)
-    return (
-        fixed,
-        _indices(fixed.instr_ids, ground_truth.episodes.index),
-        _viewpoints(fixed.viewpoint_ids, ground_truth.graph),
-    )
-
-
-def _with_full_ids(predictions: Predictions, by_short_id: Mapping[str, str]) -> Predictions:
-    full = [each and by_short_id.get(each, each) for each in predictions.instr_ids]
-    return replace(predictions, instr_ids=full)
+        full = ground_truth.episodes.by_short_id
+        instr_ids = [each and full.get(each, each) for each in predictions.instr_ids]
+        predictions = replace(predictions, instr_ids=instr_ids)
+    episode, viewpoint = _episodes_and_viewpoints(predictions, ground_truth)
+    if (episode == _UNKNOWN).any() or (viewpoint == _UNKNOWN).any():
+        predictions = _fix_ids(predictions, ground_truth)
+        episode, viewpoint = _episodes_and_viewpoints(predictions, ground_truth)
+    return predictions, episode, viewpoint
 
 
 def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions:
@@ -244,42 +223,18 @@ def _raise_problems(*groups: Iterable[Problem]) -> None:
         raise SubmissionError(found)
 
 
-def _aligned(
-    predictions: Predictions,
-    order: IntArray,
-    viewpoint: IntArray,
-    offsets: IntArray,
-) -> AlignedSubmission:
-    """Put the answers into the given order; the trajectories are in it already."""
-    return AlignedSubmission(
-        viewpoint=viewpoint,
-        offsets=offsets,
-        predicted_object=predictions.predicted_object[order],
-        answer_is_text=predictions.answer_is_text[order],
-        has_leading_zeros=predictions.has_leading_zeros[order],
-        boxes=_boxes_of(predictions.boxes, order, len(predictions.instr_ids)),
-        is_navigation_only=predictions.is_navigation_only,
-        point=None if predictions.point is None else predictions.point[order],
-    )
-
-
-def _boxes_of(boxes: BoxAnswers, order: IntArray, count: int) -> BoxAnswers:
-    """Return the boxes of some records out of ``count``, put into the given order."""
-    place = np.full(count, -1)  # of records that are left out
-    place[order] = np.arange(len(order))
-    boxes = replace(boxes, row=place[boxes.row])
-    boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
-    return boxes.take(np.argsort(boxes.row))
-
-
 def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
     """Return the records in the order of the ground truth, those of some episodes alone."""
     order = np.argsort(episode)
     return order if rows is None else order[np.isin(episode[order], rows)]
 
 
-def _viewpoints(ids: IdColumn, graph: NavigationGraph) -> IntArray:
-    return _indices(ids.distinct, graph.index)[ids.number]
+def _episodes_and_viewpoints(
+    predictions: Predictions, ground_truth: GroundTruth
+) -> tuple[IntArray, IntArray]:
+    ids = predictions.viewpoint_ids
+    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
+    return episode, _indices(ids.distinct, ground_truth.graph.index)[ids.number]
 
 
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:

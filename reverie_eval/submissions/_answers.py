@@ -7,7 +7,7 @@ pixels. Then it is cut to the image.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
@@ -35,14 +35,10 @@ _SLACK = 1e-6
 """Pixels by which rounding alone may push a scaled box beyond the image."""
 
 
-class Camera(NamedTuple):
-    """The direction of a camera, radians."""
+Camera: TypeAlias = tuple[float, float]
+"""Heading and elevation, radians."""
 
-    heading: float
-    elevation: float
-
-
-_VIEW_CAMERAS = [Camera(*angles) for angles in view_angles(np.arange(N_VIEWS)).tolist()]
+_VIEW_CAMERAS: Sequence[Camera] = list(map(tuple, view_angles(np.arange(N_VIEWS)).tolist()))
 
 
 class BoxAnswer(NamedTuple):
@@ -156,12 +152,8 @@ def _read_box(
         **({} if record.get(IMAGE_SIZE_KEY) is None else {IMAGE_SIZE_KEY: list(size)}),
     }
     x_scale, y_scale = WIDTH / size[0], HEIGHT / size[1]
-    left, top, right, bottom = (
-        box[0] * x_scale,
-        box[1] * y_scale,
-        (box[0] + box[2]) * x_scale,
-        (box[1] + box[3]) * y_scale,
-    )
+    left, right = box[0] * x_scale, (box[0] + box[2]) * x_scale
+    top, bottom = box[1] * y_scale, (box[1] + box[3]) * y_scale
     x, x_end = _clamp(left, WIDTH), _clamp(right, WIDTH)
     y, y_end = _clamp(top, HEIGHT), _clamp(bottom, HEIGHT)
     is_cut = max(x - left, right - x_end, y - top, bottom - y_end) > _SLACK
@@ -193,7 +185,7 @@ def _read_camera(
     stop = poses[-1] if poses else None
     if stop is not None and stop.heading is not None and stop.elevation is not None:
         if abs(stop.elevation) <= _STRAIGHT_UP:
-            return Camera(float(stop.heading), float(stop.elevation))
+            return float(stop.heading), float(stop.elevation)
         log.problems.append(problems.upside_down(location, stop.path[:1], stop.elevation, VIEW_KEY))
     elif poses is None or (stop is not None and not stop.is_reported):
         # An unreadable trajectory or pose was reported already: one problem is enough.

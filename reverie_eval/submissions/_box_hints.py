@@ -5,7 +5,7 @@ file alone. :func:`reading_hints` compares boxes with the annotated boxes of all
 view, whichever of them is the target.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TypeAlias
 
@@ -13,13 +13,13 @@ import numpy as np
 
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import Problem
-from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, snap
+from reverie_eval.geometry import HEIGHT, WIDTH, snap
+from reverie_eval.geometry._views import N_HEADINGS
 from reverie_eval.ground_truth import CandidateBoxes
 from reverie_eval.metrics import box_match
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._predictions import MOST, BoxAnswers
 
-_N_HEADINGS = 12
 _ENOUGH = 20
 """Fewer boxes say nothing about how they were meant."""
 _SAMPLE = 500
@@ -84,13 +84,8 @@ def reading_hints(
 ) -> Iterator[str]:
     """Yield a hint if the boxes fit annotated objects much better when they are read otherwise.
 
-    Parameters
-    ----------
-    boxes : BoxAnswers
-    viewpoint : int array of shape (n_boxes,)
-        Where the agents stop.
-    annotated : CandidateBoxes
-        The boxes of all objects. Which of them are targets is not looked at.
+    ``viewpoint``, shape (n_boxes,), is where the agents stop. Which of the annotated objects are
+    targets is not looked at.
     """
     if len(boxes.row) < _ENOUGH:
         return
@@ -99,7 +94,7 @@ def reading_hints(
     given = boxes.uncut_xywh, snap(boxes.camera)
     share = partial(_share_of_fits, viewpoint=viewpoint, annotated=annotated)
     as_given = share(given)
-    readings = {what: share(read(given)) for what, read in _READINGS.items()}
+    readings = {what: share(read) for what, read in _other_readings(*given).items()}
     if np.isfinite(boxes.stop_angles).all():
         readings["boxes in the view of the last pose"] = share((given[0], snap(boxes.stop_angles)))
     what = max(readings, key=lambda each: readings[each])
@@ -121,60 +116,26 @@ def _share_of_fits(drawn: _Drawn, viewpoint: IntArray, annotated: CandidateBoxes
     return float((np.bincount(index, weights=fits, minlength=len(view)) > 0).mean())
 
 
-def _from_corners(drawn: _Drawn) -> _Drawn:
-    xywh, view = drawn
-    return np.hstack([xywh[:, :2], xywh[:, 2:] - xywh[:, :2]]), view
-
-
-def _from_centre(drawn: _Drawn) -> _Drawn:
-    xywh, view = drawn
-    return np.hstack([xywh[:, :2] - xywh[:, 2:] / 2, xywh[:, 2:]]), view
-
-
-def _with_axes_swapped(drawn: _Drawn) -> _Drawn:
-    xywh, view = drawn
-    return xywh[:, [1, 0, 3, 2]], view
-
-
-def _from_right(drawn: _Drawn) -> _Drawn:
-    (x, y, width, height), view = drawn[0].T, drawn[1]
-    return np.column_stack([WIDTH - x - width, y, width, height]), view
-
-
-def _from_bottom(drawn: _Drawn) -> _Drawn:
-    (x, y, width, height), view = drawn[0].T, drawn[1]
-    return np.column_stack([x, HEIGHT - y - height, width, height]), view
-
-
-def _scaled(drawn: _Drawn, side: int) -> _Drawn:
-    xywh, view = drawn
-    return xywh * np.array([WIDTH, HEIGHT, WIDTH, HEIGHT]) / side, view
-
-
-def _turned(drawn: _Drawn, views: int) -> _Drawn:
-    xywh, view = drawn
-    row, column = np.divmod(view, _N_HEADINGS)
-    return xywh, row * _N_HEADINGS + (column + views) % _N_HEADINGS
-
-
-def _upside_down(drawn: _Drawn) -> _Drawn:
-    xywh, view = drawn
-    row, column = np.divmod(view, _N_HEADINGS)
-    return xywh, N_VIEWS - _N_HEADINGS - row * _N_HEADINGS + column
-
-
-_READINGS: Mapping[str, Callable[[_Drawn], _Drawn]] = {
-    "[left, top, right, bottom]": _from_corners,
-    "[centre x, centre y, width, height]": _from_centre,
-    "[y, x, height, width]": _with_axes_swapped,
-    "x measured from the right edge": _from_right,
-    "y measured from the lower edge": _from_bottom,
-    "boxes of 224 x 224 images": partial(_scaled, side=224),
-    "boxes of 336 x 336 images": partial(_scaled, side=336),
-    "boxes of 384 x 384 images": partial(_scaled, side=384),
-    "boxes of 1000 x 1000 images": partial(_scaled, side=1000),
-    "views counted from 1": partial(_turned, views=-1),
-    "views one too low": partial(_turned, views=1),
-    "views whose first row looks up": _upside_down,
-}
-"""Other ways to read a box and its view."""
+def _other_readings(xywh: FloatArray, view: IntArray) -> Mapping[str, _Drawn]:
+    """Return boxes and their views as they would be if they were meant otherwise."""
+    x, y, width, height = xywh.T
+    boxes = {
+        "[left, top, right, bottom]": (x, y, width - x, height - y),
+        "[centre x, centre y, width, height]": (x - width / 2, y - height / 2, width, height),
+        "[y, x, height, width]": (y, x, height, width),
+        "x measured from the right edge": (WIDTH - x - width, y, width, height),
+        "y measured from the lower edge": (x, HEIGHT - y - height, width, height),
+    }
+    for side in (224, 336, 384, 1000):
+        scaled = xywh * np.array([WIDTH, HEIGHT, WIDTH, HEIGHT]) / side
+        boxes[f"boxes of {side} x {side} images"] = tuple(scaled.T)
+    row, column = np.divmod(view, N_HEADINGS)
+    views = {
+        "views counted from 1": (row, (column - 1) % N_HEADINGS),
+        "views one too low": (row, (column + 1) % N_HEADINGS),
+        "views whose first row looks up": (2 - row, column),
+    }
+    return {
+        **{what: (np.column_stack(each), view) for what, each in boxes.items()},
+        **{what: (xywh, above * N_HEADINGS + along) for what, (above, along) in views.items()},
+    }

@@ -21,11 +21,7 @@ from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from reverie_eval.submissions._items import join_items, official_point
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._records import (
-    ReadRecord,
-    read_predictions,
-    read_records,
-)
+from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._trajectories import Poses
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
@@ -55,12 +51,9 @@ class Conversion:
     """Whether the task has target objects, so that answers are expected."""
 
     @property
-    def _lacks_answers(self) -> bool:
-        return self.has_targets and not any(map(has_answer, self.records))
-
-    @property
     def notes(self) -> Sequence[str]:
         """What a reader of the converted file should know, a sentence each."""
+        lacks_answers = self.has_targets and not any(map(has_answer, self.records))
         without_angles = (
             f"{self.poses_without_angles:,} poses without heading and elevation; both are written "
             "as 0"
@@ -69,7 +62,7 @@ class Conversion:
             *([f"read as: {'; '.join(self.read_as)}"] if self.read_as else []),
             *(f"fixed: {mistake}" for mistake in self.fixed),
             *(f"dropped: {name}, in {count:,} records" for name, count in self.dropped.items()),
-            *([UNNAMED_ANSWERS] if self.dropped and self._lacks_answers else []),
+            *([UNNAMED_ANSWERS] if self.dropped and lacks_answers else []),
             *([without_angles] if self.poses_without_angles else []),
             *([_remaining_note(self.remaining)] if self.remaining else []),
         ]

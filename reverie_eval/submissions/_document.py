@@ -66,13 +66,8 @@ def are_records(submission: Submission) -> "TypeIs[Records]":
 def parse_document(content: bytes, log: ReadingLog, *, has_lines: bool = False) -> Any:
     """Parse JSON text, including NaN and infinities, so that their locations can be reported.
 
-    Text that is not quite JSON, but tells what was meant, is parsed and noted as a fault. With
-    ``has_lines``, one object after another is not a fault.
-
-    Raises
-    ------
-    SubmissionError
-        If it is not JSON.
+    Text that is not quite JSON, but tells what was meant, is parsed and noted as a fault, and other
+    text is refused. With ``has_lines``, one object after another is not a fault.
     """
     _check_kind(content)
     check_value_count(content, MAX_VALUES)
@@ -106,13 +101,7 @@ def is_python_literal(content: bytes) -> bool:
 
 
 def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
-    """Evaluate what Python printed for lists, dictionaries, strings and numbers, and nothing else.
-
-    Raises
-    ------
-    SubmissionError
-        If there is anything else in it.
-    """
+    """Evaluate what Python printed for lists, dictionaries, strings and numbers; refuse others."""
     import ast
 
     log.add_whole_file_fault(problems.PYTHON_LITERAL, None)
@@ -140,13 +129,7 @@ def _decoded_twice(document: Any, log: ReadingLog) -> Any:
 
 
 def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog, *, has_lines: bool) -> Any:
-    """Parse text that ``json`` refuses, if it tells what was meant.
-
-    Raises
-    ------
-    SubmissionError
-        If it does not.
-    """
+    """Parse text that ``json`` refuses, if it tells what was meant, or raise SubmissionError."""
     text = error.doc
     if error.msg == "Extra data":
         values, later_error = _parse_several(text)
@@ -180,13 +163,7 @@ def _join(
 
 
 def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
-    """Return the lists and objects that follow one another, and the error where that ends, if any.
-
-    Raises
-    ------
-    SubmissionError
-        If there are more of them than records in any split.
-    """
+    """Return the lists and objects that follow one another, and the error at which that ends."""
     import json
 
     decoder = json.JSONDecoder(object_pairs_hook=_build_object)
@@ -211,25 +188,13 @@ def _end_of_space(text: str, position: int) -> int:
 
 
 def check_record_count(count: int) -> None:
-    """Refuse more records than any split could need.
-
-    Raises
-    ------
-    SubmissionError
-        If there are more than ``MAX_RECORDS``.
-    """
+    """Refuse more records than any split could need."""
     if count > MAX_RECORDS:
         raise SubmissionError([problems.too_many_records(MAX_RECORDS)])
 
 
 def check_value_count(content: bytes, limit: int) -> None:
-    """Refuse JSON text that would take gigabytes once it is parsed.
-
-    Raises
-    ------
-    SubmissionError
-        If it may hold more values than the limit.
-    """
+    """Refuse JSON text that would take gigabytes once it is parsed."""
     if len(content) <= limit:
         return  # nearly always: counting takes as long as a third of parsing
     # Every value but the first follows a comma or the beginning of a list or an object. Counting

@@ -1,6 +1,6 @@
 """Hints about valid submissions that are probably not what their authors meant."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -36,7 +36,8 @@ def submission_hints(
     if predictions.read_as:
         yield f"read as: {'; '.join(predictions.read_as)}"
     if predictions.ignored_fields:
-        yield f"ignored fields: {_list_fields(predictions.ignored_fields)}"
+        fields = first_few(predictions.ignored_fields.items(), _MOST_FIELDS, _field_text)
+        yield f"ignored fields: {fields}"
         if predictions.differences.get("navigation only"):
             yield UNNAMED_ANSWERS
     if submission.abstained.all() and not submission.is_navigation_only:
@@ -70,10 +71,6 @@ def _point_hints(point: FloatArray | None) -> Iterator[str]:
             "most points are not within 0 and 1: obj_heading is heading / (2 pi), obj_elevation "
             "(elevation + pi) / (2 pi), of angles in radians"
         )
-
-
-def _list_fields(fields: Mapping[str, int]) -> str:
-    return first_few(fields.items(), _MOST_FIELDS, _field_text)
 
 
 def _field_text(field: tuple[str, int]) -> str:

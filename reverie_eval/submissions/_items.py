@@ -15,11 +15,7 @@ import numpy as np
 from reverie_eval.errors import SubmissionError
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._document import is_finite, is_list, is_number
-from reverie_eval.submissions._fields import (
-    INSTR_ID_KEY,
-    POINT_KEYS,
-    TRAJECTORY_KEY,
-)
+from reverie_eval.submissions._fields import INSTR_ID_KEY, POINT_KEYS, TRAJECTORY_KEY
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 
@@ -44,20 +40,14 @@ def is_item(record: Mapping[str, Any]) -> bool:
 def split_items(
     records: Iterable[tuple[RecordLocation, Mapping[str, Any]]], log: ReadingLog
 ) -> Iterator[tuple[RecordLocation, Mapping[str, Any]]]:
-    """Yield a record for each trajectory of an item; other records as they are.
-
-    Raises
-    ------
-    SubmissionError
-        If an id is that of one of DUET's own episodes, which does not identify the item.
-    """
+    """Yield a record for each trajectory of an item; other records as they are."""
     count: Counter[object] = Counter()
     for location, record in records:
         if not is_item(record):
             yield location, record
             continue
         given = record.get(INSTR_ID_KEY, location.key)
-        if isinstance(given, str) and _DUETS_ID.fullmatch(given):
+        if isinstance(given, str) and _DUETS_ID.fullmatch(given):  # does not identify the item
             raise SubmissionError([problems.duets_episodes(location, given)])
         trajectories = record[TRAJECTORY_KEY]
         if isinstance(trajectories, Mapping):

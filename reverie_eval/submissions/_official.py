@@ -11,7 +11,7 @@ this lane never reports a problem of its own.
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from itertools import chain, repeat
 from operator import itemgetter
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -32,7 +32,7 @@ from reverie_eval.submissions._predictions import (
     look_like_degrees,
 )
 from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._trajectories import ANGLE_AS_TEXT, MAX_POSES
+from reverie_eval.submissions._trajectories import ANGLE_AS_TEXT, MAX_POSES, have_types
 
 # The descriptions are those of the published JSON Schema.
 _InstrId = Annotated[
@@ -292,14 +292,13 @@ def convert_official(submission: Records, *, has_answers: bool = True) -> Predic
 
     Angles and object ids may be numpy numbers, which agents often produce.
     """
-    fields = _fields(has_answers=has_answers)
-    if not _is_plain(submission, fields):
+    plain = _plain_columns(submission, _fields(has_answers=has_answers))
+    if plain is None:
         return None
-    instr_ids, trajectories, *given = _columns(submission, fields)
+    instr_ids, trajectories, viewpoint_ids, angles, given = plain
     answers = given[0] if given else [ABSTAINED] * len(instr_ids)
-    if _any_too_long(trajectories):
+    if max(map(len, trajectories)) > MAX_POSES:
         return None
-    viewpoint_ids, *angles = zip(*chain.from_iterable(trajectories), strict=True)
     try:
         angle = np.array(angles, dtype=np.float64).T
         predicted_object = np.array(answers, dtype=np.int64)
@@ -308,7 +307,7 @@ def convert_official(submission: Records, *, has_answers: bool = True) -> Predic
     is_object = (predicted_object >= ABSTAINED) & (predicted_object <= LARGEST_OBJECT_ID)
     if not (np.isfinite(angle).all() and is_object.all()) or _any_prefixed(instr_ids):
         return None
-    offsets = offsets_of(np.fromiter(map(len, trajectories), np.int64, len(trajectories)))
+    offsets = offsets_of(_lengths(trajectories))
     return Predictions(
         instr_ids=instr_ids,
         viewpoint_ids=IdColumn.of(viewpoint_ids),
@@ -343,41 +342,32 @@ def _fields(*, has_answers: bool) -> Sequence[str]:
     return record.__struct_fields__
 
 
-def _is_plain(submission: Any, fields: Sequence[str]) -> bool:
-    """Whether everything has the official form, and exactly its types.
+def _plain_columns(submission: Any, fields: Sequence[str]) -> Sequence[Sequence[Any]] | None:
+    """Return ids, trajectories, viewpoint ids, angles and answers, if all have exactly their types.
 
     Comparing sets of types takes C loops only. Subclasses do not pass, as they may behave in their
     own way; the careful lane reads them.
     """
-    if not (submission and _have_types([submission], _LISTS) and _have_types(submission, {dict})):
-        return False
+    if not (submission and have_types([submission], _LISTS) and have_types(submission, {dict})):
+        return None
     if any(record.keys() != set(fields) for record in submission):
-        return False
-    instr_ids, trajectories, *answers = _columns(submission, fields)
+        return None
+    columns = (list(map(itemgetter(field), submission)) for field in fields)
+    instr_ids, trajectories, *answers = columns
     if not (
-        _have_types(instr_ids, {str})
-        and _have_types(trajectories, _LISTS)
-        and all(_have_types(each, _INTEGERS) for each in answers)
+        have_types(instr_ids, {str})
+        and have_types(trajectories, _LISTS)
+        and all(have_types(each, _INTEGERS) for each in answers)
     ):
-        return False
+        return None
     poses = list(chain.from_iterable(trajectories))
-    if not (all(trajectories) and _have_types(poses, _LISTS) and set(map(len, poses)) == {3}):
-        return False
+    if not (all(trajectories) and have_types(poses, _LISTS) and set(map(len, poses)) == {3}):
+        return None
     viewpoint_ids, *angles = zip(*poses, strict=True)
-    return _have_types(viewpoint_ids, {str}) and _have_types(chain(*angles), _NUMBERS)
-
-
-def _columns(submission: Any, fields: Sequence[str]) -> Iterator[list[Any]]:
-    return (list(map(itemgetter(field), submission)) for field in fields)
-
-
-def _have_types(values: Iterable[object], types: Collection[type]) -> bool:
-    return set(map(type, values)).issubset(types)
+    if not (have_types(viewpoint_ids, {str}) and have_types(chain(*angles), _NUMBERS)):
+        return None
+    return instr_ids, trajectories, viewpoint_ids, angles, answers
 
 
 def _any_prefixed(instr_ids: Sequence[str]) -> bool:
     return any(map(str.startswith, instr_ids, repeat(ID_PREFIX)))
-
-
-def _any_too_long(trajectories: Sequence[Sequence[object]]) -> bool:
-    return max(map(len, trajectories), default=0) > MAX_POSES

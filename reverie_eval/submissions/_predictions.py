@@ -90,20 +90,13 @@ class BoxAnswers:
 
     def take(self, rows: IntArray) -> "BoxAnswers":
         """Return some of the boxes, in the given order."""
-        return BoxAnswers(
-            self.row[rows],
-            self.xywh[rows],
-            self.camera[rows],
-            self.is_cut[rows],
-            self.uncut_xywh[rows],
-            self.stop_angles[rows],
-        )
+        return BoxAnswers(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     @classmethod
     def concatenate(cls, parts: "Sequence[BoxAnswers]") -> "BoxAnswers":
         """Return the boxes of several parts, one after the other."""
-        names = [field.name for field in fields(cls)]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        columns = ([getattr(part, field.name) for part in parts] for field in fields(cls))
+        return cls(*map(np.concatenate, columns))
 
 
 NO_BOXES = BoxAnswers(
@@ -116,8 +109,42 @@ NO_BOXES = BoxAnswers(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Predictions:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AnswerColumns:
+    """What a submission answers: one row per record, or after alignment per episode."""
+
+    predicted_object: IntArray
+    """Shape (n,): the object id of each answer, or -1."""
+    answer_is_text: BoolArray
+    """Shape (n,): whether the object id is written as text."""
+    has_leading_zeros: BoolArray
+    """Shape (n,): whether that text has leading zeros."""
+    boxes: BoxAnswers = NO_BOXES
+    """The predicted boxes, in the order of their rows."""
+    is_navigation_only: bool = False
+    """Whether no record has an answer."""
+    point: FloatArray | None = None
+    """Shape (n, 2): heading and elevation of each predicted point, turns; NaN where there is none.
+    None in a task without points."""
+
+    def answers_of(self, rows: IntArray) -> Mapping[str, Any]:
+        """Return these columns for some of the rows, in the given order."""
+        place = np.full(len(self.predicted_object), -1)  # of rows that are left out
+        place[rows] = np.arange(len(rows))
+        boxes = replace(self.boxes, row=place[self.boxes.row])
+        boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
+        return {
+            "predicted_object": self.predicted_object[rows],
+            "answer_is_text": self.answer_is_text[rows],
+            "has_leading_zeros": self.has_leading_zeros[rows],
+            "boxes": boxes.take(np.argsort(boxes.row)),
+            "is_navigation_only": self.is_navigation_only,
+            "point": None if self.point is None else self.point[rows],
+        }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Predictions(AnswerColumns):
     """One row per record that could be read, in the order of the file.
 
     The defaults are those of a file in the plain official form.
@@ -129,14 +156,8 @@ class Predictions:
     """The viewpoint of every pose, trajectory after trajectory; None if it could not be read."""
     offsets: IntArray
     """Shape (n_records + 1,): where each trajectory begins in ``viewpoint_ids``."""
-    predicted_object: IntArray
-    """Shape (n_records,): the object id of each answer, or -1."""
     has_degrees: bool
     """Whether most angles look like degrees."""
-    answer_is_text: BoolArray
-    """Shape (n_records,): whether the object id is written as text."""
-    has_leading_zeros: BoolArray
-    """Shape (n_records,): whether that text has leading zeros."""
     locations: Sequence[RecordLocation] | None = None
     """The location of each record in the file."""
     pose_paths: Sequence[PosePath] | None = None
@@ -144,19 +165,12 @@ class Predictions:
     continues_hop: BoolArray | None = None
     """Shape (n_poses,): whether evaluators that read only the first viewpoint of each hop miss the
     pose."""
-    boxes: BoxAnswers = NO_BOXES
-    """The predicted boxes."""
     read_as: Sequence[str] = ()
     """How the file differs from the official form, a phrase each."""
     ignored_fields: Mapping[str, int] = field(default_factory=dict)
     """The fields that are not read, with the number of records that have them."""
     differences: Mapping[str, int] = field(default_factory=dict)
     """How often each difference from the official form occurs, by its key."""
-    is_navigation_only: bool = False
-    """Whether no record has an answer."""
-    point: FloatArray | None = None
-    """Shape (n_records, 2): heading and elevation of each predicted point, turns; NaN where there
-    is none. None in a task without points."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
 
@@ -213,12 +227,9 @@ class Predictions:
 
 
 def look_like_degrees(stop_angles: FloatArray) -> bool:
-    """Whether most headings or elevations exceed a full turn in radians.
+    """Whether most headings or elevations of last poses exceed a full turn in radians.
 
-    Parameters
-    ----------
-    stop_angles : float array of shape (n_records, 2)
-        Heading and elevation of the last poses; NaN where the file gives none.
+    ``stop_angles`` has shape (n_records, 2), with NaN where the file gives none.
     """
     exceeding = (np.abs(stop_angles) > 2 * np.pi).any(axis=1).sum()
     return bool(exceeding > MOST * len(stop_angles))

@@ -32,6 +32,9 @@ IMAGE_SIZE_FORM = "[width, height] of the image that predBox is in, at least 1 e
 
 POINT_FORM = "a number of turns, or null where the agent predicts no point"
 
+_CONVERT = "reverie-eval convert"
+_CONVERT_FOR_SPLIT = "reverie-eval convert --split"
+
 PosePath = tuple[int, ...]
 """Where a viewpoint is in its trajectory: the index of the element, and the index within it."""
 
@@ -44,11 +47,8 @@ class Fault:
     what: str
     """What the records have; ``{example}`` is what the first of them has."""
     remedy: str
-    convert: str = ""
-    """The command that writes a corrected file, if the mistake says what was meant."""
-
-    of_file: bool = False
-    """Whether it is the file as a whole that has the mistake."""
+    convert: str = _CONVERT
+    """The command that writes a corrected file; empty if the mistake does not say how."""
 
     def problem(
         self, count: int, where: str, position: tuple[int, ...], example: object
@@ -59,120 +59,96 @@ class Fault:
         message = f"{subject} {self._what(example)}; {self.remedy}{command}"
         return Problem(self.code, where, message, position)
 
-    def fixed(self, count: int, example: object) -> str:
+    def fixed(self, count: int, where: str, example: object) -> str:
         """Return the note about a mistake that was corrected in so many records."""
-        records = "" if self.of_file else f", in {count_text(count, 'record')}"
+        records = "" if where == WHOLE_FILE else f", in {count_text(count, 'record')}"
         return f"{self._what(example)}{records}"
 
     def _what(self, example: object) -> str:
         return self.what.format(example=_json(example))
 
 
-_CONVERT = "reverie-eval convert"
-_CONVERT_FOR_SPLIT = "reverie-eval convert --split"
-
 JSON_LINES = Fault(
     "not-json",
     "one JSON object after another instead of one list",
     "write a list of records",
-    _CONVERT,
-    of_file=True,
 )
 SEVERAL_LISTS = Fault(
     "not-json",
     "several lists one after another",
     "write one list",
-    _CONVERT,
-    of_file=True,
 )
 ENCODED_TWICE = Fault(
     "not-json",
     "the JSON inside a string: it was encoded twice",
     "use json.dump alone, without json.dumps",
-    _CONVERT,
-    of_file=True,
 )
 TRAILING_TEXT = Fault(
     "not-json",
     "text after the JSON: {example}",
     "remove it",
-    _CONVERT,
-    of_file=True,
 )
 PYTHON_LITERAL = Fault(
     "not-json",
     "a list printed by Python instead of JSON",
     "write it with json.dump",
-    _CONVERT,
-    of_file=True,
 )
 WRAPPED = Fault(
     "not-a-list",
     "the records under the key {example}",
     "write only the list of records",
-    _CONVERT,
-    of_file=True,
 )
 NESTED_LISTS = Fault(
     "not-a-list",
     "lists of records inside the list",
     "write one flat list of records",
-    _CONVERT,
-    of_file=True,
 )
 TABLE = Fault(
     "not-a-list",
     "a table of columns instead of records",
     'write a list of records (pandas: to_json(orient="records"))',
-    _CONVERT,
-    of_file=True,
 )
 KEYED_BY_ROW = Fault(
     "not-a-list",
     "records keyed by row numbers, such as {example}",
     'write a list of records (pandas: to_json(orient="records"))',
-    _CONVERT,
-    of_file=True,
 )
 DECIMAL_IDS = Fault(
     "wrong-type",
     "an object id written as a decimal, such as {example}",
     "write whole numbers",
-    _CONVERT,
 )
 DISAGREEING_ANSWERS = Fault(
     "two-answers",
     "different answers under two keys, such as {example}",
     "keep one of the keys",
+    convert="",
 )
 VIEWS_NOT_WHOLE = Fault(
     "wrong-view",
     "a view index that is not written as a whole number, such as {example}",
     "write whole numbers",
-    _CONVERT,
 )
 NULL_BOXES = Fault(
     "missing-field",
     "a null predBox and no object id",
     "write predObjId -1 where the agent predicts no object",
-    _CONVERT,
 )
 POSES_AS_OBJECTS = Fault(
     "wrong-type",
     "poses written as objects, such as {example}",
     f"write lists {POSE_FORM}",
-    _CONVERT,
 )
 ANGLES_AS_TEXT = Fault(
     "wrong-type",
     "angles written as text, such as {example}",
     "write numbers",
-    _CONVERT,
 )
 NUMBERED_VIEWPOINTS = Fault(
     "wrong-type",
     "viewpoints given as numbers, such as {example}",
     "write the viewpoint ids of the connectivity files, not their positions in them",
+    convert="",
 )
 PADDED_IDS = Fault(
     "unknown-episode",
@@ -196,6 +172,7 @@ IDS_OF_TASKS = Fault(
     "unknown-episode",
     "a task's id instead of an episode's, such as {example}",
     "add an underscore and the index of the instruction, counted from 0",
+    convert="",
 )
 PADDED_VIEWPOINTS = Fault(
     "unknown-viewpoint",
@@ -213,14 +190,13 @@ REPEATED_RECORDS = Fault(
     "duplicate-episode",
     "the same trajectory and answer as an earlier record, such as {example}",
     "remove the repeats",
-    _CONVERT,
 )
 
 
 def misspelt(field: str, meant: str) -> Fault:
     """Return the fault of records that have a field under another name; one for each name."""
     what = f"the field {_json(field).replace('{', '{{').replace('}', '}}')}, which is not read"
-    return Fault("misspelt-field", what, f"did you mean {meant}? Rename it", _CONVERT)
+    return Fault("misspelt-field", what, f"did you mean {meant}? Rename it")
 
 
 class RecordLocation(NamedTuple):
@@ -465,10 +441,10 @@ def ids_of_another_task(count: int, first: str, task: Task, others: Sequence[Tas
     return Problem("other-task", WHOLE_FILE, message)
 
 
-def fields_of_another_task(key: str, task: Task, other: Task) -> Problem:
+def results_of_another_task(task: Task, other: Task, sign: str) -> Problem:
     message = (
-        f"holds results of {other.title}, not of {task.title}: their ids are in {_json(key)}; "
-        f"score the file with --task {other.name}"
+        f"holds results of {other.title}, not of {task.title}: {sign}; score the file with --task "
+        f"{other.name}"
     )
     return Problem("other-task", WHOLE_FILE, message)
 
@@ -482,14 +458,6 @@ def ids_outside_demo(count: int, first: str, split: str, task: Task) -> Problem:
         f"-o {split}.npz` once and pass --ground-truth {split}.npz"
     )
     return Problem("not-the-demo-world", WHOLE_FILE, message)
-
-
-def trajectories_of_another_task(task: Task, other: Task) -> Problem:
-    message = (
-        f"holds results of {other.title}, not of {task.title}: their trajectories are objects with "
-        f"a path; score the file with --task {other.name}"
-    )
-    return Problem("other-task", WHOLE_FILE, message)
 
 
 def repeated_key(key: str) -> Problem:

@@ -100,7 +100,7 @@ class ReadingLog:
     def fixed(self) -> Sequence[str]:
         """Return the mistakes whose meaning is clear, a phrase each."""
         return [
-            fault.fixed(found.count, found.example)
+            fault.fixed(found.count, found.where, found.example)
             for fault, found in self._faults.items()
             if fault.convert
         ]

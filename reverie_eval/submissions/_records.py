@@ -241,10 +241,12 @@ def _check_task(records: Sequence[Mapping[str, Any]], task: Task) -> None:
     are_items = bool(records) and all(map(is_item, records))
     for other in map(find_task, BUILT_IN):
         if are_items and other.has_items and not task.has_items:
-            raise SubmissionError([problems.trajectories_of_another_task(task, other)])
+            sign = "their trajectories are objects with a path"
+            raise SubmissionError([problems.results_of_another_task(task, other, sign)])
         for key in set(other.id_keys) - set(task.id_keys):
             if records and all(_has_id(record, key, task) for record in records):
-                raise SubmissionError([problems.fields_of_another_task(key, task, other)])
+                sign = f"their ids are in {key!r}"
+                raise SubmissionError([problems.results_of_another_task(task, other, sign)])
 
 
 def _has_id(record: Mapping[str, Any], key: str, task: Task) -> bool:

@@ -103,11 +103,11 @@ def read_trajectory(location: RecordLocation, record: Mapping[str, Any], log: Re
 
 def _read_plain(trajectory: Sequence[Any]) -> Poses | None:
     """Read poses that are all ``["viewpoint", heading, elevation]``; None if some are not."""
-    if not _have_types(trajectory, {list}) or set(map(len, trajectory)) != {_POSE_LENGTH}:
+    if not have_types(trajectory, {list}) or set(map(len, trajectory)) != {_POSE_LENGTH}:
         return None
     viewpoints, headings, elevations = zip(*trajectory, strict=True)
     angles = (*headings, *elevations)
-    if not (_have_types(viewpoints, {str}) and _have_types(angles, {float, int})):
+    if not (have_types(viewpoints, {str}) and have_types(angles, {float, int})):
         return None
     if not all(map(is_finite, angles)):
         return None
@@ -117,10 +117,10 @@ def _read_plain(trajectory: Sequence[Any]) -> Poses | None:
 
 def _read_hops(trajectory: Sequence[Any], log: ReadingLog) -> Poses | None:
     """Read hops, lists of nothing but viewpoint ids; None if some elements are no hops."""
-    if not _have_types(trajectory, {list}):
+    if not have_types(trajectory, {list}):
         return None
     viewpoints = tuple(chain.from_iterable(trajectory))
-    if not _have_types(viewpoints, {str}):
+    if not have_types(viewpoints, {str}):
         return None
     lengths = tuple(map(len, trajectory))
     if _POSE_LENGTH in lengths and any(map(_has_angles_as_text, trajectory)):
@@ -148,7 +148,8 @@ def _make_paths(lengths: tuple[int, ...]) -> Sequence[PosePath]:
 _shared_paths = lru_cache(maxsize=1024)(_make_paths)
 
 
-def _have_types(values: Iterable[object], types: AbstractSet[type]) -> bool:
+def have_types(values: Iterable[object], types: AbstractSet[type]) -> bool:
+    """Whether every value is of one of these types itself; subclasses do not count."""
     return set(map(type, values)) <= types
 
 

@@ -19,43 +19,27 @@ _PREFIX = re.compile(r"^(?:[A-Za-z][A-Za-z0-9]*[_-])+")
 _INSTRUCTION = re.compile(r"\d{1,9}$")
 
 
-def _without_prefix(instr_id: str) -> str:
-    return _PREFIX.sub("", instr_id)
-
-
 def _counted_from_zero(instr_id: str) -> str:
     return _INSTRUCTION.sub(lambda index: str(int(index[0]) - 1), instr_id)
-
-
-def _first_of_task(instr_id: str) -> str:
-    return f"{instr_id}_0"
-
-
-def _without_scan(viewpoint_id: str) -> str:
-    return viewpoint_id.rpartition("_")[2]
 
 
 # Each cause with what the id would be without the mistake.
 _INSTR_ID_CAUSES: Sequence[tuple[Fault, _Correction]] = (
     (problems.PADDED_IDS, str.strip),
-    (problems.PREFIXED_IDS, _without_prefix),
+    (problems.PREFIXED_IDS, lambda instr_id: _PREFIX.sub("", instr_id)),
     (problems.IDS_FROM_ONE, _counted_from_zero),
-    (problems.IDS_OF_TASKS, _first_of_task),
+    (problems.IDS_OF_TASKS, lambda task_id: f"{task_id}_0"),
 )
 _VIEWPOINT_CAUSES: Sequence[tuple[Fault, _Correction]] = (
     (problems.PADDED_VIEWPOINTS, str.strip),
-    (problems.VIEWPOINTS_WITH_SCANS, _without_scan),
+    (problems.VIEWPOINTS_WITH_SCANS, lambda named: named.rpartition("_")[2]),
 )
 
 
 def fix_instr_ids(ids: _Ids, ground_truth: GroundTruth, log: ReadingLog, place: _Place) -> _Ids:
-    """Find what unknown instr_ids have in common.
+    """Return the ids without the mistake that unknown ones have in common, and note it in the log.
 
-    Returns
-    -------
-    sequence of ids
-        The ids without the mistake, which is noted in the log; the ids as they are, if no mistake
-        explains at least half of the unknown ones.
+    Ids stay as they are if no mistake explains at least half of the unknown ones.
     """
     return _fix(ids, ground_truth.episodes.index, _INSTR_ID_CAUSES, log, place)
 

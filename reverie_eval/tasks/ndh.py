@@ -71,15 +71,6 @@ class NdhAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
         return bool(self.end_panos and self.planner_path and self.player_path)
 
 
-_PUBLISHED: Mapping[str, str] = MappingProxyType(
-    {
-        "9fc7963ffcb41a8e592db21eb6201e910096c3d3921bceb670a22f683f31f273": "val_seen",
-        "7cf9e3ccc5f45286ce1a333232e384f73fceb7b40da1d6f2b3f6e96c742efc5f": "val_unseen",
-    }
-)
-"""The published files by their SHA-256."""
-
-
 def _official(name: str, path: str, reference: str = "") -> Protocol:
     return Protocol(
         name=name,
@@ -103,7 +94,12 @@ TASK = Task(
     annotation=NdhAnnotation,
     file_name="{split}.json",
     folder="tasks/NDH/data",
-    published=_PUBLISHED,
+    published=MappingProxyType(
+        {
+            "9fc7963ffcb41a8e592db21eb6201e910096c3d3921bceb670a22f683f31f273": "val_seen",
+            "7cf9e3ccc5f45286ce1a333232e384f73fceb7b40da1d6f2b3f6e96c742efc5f": "val_unseen",
+        }
+    ),
     id_pattern=r"\d+",
     id_form="the numbers inst_idx of the annotations",
     id_example="5354",

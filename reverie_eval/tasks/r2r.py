@@ -1,6 +1,5 @@
 """R2R, Room-to-Room: follow an instruction to the end of a path."""
 
-from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated
 
@@ -22,16 +21,6 @@ class R2RAnnotation(PathAnnotation, frozen=True, kw_only=True):
         return str(self.path_id)
 
 
-_PUBLISHED: Mapping[str, str] = MappingProxyType(
-    {
-        "755633db9d5e64d5ca71d329c5046bb722781a09f0d1d501d7e8d094c83652ec": "val_seen",
-        "1cc730adc1c098998ac9191462849fc725e0c5336984a35bfbac7d5f044e682c": "val_unseen",
-        "f7e28b527ab7fd209010439b327269c18d315888c68ecc81486ef20d58046f10": "test",
-    }
-)
-"""The published files by their SHA-256."""
-
-
 TASK = Task(
     name="r2r",
     title="R2R",
@@ -42,7 +31,13 @@ TASK = Task(
     annotation=R2RAnnotation,
     file_name="R2R_{split}.json",
     folder="tasks/R2R/data",
-    published=_PUBLISHED,
+    published=MappingProxyType(
+        {
+            "755633db9d5e64d5ca71d329c5046bb722781a09f0d1d501d7e8d094c83652ec": "val_seen",
+            "1cc730adc1c098998ac9191462849fc725e0c5336984a35bfbac7d5f044e682c": "val_unseen",
+            "f7e28b527ab7fd209010439b327269c18d315888c68ecc81486ef20d58046f10": "test",
+        }
+    ),
     edited_copies=MappingProxyType(
         {
             "b9fa5a68e28e289de5e078a770660aa166d88c73fca9e0ee4a19f5168aac1343": "path 4554 lacks "

@@ -1,17 +1,10 @@
 """R4R, Room-for-Room: follow two joined paths of R2R, and stay on them."""
 
-from collections.abc import Mapping
 from types import MappingProxyType
 
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Task
 from reverie_eval.tasks.r2r import R2RAnnotation
-
-_RELEASES: Mapping[tuple[str, int, int], str] = MappingProxyType(
-    {("val_seen", 115, 1035): "R4R", ("val_unseen", 5018, 45162): "R4R"}
-)
-"""The splits that papers report on, with their numbers of paths and instructions, from the
-project's README: nobody distributes them, and everybody builds them from R2R."""
 
 TASK = Task(
     name="r4r",
@@ -23,7 +16,9 @@ TASK = Task(
     annotation=R2RAnnotation,
     file_name="R4R_{split}.json",
     folder="tasks/R4R/data",
-    releases=_RELEASES,
+    # The splits that papers report on, from the project's README: nobody distributes them, and
+    # everybody builds them from R2R.
+    releases=MappingProxyType({("val_seen", 115, 1035): "R4R", ("val_unseen", 5018, 45162): "R4R"}),
     edited_copies=MappingProxyType(
         {
             "34be4ee2718b15dc990dab6a98ae10fbcc2bf2d22e0191975f953fa16b84b446": "built by the "

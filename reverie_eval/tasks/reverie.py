@@ -1,13 +1,12 @@
 """REVERIE: find an object from a high-level instruction, and name it."""
 
-from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated
 
 from msgspec import Meta, field
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
-from reverie_eval.metrics import CATALOGUE, ranking_metrics
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
 from reverie_eval.tasks._annotation import PathAnnotation
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Task
@@ -94,19 +93,6 @@ _PROTOCOLS = (
     ),
 )
 
-_RELEASES: Mapping[tuple[str, int, int], str] = MappingProxyType(
-    {
-        ("val_seen", 515, 1423): "REVERIE v1",
-        ("val_unseen", 1328, 3521): "REVERIE v1",
-        ("test", 2304, 6292): "REVERIE v1",
-        ("train", 4071, 10290): "REVERIE v2",
-        ("val_seen", 501, 1384): "REVERIE v2",
-        ("val_unseen", 1292, 3433): "REVERIE v2",
-        ("test", 2244, 6144): "REVERIE v2",
-    }
-)
-"""The splits of the known releases, with their numbers of records and instructions."""
-
 
 TASK = Task(
     name="reverie",
@@ -118,7 +104,17 @@ TASK = Task(
     annotation=ReverieAnnotation,
     file_name="REVERIE_{split}.json",
     folder="tasks/REVERIE/data",
-    releases=_RELEASES,
+    releases=MappingProxyType(
+        {
+            ("val_seen", 515, 1423): "REVERIE v1",
+            ("val_unseen", 1328, 3521): "REVERIE v1",
+            ("test", 2304, 6292): "REVERIE v1",
+            ("train", 4071, 10290): "REVERIE v2",
+            ("val_seen", 501, 1384): "REVERIE v2",
+            ("val_unseen", 1292, 3433): "REVERIE v2",
+            ("test", 2244, 6144): "REVERIE v2",
+        }
+    ),
     id_pattern=r"\d+_\d+_\d+",
     id_form="<task id>_<index of the instruction>, counted from 0",
     id_example="4774_267_1",
@@ -127,5 +123,5 @@ TASK = Task(
     protocols=_PROTOCOLS,
     aliases=MappingProxyType({"hamt": "duet", "hm3d": "scalevln"}),
     headline=[key for key, metric in CATALOGUE.items() if metric.headline],
-    ranking=[metric.key for metric in ranking_metrics()],
+    ranking=(PRIMARY_METRIC, "rgs", "spl"),
 )

@@ -193,8 +193,16 @@ def test_words_of_the_instruction(frame: pd.DataFrame) -> None:
     assert found["rgs"] == frame["rgs"][chosen].mean()
     with pytest.raises(ProtocolError, match="all the words 'bed zeppelin': zeppelin is in none"):
         scores.with_words("bed zeppelin")
-    with pytest.raises(ProtocolError, match="with_words needs a word"):
+    with pytest.raises(
+        ProtocolError, match=r"^with_words needs a word that instructions may have$"
+    ):
         scores.with_words("", "?")
+
+
+def test_all_words_of_an_instruction_find_it(frame: pd.DataFrame) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    instr_id, text = frame.index[3], frame["instruction"].iloc[3]
+    assert instr_id in scores.with_words(text).instr_ids
 
 
 def test_the_keys_of_groupings_are_typed() -> None:

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reverie_eval import CATALOGUE, GroundTruth, evaluate, evaluate_protocols
-from reverie_eval.metrics import table_metrics
 from reverie_eval.scoring import BOX_OUTCOMES, Protocol
 from reverie_eval.submissions import Submission
+from reverie_eval.tasks import find_task
 from tests.support.oracle import Scan, score
 from tests.support.worlds import (
     SPLIT,
@@ -99,6 +99,14 @@ def test_the_unit_matches_the_kind(key: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("key", "value", "shown"),
+    [("success", 1.0, "yes"), ("success", 0.0, "no"), ("spl", 0.5, "50.00")],
+)
+def test_the_value_of_one_episode(key: str, value: float, shown: str) -> None:
+    assert CATALOGUE[key].display_one(value) == shown
+
+
+@pytest.mark.parametrize(
     ("key", "value", "shown", "rounded"),
     [
         pytest.param("success", 0.54532677, "54.53", 0.5453, id="a fraction"),
@@ -123,7 +131,8 @@ def test_rounding_keeps_the_digits_that_are_shown(
     ],
 )
 def test_the_columns_of_a_score_table(scored: Sequence[str], columns: Sequence[str]) -> None:
-    assert [metric.key for metric in table_metrics(scored)] == columns
+    shown = find_task("reverie").table_metrics(scored)
+    assert [metric.key for metric in shown] == columns
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_differences_are_of_paired_values() -> None:
     p_value = holm(np.stack([randomisation_p(each, cluster, seed=4) for each in changes.values()]))
     for row, (name, change) in enumerate(changes.items()):
         columns = dict(zip(keys, change.T, strict=True))
-        interval = Intervals.of(columns, cluster, "scan", seed=4)
+        interval = Intervals.of_several({name: columns}, cluster, "scan", seed=4)[name]
         assert list(comparison[name]) == keys
         for column, key in enumerate(keys):
             found = comparison[name][key]

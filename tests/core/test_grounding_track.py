@@ -82,6 +82,17 @@ def test_answers_alone_are_valid(prepare: Callable[[Bundle], Bundle]) -> None:
         rv.validate(given, split=SPLIT, ground_truth=truth)
 
 
+def test_every_protocol_that_scores_grounding_scores_answers_alone(demo: GroundTruth) -> None:
+    found = rv.evaluate_protocols(
+        answers_of(GOOD), split=SPLIT, ground_truth=demo, track="grounding"
+    )
+    assert "r2r-style" not in found
+    assert {name: dict(scores) for name, scores in found.items()} == {
+        name: {"rgs": 55 / 84} for name in found
+    }
+    assert "official-v1" in found
+
+
 def test_the_command_checks_answers_alone(answers: list[str], run: Run) -> None:
     assert run("validate", answers[0], *GROUNDING).status == 0
     assert run("validate", answers[0], "--split", SPLIT).status == 1
@@ -129,6 +140,18 @@ def test_an_evaluator_of_answers_alone() -> None:
     scores = evaluator(answers_of(GOOD))
     assert dict(scores) == {"rgs": 55 / 84}
     assert "|track:grounding|" in scores.signature
+
+
+def test_scores_of_answers_alone_in_parts() -> None:
+    whole = rv.evaluate(answers_of(GOOD), split=SPLIT, track="grounding")
+    rest, first = whole.subset(whole.instr_ids[7:]), whole.subset(whole.instr_ids[:7])
+    assert first.headline == whole.headline
+    again = rv.Scores.concatenate([first, rest])
+    assert (dict(again), again.signature, again.headline) == (
+        dict(whole),
+        whole.signature,
+        whole.headline,
+    )
 
 
 def test_unusable_tracks_are_refused_before_anything_is_scored() -> None:

@@ -99,6 +99,25 @@ def test_an_executor(executor: Executor, files: list[str]) -> None:
     check(rv.evaluate_many(files, split=SPLIT, executor=executor), files)
 
 
+@pytest.mark.parametrize("where", [None, Pickling()], ids=["here", "elsewhere"])
+@pytest.mark.parametrize("option", ["protocol", "track", "subset", "ground_truth"])
+def test_files_are_scored_as_asked(
+    option: str, where: Executor | None, files: list[str], demo: rv.GroundTruth
+) -> None:
+    ids = demo.episodes.instr_ids[:20]
+    given = {
+        "protocol": "duet",
+        "track": "grounding",
+        "subset": ids,
+        "ground_truth": demo.subset(ids),
+    }
+    options: dict[str, Any] = {option: given[option]}
+    scored = rv.evaluate_many(files[:2], split=SPLIT, jobs=1, executor=where, **options)
+    for file in files[:2]:
+        alone = rv.evaluate(file, split=SPLIT, **options)
+        assert (dict(scored[file]), scored[file].signature) == (dict(alone), alone.signature)
+
+
 def test_ground_truth_that_is_no_file(files: list[str], demo: rv.GroundTruth) -> None:
     truth = replace(demo, origin="memory")
     check(rv.evaluate_many(files, split=SPLIT, ground_truth=truth, executor=Pickling()), files)
@@ -121,8 +140,9 @@ def test_another_bundle_elsewhere(files: list[str], tmp_path: Path) -> None:
             done.set_result(("0" * 64, results))
             return done
 
-    with pytest.raises(rv.GroundTruthError, match="a different ground truth"):
+    with pytest.raises(rv.GroundTruthError, match=r"give all processes the same file$") as refused:
         rv.evaluate_many(files, split=SPLIT, executor=Elsewhere())
+    assert str(refused.value).startswith("a process found a different ground truth in ")
 
 
 def test_files_without_answers_come_last(tmp_path: Path, demo: rv.GroundTruth) -> None:

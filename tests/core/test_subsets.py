@@ -64,6 +64,10 @@ def test_the_grounding_track(ids: list[str], demo: rv.GroundTruth) -> None:
     assert "|track:grounding|subset:" in scores.signature
 
 
+def test_a_subset_is_validated(ids: list[str]) -> None:
+    assert rv.validate(GOOD, split=SPLIT, subset=ids[:5]).abstained.shape == (5,)
+
+
 def test_the_signature_names_the_subset(ids: list[str], demo: rv.GroundTruth) -> None:
     scores = rv.evaluate(GOOD, split=SPLIT, subset=ids)
     again = rv.evaluate(GOOD, split=SPLIT, subset=reversed(ids))

@@ -14,7 +14,7 @@ from reverie_eval import GroundTruth, validate
 from reverie_eval.geometry import view_angles
 from reverie_eval.scoring import PreparedSubmission, find_protocol
 from reverie_eval.submissions import BoxAnswers, read_predictions
-from reverie_eval.submissions._box_hints import _READINGS, box_hints, box_scale_problems
+from reverie_eval.submissions._box_hints import _other_readings, box_hints, box_scale_problems
 from reverie_eval.submissions._hints import _point_hints
 from tests.support.worlds import SPLIT
 
@@ -335,7 +335,7 @@ def test_what_boxes_say_by_themselves(boxes: BoxAnswers, hints: list[str]) -> No
 )
 def test_another_reading_worked_by_hand(reading: str, box: Box, view: int) -> None:
     given = np.array([[10.0, 20.0, 30.0, 50.0]]), np.array([13])
-    boxes, views = _READINGS[reading](given)
+    boxes, views = _other_readings(*given)[reading]
     assert boxes[0].tolist() == pytest.approx(box)
     assert views.tolist() == [view]
 
@@ -343,7 +343,7 @@ def test_another_reading_worked_by_hand(reading: str, box: Box, view: int) -> No
 def test_views_at_the_ends_of_their_rows() -> None:
     boxes, views = np.zeros((4, 4)), np.array([0, 11, 12, 35])
     read = {
-        name: _READINGS[name]((boxes, views))[1].tolist()
+        name: _other_readings(boxes, views)[name][1].tolist()
         for name in ("views counted from 1", "views one too low", "views whose first row looks up")
     }
     assert read == {

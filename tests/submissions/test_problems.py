@@ -178,7 +178,7 @@ def of_record(report: Callable[[], Problem], code: str, field: str, message: str
             "'5_0': score the file with --task r2r",
         ),
         of_file(
-            lambda: problems.fields_of_another_task("inst_idx", REVERIE, NDH),
+            lambda: problems.results_of_another_task(REVERIE, NDH, "their ids are in 'inst_idx'"),
             "other-task",
             "holds results of NDH, not of REVERIE: their ids are in 'inst_idx'; score the file "
             "with --task ndh",
@@ -200,7 +200,9 @@ def of_record(report: Callable[[], Problem], code: str, field: str, message: str
             "test.npz",
         ),
         of_file(
-            lambda: problems.trajectories_of_another_task(REVERIE, SOON),
+            lambda: problems.results_of_another_task(
+                REVERIE, SOON, "their trajectories are objects with a path"
+            ),
             "other-task",
             "holds results of SOON, not of REVERIE: their trajectories are objects with a path; "
             "score the file with --task soon",
@@ -485,10 +487,10 @@ def test_a_fault_of_many_records() -> None:
     assert of_many.message == (
         "1,200 records have different answers under two keys, such as null; keep one of the keys"
     )
-    assert problems.DECIMAL_IDS.fixed(1, 3.0) == (
+    assert problems.DECIMAL_IDS.fixed(1, "[3].predObjId", 3.0) == (
         "an object id written as a decimal, such as 3.0, in 1 record"
     )
-    assert problems.WRAPPED.fixed(2, "results") == "the records under the key 'results'"
+    assert problems.WRAPPED.fixed(1, "file", "results") == "the records under the key 'results'"
 
 
 def test_a_misspelt_field_may_have_braces() -> None:

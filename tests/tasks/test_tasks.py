@@ -6,6 +6,7 @@ import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any, get_args
@@ -22,12 +23,16 @@ from reverie_eval import (
     Scores,
     SubmissionError,
     compare,
+    diagnose,
     evaluate,
     evaluate_many,
+    evaluate_protocols,
+    validate,
 )
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import METRICS
+from reverie_eval.scoring._literal_reading import check_first_of_hop
 from reverie_eval.server.service.boards import load_board
 from reverie_eval.server.settings import Also, Split
 from reverie_eval.tasks import (
@@ -124,6 +129,20 @@ def test_batches_saved_scores_and_parts_give_the_scores_of_the_file(
     ):
         assert other.signature == whole.signature
         assert dict(other) == dict(whole)
+
+
+def test_a_task_is_validated_and_diagnosed() -> None:
+    sample = SAMPLES / "r2r.json"
+    expected = evaluate(sample, split="val_unseen", task="r2r")
+    assert len(validate(sample, split="val_unseen", task="r2r").jumps) == len(expected.instr_ids)
+    scored = evaluate_protocols(sample, split="val_unseen", task="r2r")
+    assert {*scored} == {"official-v1", "duet"}
+    assert scored["official-v1"] == expected
+    for scores in diagnose(sample, split="val_unseen", task="r2r", protocol="hamt"):
+        assert scores["success"] == expected["success"]
+    rigid = replace(find_task("r2r"), aliases={})
+    with pytest.raises(ProtocolError, match=r"are those of none of its protocols$"):
+        check_first_of_hop("duet", rigid)
 
 
 def test_several_files_of_a_task(tmp_path: Path) -> None:

@@ -28,7 +28,6 @@ from reverie_eval.server.pages import add_pages
 from reverie_eval.server.pages.rendering import fault_page
 from reverie_eval.server.routes import (
     access,
-    evidence,
     joining,
     operations,
     organising,
@@ -73,7 +72,7 @@ def create_app(
     app.state.address = server.settings.public_address or address
     app.state.is_copy = False
     app.state.runtime = RuntimeState.of(server, workers)
-    for part in (access, joining, splits, submissions, organising, evidence):
+    for part in (access, joining, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
     app.include_router(operations.router)
     add_pages(app)

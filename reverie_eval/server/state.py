@@ -1,7 +1,7 @@
 """The state of a running server, opened once and shared by all requests."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Self
 
@@ -36,7 +36,7 @@ from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.uploads import Uploads, open_uploads
+from reverie_eval.server.store.uploads import open_uploads
 from reverie_eval.tasks import Task
 
 
@@ -45,31 +45,40 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
-@dataclass(frozen=True)
 class ServerState:
-    """Settings, ground truth, database and key of a server."""
+    """Settings, ground truth, database and key of a server, and the services that use them."""
 
-    settings: Settings
-    boards: Mapping[str, Board]
-    database: Database
-    uploads: Uploads
-    signer: Signer
-    audit_log: AuditLog
-    transactions: Transactions
-    intake: Intake
-    submissions: SubmissionService
-    emailed_files: EmailedFiles
-    rescoring: Rescoring
-    evidence: EvidenceService
-    retention: Retention
-    notices: Notices
-    schedules: Schedules
-    snapshots: Snapshots
-    sessions: Sessions
-    entries: EntriesCache
-    episodes: EpisodeService
-    rank_intervals: RankIntervals
-    clock: Clock
+    def __init__(
+        self, settings: Settings, boards: Mapping[str, Board], database: Database, clock: Clock
+    ) -> None:
+        if not database.is_current():
+            remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
+            raise SettingsError([Problem("old-database", "database", remedy)])
+        self.settings, self.boards, self.database, self.clock = settings, boards, database, clock
+        self.signer = signer_of(settings, database)
+        self.uploads = uploads = open_uploads(settings.uploads, settings.folder)
+        self.notices = Notices(settings.banner, paused=settings.paused)
+        self.audit_log = AuditLog(self.signer)
+        self.schedules = schedules = Schedules(settings.splits)
+        self.snapshots = Snapshots(lambda: boards, schedules)
+        self.transactions = transactions = Transactions(
+            database, self.audit_log, clock, settings.channels, self.snapshots.take_due
+        )
+        attempts = Attempts(database, clock)
+        self.intake = Intake(
+            boards, uploads, transactions, self.notices, attempts, schedules, settings
+        )
+        self.submissions = SubmissionService(
+            boards, uploads, transactions, schedules, settings.required_metadata
+        )
+        self.emailed_files = EmailedFiles(self.intake, self.submissions)
+        self.rescoring = Rescoring(boards, uploads, transactions)
+        self.evidence = EvidenceService(boards, database, uploads, self.signer)
+        self.retention = Retention(uploads, transactions, settings.keep_uploads_days)
+        self.sessions = Sessions(self.signer.secret_for("browser sessions"))
+        self.entries = EntriesCache(schedules)
+        self.episodes = EpisodeService(boards, self.submissions)
+        self.rank_intervals = RankIntervals()
 
     @classmethod
     def open(cls, settings: Settings, clock: Clock = utc_now) -> Self:
@@ -85,74 +94,10 @@ class ServerState:
         boards = load_boards(settings)
         database = Database(settings.database_url)
         try:
-            return cls._opened(settings, boards, database, clock)
+            return cls(settings, boards, database, clock)
         except BaseException:
             database.close()
             raise
-
-    @classmethod
-    def _opened(
-        cls, settings: Settings, boards: Mapping[str, Board], database: Database, clock: Clock
-    ) -> Self:
-        if not database.is_current():
-            remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
-            raise SettingsError([Problem("old-database", "database", remedy)])
-        signer = signer_of(settings, database)
-        uploads = open_uploads(settings.uploads, settings.folder)
-        notices = Notices(settings.banner, paused=settings.paused)
-        audit_log = AuditLog(signer)
-        schedules = Schedules(settings.splits)
-        snapshots = Snapshots(lambda: boards, schedules)
-        transactions = Transactions(
-            database, audit_log, clock, settings.channels, snapshots.take_due
-        )
-        intake = Intake(
-            boards,
-            database,
-            uploads,
-            signer,
-            clock,
-            transactions,
-            notices,
-            Attempts(database, clock),
-            schedules,
-            settings.required_metadata,
-            most_bytes=settings.limits.unpacked_mebibytes << 20,
-            mebibytes_per_day=settings.limits.mebibytes_per_day,
-        )
-        submissions = SubmissionService(
-            boards,
-            database,
-            uploads,
-            transactions,
-            schedules,
-            signer,
-            settings.required_metadata,
-        )
-        sessions = Sessions(signer.secret_for("browser sessions"))
-        return cls(
-            settings,
-            boards,
-            database,
-            uploads,
-            signer,
-            audit_log,
-            transactions,
-            intake,
-            submissions,
-            EmailedFiles(intake, submissions),
-            Rescoring(boards, database, uploads, signer, transactions),
-            EvidenceService(boards, database, uploads, signer),
-            Retention(uploads, transactions, settings.keep_uploads_days),
-            notices,
-            schedules,
-            snapshots,
-            sessions,
-            EntriesCache(schedules),
-            EpisodeService(boards, submissions),
-            RankIntervals(),
-            clock,
-        )
 
     def board(self, split: str, further: str = "") -> Board:
         """Return a split's own leaderboard, or a further one, as :func:`board_named`."""

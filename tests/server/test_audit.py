@@ -16,7 +16,6 @@ from reverie_eval.server.service.audit import (
     Action,
     AuditLog,
     audit_reports,
-    count_entries,
     entries,
     history,
     list_entries,
@@ -28,7 +27,7 @@ from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named, rename_team, team_named
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.rotation import replace_key, revoke_key
-from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.database import Database, count_rows
 from reverie_eval.server.store.tables import AuditEntry, News, Person, SigningKey, Team
 from tests.support.acting import AUDIT_LOG, NOON, acting, add_person, add_team
 
@@ -74,11 +73,11 @@ def test_the_first_entry_and_the_digest_of_a_name(database: Database) -> None:
 
 def test_entries_are_counted(sqlite: Database) -> None:
     with sqlite.writing() as session:
-        assert count_entries(session) == 0
+        assert count_rows(session, AuditEntry) == 0
     with acting(sqlite) as transaction:
         add_team(transaction, "Blue")
         add_team(transaction, "Red")
-        assert count_entries(transaction.session) == 2
+        assert count_rows(transaction.session, AuditEntry) == 2
 
 
 def test_an_action_without_a_time_is_worded_without_one() -> None:

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Phase, Receipt
-from reverie_eval.server.service.embargo import Embargo
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.reviews import any_submission
 from reverie_eval.server.service.submissions import publication
 from reverie_eval.server.settings import Split
@@ -151,12 +151,12 @@ def test_what_was_released_or_is_of_a_split_that_is_gone_keeps_its_scores(held: 
     with held.state.database.reading() as session:
         row = any_submission(session, submission)
         timetables, signer = held.state.schedules.read(session), held.state.signer
-        embargo = Embargo(timetables, signer, CLOSES)
-        assert embargo.report(row).scores == {}
-        after = Embargo(timetables, signer, CLOSES + timedelta(seconds=1))
-        assert after.report(row).scores["success"] > 0
+        view = View(timetables, signer, CLOSES)
+        assert view.score_report(row).scores == {}
+        after = View(timetables, signer, CLOSES + timedelta(seconds=1))
+        assert after.score_report(row).scores["success"] > 0
         row.split = "gone"
-        assert embargo.until(row) is None
+        assert view.held_until(row) is None
 
 
 def test_everyone_sees_a_result_without_scores_and_earlier_ones(held: Serving) -> None:

@@ -12,6 +12,7 @@ import shutil
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import replace
 from datetime import datetime
 from functools import cache
@@ -299,7 +300,9 @@ def test_scores_that_are_held_back_are_not_shown(
 ) -> None:
     splits = adjusted(opened.settings, release_scores="phase-end").splits
     submission = evalai.submit(FOR_TEST, submission_for(PRIVATE))
-    drain(replace(worker, state=replace(opened, schedules=Schedules(splits))), evalai)
+    state = copy(opened)
+    state.schedules = Schedules(splits)
+    drain(replace(worker, state=state), evalai)
     check_finished_once(evalai, submission)
     assert submission.shown == []
     assert submission.stdout == opened.board(PRIVATE).signature

@@ -10,8 +10,8 @@ from sqlalchemy import event, select
 from reverie_eval.server.service import intake
 from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.submissions import View
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import FolderUploads
 from tests.support.serving import OWNER, PRIVATE, Serving, submission_for

@@ -31,7 +31,7 @@ from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.http.middleware import BodyLimits
 from reverie_eval.server.operations import run
 from reverie_eval.server.operations.checks import acting
-from reverie_eval.server.operations.listening import listen
+from reverie_eval.server.operations.run import listen
 from reverie_eval.server.settings import load_settings
 from tests.support.acting import add_person, add_team, create_token
 from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, Serving, make_app, running

@@ -78,7 +78,7 @@ def test_an_earlier_notice_is_known_from_its_moment_on(sqlite: Database) -> None
             "posted_by": "Olga",
             "created_at": NOON + second,
         }
-        shown = [notices.at(first.session, NOON + each * second) for each in (-1, 0, 1, 2)]
+        shown = [notices.current(first.session, NOON + each * second) for each in (-1, 0, 1, 2)]
     assert [each.paused for each in shown] == [False, True, False, False]
     assert [each.created_at for each in shown] == [None, NOON, NOON + second, NOON + second]
 

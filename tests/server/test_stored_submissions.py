@@ -20,13 +20,12 @@ from reverie_eval.schemas.service import (
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.audit import audit_reports, entries
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.embargo import Embargo
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.rank_intervals import cluster_sums
-from reverie_eval.server.service.results import results_of, store_result
+from reverie_eval.server.service.results import results_of, store_result, submission_report
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import (
-    View,
     all_submissions,
     check_metadata,
     list_submissions,
@@ -34,7 +33,6 @@ from reverie_eval.server.service.submissions import (
     publication,
     result_on,
     submission_of,
-    submission_report,
     with_public_episodes,
 )
 from reverie_eval.server.store.tables import ClusterSums, Submission
@@ -238,7 +236,7 @@ def test_what_everyone_sees_of_a_published_submission(several: Serving) -> None:
     )
     hidden = NOON + HOUR
     store(server, submission, earlier=[earlier.model_dump(mode="json")], anonymous_until=hidden)
-    view = View(Embargo({}, server.state.signer, NOON))
+    view = View({}, server.state.signer, NOON)
 
     def seen() -> Any:
         with server.state.database.reading() as session:

@@ -26,8 +26,7 @@ from fixtures.published import published_folder
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http.runtime import MOST_JOINING
-from reverie_eval.server.operations.listening import listen, url_of
-from reverie_eval.server.operations.run import configuration
+from reverie_eval.server.operations.run import configuration, listen, url_of
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from tests.support.participants import private_submission

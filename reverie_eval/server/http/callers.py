@@ -5,7 +5,7 @@ site, so a cookie is only accepted from this server's own pages, and every reque
 something needs the session's CSRF token as well. The API accepts both; pages accept only cookies.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -19,6 +19,7 @@ from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import Role
 from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.tokens import check_organiser_left, valid_token
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.state import ServerState
@@ -44,6 +45,7 @@ _Cookie = APIKeyCookie(
 class Snapshot:
     """The database as one request sees it, and the caller."""
 
+    request: Request
     session: Session
     now: datetime
     browser: BrowserSession | None
@@ -62,6 +64,11 @@ class Snapshot:
         if self.caller is None:
             raise NotSignedInError("send your token: `Authorization: Bearer rv_...`")
         return self.caller
+
+    @property
+    def view(self) -> View:
+        """What may be seen of submissions now."""
+        return state_of(self.request).submissions.view(self.session, self.now)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +104,7 @@ class Call:
         """
         with self.server.database.reading() as session:
             browser, caller = self._sender(session)
-            snapshot = Snapshot(session, self.server.clock(), browser, caller)
+            snapshot = Snapshot(self.request, session, self.server.clock(), browser, caller)
             if self.required is not None:
                 role = snapshot.person.role
                 if self.required == "organiser" and role != "organiser":
@@ -206,19 +213,19 @@ async def anybody(
     return Call(request, state_of(request), token, session_id_of(request, cookie), csrf_token)
 
 
-async def caller(call: Annotated[Call, Depends(anybody)]) -> Call:
-    """Return a call that only people with a token or a session may make."""
-    return replace(call, required="participant")
+def of_role(role: Role, anyone: Callable[..., Awaitable[Call]]) -> Any:
+    """Return the dependency of routes for people with a role, made from that for anyone."""
 
+    async def call_of_role(call: Annotated[Call, Depends(anyone)]) -> Call:
+        return replace(call, required=role)
 
-async def organiser(call: Annotated[Call, Depends(anybody)]) -> Call:
-    """Return a call that only organisers may make."""
-    return replace(call, required="organiser")
+    return Depends(call_of_role)
 
 
 Anybody = Annotated[Call, Depends(anybody)]
-Caller = Annotated[Call, Depends(caller)]
-Organiser = Annotated[Call, Depends(organiser)]
+Caller = Annotated[Call, of_role("participant", anybody)]
+"""A call that only people with a token or a session may make."""
+Organiser = Annotated[Call, of_role("organiser", anybody)]
 
 
 def visit_of(request: Request) -> Call:
@@ -230,16 +237,6 @@ def visit_of(request: Request) -> Call:
 async def visitor(request: Request) -> Call:
     """Return a visit to a page that anyone may see."""
     return visit_of(request)
-
-
-async def member(visit: Annotated[Call, Depends(visitor)]) -> Call:
-    """Return a visit to a page that requires signing in."""
-    return replace(visit, required="participant")
-
-
-async def desk(visit: Annotated[Call, Depends(visitor)]) -> Call:
-    """Return a visit to a page for organisers."""
-    return replace(visit, required="organiser")
 
 
 async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
@@ -263,8 +260,10 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
 
 
 Visitor = Annotated[Call, Depends(visitor)]
-Member = Annotated[Call, Depends(member)]
-Desk = Annotated[Call, Depends(desk)]
+Member = Annotated[Call, of_role("participant", visitor)]
+"""A visit to a page that requires signing in."""
+Desk = Annotated[Call, of_role("organiser", visitor)]
+"""A visit to a page for organisers."""
 Posted = Annotated[FormData, Depends(posted)]
 
 

@@ -158,14 +158,9 @@ class Canary:
 
 
 def _compare_key(server: ServerState) -> None:
-    """Check whether the signing key was replaced since this server started.
+    """Check that the signing key was not replaced since this server started.
 
     A database that cannot be read is reported by another check.
-
-    Raises
-    ------
-    UnhealthyError
-        If it was replaced.
     """
     try:
         with server.database.reading() as session:
@@ -181,14 +176,9 @@ def _compare_key(server: ServerState) -> None:
 
 
 def _compare_rules(server: ServerState, last: LastRules) -> None:
-    """Check whether another server of the database has started with other rules.
+    """Check that no other server of the database has started since with other rules.
 
     A database that cannot be read is not reported here; the next check does that.
-
-    Raises
-    ------
-    UnhealthyError
-        If another server has.
     """
     rules = rules_of(server.boards)
     try:

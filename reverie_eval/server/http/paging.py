@@ -1,15 +1,17 @@
 """Pages of the API's lists: ``limit`` and ``cursor`` in, a Link to the next page out (RFC 8288)."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, TypeVar
 from urllib.parse import urlencode
 
 from fastapi import Depends, Path, Query, Request, Response
 from fastapi.dependencies.models import Dependant
+from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
+from reverie_eval.server.http.callers import Call
 from reverie_eval.server.service.paging import LARGEST, LONGEST, Listed, Page
 from reverie_eval.text import did_you_mean
 
@@ -24,6 +26,11 @@ class Pager:
 
     response: Response
     page: Page
+
+    def read(self, call: Call, rows: Callable[[Session, Page], Listed[Report]]) -> list[Report]:
+        """Return the rows of the page of a list, if the caller may see it, and link the next."""
+        with call.snapshot() as snapshot:
+            return self.reply(rows(snapshot.session, self.page))
 
     def reply(self, listed: Listed[Report]) -> list[Report]:
         """Return the rows of the page, and link the next page."""

@@ -46,9 +46,7 @@ UPLOADS = "uploads/"
 FORMAT = 1
 _SIGNING_KEY = "signing_key"
 _LEVEL = 6
-"""The usual level of gzip. At 9, as of tarfile, submissions take 2.5 times as long for 2 % less."""
-_PIECE = 1 << 20
-"""Bytes of a file that are in memory at a time."""
+"""gzip's own level. tarfile's, 9, takes twice as long for 0.3 % fewer bytes."""
 
 
 class Manifest(BaseModel):
@@ -145,10 +143,7 @@ def _dump(
 ) -> tuple[str, str | None]:
     """Write all rows as lines of JSON; collect the uploads that they refer to, and their counts.
 
-    Returns
-    -------
-    tuple of str and str
-        The migration, and the id of the signing key in use, if any.
+    Returns the migration, and the id of the signing key in use, if any.
     """
     key_id = None
     with database_errors(), closing(Database(settings.database_url)) as database:
@@ -178,17 +173,15 @@ class _Contents:
     def add(self, name: str, content: bytes) -> None:
         self._add(name, io.BytesIO(content), len(content))
 
-    def add_file(self, name: str, file: IO[bytes]) -> None:
+    def add_file(self, name: str, file: io.BufferedIOBase) -> None:
         """Add what was written to a file."""
         self._add(name, file, file.tell())
 
-    def _add(self, name: str, file: IO[bytes], size: int) -> None:
+    def _add(self, name: str, file: io.BufferedIOBase, size: int) -> None:
         member = tarfile.TarInfo(name)
         member.size, member.mode = size, 0o600
-        digest = hashlib.sha256()
         file.seek(0)
-        while piece := file.read(_PIECE):
-            digest.update(piece)
+        digest = hashlib.file_digest(file, "sha256")
         file.seek(0)
         self._archive.addfile(member, file)
         self.digests[name] = digest.hexdigest()

@@ -35,7 +35,7 @@ from reverie_eval.server.settings import (
 )
 from reverie_eval.server.state import ServerState, signer_of, utc_now
 from reverie_eval.server.store.database import AT_ONCE, Database, is_full, known_revisions
-from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import IS_SHOWN, Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
 from reverie_eval.text import count_text
 from reverie_eval.version import __version__
@@ -427,14 +427,8 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
 
 def _at_several(session: Session, board: Board) -> Iterator[Finding]:
     """Look for teams with several results on a leaderboard that shows one of each."""
-    shown = (
-        Submission.split == board.name,
-        Submission.published_at.is_not(None),
-        Submission.withdrawn_at.is_(None),
-    )
-    several = (select(Submission.team_id).where(*shown).group_by(Submission.team_id)).having(
-        func.count() > 1
-    )
+    teams = select(Submission.team_id).where(Submission.split == board.name, IS_SHOWN)
+    several = teams.group_by(Submission.team_id).having(func.count() > 1)
     number = len(session.scalars(several).all())
     if number:
         message = (

@@ -25,18 +25,17 @@ from reverie_eval.server.operations.checks import REFUSALS, Finding, acting, che
 from reverie_eval.server.service.audit import (
     AuditLog,
     all_names_of_teams,
-    count_entries,
     mismatches,
     swapped_names,
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.outbox import announce_fault, given_up
-from reverie_eval.server.service.submissions import submission_report
+from reverie_eval.server.service.results import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.database import AT_ONCE, Database
-from reverie_eval.server.store.tables import StoredSnapshot, Submission
+from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
+from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
 
@@ -290,7 +289,7 @@ def _at_snapshots(session: Session) -> Iterator[Finding]:
 
 
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
-    broken, count = list(audit_log.broken_links(session)), count_entries(session)
+    broken, count = list(audit_log.broken_links(session)), count_rows(session, AuditEntry)
     for number in broken:
         message = f"entry {number} was changed, or the entry before it was removed"
         yield Finding("audit log", "fault", f"{message}; compare with a backup")

@@ -177,13 +177,7 @@ class EvalAIWorker:
 
 
 def _scored(board: Board, content: bytes, *, is_shown: bool) -> End:
-    """Score a submission's JSON text; ``is_shown`` is whether participants may see the scores now.
-
-    Raises
-    ------
-    SubmissionError
-        If it is rejected; lists all problems.
-    """
+    """Score a submission's JSON text; ``is_shown`` says whether participants see the scores now."""
     report = board.scored(content).report
     scores = displayed_scores(report, [metric.key for metric in board.headline])
     result = {

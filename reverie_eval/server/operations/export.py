@@ -3,7 +3,6 @@
 Everything is taken from the leaderboards' own JSON, so nothing is exported that they do not show.
 """
 
-import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,10 +11,11 @@ from typing import Any, Literal, NamedTuple
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import METRICS
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.operations.crate import METADATA, Crate, File
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.csv_files import spreadsheet_cell
+from reverie_eval.server.service.csv_files import write_csv
 from reverie_eval.server.service.leaderboard import as_json
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
@@ -141,12 +141,7 @@ _RESULT = {
     "description": _TEXT,
     "paper": _TEXT,
     "code": _TEXT,
-    "extra_data": _FLAG,
-    "pre_exploration": _FLAG,
-    "ground_truth_objects": _FLAG,
-    "ensemble": _FLAG,
-    "navigation_only": _FLAG,
-    "human": _FLAG,
+    **dict.fromkeys(METHOD_FLAGS, _FLAG),
     "signature": _TEXT,
     "source": _TEXT,
     "reported_date": _TEXT,
@@ -166,13 +161,8 @@ def _table(name: str, rows: Sequence[Row], columns: Mapping[str, str]) -> Export
 
 def _write_csv(table: ExportedTable, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(table.columns)
-        for row in table.rows:
-            cells = (row.get(name) for name in table.columns)
-            writer.writerow(
-                cell if isinstance(cell, float) else spreadsheet_cell(cell) for cell in cells
-            )
+        rows = ([row.get(name) for name in table.columns] for row in table.rows)
+        write_csv(file, table.columns, rows)
 
 
 def _parquet_writer() -> Any:

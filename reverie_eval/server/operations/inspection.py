@@ -9,8 +9,8 @@ from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.audit import INSPECTED
+from reverie_eval.server.service.results import submission_report
 from reverie_eval.server.service.reviews import any_submission
-from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.uploads import stored_upload
 

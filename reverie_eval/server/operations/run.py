@@ -13,13 +13,13 @@ from tempfile import TemporaryDirectory
 import uvicorn
 from starlette.types import ASGIApp
 
+from reverie_eval.errors import ReverieEvalError
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http.patience import PatientProtocol
 from reverie_eval.server.http.telemetry import COUNTING_TOGETHER
 from reverie_eval.server.http.workers import Workers
 from reverie_eval.server.operations.checks import database_errors
 from reverie_eval.server.operations.delivery import delivering
-from reverie_eval.server.operations.listening import listen, url_of
 from reverie_eval.server.operations.logs import LOGGING
 from reverie_eval.server.operations.supervisor import (
     SECONDS_TO_ANSWER,
@@ -33,6 +33,8 @@ from reverie_eval.server.state import ServerState
 
 SECONDS_TO_FINISH = 90
 """Seconds that requests that have begun may take to finish when the server is stopped."""
+_WAITING = 2048
+"""Connections that may wait to be accepted."""
 
 
 def run_server(
@@ -79,6 +81,35 @@ def run_server(
         settle_memory()
         with _stopped_is_done():
             server.run(sockets=[listening])
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Listen at an address; port 0 means any free port.
+
+    Raises
+    ------
+    ReverieEvalError
+        If the address is in use or not this machine's.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        listening = socket.create_server((host, port), family=family, backlog=_WAITING)
+        # Accepted connections inherit it. Without it, a reply's body waits 40 ms until the client
+        # acknowledges the headers.
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    except OSError as error:
+        reason = (error.strerror or str(error)).partition(" (while")[0].lower()
+        raise ReverieEvalError(
+            f"cannot listen at {host}, port {port}: {reason}; choose another address with --host "
+            "or --port (0 for any free port)"
+        ) from None
+    return listening
+
+
+def url_of(listening: socket.socket) -> str:
+    """Return the address as a URL."""
+    host, port = listening.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
 def _run_workers(

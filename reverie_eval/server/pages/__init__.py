@@ -5,7 +5,6 @@ from starlette.middleware.gzip import GZipMiddleware
 
 from reverie_eval.server.pages import (
     boards,
-    comparing,
     desk,
     episodes,
     feeds,
@@ -26,7 +25,6 @@ def add_pages(app: FastAPI) -> None:
     for part in (
         home,
         boards,
-        comparing,
         feeds,
         desk,
         episodes,

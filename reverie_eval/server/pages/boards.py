@@ -1,4 +1,4 @@
-"""The leaderboards, their charts, and export for papers."""
+"""The leaderboards, their charts, comparing two results, and export for papers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,14 +15,17 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.reporting._comparison import signed
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.reporting._submission import headline_of
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
+from reverie_eval.server.service.comparing import compare_results
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import Filter, Ranking, as_bibtex, as_latex
 from reverie_eval.server.service.news import latest_news
@@ -201,9 +204,8 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
         charted = query.shown.of(ranking.rows, ranking)
         is_copy = visitor.request.app.state.is_copy
         return page(
-            visitor.request,
-            "board.html",
             snapshot,
+            "board.html",
             board=board,
             of_split=visitor.server.board(board.name).all,
             ranking=ranking,
@@ -212,7 +214,6 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
             scale=Scale.of(part.rows, query.metric),
             schedule=visitor.server.schedules.in_effect(snapshot.session)[board.name],
-            now=snapshot.now,
             own_team=snapshot.caller and snapshot.caller.team_id,
             axes={
                 metric.key: f"{metric.label}: {metric.name}"
@@ -262,6 +263,20 @@ def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown)
     return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
 
 
+@of_board.get("/compare")
+def show_comparison(
+    board: NamedBoard,
+    visitor: Visitor,
+    _: ScoringSlot,
+    result: Annotated[list[str], Query(default_factory=list)],
+) -> Response:
+    """Compare two results, by their ids."""
+    with visitor.snapshot() as snapshot:
+        ranking = visitor.server.ranking(snapshot.session, board)
+        pair = compare_results(snapshot.session, visitor.server.submissions, ranking, result)
+        return page(snapshot, "compare.html", board=board, pair=pair, signed=signed)
+
+
 @router.get("/boards/{split}/snapshots/{number}")
 def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
     """Show a snapshot of a leaderboard, which never changes."""
@@ -270,9 +285,8 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
         rows = [*shown.leaderboard.rows, *shown.leaderboard.apart]
         scored = {key for row in rows for key in row.scores}
         return page(
-            visitor.request,
-            "snapshot.html",
             snapshot,
+            "snapshot.html",
             shown=shown,
             columns=headline_of(shown.leaderboard.signature, scored),
         )

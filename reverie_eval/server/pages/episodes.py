@@ -17,7 +17,7 @@ from reverie_eval.reporting._maps import EpisodeMap, Step
 from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
 from reverie_eval.server.http.callers import Call, Snapshot, Visitor
 from reverie_eval.server.http.uploads import ScoringSlot
-from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.episodes import Browsing, EpisodeFilter, Run
 from reverie_eval.text import category_text
 
@@ -105,7 +105,7 @@ def show_splits(visitor: Visitor) -> Response:
             (board, episodes.choices(snapshot.session, snapshot.caller, board.name))
             for board in episodes.boards
         ]
-        return page(visitor.request, "episodes.html", snapshot, splits=splits)
+        return page(snapshot, "episodes.html", splits=splits)
 
 
 @router.get("/episodes/{split}")
@@ -125,9 +125,8 @@ def show_episodes(
         pages = max(1, -(-len(rows) // PER_PAGE))
         number = min(number, pages)
         return page(
-            visitor.request,
-            "episodes-list.html",
             snapshot,
+            "episodes-list.html",
             browsing=browsing,
             selection=selection,
             names=_names(browsing.runs),
@@ -157,7 +156,7 @@ def show_episode(
     with visitor.snapshot() as snapshot:
         browsing = _browsing(visitor, snapshot, split, selection)
         content = _episode_content(browsing, selection, instr_id)
-        return page(visitor.request, "episode.html", snapshot, **content)
+        return page(snapshot, "episode.html", **content)
 
 
 def _browsing(visitor: Call, snapshot: Snapshot, split: str, selection: Selection) -> Browsing:
@@ -179,8 +178,8 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
         "selection": selection,
         "episode": episode,
         "map": shown,
-        "picture": _markup(interactive_map_svg(shown)),
-        "key": _markup(map_key(shown)),
+        "picture": drawn(interactive_map_svg(shown)),
+        "key": drawn(map_key(shown)),
         "answers": _answers(episode, walked) if browsing.board.task.has_targets else (),
         "walks": _walks(browsing.runs, walked, shown),
         "neighbours": _neighbours(browsing, selection, instr_id),
@@ -198,14 +197,9 @@ def _answers(episode: Episode, walked: Mapping[str, Episode]) -> Sequence[Answer
     at_end = AnswerView.at_path_end(episode)
     views = answer_views(walked) if walked else [("", at_end)] if at_end else []
     return [
-        AnswerPicture(name, _markup(answer_svg(view, number)), view.caption)
+        AnswerPicture(name, drawn(answer_svg(view, number)), view.caption)
         for number, (name, view) in enumerate(views, 1)
     ]
-
-
-def _markup(drawn: str) -> Markup:
-    """Mark a drawing as safe HTML: all text in it was escaped when it was drawn."""
-    return Markup(drawn)  # noqa: S704
 
 
 def _names(runs: Sequence[Run]) -> Sequence[str]:

@@ -9,7 +9,6 @@ from fastapi.responses import Response
 
 from reverie_eval.geometry import HEIGHT, WIDTH
 from reverie_eval.metrics import METRICS
-from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import ERRORS, NotFoundError
 from reverie_eval.server.http.callers import Call, Visitor
 from reverie_eval.server.http.examples import SUBMISSION
@@ -92,13 +91,7 @@ def show_protocols(visitor: Visitor, task: str = "") -> Response:
 
 
 def _task(visitor: Call, name: str) -> Task:
-    """Return one of the tasks that the splits are of; without a name, the first one.
-
-    Raises
-    ------
-    NotFoundError
-        If no split is of such a task.
-    """
+    """Return one of the tasks that the splits are of; without a name, the first one."""
     known = {task.name: task for task in visitor.server.tasks}
     if name and name not in known:
         raise NotFoundError(
@@ -113,14 +106,11 @@ def show_rules(visitor: Visitor) -> Response:
     server = visitor.server
     with visitor.snapshot() as snapshot:
         return page(
-            visitor.request,
-            "guide/rules.html",
             snapshot,
+            "guide/rules.html",
             boards=server.boards,
             schedules=server.schedules.in_effect(snapshot.session),
-            now=snapshot.now,
             required=server.settings.required_metadata,
-            method_fields=Method.model_fields,
         )
 
 
@@ -129,9 +119,8 @@ def show_api(visitor: Visitor) -> Response:
     """Show how to use the API."""
     with visitor.snapshot() as snapshot:
         return page(
-            visitor.request,
-            "guide/api.html",
             snapshot,
+            "guide/api.html",
             address=address_of_site(visitor.request),
             split=next(iter(visitor.server.boards)),
             errors=ERRORS,
@@ -155,7 +144,7 @@ def show_privacy(visitor: Visitor) -> Response:
 
 def _page(visitor: Call, template: str, **content: Any) -> Response:
     with visitor.snapshot() as snapshot:
-        return page(visitor.request, template, snapshot, **content)
+        return page(snapshot, template, **content)
 
 
 def _example(task: Task) -> str:

@@ -18,7 +18,7 @@ from reverie_eval.schemas.service import Schedule
 from reverie_eval.scoring import Scores
 from reverie_eval.server.http.callers import Snapshot, Visitor
 from reverie_eval.server.pages.boards import NEWS_SHOWN, Scale
-from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.episodes import EpisodeService
@@ -67,12 +67,10 @@ def show_home(visitor: Visitor) -> Response:
     task, *_ = server.tasks
     with visitor.snapshot() as snapshot:
         return page(
-            visitor.request,
-            "home.html",
             snapshot,
+            "home.html",
             task=task,
             leaders=_leaders(server, snapshot),
-            now=snapshot.now,
             example=_example(server.episodes),
             # A link in the settings comes before what is known of the task.
             data=links.get("data", f"https://{task.source}"),
@@ -101,13 +99,12 @@ def _example(episodes: EpisodeService) -> Example | None:
         return None
     board, episode = episodes.example
     view = AnswerView.at_path_end(episode)
-    # Drawings are safe HTML: all text in them was escaped when they were drawn.
     return Example(
         board=board,
         episode=episode,
         is_browsable=board in episodes.boards,
-        picture=Markup(map_svg(EpisodeMap.of({"": episode}).without_routes())),  # noqa: S704
-        answer=None if view is None else Markup(answer_svg(view, 1)),  # noqa: S704
+        picture=drawn(map_svg(EpisodeMap.of({"": episode}).without_routes())),
+        answer=None if view is None else drawn(answer_svg(view, 1)),
     )
 
 

@@ -67,12 +67,10 @@ def _draw(
 ) -> Response:
     with visitor.snapshot() as snapshot:
         return page(
-            visitor.request,
-            "join.html",
             snapshot,
-            problem.status if problem else 200,
+            "join.html",
+            problem,
             typed=typed,
-            problem=problem,
             done=done,
             most_people=MOST_PEOPLE,
             is_open=visitor.server.settings.accept_requests_to_join,

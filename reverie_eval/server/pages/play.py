@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 from fastapi import APIRouter, Depends, Path, Query
 from fastapi.responses import Response
-from markupsafe import Markup
 
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.reporting._answer_svg import ObjectLink, WayLink, answer_svg, panorama_svg
@@ -21,7 +20,7 @@ from reverie_eval.reporting._maps import EpisodeMap
 from reverie_eval.reporting._skyboxes import find_skybox
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.uploads import ScoringSlot
-from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.play import MOST_STEPS, HumanWalk, sample
 
 router = APIRouter()
@@ -72,9 +71,8 @@ def show_sample(split: str, visitor: Visitor, played: Asked) -> Response:
         ids = sample(browsing.board, played.seed, played.n)
         instructions = browsing.annotations.instruction or [""] * len(browsing.annotations.scan)
         return page(
-            visitor.request,
-            "play-sample.html",
             snapshot,
+            "play-sample.html",
             split=split,
             task=browsing.board.task,
             own_name=browsing.board.truth.split,
@@ -98,13 +96,12 @@ def play(
         browsing = visitor.server.episodes.browse(snapshot.session, snapshot.caller, split, [])
         walk = HumanWalk.of(browsing, played.seed, number, played.steps)
         content: dict[str, Any] = {"split": split, "number": number, "walk": walk}
-        content["task"] = walk.board.task
-        content["played"] = played
+        content |= {"task": walk.board.task, "played": played}
         if played.answer:
             content |= _scored(walk, played)
-            return page(visitor.request, "play-scored.html", snapshot, **content)
+            return page(snapshot, "play-scored.html", **content)
         content |= _seen(walk, number, played)
-        return page(visitor.request, "play.html", snapshot, **content)
+        return page(snapshot, "play.html", **content)
 
 
 def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
@@ -124,9 +121,9 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
         for each in walk.objects
     ]
     skybox = find_skybox(walk.annotated, walk.here)
-    drawn = panorama_svg(objects, ways, float(np.rad2deg(walk.heading)), skybox)
+    panorama = panorama_svg(objects, ways, float(np.rad2deg(walk.heading)), skybox)
     return {
-        "panorama": Markup(drawn),  # noqa: S704  # all text in it was escaped
+        "panorama": drawn(panorama),
         "ways": ways,
         "objects": objects,
         "nothing": played.link(split, number, played.walk, NOTHING),
@@ -146,10 +143,10 @@ def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:
     return {
         "count": len(walk.board.truth.episodes.instr_ids),
         "scored": scored,
-        "map": Markup(map_svg(shown)),  # noqa: S704  # all text in it was escaped
-        "key": Markup(map_key(shown)),  # noqa: S704
+        "map": drawn(map_svg(shown)),
+        "key": drawn(map_key(shown)),
         "answers": [
-            (name, Markup(answer_svg(view)), view.caption)  # noqa: S704
+            (name, drawn(answer_svg(view)), view.caption)
             for name, view in answer_views({NAME: scored})
             if walk.board.task.has_targets
         ],

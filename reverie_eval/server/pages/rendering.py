@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from html import unescape
+from http import HTTPStatus
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
@@ -51,28 +52,17 @@ HEADERS = {
 """Pages load nothing from other hosts, and run no inline scripts."""
 _LINK = re.compile(r' (href|src|action|data-source|data-submission)="([^"]*)"')
 """An attribute with an address. No value can look like one: quotes in it are escaped."""
-_SHORT_FLAGS: Mapping[str, str] = MappingProxyType(
+_SHORT_FLAGS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
-        "extra_data": "+data",
-        "pre_exploration": "explored",
-        "ground_truth_objects": "+objects",
-        "ensemble": "ensemble",
-        "navigation_only": "nav only",
-        "human": "human",
+        "extra_data": ("+data", "+d"),
+        "pre_exploration": ("explored", "ex"),
+        "ground_truth_objects": ("+objects", "+o"),
+        "ensemble": ("ensemble", "en"),
+        "navigation_only": ("nav only", "nav"),
+        "human": ("human", "hu"),
     }
 )
-"""What a method discloses, where there is little room."""
-_BRIEF_FLAGS: Mapping[str, str] = MappingProxyType(
-    {
-        "extra_data": "+d",
-        "pre_exploration": "ex",
-        "ground_truth_objects": "+o",
-        "ensemble": "en",
-        "navigation_only": "nav",
-        "human": "hu",
-    }
-)
-"""The same on a phone."""
+"""What a method discloses, where there is little room, and on a phone."""
 _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
@@ -125,11 +115,21 @@ class Site:
 
 
 def page(
-    request: Request,
+    snapshot: Snapshot,
     template: str,
-    snapshot: Snapshot | None,
-    status: int = 200,
+    problem: ProblemDocument | None = None,
+    *,
+    status: int | None = None,
     **content: Any,
+) -> HTMLResponse:
+    """Render a page of what a request sees; after a problem, with its status unless it is given."""
+    usual = problem.status if problem else HTTPStatus.OK
+    content |= {"problem": problem, "now": snapshot.now}
+    return _page(snapshot.request, snapshot, template, status or usual, **content)
+
+
+def _page(
+    request: Request, snapshot: Snapshot | None, template: str, status: int, **content: Any
 ) -> HTMLResponse:
     """Render a page; without a snapshot, the database is not used."""
     site = _site(request, snapshot)
@@ -165,6 +165,11 @@ def with_links(html: str, change: Callable[[str], str | None]) -> str:
 def links_of(html: str) -> Iterator[str]:
     """Return every address in a rendered page."""
     return (unescape(link) for _, link in _LINK.findall(html))
+
+
+def drawn(picture: str) -> Markup:
+    """Mark a drawing as safe HTML: all text in it was escaped when it was drawn."""
+    return Markup(picture)  # noqa: S704
 
 
 def address_of_site(request: Request, path: str = "") -> str:
@@ -220,8 +225,8 @@ def _environment() -> Environment:
         "called": TOKEN_NAMES,
         "flags": METHOD_FLAGS,
         "flag_meanings": {flag: Method.model_fields[flag].description for flag in METHOD_FLAGS},
-        "short_flags": _SHORT_FLAGS,
-        "brief_flags": _BRIEF_FLAGS,
+        "short_flags": {flag: short for flag, (short, _) in _SHORT_FLAGS.items()},
+        "brief_flags": {flag: brief for flag, (_, brief) in _SHORT_FLAGS.items()},
         "longest": {
             "name": LONGEST_NAME,
             "line": LONGEST_LINE,
@@ -230,6 +235,7 @@ def _environment() -> Environment:
         },
         "flags_of": flags_of,
         "guide": guide_address,
+        "method_fields": Method.model_fields,
         "metrics": METRICS,
         "most_extra": MOST_EXTRA,
         "static": static_url,
@@ -377,7 +383,8 @@ def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument
         split, further = (request.path_params.get(name, "") for name in ("split", "further"))
         url = f"/boards/{quote(split)}" + (f"/also/{quote(further)}" if further else "")
         way_on = Place(f"To the whole {split} leaderboard", url)
-    return page(request, "fault.html", snapshot, problem.status, problem=problem, way_on=way_on)
+    about = {"problem": problem, "way_on": way_on}
+    return _page(request, snapshot, "fault.html", problem.status, **about)
 
 
 def _came_from(request: Request) -> str:

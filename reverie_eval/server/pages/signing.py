@@ -62,8 +62,8 @@ def use_invitation(
             session, now = transaction.session, transaction.now
             token = accept_invitation(transaction, invitation.strip()).token
             begun = server.sessions.begin(session, token, now)
-            own = Snapshot(session, now, begun.session, begun.session.token.person)
-            reply = page(request, "welcome.html", own, token=token, back=own_path(back))
+            own = Snapshot(request, session, now, begun.session, begun.session.token.person)
+            reply = page(own, "welcome.html", token=token, back=own_path(back))
     except NotSignedInError as error:
         return _form(visitor, own_path(back), 401, wrong="invitation", fault=str(error))
     set_cookie(request, reply, begun.cookie, begun.session.expires_at - now)
@@ -91,10 +91,9 @@ def _form(
 ) -> Response:
     with visitor.snapshot() as snapshot:
         return page(
-            visitor.request,
-            "sign-in.html",
             snapshot,
-            status,
+            "sign-in.html",
+            status=status,
             fault=fault,
             wrong=wrong,
             back=back,

@@ -43,17 +43,11 @@ def show_submission(
                 return _own_page(visitor, snapshot, submission_id, done)
             except NotFoundError:
                 pass  # it may be published
-        shown = publication(
-            snapshot.session,
-            submission_id,
-            visitor.server.submissions.view(snapshot.session, snapshot.now),
-        )
+        shown = publication(snapshot.session, submission_id, snapshot.view)
         return page(
-            visitor.request,
-            "publication.html",
             snapshot,
+            "publication.html",
             shown=shown,
-            method_fields=Method.model_fields,
             also=_further_boards(visitor, shown.split),
             has_episodes=shown.shows_episodes and _has_episodes(visitor, shown),
         )
@@ -64,8 +58,7 @@ def change_submission(submission_id: str, member: Member, form: Posted, _: Scori
     """Apply one of the forms on the page; each sends only its own fields."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
     with member.snapshot() as snapshot:
-        view = member.server.submissions.view(snapshot.session, snapshot.now)
-        submission_of(snapshot.session, snapshot.person, submission_id, view)
+        submission_of(snapshot.session, snapshot.person, submission_id, snapshot.view)
 
     def draw(problem: ProblemDocument) -> Response:
         with member.snapshot() as snapshot:
@@ -86,24 +79,15 @@ def _own_page(
     typed: Mapping[str, Any] = MappingProxyType({}),
     problem: ProblemDocument | None = None,
 ) -> Response:
-    """Show a submission to its team; after a problem, with the input of the form.
-
-    Raises
-    ------
-    NotFoundError
-        If it does not exist, or belongs to another team.
-    """
+    """Show a submission to its team alone; after a problem, with the input of the form."""
     server, session, person = visit.server, snapshot.session, snapshot.person
-    shown = submission_of(
-        session, person, submission_id, server.submissions.view(snapshot.session, snapshot.now)
-    )
+    shown = submission_of(session, person, submission_id, snapshot.view)
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
     return page(
-        visit.request,
-        "submission.html",
         snapshot,
-        problem.status if problem else 200,
+        "submission.html",
+        problem,
         shown=shown,
         standing=board and _standing(server, session, board, shown),
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
@@ -111,13 +95,10 @@ def _own_page(
         one_per_team=board is not None and board.split.one_per_team,
         events=history(session, shown.id),
         reviews=standing_reviews(session, shown.id),
-        now=snapshot.now,
         typed={**_texts(shown.method), **typed},
-        method_fields=Method.model_fields,
         also=_further_boards(visit, shown.split),
         required=server.settings.required_metadata,
         done=done,
-        problem=problem,
     )
 
 

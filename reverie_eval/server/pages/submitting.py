@@ -38,16 +38,14 @@ def draw(member: Call, typed: Mapping[str, str], status: int = OK, **outcome: An
     server = member.server
     with member.snapshot() as snapshot:
         return page(
-            member.request,
-            "submit.html",
             snapshot,
-            status,
+            "submit.html",
+            status=status,
             typed={**NOTHING, **typed},
             splits=split_quotas(server, snapshot),
             required=server.settings.required_metadata,
-            method_fields=Method.model_fields,
             limit=server.settings.limits.upload_mebibytes,
-            **{"problem": None, "report": None, "other_split": "", **outcome},
+            **{"report": None, "other_split": "", **outcome},
         )
 
 

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._submission import known_task
-from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
+from reverie_eval.schemas.service import QuotaReport, SubmissionReport
 from reverie_eval.server.http.callers import Member, Snapshot
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.boards import Board
@@ -70,20 +70,17 @@ def show_team(member: Member) -> Response:
     """Show the team's people, quotas, submissions and tokens."""
     server = member.server
     with member.snapshot() as snapshot:
-        person, view = snapshot.person, server.submissions.view(snapshot.session, snapshot.now)
-        team = team_of(snapshot.session, person, MOST_SUBMISSIONS, view)
+        team = team_of(snapshot.session, snapshot.person, MOST_SUBMISSIONS, snapshot.view)
         left = [(each.board.name, each.quota) for each in split_quotas(server, snapshot)]
         return page(
-            member.request,
-            "team.html",
             snapshot,
+            "team.html",
             team=team,
-            person=person,
+            person=snapshot.person,
             left=left,
             signed_in_with=snapshot.browser and snapshot.browser.token_id,
             by_task=_by_task(team.submissions),
             progress=_progress(team, server, snapshot.now),
-            now=snapshot.now,
         )
 
 
@@ -107,17 +104,13 @@ def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota
     quotas = server.intake.quotas(snapshot.session, snapshot.person)
     schedules = server.schedules.in_effect(snapshot.session)
     return [
-        _split_quota(board, schedules[name], quotas[name], snapshot.now)
+        SplitQuota(
+            board=board,
+            quota=quotas[name],
+            is_open=schedules[name].is_open(snapshot.now),
+            is_paused=schedules[name].paused,
+            opens_at=schedules[name].opens_at(snapshot.now),
+            closes_at=schedules[name].closes_at(snapshot.now),
+        )
         for name, board in server.boards.items()
     ]
-
-
-def _split_quota(board: Board, schedule: Schedule, quota: QuotaReport, now: datetime) -> SplitQuota:
-    return SplitQuota(
-        board=board,
-        quota=quota,
-        is_open=schedule.is_open(now),
-        is_paused=schedule.paused,
-        opens_at=schedule.opens_at(now),
-        closes_at=schedule.closes_at(now),
-    )

@@ -48,8 +48,7 @@ def ask_to_join(
 )
 def list_requests(organiser: Organiser, paging: Paging) -> list[JoinRequestReport]:
     """List the open requests to join, the earliest first."""
-    with organiser.snapshot() as snapshot:
-        return paging.reply(joining.list_requests(snapshot.session, paging.page))
+    return paging.read(organiser, joining.list_requests)
 
 
 @router.post("/organiser/requests/{request_id}/accept", tags=["organiser"], responses=_REFUSALS)

@@ -2,8 +2,10 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi.responses import StreamingResponse
 
+from reverie_eval.schemas.evidence import EvidenceReport
 from reverie_eval.schemas.organising import (
     AttemptReport,
     AuditReport,
@@ -66,6 +68,7 @@ from reverie_eval.server.service import (
     reviews,
     tokens,
 )
+from reverie_eval.server.service.bulk import archive_of
 
 router = APIRouter(
     prefix="/organiser",
@@ -73,6 +76,8 @@ router = APIRouter(
     responses=problems("not-signed-in", "not-allowed"),
 )
 
+_BINARY = {"type": "string", "format": "binary"}
+Team = Annotated[str | None, Query(max_length=LONGEST_NAME, examples=["Blue"])]
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
 SplitName = Annotated[str, Path(examples=["test"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
@@ -111,8 +116,7 @@ def submit_emailed_file(
 @router.get("/teams")
 def list_teams(organiser: Organiser, paging: Paging) -> list[TeamReport]:
     """List the teams by name, with their people."""
-    with organiser.snapshot() as snapshot:
-        return paging.reply(people.list_teams(snapshot.session, paging.page))
+    return paging.read(organiser, people.list_teams)
 
 
 @router.post("/teams", status_code=201, responses=problems("conflict"))
@@ -136,8 +140,7 @@ def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamRepor
 @router.get("/people")
 def list_people(organiser: Organiser, paging: Paging) -> list[PersonReport]:
     """List all people in the order in which they were added."""
-    with organiser.snapshot() as snapshot:
-        return paging.reply(people.list_people(snapshot.session, paging.page))
+    return paging.read(organiser, people.list_people)
 
 
 @router.post("/people", status_code=201, responses=problems("not-found", "conflict"))
@@ -168,8 +171,7 @@ def change_person(person_id: Number, change: PersonChange, organiser: Organiser)
 @router.get("/tokens")
 def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
     """List tokens and invitations without their text, the latest first."""
-    with organiser.snapshot() as snapshot:
-        return paging.reply(tokens.list_tokens(snapshot.session, paging.page))
+    return paging.read(organiser, tokens.list_tokens)
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-found", "conflict"))
@@ -187,8 +189,7 @@ def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
 @router.get("/grants")
 def list_grants(organiser: Organiser, paging: Paging) -> list[GrantReport]:
     """List the extra submissions granted to teams, the latest first."""
-    with organiser.snapshot() as snapshot:
-        return paging.reply(quotas.list_grants(snapshot.session, paging.page))
+    return paging.read(organiser, quotas.list_grants)
 
 
 @router.post("/grants", status_code=201, responses=problems("not-found"))
@@ -200,8 +201,7 @@ def grant(new: NewGrant, organiser: Organiser) -> GrantReport:
 @router.get("/reviews")
 def list_reviews(organiser: Organiser, paging: Paging) -> list[ReviewEntry]:
     """List all reviews, lifted or not, the latest first."""
-    with organiser.snapshot() as snapshot:
-        return paging.reply(reviews.list_reviews(snapshot.session, paging.page))
+    return paging.read(organiser, reviews.list_reviews)
 
 
 @router.post("/reviews", status_code=201, responses=problems("not-found"))
@@ -219,8 +219,7 @@ def lift_review(review_id: Number, organiser: Organiser) -> ReviewEntry:
 @router.get("/reported")
 def list_reported(organiser: Organiser, paging: Paging) -> list[ReportedEntry]:
     """List the reported results on leaderboards, the latest first."""
-    with organiser.snapshot() as snapshot:
-        return paging.reply(reported.list_reported(snapshot.session, paging.page))
+    return paging.read(organiser, reported.list_reported)
 
 
 @router.post("/reported", status_code=201, responses=problems("not-found", "conflict"))
@@ -309,12 +308,48 @@ def remove_news(news_id: Number, organiser: Organiser) -> NewsReport:
 @router.get("/attempts")
 def list_attempts(organiser: Organiser, paging: Paging) -> list[AttemptReport]:
     """List uploads with their outcomes, the latest first."""
-    with organiser.snapshot() as snapshot:
-        return paging.reply(attempts.list_attempts(snapshot.session, paging.page))
+    return paging.read(organiser, attempts.list_attempts)
 
 
 @router.get("/audit")
 def list_audit(organiser: Organiser, paging: Paging) -> list[AuditReport]:
     """List the audit log, the oldest entry first; `server doctor` checks its chain."""
+    return paging.read(organiser, audit.list_reports)
+
+
+@router.get("/splits/{split}/evidence", responses=problems("not-found"))
+def show_evidence(
+    split: SplitName, organiser: Organiser, _: ScoringSlot, team: Team = None
+) -> EvidenceReport:
+    """Show what the files of a split have in common, and how those of each team differ.
+
+    With a team, also list its submissions. Each request reads a hundred more submissions;
+    `left` says how many remain. `server evidence` reads all.
+    """
+    organiser.person()
+    return organiser.server.evidence.report(split, team)
+
+
+@router.get(
+    "/splits/{split}/submissions.tar",
+    response_class=Response,
+    responses={
+        200: {"content": {"application/x-tar": {"schema": _BINARY}}},
+        **problems("not-found"),
+    },
+)
+def download_submissions(split: SplitName, organiser: Organiser) -> Response:
+    """Return all submissions to a split as a tar archive: metadata.csv, then every file, unpacked.
+
+    Content-Length is the length of the whole archive: if an upload cannot be read, the connection
+    is closed before that.
+    """
+    server = organiser.server
     with organiser.snapshot() as snapshot:
-        return paging.reply(audit.list_reports(snapshot.session, paging.page))
+        board = server.board(split)
+        archive = archive_of(snapshot.session, board, server.uploads, snapshot.view)
+    headers = {
+        "Content-Length": str(archive.length),
+        "Content-Disposition": 'attachment; filename="submissions.tar"',
+    }
+    return StreamingResponse(archive.pieces(), media_type="application/x-tar", headers=headers)

@@ -224,12 +224,7 @@ def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
 def _report(
     board: Board, schedule: Schedule, quota: QuotaReport | None, now: datetime
 ) -> SplitReport:
-    phases = [
-        PhaseReport(
-            name=phase.name, opens=phase.opens, closes=phase.closes, is_open=phase.is_open(now)
-        )
-        for phase in schedule.phases
-    ]
+    phases = [PhaseReport(**dict(phase), is_open=phase.is_open(now)) for phase in schedule.phases]
     return SplitReport(
         name=board.name,
         task=board.task.name,

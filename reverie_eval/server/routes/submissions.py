@@ -30,16 +30,15 @@ _CSV = (
 def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
     """List your team's submissions, the newest first; the organiser sees those of all teams."""
     with caller.snapshot() as snapshot:
-        view = caller.server.submissions.view(snapshot.session, snapshot.now)
-        return paging.reply(list_submissions(snapshot.session, snapshot.person, paging.page, view))
+        person, view = snapshot.person, snapshot.view
+        return paging.reply(list_submissions(snapshot.session, person, paging.page, view))
 
 
 @router.get("/{submission_id}", responses=_OF_ONE)
 def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionReport:
     """Show a submission of your team."""
     with caller.snapshot() as snapshot:
-        view = caller.server.submissions.view(snapshot.session, snapshot.now)
-        return submission_of(snapshot.session, snapshot.person, submission_id, view)
+        return submission_of(snapshot.session, snapshot.person, submission_id, snapshot.view)
 
 
 @router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))

@@ -28,7 +28,14 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Attempt, JoinRequest, Person, Submission, Team
+from reverie_eval.server.store.tables import (
+    IS_SHOWN,
+    Attempt,
+    JoinRequest,
+    Person,
+    Submission,
+    Team,
+)
 
 DAYS_KEPT = 90
 MOST_KEPT = 50_000
@@ -102,17 +109,8 @@ def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[Att
 
 def attempt_report(attempt: Attempt) -> AttemptReport:
     """Return what organisers see of an upload."""
-    return AttemptReport(
-        id=attempt.id,
-        at=attempt.at,
-        person=attempt.person.name,
-        team=attempt.person.team.name,
-        split=attempt.split,
-        outcome=attempt.outcome,
-        problems=attempt.problems,
-        size=attempt.size,
-        milliseconds=attempt.milliseconds,
-    )
+    person = attempt.person
+    return attempt.as_report(AttemptReport, person=person.name, team=person.team.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,9 +164,8 @@ class Day:
 
 def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
     """Count the submissions of each split that has any."""
-    is_published = Submission.published_at.is_not(None) & Submission.withdrawn_at.is_(None)
     # Two statements, as each has an index.
-    published = select(Submission.split, func.count()).where(is_published)
+    published = select(Submission.split, func.count()).where(IS_SHOWN)
     shown = dict(session.execute(published.group_by(Submission.split)).all())
     every = select(Submission.split, func.count())
     counted = every.group_by(Submission.split).subquery()

@@ -186,8 +186,11 @@ def _digest(entry: AuditEntry, key: bytes) -> str:
         *(entry.actor, entry.action, entry.row, entry.subject),
         *(entry.details, entry.previous),
     )
-    message = msgspec.json.encode(parts, order="sorted")
-    return hmac.new(key, message, hashlib.sha256).hexdigest()
+    return _keyed_digest(key, parts)
+
+
+def _keyed_digest(key: bytes, parts: tuple[Any, ...]) -> str:
+    return hmac.new(key, msgspec.json.encode(parts, order="sorted"), hashlib.sha256).hexdigest()
 
 
 def row_name(row: Base) -> str:
@@ -195,14 +198,9 @@ def row_name(row: Base) -> str:
     return f"{row.__tablename__}:{inspect(row).mapper.primary_key_from_instance(row)[0]}"
 
 
-def count_entries(session: Session) -> int:
-    """Return the number of all entries."""
-    return session.scalar(select(func.count()).select_from(AuditEntry)) or 0
-
-
-def entries(session: Session) -> Sequence[AuditEntry]:
-    """Return all entries, the oldest first."""
-    return session.scalars(select(AuditEntry).order_by(AuditEntry.id)).all()
+def entries(session: Session, *where: ColumnElement[bool]) -> Sequence[AuditEntry]:
+    """Return all entries, or those that meet conditions, the oldest first."""
+    return session.scalars(select(AuditEntry).where(*where).order_by(AuditEntry.id)).all()
 
 
 def list_entries(
@@ -231,10 +229,9 @@ def list_reports(session: Session, page: Page) -> Listed[AuditReport]:
 def audit_reports(session: Session, entries: Sequence[AuditEntry]) -> list[AuditReport]:
     """Return entries as organisers see them, with the names of persons."""
     names = names_in(session, entries)
-    fields = ("id", "at", "action", "row", "details", "previous", "digest")
     return [
-        AuditReport(
-            **{name: getattr(entry, name) for name in fields},
+        entry.as_report(
+            AuditReport,
             actor=names.get(entry.actor, entry.actor),
             actor_row=entry.actor if entry.actor in names else "",
             subject=names.get(entry.subject, entry.subject),
@@ -273,10 +270,8 @@ def history(session: Session, submission_id: str) -> Sequence[Event]:
 
     Its team sees this, so it does not say that an organiser inspected it.
     """
-    chosen = select(AuditEntry).where(
-        AuditEntry.subject == submission_id, AuditEntry.action != INSPECTED
-    )
-    found = session.scalars(chosen.order_by(AuditEntry.id)).all()
+    own = AuditEntry.subject == submission_id
+    found = entries(session, own, AuditEntry.action != INSPECTED)
     names = names_in(session, found)
     return [_event(entry, names.get(entry.actor, entry.actor)) for entry in found]
 
@@ -357,16 +352,14 @@ def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
 
 
 def _name_digest(person: Person, key: bytes) -> str:
-    message = msgspec.json.encode((row_name(person), person.name))
-    return hmac.new(key, message, hashlib.sha256).hexdigest()[:16]
+    return _keyed_digest(key, (row_name(person), person.name))[:16]
 
 
 def _mismatched_keys(session: Session) -> Iterator[str]:
     """Describe every signing key that disagrees with its name or the audit log."""
     keys = all_keys(session)
     ends: dict[str, Mapping[str, Any]] = {}
-    chosen = select(AuditEntry).where(AuditEntry.action.in_(_ENDS_OF_KEYS)).order_by(AuditEntry.id)
-    for entry in session.scalars(chosen):
+    for entry in entries(session, AuditEntry.action.in_(_ENDS_OF_KEYS)):
         ends[entry.subject] = {**ends.get(entry.subject, {}), **entry.details}
     lost = [place for place, key in enumerate(keys) if ends.get(key.key_id, {}).get("lost")]
     for place, key in enumerate(keys):
@@ -398,15 +391,13 @@ def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
 
 def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
     """Yield each recorded name of a team, with its row, the earliest first."""
-    named = AuditEntry.action.in_(["team added", "team renamed"])
-    for entry in session.scalars(select(AuditEntry).where(named).order_by(AuditEntry.id)):
+    for entry in entries(session, AuditEntry.action.in_(["team added", "team renamed"])):
         yield entry.row, entry.details.get("after", entry.subject)
 
 
 def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str, str]]:
     """Yield row, key and digest of each name that was given to a person, the earliest first."""
-    named = AuditEntry.action.in_(_NAMING)
-    for entry in session.scalars(select(AuditEntry).where(named).order_by(AuditEntry.id)):
+    for entry in entries(session, AuditEntry.action.in_(_NAMING)):
         if "name_digest" in entry.details:
             yield entry.row, entry.key_id, entry.details["name_digest"]
 

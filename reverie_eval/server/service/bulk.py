@@ -21,7 +21,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import spreadsheet_cell
-from reverie_eval.server.service.submissions import View
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import PIECE, Uploads, UploadsError

@@ -22,11 +22,8 @@ from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import Ranking, method_names
-from reverie_eval.server.service.submissions import (
-    SubmissionService,
-    submission_report,
-    with_public_episodes,
-)
+from reverie_eval.server.service.results import submission_report
+from reverie_eval.server.service.submissions import SubmissionService, with_public_episodes
 from reverie_eval.server.store.tables import Submission
 
 _COMPARED = 2

@@ -2,8 +2,8 @@
 
 import csv
 import io
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple, TextIO
 from unicodedata import normalize
 
 from reverie_eval.errors import Problem
@@ -57,7 +57,7 @@ def _delimiter(text: str) -> str:
     return max(_DELIMITERS, key=first_line.count)
 
 
-def spreadsheet_cell(value: str | int | None) -> str | int | None:
+def spreadsheet_cell(value: str | float | None) -> str | float | None:
     """Return a cell of CSV that no spreadsheet reads as a formula."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -65,6 +65,22 @@ def spreadsheet_cell(value: str | int | None) -> str | int | None:
     if isinstance(value, str) and normalize("NFKC", value[:1]).startswith(_FORMULA):
         return f"'{value}"
     return value
+
+
+def write_csv(
+    file: TextIO, headings: Iterable[str], rows: Iterable[Iterable[str | float | None]]
+) -> None:
+    """Write headings and rows as CSV whose cells no spreadsheet reads as formulas."""
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(headings)
+    writer.writerows(map(spreadsheet_cell, row) for row in rows)
+
+
+def csv_text(headings: Iterable[str], rows: Iterable[Iterable[str | float | None]]) -> str:
+    """Return what :func:`write_csv` writes."""
+    text = io.StringIO()
+    write_csv(text, headings, rows)
+    return text.getvalue()
 
 
 def unreadable(where: str, message: str) -> TableError:

@@ -17,7 +17,6 @@ from reverie_eval.server.service.intake import Intake
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.transactions import Actor
-from reverie_eval.server.store.tables import Person
 from reverie_eval.text import printable, time_text
 
 
@@ -46,9 +45,9 @@ class EmailedFiles:
             If the file is refused, as an upload would be; the error has the reply to the sender.
         """
         board_named(self.intake.boards, file.split)
-        with self.intake.database.reading() as session:
+        with self.intake.transactions.database.reading() as session:
             sender = person_named(session, file.person, file.team)
-        if file.received_at > self.intake.clock():
+        if file.received_at > self.intake.transactions.clock():
             raise MalformedError(
                 f"the file was received at {time_text(file.received_at)}, which is in the future; "
                 "give the time at which the e-mail arrived"
@@ -74,14 +73,11 @@ class EmailedFiles:
             raise refusal from error
         # A withdrawn submission stays withdrawn until its team restores it.
         if file.publish and accepted.submission.status == "unpublished":
-            accepted = self._published(organiser, sender, accepted)
+            change = SubmissionChange(published=True)
+            published = self.submissions.change(sender, accepted.submission.id, change, organiser)
+            accepted = accepted.model_copy(update={"submission": published})
         reply = _letter(file, f"{about} scored on {file.split}.", *_result(accepted))
         return EmailedFileReport(**dict(accepted), reply=reply)
-
-    def _published(self, organiser: Actor, sender: Person, accepted: Accepted) -> Accepted:
-        change = SubmissionChange(published=True)
-        published = self.submissions.change(sender, accepted.submission.id, change, organiser)
-        return accepted.model_copy(update={"submission": published})
 
 
 def _letter(file: EmailedFile, opening: str, *lines: str) -> str:

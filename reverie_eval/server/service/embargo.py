@@ -9,60 +9,56 @@ were shown stay visible.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from typing import TypeVar
 
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, SubmissionReport
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.results import results_of
+from reverie_eval.server.service.results import results_of, submission_report
 from reverie_eval.server.service.schedules import Timetable
 from reverie_eval.server.store.tables import Submission
 
+Result = TypeVar("Result", BoardResult, SubmissionReport)
+
 
 @dataclass(frozen=True, slots=True)
-class Embargo:
-    """Describes submissions for teams and for readers, without scores held back at a moment."""
+class View:
+    """What may be seen of submissions at a moment: no scores that are held back."""
 
     timetables: Mapping[str, Timetable]
     signer: Signer
     now: datetime
 
-    def until(self, row: Submission) -> datetime | None:
+    def held_until(self, row: Submission) -> datetime | None:
         """Return the last second in which a submission's scores are held back, if they are now."""
         timetable = self.timetables.get(row.split)
         return None if timetable is None else timetable.held_until(row.received_at, self.now)
 
-    def report(self, row: Submission) -> ScoreReport:
+    def score_report(self, row: Submission) -> ScoreReport:
         """Return a submission's report, with its scores unless they are held back."""
         known = ScoreReport.model_validate(row.report)
-        return known if self.until(row) is None else without_scores(known)
+        return known if self.held_until(row) is None else without_scores(known)
 
-    def word(self, known: SubmissionReport, row: Submission) -> SubmissionReport:
+    def report(self, row: Submission) -> SubmissionReport:
         """Return a submission as its team may see it."""
-        until = self.until(row)
+        known, until = submission_report(row), self.held_until(row)
         if until is None:
             return known
-        return known.model_copy(
-            update={
-                "report": without_scores(known.report),
-                "receipt": self.signer.sign_again(known.receipt, scores={}),
-                "earlier": [],
-                "also": self.also(row),
-                "scores_held_until": until,
-            }
-        )
+        held = {"also": self.also(row), "scores_held_until": until}
+        return self._withheld(known).model_copy(update=held)
 
     def also(self, row: Submission) -> Mapping[str, BoardResult]:
         """Return a submission's results on further leaderboards, unless scores are held back."""
         known = {name: result for name, result in results_of(row).items() if name}
-        if self.until(row) is None:
+        if self.held_until(row) is None:
             return known
-        return {
-            name: BoardResult(
-                report=without_scores(result.report),
-                receipt=self.signer.sign_again(result.receipt, scores={}),
-            )
-            for name, result in known.items()
-        }
+        return {name: self._withheld(result) for name, result in known.items()}
+
+    def _withheld(self, result: Result) -> Result:
+        """Return a result, or a submission with its own result, without scores."""
+        receipt = self.signer.sign_again(result.receipt, scores={})
+        held = {"report": without_scores(result.report), "receipt": receipt, "earlier": []}
+        return result.model_copy(update=held)
 
 
 def without_scores(report: ScoreReport) -> ScoreReport:

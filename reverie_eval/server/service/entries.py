@@ -23,6 +23,7 @@ from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.service.schedules import Schedules, Timetable
 from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
+    IS_SHOWN,
     AuditEntry,
     Correction,
     StoredSnapshot,
@@ -263,8 +264,7 @@ def _scored(session: Session, board: Board, timetable: Timetable, now: datetime)
             Submission.anonymous_until,
         )
         .join(Team, Submission.team_id == Team.id)
-        .where(Submission.split == board.name)
-        .where(Submission.published_at.is_not(None), Submission.withdrawn_at.is_(None))
+        .where(Submission.split == board.name, IS_SHOWN)
         .order_by(Submission.published_at, Submission.id)
     )
     reviews = {
@@ -273,17 +273,30 @@ def _scored(session: Session, board: Board, timetable: Timetable, now: datetime)
         ]
         for submission, rows in reviews_of(session, board.name).items()
     }
-    return [
-        _entry(
-            row,
-            report,
-            reviews.get(row.id, ()),
-            board,
-            timetable.held_until(row.received_at, now),
+    found = []
+    for row in session.execute(chosen):
+        report = _report_on(board, row.stored)
+        if report is None:
+            continue
+        of_row = reviews.get(row.id, ())
+        held_until = timetable.held_until(row.received_at, now)
+        drawn = {} if report.intervals is None else report.intervals.intervals
+        entry = Entry(
+            submission_id=row.id,
+            team_id=row.team_id,
+            team=row.team,
+            method=_METHOD.decode(row.method),
+            published_at=row.published_at,
+            anonymous_until=row.anonymous_until,
+            scores=report.scores if held_until is None else {},
+            scores_held_until=held_until,
+            intervals={key: drawn[key] for key in board.task.headline if key in drawn},
+            signature=report.signature,
+            standing=_standing(report, of_row, board),
+            reviews=of_row,
         )
-        for row in session.execute(chosen)
-        if (report := _report_on(board, row.stored)) is not None
-    ]
+        found.append(entry)
+    return found
 
 
 def _report_on(board: Board, stored: str) -> _Report | None:
@@ -294,33 +307,11 @@ def _report_on(board: Board, stored: str) -> _Report | None:
     return None if result is None or not result.report.scores else result.report
 
 
-def _entry(
-    row: Any,
-    report: _Report,
-    reviews: Sequence[PublishedReview],
-    board: Board,
-    held_until: datetime | None,
-) -> Entry:
-    drawn = {} if report.intervals is None else report.intervals.intervals
-    standing: Standing = "ranked"
+def _standing(report: _Report, reviews: Sequence[PublishedReview], board: Board) -> Standing:
     if any(review.verdict == "disqualified" for review in reviews):
-        standing = "disqualified"
-    elif without_version(report.signature) != without_version(board.signature):
-        standing = "other-rules"
-    return Entry(
-        submission_id=row.id,
-        team_id=row.team_id,
-        team=row.team,
-        method=_METHOD.decode(row.method),
-        published_at=row.published_at,
-        anonymous_until=row.anonymous_until,
-        scores=report.scores if held_until is None else {},
-        scores_held_until=held_until,
-        intervals={key: drawn[key] for key in board.task.headline if key in drawn},
-        signature=report.signature,
-        standing=standing,
-        reviews=reviews,
-    )
+        return "disqualified"
+    is_current = without_version(report.signature) == without_version(board.signature)
+    return "ranked" if is_current else "other-rules"
 
 
 def _reported(session: Session, board: Board) -> Sequence[Entry]:

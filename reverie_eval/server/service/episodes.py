@@ -26,14 +26,14 @@ from reverie_eval.scoring import OUTCOMES, FailureModes, PreparedSubmission, Sco
 from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.service.boards import Board, load_board, tasks_of
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.results import submission_report
 from reverie_eval.server.service.submissions import (
     SubmissionService,
-    View,
     list_submissions,
     public_team,
     submission_of,
-    submission_report,
     with_public_episodes,
 )
 from reverie_eval.server.settings import Split

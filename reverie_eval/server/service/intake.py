@@ -8,7 +8,7 @@ at that time: scoring may end later.
 
 import hashlib
 import secrets
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -28,16 +28,15 @@ from reverie_eval.schemas.service import (
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.boards import Board, board_named
-from reverie_eval.server.service.embargo import Embargo
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.quotas import QuotaUsage, usage_of
-from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.results import store_result
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.submissions import View, check_metadata
+from reverie_eval.server.service.submissions import check_metadata
 from reverie_eval.server.service.transactions import Actor, Transactions
-from reverie_eval.server.store.database import Database
+from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.server.store.uploads import Uploads
 from reverie_eval.submissions import check_navigation_only
@@ -68,17 +67,12 @@ class Intake:
     """
 
     boards: Mapping[str, Board]
-    database: Database
     uploads: Uploads
-    signer: Signer
-    clock: Clock
     transactions: Transactions
     notices: Notices
     attempts: Attempts
     schedules: Schedules
-    required_metadata: Collection[str]
-    most_bytes: int
-    mebibytes_per_day: int
+    settings: Settings
 
     def validate(self, person: Person, split: str, content: bytes) -> Checked:
         """Check a submission without using the answers; it is not stored or counted.
@@ -90,13 +84,13 @@ class Intake:
         """
         board = board_named(self.boards, split)
         notes = board.check(content).validation().notes
-        with self.database.reading() as session:
+        with self.transactions.database.reading() as session:
             quota = self.quotas(session, person, split)[split]
         return Checked(split=split, valid=True, notes=list(notes), quota=quota)
 
     def quotas(self, session: Session, person: Person, *splits: str) -> Mapping[str, QuotaReport]:
         """Return the submissions left to a person on these splits, or on all splits."""
-        now = self.clock()
+        now = self.transactions.clock()
         usage = usage_of(session, person, now)
         boards = [board_named(self.boards, split) for split in splits or self.boards]
         return {
@@ -141,7 +135,7 @@ class Intake:
         """
         board = board_named(self.boards, split)
         with self.attempts.recording(person, split, len(packed)) as attempt:
-            content = unpack(packed, self.most_bytes)
+            content = unpack(packed, self.settings.limits.unpacked_mebibytes << 20)
             attempt.size = len(content)
             accepted = self._submit(
                 person, board, content, method, key, arrived=arrived, organiser=organiser
@@ -161,14 +155,14 @@ class Intake:
         organiser: Actor | None,
     ) -> Accepted:
         split, sha256 = board.name, hashlib.sha256(content).hexdigest()
-        with self.database.reading() as session:
+        with self.transactions.database.reading() as session:
             earlier = self._earlier(session, person, split, sha256, key)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
-            check_metadata(method, self.required_metadata)
+            check_metadata(method, self.settings.required_metadata)
             schedule = self.schedules.of(session, split).at(arrived)
             if not organiser:
-                self._check_paused(self.notices.at(session, arrived), board, schedule)
+                self._check_paused(self.notices.current(session, arrived), board, schedule)
             self._check_open(board, schedule, arrived)
             self._check_quota(
                 session, person, board, len(content), arrived, in_the_past=bool(organiser)
@@ -203,9 +197,8 @@ class Intake:
             row.person = session.merge(person, load=False)
             row.team = row.person.team
             for further, report in reports.items():
-                receipt = self.signer.sign_result(row, report, quota)
+                receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))
-            transaction.add(row)
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {split}"
             announce(transaction, "submission", said, f"/submissions/{row.id}")
@@ -238,8 +231,9 @@ class Intake:
         return Accepted(submission=self._worded(session, row), quota=quota, is_repeat=True)
 
     def _worded(self, session: Session, row: Submission) -> SubmissionReport:
-        embargo = Embargo(self.schedules.read(session), self.signer, self.clock())
-        return View(embargo).report(row)
+        transactions = self.transactions
+        view = View(self.schedules.read(session), transactions.signer, transactions.clock())
+        return view.report(row)
 
     def _check_paused(self, notice: NoticeReport, board: Board, schedule: Schedule) -> None:
         why = f": {notice.banner}" if notice.banner else ""
@@ -269,5 +263,5 @@ class Intake:
         left = of_split.state(now)
         if not (of_split.had_room(now) if in_the_past else left.remaining):
             raise QuotaSpentError(left)
-        usage.check_bytes(size, self.mebibytes_per_day, now)
+        usage.check_bytes(size, self.settings.limits.mebibytes_per_day, now)
         return of_split

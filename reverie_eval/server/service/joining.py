@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
-from sqlalchemy import exists, func, select
+from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.joining import (
@@ -27,6 +27,7 @@ from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.tokens import INVITATION_LIFETIME, create_token
 from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.tables import JoinRequest, Team
 from reverie_eval.text import count_text
 
@@ -78,26 +79,16 @@ def list_requests(session: Session, page: Page) -> Listed[JoinRequestReport]:
     """List the open requests, the earliest first."""
     requests = select(JoinRequest).where(_IS_OPEN)
     teams = set(people.names_of_teams(session))
-    return list_page(
-        session,
-        requests,
-        JoinRequest.id,
-        page,
-        lambda row: JoinRequestReport(
-            id=row.id,
-            team=row.team,
-            people=row.people,
-            institution=row.institution,
-            purpose=row.purpose,
-            team_exists=row.team in teams,
-            created_at=row.created_at,
-        ),
-    )
+
+    def report(row: JoinRequest) -> JoinRequestReport:
+        return row.as_report(JoinRequestReport, team_exists=row.team in teams)
+
+    return list_page(session, requests, JoinRequest.id, page, report)
 
 
 def count_open(session: Session) -> int:
     """Return the number of requests that wait for an answer."""
-    return session.scalar(select(func.count()).select_from(JoinRequest).where(_IS_OPEN)) or 0
+    return count_rows(session, JoinRequest, _IS_OPEN)
 
 
 def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest:

@@ -3,8 +3,6 @@
 It can be exported as JSON, CSV, a LaTeX table, or BibTeX entries.
 """
 
-import csv
-import io
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,7 +20,7 @@ from reverie_eval.reporting._table import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, Method, SnapshotEntry
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.csv_files import spreadsheet_cell
+from reverie_eval.server.service.csv_files import csv_text
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
 from reverie_eval.server.service.rank_intervals import RankInterval
 from reverie_eval.tasks import DEFAULT_TASK, Task
@@ -75,7 +73,8 @@ class Ranking:
 
     def team(self, entry: Entry) -> str:
         """Return the team of an entry; empty while it is anonymous."""
-        return "" if self._is_anonymous(entry) else entry.team
+        is_anonymous = entry.anonymous_until is not None and entry.anonymous_until > self.now
+        return "" if is_anonymous else entry.team
 
     def submissions(self, entry: Entry) -> int | None:
         """Return the number of submissions that an entry's team has made to the split.
@@ -84,9 +83,6 @@ class Ranking:
         of many. None for reported results.
         """
         return None if entry.team_id is None else self.counts[entry.team_id]
-
-    def _is_anonymous(self, entry: Entry) -> bool:
-        return entry.anonymous_until is not None and entry.anonymous_until > self.now
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,26 +243,26 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
     present: set[str] = set().union(*(row["scores"] for row in rows))
     shown = [key for key in METRICS if key in present]
     drawn = [key for key in METRICS if any(key in row["intervals"] for row in rows)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
     ends = [f"{key}_{end}" for key in drawn for end in ("low", "high")]
-    writer.writerow([*_ABOUT, *headings, *_STANDING, *shown, *ends, *_OF_RANK])
-    for row in rows:
-        reviews = "; ".join(f"{each['verdict']}: {each['reason']}" for each in row["reviews"])
-        words = [
+    columns = [*_ABOUT, *headings, *_STANDING, *shown, *ends, *_OF_RANK]
+    cells = [
+        [
             *(row[name] for name in _ABOUT),
             *(row["method"].get(name) for name in _OF_METHOD),
-            *({**row, "reviews": reviews}[name] for name in _STANDING),
-        ]
-        numbers = [
+            *({**row, "reviews": _in_words(row["reviews"])}[name] for name in _STANDING),
             *(row["scores"].get(key) for key in shown),
             *(end for key in drawn for end in row["intervals"].get(key, (None, None))),
             *(row["rank_interval"] or (None, None)),
             row["group"],
         ]
-        writer.writerow([*map(spreadsheet_cell, words), *numbers])
-    return text.getvalue()
+        for row in rows
+    ]
+    return csv_text(columns, cells)
+
+
+def _in_words(reviews: Sequence[Mapping[str, str]]) -> str:
+    return "; ".join(f"{each['verdict']}: {each['reason']}" for each in reviews)
 
 
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:

@@ -3,13 +3,14 @@
 A team that was merged stays as a row, because receipts and the audit log have its name.
 """
 
-from sqlalchemy import Update, func, select, update
+from sqlalchemy import Update, select, update
 from sqlalchemy.orm import Session, aliased
 
 from reverie_eval.schemas.organising import MergeReport, NewMerge
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.people import team_named
 from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.tables import Grant, Person, Submission, Team
 
 
@@ -35,7 +36,7 @@ def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
         team=team.name,
         into=into.name,
         people=sum(person.deleted_at is None for person in team.people),
-        submissions=_count(session, team),
+        submissions=count_rows(session, Submission, Submission.team_id == team.id),
         repeats=_mark_repeats(session, team, into),
     )
     for table in (Person, Submission, Grant):
@@ -51,11 +52,6 @@ def _check_names(team: Team, into: Team) -> None:
     if shared:
         names = ", ".join(map(repr, sorted(shared)))
         raise ConflictError(f"both teams have a person called {names}; rename one of them first")
-
-
-def _count(session: Session, team: Team) -> int:
-    counted = select(func.count()).select_from(Submission).where(Submission.team_id == team.id)
-    return session.scalar(counted) or 0
 
 
 def _mark_repeats(session: Session, team: Team, into: Team) -> int:

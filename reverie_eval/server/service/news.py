@@ -18,7 +18,6 @@ _STANDING = select(News).where(News.removed_at.is_(None))
 def add_news(transaction: Transaction, new: NewNews) -> NewsReport:
     """Post an entry; it is public at once."""
     row = News(text=new.text, posted_by=transaction.actor, created_at=transaction.now)
-    transaction.add(row)
     transaction.record("news added", row, "server", text=row.text)
     return NewsReport.model_validate(row)
 

@@ -23,15 +23,9 @@ class Notices:
         )
         """The notice of the settings; used where the database is not read."""
 
-    def current(self, session: Session) -> NoticeReport:
-        """Return the current notice."""
-        return self._of(latest_notice(session))
-
-    def at(self, session: Session, moment: datetime) -> NoticeReport:
-        """Return the notice that was current at a moment."""
-        return self._of(latest_notice(session, moment))
-
-    def _of(self, posted: Notice | None) -> NoticeReport:
+    def current(self, session: Session, moment: datetime | None = None) -> NoticeReport:
+        """Return the notice that applies now, or that applied at a moment."""
+        posted = latest_notice(session, moment)
         if posted is None:
             return self.of_settings
         new = NewNotice(banner=posted.banner, paused=posted.paused)
@@ -49,7 +43,6 @@ class Notices:
     def post(self, transaction: Transaction, new: NewNotice) -> NoticeReport:
         """Post a notice: set or remove the banner, pause or resume submissions."""
         posted = Notice(**new.model_dump(), posted_by=transaction.actor, created_at=transaction.now)
-        transaction.add(posted)
         transaction.record("notice posted", posted, "server", **new.model_dump())
         return self.if_posted(new, posted.posted_by, posted.created_at)
 

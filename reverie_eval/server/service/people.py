@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, selectinload
 
@@ -16,9 +16,10 @@ from reverie_eval.schemas.organising import (
 )
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.paging import Listed, Page, list_page
-from reverie_eval.server.service.submissions import View
 from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.tables import Person, Submission, Team, Token
 
 
@@ -153,11 +154,10 @@ def team_of(session: Session, person: Person, most: int, view: View) -> TeamView
     latest = select(Submission).where(of_team).order_by(Submission.received_at.desc()).limit(most)
     members = select(Person).where(Person.team_id == person.team_id, Person.deleted_at.is_(None))
     tokens = select(Token).where(Token.person_id == person.id).order_by(Token.id.desc())
-    counted = select(func.count()).select_from(Submission).where(of_team)
     return TeamView(
         people=session.scalars(members.order_by(Person.name)).all(),
         submissions=[view.report(row) for row in session.scalars(latest)],
-        submitted=session.scalar(counted) or 0,
+        submitted=count_rows(session, Submission, of_team),
         tokens=session.scalars(tokens).all(),
     )
 
@@ -210,19 +210,12 @@ def find_person(session: Session, person_id: int) -> Person:
 def team_report(team: Team) -> TeamReport:
     """Return a team as organisers see it."""
     people = sorted(person.name for person in team.people if person.deleted_at is None)
-    return TeamReport(name=team.name, people=people, created_at=team.created_at)
+    return team.as_report(TeamReport, people=people)
 
 
 def person_report(person: Person) -> PersonReport:
     """Return a person as organisers see them."""
-    return PersonReport(
-        id=person.id,
-        name=person.name,
-        email=person.email,
-        team=person.team.name,
-        role=person.role,
-        created_at=person.created_at,
-    )
+    return person.as_report(PersonReport, team=person.team.name)
 
 
 def _name_is_taken(name: str) -> str:

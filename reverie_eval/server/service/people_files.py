@@ -1,11 +1,8 @@
 """Files of people: CSV with a team, a person, an e-mail address and a role in each line."""
 
-import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 
 from pydantic import ValidationError
-from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem
 from reverie_eval.schemas.joining import (
@@ -16,7 +13,7 @@ from reverie_eval.schemas.joining import (
 from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport
 from reverie_eval.server.errors import TableError
 from reverie_eval.server.service import people
-from reverie_eval.server.service.csv_files import CsvRow, read_csv, spreadsheet_cell
+from reverie_eval.server.service.csv_files import CsvRow, csv_text, read_csv
 from reverie_eval.server.service.joining import invite
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.wrong_values import wrong_value
@@ -55,7 +52,8 @@ def import_people(transaction: Transaction, new: NewPeopleImport) -> PeopleImpor
         problems += [Problem("wrong-value", row.where, told, (place,)) for told in wrong]
     if problems:
         raise TableError(problems)
-    teams = _new_teams(session, added)
+    known_teams = set(people.names_of_teams(session))
+    teams = [name for name in dict.fromkeys(each.team for each in added) if name not in known_teams]
     invitations = []
     if not new.dry_run:
         for team in teams:
@@ -75,14 +73,11 @@ def import_people(transaction: Transaction, new: NewPeopleImport) -> PeopleImpor
 
 def invitations_csv(invitations: Sequence[PersonInvitation]) -> str:
     """Return invitations as CSV, for a program that mails them."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("team", "person", "email", "invitation", "expires"))
+    rows = []
     for each in invitations:
         expires = None if each.expires_at is None else each.expires_at.isoformat()
-        cells = (each.team, each.person, each.email, each.token, expires)
-        writer.writerow(map(spreadsheet_cell, cells))
-    return text.getvalue()
+        rows.append((each.team, each.person, each.email, each.token, expires))
+    return csv_text(("team", "person", "email", "invitation", "expires"), rows)
 
 
 def _check_columns(columns: Sequence[str]) -> None:
@@ -126,8 +121,3 @@ def _conflicts(new: NewPerson, known: PersonReport | None, earlier: str | None) 
         yield "this person has another e-mail address; change it with `person edit`, or at the desk"
     if known is not None and new.role != known.role:
         yield f"this person is already registered as {known.role}; roles cannot be changed"
-
-
-def _new_teams(session: Session, added: Sequence[NewPerson]) -> list[str]:
-    known = set(people.names_of_teams(session))
-    return [name for name in dict.fromkeys(each.team for each in added) if name not in known]

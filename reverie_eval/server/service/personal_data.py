@@ -5,20 +5,19 @@ finds the log unbroken. Results, and the log of what the person did, stay under 
 """
 
 from sqlalchemy import delete, or_, select, update
-from sqlalchemy.orm import InstrumentedAttribute, Session
+from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import PersonReport
 from reverie_eval.schemas.personal_data import PersonalData, SessionRecord, SubmissionRecord
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.service.attempts import attempt_report
-from reverie_eval.server.service.audit import audit_reports, row_name
+from reverie_eval.server.service.audit import audit_reports, entries, row_name
 from reverie_eval.server.service.people import find_person, person_report
 from reverie_eval.server.service.tokens import revoke_all, token_report
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import (
     Attempt,
     AuditEntry,
-    Base,
     BrowserSession,
     Message,
     News,
@@ -31,14 +30,14 @@ from reverie_eval.server.store.tables import (
     Token,
 )
 
-_SIGNED: tuple[tuple[type[Base], InstrumentedAttribute[int], InstrumentedAttribute[str]], ...] = (
-    (Review, Review.id, Review.reviewer),
-    (ReportedResult, ReportedResult.id, ReportedResult.added_by),
-    (Notice, Notice.id, Notice.posted_by),
-    (News, News.id, News.posted_by),
-    (SetSchedule, SetSchedule.id, SetSchedule.set_by),
+_SIGNATURES = (
+    Review.reviewer,
+    ReportedResult.added_by,
+    Notice.posted_by,
+    News.posted_by,
+    SetSchedule.set_by,
 )
-"""Tables whose rows have the name of the organiser who wrote them: key and column of the name."""
+"""Columns with the name of the organiser who wrote a row."""
 
 
 def personal_data(session: Session, person_id: int) -> PersonalData:
@@ -51,7 +50,7 @@ def personal_data(session: Session, person_id: int) -> PersonalData:
     submissions = select(Submission).where(Submission.person_id == person.id)
     attempts = select(Attempt).where(Attempt.person_id == person.id).order_by(Attempt.id)
     name = row_name(person)
-    entries = select(AuditEntry).where(or_(AuditEntry.actor == name, AuditEntry.subject == name))
+    logged = entries(session, or_(AuditEntry.actor == name, AuditEntry.subject == name))
     return PersonalData(
         person=person_report(person),
         tokens=list(map(token_report, tokens)),
@@ -64,7 +63,7 @@ def personal_data(session: Session, person_id: int) -> PersonalData:
             for row in session.scalars(submissions.order_by(Submission.received_at))
         ],
         attempts=list(map(attempt_report, session.scalars(attempts))),
-        audit=audit_reports(session, session.scalars(entries.order_by(AuditEntry.id)).all()),
+        audit=audit_reports(session, logged),
     )
 
 
@@ -97,23 +96,15 @@ def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
 
 def _sign_anew(session: Session, person: Person) -> None:
     """Put a person's current name on the rows that they wrote, according to the audit log."""
-    for table, key, signature in _SIGNED:
+    for signature in _SIGNATURES:
+        table = signature.class_
         rows = AuditEntry.row.startswith(f"{table.__tablename__}:", autoescape=True)
         written = select(AuditEntry.row).where(AuditEntry.actor == row_name(person), rows)
         numbers = {int(row.partition(":")[2]) for row in session.scalars(written)}
-        changed = update(table).where(key.in_(numbers)).values({signature: person.name})
+        changed = update(table).where(table.id.in_(numbers)).values({signature: person.name})
         session.execute(changed, execution_options={"synchronize_session": False})
 
 
 def _submission_record(row: Submission) -> SubmissionRecord:
-    return SubmissionRecord(
-        id=row.id,
-        split=row.split,
-        team=row.team.name,
-        sha256=row.sha256,
-        size=row.size,
-        received_at=row.received_at,
-        published_at=row.published_at,
-        withdrawn_at=row.withdrawn_at,
-        method=Method.model_validate(row.method),
-    )
+    method = Method.model_validate(row.method)
+    return row.as_report(SubmissionRecord, team=row.team.name, method=method)

@@ -223,7 +223,6 @@ def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> G
         created_at=transaction.now,
         **new.model_dump(exclude={"team"}),
     )
-    transaction.add(row)
     transaction.record("granted", row, new.team, **new.model_dump(mode="json", exclude={"team"}))
     return grant_report(row)
 
@@ -235,11 +234,4 @@ def list_grants(session: Session, page: Page) -> Listed[GrantReport]:
 
 def grant_report(row: Grant) -> GrantReport:
     """Return a grant as organisers see it."""
-    return GrantReport(
-        team=row.team.name,
-        split=row.split,
-        extra=row.extra,
-        reason=row.reason,
-        created_at=row.created_at,
-        expires_at=row.expires_at,
-    )
+    return row.as_report(GrantReport, team=row.team.name)

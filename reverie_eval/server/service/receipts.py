@@ -2,7 +2,7 @@
 
 import base64
 import os
-from datetime import datetime
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,7 +30,6 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     Envelope,
     EnvelopeSignature,
-    Leaderboard,
     QuotaReport,
     Receipt,
     Snapshot,
@@ -63,33 +62,12 @@ class Signer:
         derivation = HKDF(hashes.SHA256(), length=32, salt=None, info=purpose.encode())
         return derivation.derive(self._key.private_bytes_raw())
 
-    def sign(
-        self,
-        *,
-        submission_id: str,
-        team: str,
-        sha256: str,
-        received_at: datetime,
-        split: str,
-        signature: str,
-        scores: dict[str, float],
-        quota: QuotaReport,
-    ) -> Receipt:
-        """Return a signed receipt of a submission's scores and the quota after it."""
-        unsigned = Receipt(
-            server=self.server,
-            submission_id=submission_id,
-            team=team,
-            sha256=sha256,
-            received_at=received_at,
-            split=split,
-            signature=signature,
-            scores=scores,
-            quota=quota,
-            key_id=self.key_id,
-            proof="",
-        )
-        return self._signed(unsigned)
+    def sign(self, **content: Any) -> Receipt:
+        """Return a signed receipt of a submission's scores and the quota after it.
+
+        ``content`` has its fields, but for the server, the key and the proof.
+        """
+        return self._sign(Receipt, content)
 
     def sign_result(self, row: Submission, report: ScoreReport, quota: QuotaReport) -> Receipt:
         """Return a signed receipt of a submission's result on a leaderboard of its split."""
@@ -104,21 +82,9 @@ class Signer:
             quota=quota,
         )
 
-    def sign_snapshot(
-        self, *, split: str, number: int, title: str, as_of: datetime, leaderboard: Leaderboard
-    ) -> Snapshot:
-        """Return a signed state of a leaderboard."""
-        unsigned = Snapshot(
-            server=self.server,
-            split=split,
-            number=number,
-            title=title,
-            as_of=as_of,
-            leaderboard=leaderboard,
-            key_id=self.key_id,
-            proof="",
-        )
-        return self._signed(unsigned)
+    def sign_snapshot(self, **content: Any) -> Snapshot:
+        """Return a signed state of a leaderboard; ``content`` is as for :meth:`sign`."""
+        return self._sign(Snapshot, content)
 
     def sign_again(self, receipt: Signed, **changed: Any) -> Signed:
         """Return a receipt or a snapshot with some fields changed, signed with this key."""
@@ -135,6 +101,10 @@ class Signer:
             payload=base64.b64encode(payload).decode(),
             signatures=[signature],
         )
+
+    def _sign(self, kind: type[Signed], content: Mapping[str, Any]) -> Signed:
+        """Return a signed document with this content, which its model checks."""
+        return self._signed(kind(server=self.server, key_id=self.key_id, proof="", **content))
 
     def _signed(self, receipt: Signed) -> Signed:
         return receipt.model_copy(update={"proof": self._base64_signature(canonical(receipt))})

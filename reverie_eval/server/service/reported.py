@@ -182,7 +182,6 @@ def _insert(transaction: Transaction, new: NewReported) -> ReportedResult:
     result = ReportedResult(
         **new.model_dump(mode="json"), added_by=transaction.actor, created_at=transaction.now
     )
-    transaction.add(result)
     name = new.method.name
     transaction.record("reported result added", result, name, split=new.split, source=new.source)
     return result

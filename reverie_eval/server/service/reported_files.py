@@ -18,7 +18,7 @@ from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.schemas.organising import Rates
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.errors import TableError
-from reverie_eval.server.service.csv_files import CsvRow, read_csv, unreadable
+from reverie_eval.server.service.csv_files import CsvRow, CsvTable, read_csv, unreadable
 from reverie_eval.text import did_you_mean
 
 _PER_CENT = 100
@@ -73,12 +73,6 @@ class ResultsFile(NamedTuple):
     """Parts of a JSON file that contain no results."""
 
 
-class _Table(NamedTuple):
-    columns: Sequence[str]
-    rows: Sequence[CsvRow]
-    unread: Sequence[str] = ()
-
-
 def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
     """Return a value as printed in a table, converted to a fraction or metres.
 
@@ -130,7 +124,7 @@ def read_results(
     """
     text = text.removeprefix("\ufeff")
     is_json = text.lstrip().startswith(("{", "["))
-    table = _read_json(text, split) if is_json else _Table(*read_csv(text))
+    table, unread = _read_json(text, split) if is_json else (read_csv(text), ())
     fields = _fields_of(table.columns, metrics)
     if not {"team", "method"} & set(fields):
         raise TableError(
@@ -147,7 +141,7 @@ def read_results(
         problems += [Problem("wrong-value", where, told, (place,)) for told in wrong]
     if rates == "percent" and not problems:
         problems += _below_one_percent(rows)
-    return ResultsFile(rows, problems, table.unread)
+    return ResultsFile(rows, problems, unread)
 
 
 def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
@@ -227,10 +221,7 @@ def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
 def _fields_of(columns: Sequence[str], metrics: Collection[str]) -> Sequence[str]:
     """Return the metric, if it is one of those given, or the field of each column.
 
-    Raises
-    ------
-    TableError
-        If a column is unknown or has the same meaning as another; names each of them.
+    A column must not be unknown or have the same meaning as another.
     """
     fields: dict[str, str] = {}
     problems = []
@@ -254,7 +245,8 @@ def _fields_of(columns: Sequence[str], metrics: Collection[str]) -> Sequence[str
     return list(fields)
 
 
-def _read_json(text: str, split: str) -> _Table:
+def _read_json(text: str, split: str) -> tuple[CsvTable, Sequence[str]]:
+    """Return a table, and the parts of the file that contain no results."""
     try:
         # Numbers stay text, so that they are read by the same rule as those of CSV.
         content = json.loads(text, parse_float=str, parse_int=str, parse_constant=str)
@@ -265,27 +257,25 @@ def _read_json(text: str, split: str) -> _Table:
         raise unreadable("the file", "is nested too deeply") from None
     match content:
         case [dict(), *_] if all(isinstance(each, dict) for each in content):
-            return _read_objects(content)
+            return _read_objects(content), ()
         case {"columns": [*columns], "methods": dict()}:
             unread = [name for name in content if name not in {"columns", "methods"}]
-            return _read_methods(list(map(str, columns)), content["methods"], split, unread)
+            return _read_methods(list(map(str, columns)), content["methods"], split), unread
         case _:
             expected = '{"columns": [...], "methods": {NAME: {SPLIT: [...]}}}'
             raise unreadable("the file", f"expected a list of objects, or {expected}")
 
 
-def _read_objects(objects: Sequence[Mapping[str, Any]]) -> _Table:
+def _read_objects(objects: Sequence[Mapping[str, Any]]) -> CsvTable:
     columns = list(dict.fromkeys(name for each in objects for name in each))
     rows = [
         CsvRow(f"[{place}]", [each.get(name) for name in columns])
         for place, each in enumerate(objects)
     ]
-    return _Table(columns, rows)
+    return CsvTable(columns, rows)
 
 
-def _read_methods(
-    columns: Sequence[str], methods: Mapping[str, Any], split: str, unread: Sequence[str]
-) -> _Table:
+def _read_methods(columns: Sequence[str], methods: Mapping[str, Any], split: str) -> CsvTable:
     by_split = {name: each for name, each in methods.items() if isinstance(each, dict)}
     rows = [
         CsvRow(f"methods.{name}.{split}", [name, *_as_list(each[split])])
@@ -296,7 +286,7 @@ def _read_methods(
         found = ", ".join(dict.fromkeys(name for each in by_split.values() for name in each))
         message = f"there are no results of {split}; there are results of: {found or 'no split'}"
         raise unreadable("methods", message)
-    return _Table(["method", *columns], rows, unread)
+    return CsvTable(["method", *columns], rows)
 
 
 def _as_list(values: Any) -> Sequence[Any]:

@@ -28,11 +28,9 @@ from reverie_eval.server.service.entries import corrections_of
 from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
-from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.results import results_of, store_result, stored_in_report
 from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
-from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Correction, Review, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
 
@@ -75,15 +73,12 @@ class Scorer:
         if job.upload_deleted_at is not None:
             return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
         try:
-            return self._score(job)
+            content = stored_upload(self.uploads, job.sha256)
+            report, scores = self.board.scored(content, has_intervals=job.has_intervals)
         except SubmissionError as error:
             return f"rejected: {error.problems[0]}"
         except UploadsError as error:
             return str(error)
-
-    def _score(self, job: Job) -> Rescored:
-        content = stored_upload(self.uploads, job.sha256)
-        report, scores = self.board.scored(content, has_intervals=job.has_intervals)
         sums = cluster_sums(scores) if scores and report.intervals else None
         return Rescored(report, sums)
 
@@ -93,9 +88,7 @@ class Rescoring:
     """Scores the submissions of splits again."""
 
     boards: Mapping[str, Board]
-    database: Database
     uploads: Uploads
-    signer: Signer
     transactions: Transactions
 
     def rescore(self, actor: Actor, new: NewCorrection) -> RescoringReport:
@@ -109,7 +102,7 @@ class Rescoring:
             If all were scored with the current ground truth and rules.
         """
         own = board_named(self.boards, new.split)
-        with self.database.reading() as session:
+        with self.transactions.database.reading() as session:
             waiting = [(board, outdated(session, board)) for board in own.all]
         left = sum(len(jobs) for _, jobs in waiting)
         if not left:
@@ -167,7 +160,7 @@ class Rescoring:
         if known is not None and board.measures_as(known.report):
             return  # another process has done it meanwhile
         earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]
-        receipt = self.signer.sign_result(row, report, quota)
+        receipt = self.transactions.signer.sign_result(row, report, quota)
         store_result(
             row, board.further, BoardResult(report=report, receipt=receipt, earlier=earlier)
         )
@@ -271,6 +264,7 @@ def changes(
     is_ranked = [_is_ranked(row, reviews) for row in rows]
     ranks_before = _ranks_among(is_ranked, before, ranked_by)
     ranks_after = _ranks_among(is_ranked, after, ranked_by)
+    problems = {name: told for name, told in outcomes.items() if isinstance(told, str)}
     found = [
         ResultChange(
             board=board.further,
@@ -281,7 +275,7 @@ def changes(
             after=after[index],
             rank_before=ranks_before[index],
             rank_after=ranks_after[index],
-            problem=_problem(outcomes.get(row.id)),
+            problem=problems.get(row.id, ""),
         )
         for index, row in enumerate(rows)
     ]
@@ -311,7 +305,6 @@ def _announced(transaction: Transaction, board: Board, reason: str) -> str:
         reason=reason,
         created_at=transaction.now,
     )
-    transaction.add(row)
     transaction.record("correction announced", row, board.label, reason=reason)
     return reason
 
@@ -343,11 +336,7 @@ def _ranks_among(
     return ranks(values, metric)
 
 
-def _problem(outcome: Outcome | None) -> str:
-    return outcome if isinstance(outcome, str) else ""
-
-
 def _is_ranked(row: Submission, reviews: Mapping[str, Sequence[Review]]) -> bool:
     """Whether a leaderboard ranks a submission that is scored under its rules."""
     is_disqualified = any(review.verdict == "disqualified" for review in reviews.get(row.id, ()))
-    return row.published_at is not None and row.withdrawn_at is None and not is_disqualified
+    return row.status == "published" and not is_disqualified

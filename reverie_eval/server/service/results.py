@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from sqlalchemy import ColumnElement
 
-from reverie_eval.schemas.service import BoardResult
+from reverie_eval.schemas.service import BoardResult, Method, SubmissionReport
 from reverie_eval.server.store.tables import Submission
 
 
@@ -19,6 +19,21 @@ def results_of(row: Submission) -> Mapping[str, BoardResult]:
         further: BoardResult.model_validate(stored)
         for further, stored in {"": own, **row.also}.items()
     }
+
+
+def submission_report(row: Submission) -> SubmissionReport:
+    """Return everything stored about a submission, including what its team may not see yet."""
+    also = dict(results_of(row))
+    own = also.pop("")
+    return row.as_report(
+        SubmissionReport,
+        team=row.team.name,
+        person=row.person.name,
+        method=Method.model_validate(row.method),
+        **dict(own),
+        also=also,
+        scores_held_until=None,
+    )
 
 
 def store_result(row: Submission, further: str, result: BoardResult) -> None:

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import and_, case, delete, func, select
+from sqlalchemy import case, delete, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.transactions import Actor, Transactions
-from reverie_eval.server.store.tables import Fingerprint, Submission
+from reverie_eval.server.store.tables import IS_SHOWN, Fingerprint, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 
@@ -74,12 +74,11 @@ class Retention:
 
 def _expired(session: Session, before: datetime, sha256: str | None = None) -> Sequence[str]:
     """Return the files whose submissions were all received until a time and are not published."""
-    is_published = and_(Submission.published_at.is_not(None), Submission.withdrawn_at.is_(None))
     chosen = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None))
     if sha256 is not None:
         chosen = chosen.where(Submission.sha256 == sha256)
     latest = func.max(Submission.received_at)
-    published = func.sum(case((is_published, 1), else_=0))
+    published = func.sum(case((IS_SHOWN, 1), else_=0))
     grouped = chosen.group_by(Submission.sha256).having(latest <= before, published == 0)
     return session.scalars(grouped.order_by(latest, Submission.sha256)).all()
 

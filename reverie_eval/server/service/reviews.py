@@ -34,7 +34,6 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
         if new.verdict == earlier.verdict or {new.verdict, earlier.verdict} <= JUDGEMENTS:
             _lift(transaction, earlier)
     row = Review(**new.model_dump(), reviewer=transaction.actor, created_at=transaction.now)
-    transaction.add(row)
     transaction.record(row.verdict, row, submission.id, reason=row.reason)
     return ReviewEntry.model_validate(row)
 

@@ -145,7 +145,6 @@ class Schedules:
         """
         timetable = self.of(transaction.session, split)
         row = self._row(split, new, transaction.actor, transaction.now)
-        transaction.add(row)
         del transaction.session.info[_ROWS]
         transaction.record("schedule set", row, split, **new.model_dump(mode="json"))
         return timetable.with_one_more(row).report(split)

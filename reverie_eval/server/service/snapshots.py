@@ -128,7 +128,6 @@ class Snapshots:
             content=snapshot.model_dump(mode="json"),
             created_at=transaction.now,
         )
-        transaction.add(row)
         transaction.record(
             "snapshot taken", row, split, number=row.number, title=title, as_of=as_of.isoformat()
         )

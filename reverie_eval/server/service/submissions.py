@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Literal
 
 from sqlalchemy import Select, exists, select, tuple_
 from sqlalchemy.orm import Session
@@ -26,16 +25,15 @@ from reverie_eval.schemas.service import (
 from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board, board_named
-from reverie_eval.server.service.embargo import Embargo
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
-from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.results import results_of, store_result
+from reverie_eval.server.service.results import results_of, store_result, submission_report
 from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
-from reverie_eval.server.store.database import AT_ONCE, Database
-from reverie_eval.server.store.tables import Person, Review, Submission
+from reverie_eval.server.store.database import AT_ONCE
+from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 RECENT = 8
@@ -43,7 +41,7 @@ RECENT = 8
 
 
 def list_submissions(
-    session: Session, person: Person, page: Page, view: "View", split: str | None = None
+    session: Session, person: Person, page: Page, view: View, split: str | None = None
 ) -> Listed[SubmissionReport]:
     """List the submissions of a person's team, the newest first; the organiser sees all teams'.
 
@@ -83,7 +81,7 @@ def all_submissions(
 
 
 def submission_of(
-    session: Session, person: Person, submission_id: str, view: "View"
+    session: Session, person: Person, submission_id: str, view: View
 ) -> SubmissionReport:
     """Return a submission of a person's team; the organiser sees all teams'.
 
@@ -109,49 +107,6 @@ def result_on(further: str, submission: SubmissionReport) -> BoardResult:
             f"on: {', '.join(submission.also) or 'none'}"
         )
     return submission.also[further]
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """What may be seen of submissions at a moment."""
-
-    embargo: Embargo
-
-    def report(self, row: Submission) -> SubmissionReport:
-        """Return a submission as its team may see it."""
-        return self.embargo.word(submission_report(row), row)
-
-
-def submission_report(row: Submission) -> SubmissionReport:
-    """Return everything stored about a submission, including what its team may not see yet."""
-    also = dict(results_of(row))
-    own = also.pop("")
-    return SubmissionReport(
-        id=row.id,
-        split=row.split,
-        team=row.team.name,
-        person=row.person.name,
-        sha256=row.sha256,
-        received_at=row.received_at,
-        method=Method.model_validate(row.method),
-        report=own.report,
-        receipt=own.receipt,
-        earlier=own.earlier,
-        also=also,
-        status=status_of(row),
-        published_at=row.published_at,
-        withdrawn_at=row.withdrawn_at,
-        anonymous_until=row.anonymous_until,
-        shows_episodes=row.shows_episodes,
-        upload_deleted_at=row.upload_deleted_at,
-    )
-
-
-def status_of(row: Submission) -> Literal["unpublished", "published", "withdrawn"]:
-    """Return whether everyone sees a submission."""
-    if row.withdrawn_at:
-        return "withdrawn"
-    return "published" if row.published_at else "unpublished"
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,20 +142,20 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
     row = find_submission(session, submission_id)
     if row is None or row.published_at is None or row.withdrawn_at is not None:
         raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
-    held_until = view.embargo.until(row)
+    held_until = view.held_until(row)
     reviews = standing_reviews(session, row.id)
     return Publication(
         id=row.id,
         split=row.split,
-        team=public_team(row, view.embargo.now),
+        team=public_team(row, view.now),
         method=Method.model_validate(row.method),
-        report=view.embargo.report(row),
+        report=view.score_report(row),
         scores_held_until=held_until,
         published_at=row.published_at,
         shows_episodes=row.shows_episodes or "baseline" in {each.verdict for each in reviews},
         reviews=reviews,
         earlier=[] if held_until else list(map(EarlierResult.model_validate, row.earlier)),
-        also=view.embargo.also(row),
+        also=view.also(row),
     )
 
 
@@ -222,12 +177,7 @@ def with_public_episodes(split: str) -> Select[Submission]:
     )
     return (
         select(Submission)
-        .where(
-            Submission.split == split,
-            Submission.published_at.is_not(None),
-            Submission.withdrawn_at.is_(None),
-            Submission.shows_episodes | is_baseline,
-        )
+        .where(Submission.split == split, IS_SHOWN, Submission.shows_episodes | is_baseline)
         .order_by(Submission.published_at.desc(), Submission.id)
     )
 
@@ -253,11 +203,9 @@ class SubmissionService:
     """Access to submissions that needs more than the database: files, episodes and changes."""
 
     boards: Mapping[str, Board]
-    database: Database
     uploads: Uploads
     transactions: Transactions
     schedules: Schedules
-    signer: Signer
     required_metadata: Collection[str]
 
     def __post_init__(self) -> None:
@@ -267,7 +215,7 @@ class SubmissionService:
 
     def view(self, session: Session, now: datetime) -> View:
         """Return what may be seen at a moment."""
-        return View(Embargo(self.schedules.read(session), self.signer, now))
+        return View(self.schedules.read(session), self.transactions.signer, now)
 
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces.
@@ -356,7 +304,7 @@ class SubmissionService:
         MalformedError
             If required information about the method would be missing.
         """
-        with self.database.reading() as session:
+        with self.transactions.database.reading() as session:
             known = submission_report(_row_of(session, person, submission_id))
             if not change.model_fields_set:
                 view = self.view(session, self.transactions.clock())
@@ -414,8 +362,7 @@ class SubmissionService:
             Submission.split == row.split,
             Submission.team_id == row.team_id,
             Submission.id != row.id,
-            Submission.published_at.is_not(None),
-            Submission.withdrawn_at.is_(None),
+            IS_SHOWN,
         )
         for earlier in transaction.session.scalars(chosen).all():
             if not is_disqualified(transaction.session, earlier.id):

@@ -140,15 +140,7 @@ def list_tokens(session: Session, page: Page) -> Listed[TokenReport]:
 
 def token_report(token: Token) -> TokenReport:
     """Return what organisers see of a token."""
-    return TokenReport(
-        hint=token.hint,
-        kind=token.kind,
-        person=token.person.name,
-        team=token.person.team.name,
-        created_at=token.created_at,
-        expires_at=token.expires_at,
-        revoked_at=token.revoked_at,
-    )
+    return token.as_report(TokenReport, person=token.person.name, team=token.person.team.name)
 
 
 def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> Token:
@@ -294,7 +286,6 @@ def _create(
         created_at=transaction.now,
         expires_at=expires_at,
     )
-    transaction.add(token)
     transaction.record(f"{kind} token created", token, person, hint=token.hint)
     return NewTokenReport(**token_report(token).model_dump(), token=text)
 

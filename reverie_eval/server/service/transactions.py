@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.audit import AuditLog, row_name
 from reverie_eval.server.service.keys import admit
+from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.settings import Channel
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Base, Person
@@ -49,12 +50,14 @@ class Transaction:
         self.session.flush()
 
     def record(self, action: str, row: Base, subject: Person | str, **details: Any) -> None:
-        """Append an action on a row to the audit log; ``subject`` is what or who it is about.
+        """Insert a row if it is new, and append an action on it to the audit log.
+
+        ``subject`` is what or who the action is about.
 
         Persons are logged by their row, so that the log need not change when a person is deleted.
         So ``details`` must not name any person.
         """
-        self.session.flush()
+        self.add(row)
         self.audit_log.append(
             self.session,
             self.now,
@@ -77,6 +80,11 @@ class Transactions:
     begins: Callable[[Transaction], None] = lambda _: None
     """Called at the beginning of each transaction, before anything is changed."""
 
+    @property
+    def signer(self) -> Signer:
+        """Has the signing key in use."""
+        return self.audit_log.signer
+
     @contextmanager
     def begin(self, actor: Actor) -> Iterator[Transaction]:
         """Begin a transaction; it is committed at the end, or rolled back after an error.
@@ -88,7 +96,7 @@ class Transactions:
         """
         with self.database.writing() as session:
             now = self.clock()
-            admit(session, self.audit_log.signer, now)
+            admit(session, self.signer, now)
             transaction = Transaction(session, actor, now, self.audit_log, self.channels)
             self.begins(transaction)
             yield transaction

@@ -17,10 +17,20 @@ from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import URL, Connection, Dialect, create_engine, event, text
+from sqlalchemy import (
+    URL,
+    ColumnElement,
+    Connection,
+    Dialect,
+    create_engine,
+    event,
+    func,
+    select,
+    text,
+)
 from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.exc import TimeoutError as NoConnectionLeftError
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import DeclarativeBase, Session
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.text import first_few
@@ -140,6 +150,11 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+
+
+def count_rows(session: Session, table: type[DeclarativeBase], *where: ColumnElement[bool]) -> int:
+    """Return the number of rows of a table that meet all conditions."""
+    return session.scalar(select(func.count()).select_from(table).where(*where)) or 0
 
 
 def migrate(connection: Connection, revision: str) -> None:

@@ -1,13 +1,16 @@
 """The tables of the database."""
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal, TypeVar
 
+from pydantic import BaseModel
 from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import ReleaseScores, Role, Verdict
+
+Report = TypeVar("Report", bound=BaseModel)
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -41,6 +44,11 @@ class Base(DeclarativeBase):
         Verdict: String(16),
         ReleaseScores: String(16),
     }
+
+    def as_report(self, model: type[Report], /, **given: Any) -> Report:
+        """Return the row as a report, with its columns for all fields that are not given."""
+        columns = {name: getattr(self, name) for name in model.model_fields if name not in given}
+        return model(**columns, **given)
 
 
 class Team(Base):
@@ -179,6 +187,17 @@ class Submission(Base):
     """
     team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
     person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
+
+    @property
+    def status(self) -> Literal["unpublished", "published", "withdrawn"]:
+        """Whether everyone sees it."""
+        if self.withdrawn_at:
+            return "withdrawn"
+        return "published" if self.published_at else "unpublished"
+
+
+IS_SHOWN = Submission.published_at.is_not(None) & Submission.withdrawn_at.is_(None)
+"""Whether everyone sees a submission, for statements."""
 
 
 class ClusterSums(Base):

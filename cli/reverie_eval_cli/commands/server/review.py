@@ -35,10 +35,8 @@ def submissions(*, folder: Folder, split: str | None, team: str | None) -> None:
 
 
 def _cells(row: "Submission") -> tuple[str, ...]:
-    from reverie_eval.server.service.submissions import status_of
-
     names = row.team.name, row.person.name, str(row.method["name"])
-    return row.id, minute(row.received_at), row.split, *names, status_of(row)
+    return row.id, minute(row.received_at), row.split, *names, row.status
 
 
 @click.group(cls=Group)

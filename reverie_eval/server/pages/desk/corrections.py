@@ -1,8 +1,5 @@
 """``/desk/corrections``: scoring again after the ground truth or the rules were corrected."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import APIRouter
 from fastapi.responses import Response
 
@@ -18,8 +15,8 @@ router = APIRouter()
 PAGE = "/desk/corrections"
 
 
-@forms.shown_by("corrections.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "corrections.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the splits with submissions to score again, and all corrections."""
     return {
         "outdated": {
@@ -32,12 +29,6 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
         ),
         "at_once": rescoring.AT_ONCE,
     }
-
-
-@router.get(PAGE)
-def show_corrections(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the corrections."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)

@@ -15,6 +15,7 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.http.uploads import Began, Upload, method_from, taken
 from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.submitting import NOTHING, check_form
 from reverie_eval.server.service import people
 
@@ -33,16 +34,14 @@ def draw(
     """Show the form, and the reply to the last file."""
     with desk.snapshot() as snapshot:
         everybody = people.everybody(snapshot.session)
-        return forms.desk_page(
-            desk,
+        return page(
             snapshot,
-            "emailed-files.html",
+            "desk/emailed-files.html",
             problem,
             typed={**NOTHING, "person": "", "received_at": "", "publish": "", **typed},
             person_names={str(each.id): f"{each.name}, {each.team}" for each in everybody},
             splits=list(desk.server.boards),
             required=desk.server.settings.required_metadata,
-            method_fields=Method.model_fields,
             limit=desk.server.settings.limits.upload_mebibytes,
             report=report,
             filename=filename,

@@ -11,8 +11,8 @@ from reverie_eval.reporting._evidence import (
 )
 from reverie_eval.server.http.callers import Desk
 from reverie_eval.server.http.uploads import ScoringSlot
-from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.desk.overview import Sought
+from reverie_eval.server.pages.rendering import page
 
 router = APIRouter()
 
@@ -31,10 +31,9 @@ def show_evidence(desk: Desk, _: ScoringSlot, split: Sought = "", team: Sought =
         if team:
             tables[f"Submissions of {team}"] = history_table(report.history)
     with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
+        return page(
             snapshot,
-            "evidence.html",
+            "desk/evidence.html",
             report=report,
             tables=tables,
             splits=boards,

@@ -9,14 +9,14 @@ from datetime import date
 from functools import wraps
 from typing import Annotated, Any, Protocol, TypeAlias
 
-from fastapi import Query
+from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from starlette.datastructures import FormData, UploadFile
 
 from reverie_eval.schemas.joining import PersonInvitation
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.callers import Call, Snapshot
+from reverie_eval.server.http.callers import Call, Desk, Snapshot
 from reverie_eval.server.pages.rendering import (
     address_of_site,
     page,
@@ -36,23 +36,12 @@ Typed: TypeAlias = Mapping[str, str]
 """The input of a form, by the names of its fields."""
 Draw: TypeAlias = Callable[[Call, Typed, ProblemDocument], Response]
 """Shows a page again, with the input of its form and a problem."""
-Content: TypeAlias = Callable[[Call, Snapshot, Typed], Mapping[str, Any]]
+Shown: TypeAlias = Mapping[str, Any]
+"""What a template needs besides what all pages of the desk have."""
+Content: TypeAlias = Callable[[Call, Snapshot, Typed], Shown]
 """Returns what is on a page, given the input of its form."""
 Done = Annotated[str, Query(max_length=20)]
 """The outcome of a form, by which the page chooses a message."""
-
-
-def desk_page(
-    desk: Call,
-    snapshot: Snapshot,
-    template: str,
-    problem: ProblemDocument | None = None,
-    **content: Any,
-) -> Response:
-    """Show a page of the desk, with a problem of a form on it, if any."""
-    status = problem.status if problem else 200
-    content |= {"problem": problem, "now": snapshot.now}
-    return page(desk.request, f"desk/{template}", snapshot, status, **content)
 
 
 class FormPage(Protocol):
@@ -74,7 +63,22 @@ def shown_by(template: str) -> Callable[[Content], FormPage]:
         ) -> Response:
             with desk.snapshot() as snapshot:
                 shown = {"typed": typed, "done": what, **content(desk, snapshot, typed)}
-                return desk_page(desk, snapshot, template, problem, **shown)
+                return page(snapshot, f"desk/{template}", problem, **shown)
+
+        return draw
+
+    return page_of
+
+
+def shown_at(router: APIRouter, path: str, template: str) -> Callable[[Content], FormPage]:
+    """Do what :func:`shown_by` does, and show the page at its address, its forms empty."""
+
+    def page_of(content: Content) -> FormPage:
+        draw = shown_by(template)(content)
+
+        @router.get(path)
+        def show(desk: Desk, done: Done = "") -> Response:
+            return draw(desk, {}, what=done)
 
         return draw
 
@@ -91,16 +95,15 @@ def ask(desk: Call, typed: Typed, template: str = "confirm.html", **content: Any
     """Ask for confirmation of an action."""
     with desk.snapshot() as snapshot:
         action = desk.request.url.path
-        return desk_page(desk, snapshot, template, fields=typed, action=action, **content)
+        return page(snapshot, f"desk/{template}", fields=typed, action=action, **content)
 
 
 def show_invitations(desk: Call, invitations: Sequence[PersonInvitation], back: str) -> Response:
     """Show invitations that can be shown only once, and a link back."""
     with desk.snapshot() as snapshot:
-        return desk_page(
-            desk,
+        return page(
             snapshot,
-            "invitations.html",
+            "desk/invitations.html",
             invitations=invitations,
             table=invitations_csv(invitations),
             sign_in=address_of_site(desk.request, "/sign-in"),

@@ -1,8 +1,5 @@
 """``/desk/news``: short dated entries for the leaderboards and their feeds."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import APIRouter
 from fastapi.responses import Response
 
@@ -18,18 +15,12 @@ router = APIRouter()
 PAGE = "/desk/news"
 
 
-@forms.shown_by("news.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "news.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show all entries, and the form to add one."""
     return {
         "entries": news.list_news(snapshot.session, forms.page_at(desk, "entries")),
     }
-
-
-@router.get(PAGE)
-def show_news(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the entries."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)

@@ -1,8 +1,5 @@
 """``/desk/notice``: the banner, and pausing submissions."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import APIRouter
 from fastapi.responses import Response
 
@@ -11,35 +8,25 @@ from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service.notices import latest_notice
-from reverie_eval.server.store.tables import Notice
 
 router = APIRouter()
 
 PAGE = "/desk/notice"
 
 
-@forms.shown_by("notice.html")
-def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "notice.html")
+def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Shown:
     """Show the current notice, and the form to change it, with its input or the posted notice."""
     notices, posted = desk.server.notices, latest_notice(snapshot.session)
     standing = notices.current(snapshot.session)
-    of_posted = {} if posted is None else _typed_of(posted)
+    if posted and not typed:
+        typed = {"banner": posted.banner, **({"paused": "true"} if posted.paused else {})}
     return {
         "posted": posted,
         "standing": standing,
         "settled": notices.of_settings,
-        "typed": typed or of_posted,
+        "typed": typed,
     }
-
-
-def _typed_of(posted: Notice) -> forms.Typed:
-    return {"banner": posted.banner, **({"paused": "true"} if posted.paused else {})}
-
-
-@router.get(PAGE)
-def show_notice(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the current notice and the form to change it."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)

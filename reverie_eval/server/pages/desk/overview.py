@@ -9,7 +9,7 @@ from fastapi.responses import Response
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http.callers import Desk
 from reverie_eval.server.http.runtime import Runtime
-from reverie_eval.server.pages.desk.forms import desk_page
+from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.attempts import (
     FAILURES,
     counts_of_splits,
@@ -39,10 +39,9 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
     server = desk.server
     with desk.snapshot() as snapshot:
         session = snapshot.session
-        return desk_page(
-            desk,
+        return page(
             snapshot,
-            "overview.html",
+            "desk/overview.html",
             health=health,
             boards=server.boards.values(),
             attempts=list_attempts(session, Page(A_FEW)).rows,
@@ -59,10 +58,9 @@ def show_uploads(desk: Desk, cursor: Cursor = None, outcome: Sought = "") -> Res
     """List uploads, the latest first."""
     chosen = outcome if outcome in ALL_OUTCOMES else ""
     with desk.snapshot() as snapshot:
-        return desk_page(
-            desk,
+        return page(
             snapshot,
-            "uploads.html",
+            "desk/uploads.html",
             attempts=list_attempts(snapshot.session, Page(ON_A_PAGE, cursor), chosen),
             is_first=cursor is None,
             outcome=chosen,
@@ -80,15 +78,14 @@ def show_audit(
     """
     actor, subject, audit_log = _findable(actor), _findable(subject), desk.server.audit_log
     with desk.snapshot() as snapshot:
-        session, page = snapshot.session, Page(ON_A_PAGE, cursor)
-        listed = list_entries(session, page, actor=actor, subject=subject, newest_first=True)
+        session, wanted = snapshot.session, Page(ON_A_PAGE, cursor)
+        listed = list_entries(session, wanted, actor=actor, subject=subject, newest_first=True)
         altered = (
             audit_log.broken_links(session) if whole else audit_log.altered(session, listed.rows)
         )
-        return desk_page(
-            desk,
+        return page(
             snapshot,
-            "audit.html",
+            "desk/audit.html",
             entries=listed,
             names=names_in(session, listed.rows),
             is_first=cursor is None,

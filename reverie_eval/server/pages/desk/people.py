@@ -1,8 +1,7 @@
 """``/desk/people``: teams, people and their tokens; ``/desk/people/3``: a person."""
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Path
 from fastapi.responses import Response
@@ -14,7 +13,7 @@ from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
-from reverie_eval.server.pages.rendering import address_of_site
+from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service import merging, people, people_files, personal_data, tokens
 
 router = APIRouter()
@@ -23,8 +22,8 @@ Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
 PAGE = "/desk/people"
 
 
-@forms.shown_by("people.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "people.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show all teams, people and tokens, and the forms to add more."""
     session, browser = snapshot.session, snapshot.browser
     everybody = people.everybody(session)
@@ -37,12 +36,6 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
         "tokens": tokens.list_tokens(session, forms.page_at(desk, "tokens")),
         "own": browser and browser.token.hint,
     }
-
-
-@router.get(PAGE)
-def show_people(desk: Desk, done: forms.Done = "") -> Response:
-    """Show all teams, people and tokens."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(f"{PAGE}/teams")
@@ -104,7 +97,7 @@ def create_token(desk: Desk, form: Posted) -> Response:
     created = desk.perform(tokens.create_token, new)
     sign_in = address_of_site(desk.request, "/sign-in")
     with desk.snapshot() as snapshot:
-        return forms.desk_page(desk, snapshot, "token.html", created=created, sign_in=sign_in)
+        return page(snapshot, "desk/token.html", created=created, sign_in=sign_in)
 
 
 @router.post(f"{PAGE}/tokens/{{hint}}/revoke")
@@ -119,16 +112,10 @@ def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
     return forms.done(PAGE, "revoked")
 
 
-@forms.shown_by("people-import.html")
-def draw_import(*_: object) -> Mapping[str, Any]:
+@forms.shown_at(router, f"{PAGE}/import", "people-import.html")
+def draw_import(*_: object) -> forms.Shown:
     """Show the form to import a file of people."""
     return {}
-
-
-@router.get(f"{PAGE}/import")
-def show_import(desk: Desk) -> Response:
-    """Show the form to import a file of people."""
-    return draw_import(desk, {})
 
 
 @router.post(f"{PAGE}/import")
@@ -156,10 +143,9 @@ def draw_person(
     with desk.snapshot() as snapshot:
         person = people.person_report(people.find_person(snapshot.session, person_id))
         own = {"name": person.name, "email": person.email or "", "team": person.team}
-        return forms.desk_page(
-            desk,
+        return page(
             snapshot,
-            "person.html",
+            "desk/person.html",
             problem,
             person=person,
             team_names=people.names_of_teams(snapshot.session),

@@ -1,9 +1,8 @@
 """``/desk/phases``: when splits accept submissions and show scores."""
 
 import re
-from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
@@ -23,7 +22,7 @@ _NAME = re.compile(r"name-([0-9]{1,3})")
 
 
 @forms.shown_by("phases.html")
-def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any]:
+def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Shown:
     """Compare settings and desk, and show the form of a split, with its input or what applies."""
     timetables = desk.server.schedules.read(snapshot.session)
     chosen = typed.get("split", "")

@@ -1,8 +1,5 @@
 """``/desk/quotas``: quotas, and granting extra submissions."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import APIRouter
 from fastapi.responses import Response
 
@@ -17,20 +14,14 @@ router = APIRouter()
 PAGE = "/desk/quotas"
 
 
-@forms.shown_by("quotas.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "quotas.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the quotas of splits, all grants, and the form to grant more."""
     return {
         "given": quotas.list_grants(snapshot.session, forms.page_at(desk, "given")),
         "team_names": people.names_of_teams(snapshot.session),
         "boards": desk.server.boards.values(),
     }
-
-
-@router.get(PAGE)
-def show_quotas(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the quotas and the grants."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)

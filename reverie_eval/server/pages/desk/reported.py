@@ -16,6 +16,7 @@ from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service import reported
 from reverie_eval.server.service.reported_files import as_printed, printed_value
 from reverie_eval.tasks import Task
@@ -25,8 +26,8 @@ router = APIRouter()
 PAGE = "/desk/reported"
 
 
-@forms.shown_by("reported.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "reported.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the reported results, and the form to add one."""
     return {
         "results": reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
@@ -36,8 +37,8 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     }
 
 
-@forms.shown_by("reported-import.html")
-def draw_import(desk: Call, _snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, f"{PAGE}/import", "reported-import.html")
+def draw_import(desk: Call, _snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the form to import a file."""
     return {"splits": list(desk.server.boards)}
 
@@ -52,22 +53,15 @@ def draw_result(
     with desk.snapshot() as snapshot:
         result = reported.find_reported(snapshot.session, result_id)
         task = desk.server.settings.tasks.get(result.split)
-        return forms.desk_page(
-            desk,
+        return page(
             snapshot,
-            "reported-result.html",
+            "desk/reported-result.html",
             problem,
             result=result,
             **_scores_asked([task] if task else desk.server.tasks),
             method_fields=MethodDescription.model_fields,
             typed=_typed_of(result) if typed is None else typed,
         )
-
-
-@router.get(PAGE)
-def show_reported(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the reported results."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)
@@ -78,12 +72,6 @@ def add(desk: Desk, form: Posted) -> Response:
     tasks = desk.server.settings.tasks
     desk.perform(reported.add_reported, read_model(NewReported, fields), tasks)
     return forms.done(PAGE, "added")
-
-
-@router.get(f"{PAGE}/import")
-def show_import(desk: Desk) -> Response:
-    """Show the form to import a file."""
-    return draw_import(desk, {})
 
 
 @router.post(f"{PAGE}/import")

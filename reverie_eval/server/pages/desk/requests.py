@@ -13,6 +13,7 @@ from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Posted
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service import joining
 
 router = APIRouter()
@@ -29,10 +30,9 @@ def draw(
 ) -> Response:
     """Show the open requests, with a tick at some of them, or with None at all."""
     with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
+        return page(
             snapshot,
-            "requests.html",
+            "desk/requests.html",
             problem,
             requests=joining.list_requests(snapshot.session, forms.page_at(desk, "requests")),
             cursor=desk.request.query_params.get("requests", ""),

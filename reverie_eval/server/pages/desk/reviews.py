@@ -1,7 +1,7 @@
 """``/desk/reviews``: public reviews of submissions."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
@@ -30,18 +30,17 @@ _HARMFUL = frozenset({"flagged", "disqualified"})
 
 
 @forms.shown_by("reviews.html")
-def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any]:
+def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Shown:
     """Show the reviews, and the form to review a submission."""
     session = snapshot.session
     chosen = _chosen(session, typed)
-    embargo = desk.server.submissions.view(session, snapshot.now).embargo
     standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
     return {
         "standing": reviews.review_rows(session, standing, standing=True),
         "lifted": reviews.review_rows(session, lifted, standing=False),
         "latest": reviews.latest_submissions(session, A_FEW),
         "chosen": chosen,
-        "report": None if chosen is None else embargo.report(chosen),
+        "report": None if chosen is None else snapshot.view.score_report(chosen),
         "verdicts": VERDICTS,
     }
 

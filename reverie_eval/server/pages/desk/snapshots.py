@@ -1,8 +1,5 @@
 """``/desk/snapshots``: signed states of leaderboards, which never change."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import APIRouter
 from fastapi.responses import Response
 
@@ -17,19 +14,13 @@ router = APIRouter()
 PAGE = "/desk/snapshots"
 
 
-@forms.shown_by("snapshots.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "snapshots.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show all snapshots, and the form to take one."""
     return {
         "snapshots": list_snapshots(snapshot.session),
         "splits": list(desk.server.boards),
     }
-
-
-@router.get(PAGE)
-def show_snapshots(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the snapshots."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)

@@ -46,7 +46,7 @@ UPLOADS = "uploads/"
 FORMAT = 1
 _SIGNING_KEY = "signing_key"
 _LEVEL = 6
-"""gzip's own level. tarfile's, 9, takes twice as long for 0.3 % fewer bytes."""
+"""The usual level of gzip. At 9, as of tarfile, submissions take 2.5 times as long for 2 % less."""
 
 
 class Manifest(BaseModel):

@@ -93,9 +93,9 @@ class Slow(NamedTuple):
 
 
 SLOW = {
-    "a page that refuses": Slow(rendering, "page", "/episodes", 429, FLOODING),
+    "a page that refuses": Slow(rendering, "_page", "/episodes", 429, FLOODING),
     "a refusal": Slow(problems, "_document", "/api/v1/me", 429, FLOODING),
-    "a charset": Slow(rendering, "page", "/guide", 400, headers={"Content-Type": LATIN}),
+    "a charset": Slow(rendering, "_page", "/guide", 400, headers={"Content-Type": LATIN}),
     "a fault": Slow(problems, "log_fault", "/guide/protocols", 500),
     "the description": Slow(openapi, "get_openapi", "/api/v1/openapi.json", 200),
 }

@@ -45,9 +45,10 @@ from reverie_eval.server.http import middleware
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.service import boards
+from reverie_eval.server.service.boards import Board, load_board
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.settings import SETTINGS_FILE, Also, Limits, Settings, load_settings
+from reverie_eval.server.settings import SETTINGS_FILE, Also, Limits, Settings, Split, load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person
@@ -287,17 +288,17 @@ OpenServer = Callable[..., Serving]
 
 @pytest.fixture(scope="session", autouse=True)
 def _files_are_read_once() -> Iterator[None]:
-    """Let servers share bundles and migrations, as to read them takes longer than most tests."""
-    unpacked: dict[bytes, Bundle] = {}
+    """Let servers share boards and migrations, as to read them takes longer than most tests."""
+    loaded: dict[tuple[object, ...], Board] = {}
 
-    def load(path: Path) -> Bundle:
-        content = path.read_bytes()
-        if content not in unpacked:
-            unpacked[content] = Bundle.load(path)
-        return unpacked[content]
+    def load(name: str, split: Split, path: Path) -> Board:
+        key = name, split.model_dump_json(), path.read_bytes(), path.stat().st_mode
+        if key not in loaded:
+            loaded[key] = load_board(name, split, path)
+        return loaded[key]
 
     with (
-        patch.object(boards, "Bundle", SimpleNamespace(load=load)),
+        patch.object(boards, "load_board", load),
         patch(f"{Database.__module__}.ScriptDirectory", cache(ScriptDirectory)),
     ):
         yield

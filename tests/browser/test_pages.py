@@ -1,11 +1,13 @@
 """What holds of every page in a real browser, whoever looks, on whatever screen."""
 
-from typing import Any
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any, NamedTuple
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Browser, Page
 
-from tests.support.browser import NARROW, PHONE, OpenPage, barriers
+from tests.support.browser import NARROW, PHONE, Ear, OpenPage, barriers, new_context
 from tests.support.demo_site import OPEN, OWNER, Site
 from tests.support.page_routes import EXAMPLES, Example
 
@@ -22,11 +24,51 @@ SCROLLS = "getComputedStyle(document.documentElement).scrollBehavior"
 every_page = pytest.mark.parametrize("example", EXAMPLES, ids=[each.name for each in EXAMPLES])
 
 
+class Window(NamedTuple):
+    """Where somebody looks at one page after another."""
+
+    page: Page
+    ear: Ear
+    unpacked: list[int]
+    """The sizes of what the page has received, not from a cache."""
+
+    def empty(self) -> None:
+        """Make it as it was when it was opened, besides who looks."""
+        width, height = NARROW
+        self.page.set_viewport_size({"width": width, "height": height})
+        self.page.emulate_media(color_scheme="light")
+        self.page.goto(EMPTY_PAGE)
+        self.unpacked.clear()
+        self.ear.complaints.clear()
+
+
+@pytest.fixture(scope="module")
+def window_of(browser: Browser, site: Site) -> Iterator[Callable[[str | None], Window]]:
+    """Return what finds somebody's window: a new one for each page would take longer to load it."""
+    contexts = []
+
+    @cache
+    def window_of(who: str | None) -> Window:
+        context = new_context(browser, site, NARROW, reduced_motion="reduce")
+        contexts.append(context)
+        if who is not None:
+            context.request.post("/sign-in", form={"token": site.tokens[who]})
+        ear, page = Ear(site.url, context), context.new_page()
+        return Window(page, ear, bytes_received(page))
+
+    yield window_of
+    for context in contexts:
+        context.close()
+
+
 @every_page
-def test_a_page_serves_everybody(example: Example, site: Site, open_page: OpenPage) -> None:
+def test_a_page_serves_everybody(
+    example: Example, site: Site, window_of: Callable[[str | None], Window]
+) -> None:
     """Each page is loaded once, which takes longer than all that is checked of it."""
-    page = open_page(site, EMPTY_PAGE, example.who, NARROW, reduced_motion="reduce")
-    unpacked = bytes_received(page)
+    window = window_of(example.who)
+    window.empty()
+    page, unpacked = window.page, window.unpacked
     page.goto(example.path(site))
     assert page.evaluate(MOVING) == []
     assert page.evaluate(SCROLLS) == "auto"
@@ -35,6 +77,7 @@ def test_a_page_serves_everybody(example: Example, site: Site, open_page: OpenPa
     needed = page.evaluate("performance.getEntriesByType('resource').map(it => it.decodedBodySize)")
     assert sum(unpacked) >= sum(needed) > 0
     assert sum(unpacked) < MOST_KILOBYTES * KILOBYTE
+    assert window.ear.complaints == []
 
 
 HEIGHTS = "rows => rows.map(row => row.getBoundingClientRect().height)"

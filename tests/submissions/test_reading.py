@@ -4,6 +4,7 @@ The tables hold the text of JSON values, because some faults exist in text only:
 there twice, a number beyond the range of floats.
 """
 
+import errno
 import gzip
 import io
 import json
@@ -140,11 +141,27 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
             id="nested after an object",
         ),
         pytest.param(
-            b"[{}]\n\n  {}", "not-json", "line 3, column 3", "", id="a list and an object"
+            b"[{}]\n\n  {}",
+            "not-json",
+            "line 3, column 3",
+            "Extra data; write",
+            id="a list and an object",
         ),
-        pytest.param(b'[{"a": 1}', "not-json", "line 1, column 10", "", id="cut off"),
-        pytest.param(b"[1e5, .5]", "not-json", "line 1, column 7", "", id="no digit before point"),
-        pytest.param(b'["a\nb"]', "not-json", "line 1, column 4", "", id="line break in a text"),
+        pytest.param(
+            b"[{}]\n[{}, nul]", "not-json", "line 2, column 6", "Expecting", id="an unfinished null"
+        ),
+        pytest.param(b'[{"a": 1}', "not-json", "line 1, column 10", "cut short", id="cut off"),
+        pytest.param(b'["a", "b]', "not-json", "line 1, column 7", "cut short", id="cut in a text"),
+        pytest.param(
+            b"[1e5, .5]", "not-json", "line 1, column 7", "Expecting", id="no digit before point"
+        ),
+        pytest.param(
+            b'["a\nb"]',
+            "not-json",
+            "line 1, column 4",
+            "Invalid control character; write",
+            id="line break in a text",
+        ),
         pytest.param(b'["ok", "\xff"]', "not-json", "byte 8", "utf-8", id="invalid UTF-8"),
         pytest.param(b"PK\x03\x04", "damaged-zip", "file", "not a zip file", id="no zip"),
         pytest.param(b"<!doctype html>", "not-json", "file", "is a web page", id="web page"),
@@ -222,6 +239,52 @@ def test_too_large(
     assert (problem.code, problem.where) == ("too-large", "file")
     assert "larger than 1 MiB" in problem.message
     assert problem.message.endswith("set REVERIE_EVAL_MAX_MEBIBYTES to the size in MiB")
+
+
+def test_of_a_file_that_is_too_large_no_more_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(MAX_MEBIBYTES_VARIABLE, "1")
+    content = b" " * (2 << 20)
+    path = tmp_path / "large.json"
+    path.write_bytes(content)
+    opened, piped = io.BytesIO(content), io.BytesIO(content)
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(piped))
+    for source in (str(path), path, opened, "-"):
+        (problem,) = problems_of(source)
+        assert problem.code == "too-large"
+    assert (opened.tell(), piped.tell()) == (1 + (1 << 20),) * 2
+
+
+def test_standard_input_that_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", None)
+    with pytest.raises(OSError, match="is closed: 'standard input'") as closed:
+        read_predictions("-")
+    assert closed.value.errno == errno.EBADF
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        pytest.param("[]", "to score JSON text, pass it as bytes: text.encode()", id="JSON text"),
+        pytest.param(
+            ' {"7_1_0": 3}\n', "to score JSON text, pass it as bytes: text.encode()", id="an object"
+        ),
+        pytest.param(
+            3, "a submission is a path, bytes, an open file or records, got int", id="a number"
+        ),
+    ],
+)
+def test_what_is_no_source(source: Any, message: str) -> None:
+    with pytest.raises(TypeError) as refused:
+        read_predictions(source)
+    assert str(refused.value) == message
+
+
+@pytest.mark.parametrize("path", ["[a.json", "a.json}", "{a]"])
+def test_a_path_with_brackets_is_a_path(path: str) -> None:
+    with pytest.raises(FileNotFoundError):
+        read_predictions(path)
 
 
 @pytest.mark.parametrize("value", ["", "-1", "0", "1.5", "two", "9" * 7])

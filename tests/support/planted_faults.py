@@ -49,7 +49,9 @@ class CollectedTests(PytestRunner):  # type: ignore[misc]  # mutmut is not read
         imported = IMPORTED.read_text().splitlines()
         seconds = json.loads(DURATIONS.read_bytes())["duration_by_test"]
         os.chdir("mutants")
-        options = ["--rootdir=.", "--capture=no", "--quiet", *self._pytest_add_cli_args]
+        # Any other traceback would show its source, for which modules with all faults are parsed.
+        options = ["--rootdir=.", "--capture=no", "--quiet", "--tb=native"]
+        options += self._pytest_add_cli_args
         config = _prepareconfig([*options, *self._pytest_add_cli_args_test_selection])
         config._do_configure()
         self._session = pytest.Session.from_config(config)

@@ -218,15 +218,6 @@ def test_the_diagnosis_is_the_score_of_the_cut_file(
     assert values_of(cut) == values_of(evaluate(cut_file, split=SPLIT, ground_truth=demo))
 
 
-def test_poses_of_a_cut_file_keep_their_places() -> None:
-    walked = [["door"], ["hall", "stairs"], ["bath", "hall"]]
-    cut = read_predictions(walking(*walked)).first_of_hops()
-    assert list(cut.viewpoint_ids) == ["door", "hall", "bath"]
-    assert cut.pose_paths == [(0, 0), (1, 0), (2, 0)]
-    assert cut.continues_hop is not None
-    assert not cut.continues_hop.any()
-
-
 def test_the_diagnosis_names_what_would_be_lost(demo: GroundTruth) -> None:
     """Success goes, grounding stays: the pattern of the threads that ask why."""
     whole, cut = diagnose(DUET.bytes(), split=SPLIT, ground_truth=demo)

@@ -66,8 +66,12 @@ class OrientedBoxes:
     def seen_by(self, position: FloatArray, camera_axes: FloatArray) -> Self:
         """Return the boxes in the frames of cameras, one camera per box.
 
-        All cameras are at ``position``, shape (3,). The rows of ``camera_axes``, shape (n, 3, 3),
-        are right, up and forward of each.
+        Parameters
+        ----------
+        position : float array, shape (3,)
+            Of all cameras.
+        camera_axes : float array, shape (n, 3, 3)
+            The unit vectors right, up and forward of each camera, as rows.
         """
         centre: FloatArray = np.einsum("nj,nij->ni", self.centre - position, camera_axes)
         return type(self)(centre, np.einsum("naj,nij->nai", self.axes, camera_axes), self.radii)

@@ -53,8 +53,17 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
 def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray, FloatArray]:
     """Return the areas of the intersections of polygons and boxes, and the sums of both areas.
 
-    Areas are square pixels. Polygons are those of :func:`warp`; boxes are left, top, width and
-    height in pixels of the same view.
+    Parameters
+    ----------
+    polygons : array, shape (n,)
+        As :func:`warp` returns them.
+    target_box_xywh : array, shape (n, 4)
+        Left, top, width and height, in pixels of the same view.
+
+    Returns
+    -------
+    tuple of two float arrays, shape (n,)
+        Square pixels.
     """
     import shapely
 

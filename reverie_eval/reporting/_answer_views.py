@@ -158,7 +158,12 @@ def span_of(seen: VisibleObject) -> Span:
 def box_span(xywh: Array, camera: FloatArray) -> Span:
     """Return the part of the panorama that boxes take up together.
 
-    Boxes and cameras are those of :func:`directions_of`, in arrays of shape (n, 4) and (n, 2).
+    Parameters
+    ----------
+    xywh : array, shape (n, 4)
+        Each box, as :func:`directions_of` takes it.
+    camera : float array, shape (n, 2)
+        The camera that each box was drawn in.
     """
     directions = np.concatenate([directions_of(*each) for each in zip(xywh, camera, strict=True)])
     heading, elevation = np.rad2deg(angles_of(directions)).T

@@ -557,10 +557,7 @@ def _is_setting(variable: str) -> bool:
 def load_settings(folder: Path) -> Settings:
     """Read the settings of the server in a folder.
 
-    Raises
-    ------
-    SettingsError
-        Listing all problems with their keys.
+    SettingsError lists all problems with their keys.
     """
     file = folder / SETTINGS_FILE
     try:

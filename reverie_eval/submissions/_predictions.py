@@ -124,7 +124,7 @@ class AnswerColumns:
     is_navigation_only: bool = False
     """Whether no record has an answer."""
     point: FloatArray | None = None
-    """Shape (n, 2): heading and elevation of each predicted point, turns; NaN where there is none.
+    """Shape (n, 2): heading and elevation of each predicted point, in turns, or NaN for no point.
     None in a task without points."""
 
     def answers_of(self, rows: IntArray) -> Mapping[str, Any]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
+from reverie_eval.agents import run_agent
 from reverie_eval.analysis import episodes_won, gallery, near_misses
 from tests.conftest import SAMPLES
 from tests.support.home import OTHER_WALKS, WALKS, home_scores
@@ -38,8 +39,13 @@ def test_a_gallery_has_the_failed_episodes(home: tuple[rv.Scores, rv.Scores]) ->
         pytest.param("wrong object", "spl", -1, id="shortest route"),
     ],
 )
-def test_the_closest_are_first(outcome: str, metric: str, sign: int) -> None:
-    scores = rv.evaluate(SAMPLES / "mediocre.json", split=SPLIT)
+@pytest.mark.parametrize("agent", ["mediocre", "random"])
+def test_the_closest_are_first(
+    outcome: str, metric: str, sign: int, agent: str, demo: rv.GroundTruth
+) -> None:
+    is_random = agent == "random"  # it comes closest elsewhere than where it stops
+    submission = run_agent(agent, demo) if is_random else SAMPLES / f"{agent}.json"
+    scores = rv.evaluate(submission, split=SPLIT)
     listed = [
         name
         for name, each in zip(scores.instr_ids, scores.outcomes, strict=True)
@@ -50,6 +56,17 @@ def test_the_closest_are_first(outcome: str, metric: str, sign: int) -> None:
     assert 1 <= len(chosen) <= 3
     assert values[chosen[0]] == min(values[name] for name in listed)
     assert [values[name] for name in chosen] == sorted(values[name] for name in chosen)
+
+
+def test_a_wrong_box_is_as_close_as_its_overlap() -> None:
+    """Of boxes that overlap nothing, the shortest route comes first."""
+    scores = rv.evaluate(SAMPLES / "drawn.json", split=SPLIT)
+    ious, spl = (scores.episodes[metric].tolist() for metric in ("iou", "spl"))
+    rows = zip(scores.instr_ids, scores.outcomes, zip(ious, spl, strict=True), strict=True)
+    wrong = {name: overlap for name, outcome, overlap in rows if outcome == "wrong object"}
+    chosen = [wrong[name] for name in near_misses(scores)["wrong object"]]
+    assert chosen == sorted(chosen, reverse=True)
+    assert chosen[0] == max(wrong.values())
 
 
 def test_episodes_that_only_the_other_got_right(home: tuple[rv.Scores, rv.Scores]) -> None:

@@ -17,7 +17,7 @@ from reverie_eval.submissions import read_predictions
 from reverie_eval.submissions._official import convert_official
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import read_carefully
-from tests.submissions.test_reading import boxes_of, columns_of, places_of, problems_of
+from tests.support.json_records import boxes_of, columns_of, places_of, problems_of
 
 Pose = namedtuple("Pose", ["viewpoint_id", "heading", "elevation"])  # noqa: PYI024  # as agents do
 POSE = ("hall", 1.5, 0.25)

@@ -14,6 +14,7 @@ from fixtures.clustered_worlds import simulated_runs
 from reverie_eval.arrays import FloatArray
 from reverie_eval.metrics.runs import CrossedMeans
 from reverie_eval.reporting import results_table
+from reverie_eval.submissions import find_runs
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 
@@ -253,3 +254,15 @@ def test_what_are_no_runs(line: list[str], said: str, run: Run) -> None:
 def test_a_file_with_an_equals_sign_is_a_file(run: Run, here: Path) -> None:
     shutil.copy(SAMPLES / "good.json", here / "lr=1.json")
     assert "57.22" in run("lr=1.json", "--split", SPLIT).out
+
+
+def test_a_pattern_searches_folders_for_runs(run: Run, here: Path) -> None:
+    for seed in "12":
+        (here / "seeds" / seed).mkdir(parents=True)
+        shutil.copy(SAMPLES / "good.json", here / "seeds" / seed / "a=b.json")
+    for files in ("seeds/**/*.json", "seeds/1,seeds/2", "seeds/?/a=b.json"):
+        assert find_runs(f"ours={files}") == ("ours", ["seeds/1/a=b.json", "seeds/2/a=b.json"])
+    for word in ("seeds/1/a=b.json", "ours=", "=seeds/1", "*=seeds", "ours"):
+        assert find_runs(word) is None
+    shutil.copy(SAMPLES / "good.json", here / "1,2.json")
+    assert find_runs("ours=1,2.json") == ("ours", ["1,2.json"])

@@ -131,7 +131,7 @@ def test_a_sample_is_the_same_for_everyone_and_repeats_targets_last(server: Serv
     assert sorted(drawn) == sorted(episodes.instr_ids)
     assert len(set(tasks[:targets])) == targets
     second = tasks[targets : 2 * targets]
-    assert len(set(second)) == len(second), "a target repeats before all have been drawn twice"
+    assert len(set(second)) == len(second), "some target is drawn a third time too early"
     assert sample(board, 7, 5) == drawn[:5]
     assert sample(board, 8, everything) != drawn
 

@@ -12,7 +12,7 @@ from sqlalchemy import func, select
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.pages.signing import own_path
+from reverie_eval.server.pages.access import own_path
 from reverie_eval.server.settings import Limits, Quota
 from reverie_eval.server.store.tables import BrowserSession, Submission
 from tests.support.acting import NOON, add_person, add_team, create_token

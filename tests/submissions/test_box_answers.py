@@ -232,6 +232,11 @@ def test_boxes_of_a_file_are_counted() -> None:
     assert predictions.predicted_object.tolist() == [-1, -1, -1, -1, 3, -1, -1]
 
 
+def test_upright_images_are_counted() -> None:
+    upright = answer(predImageSize=[480, 640])
+    assert read(upright, upright).read_as[1] == UPRIGHT.replace("1", "2", 1)
+
+
 def test_boxes_in_another_order() -> None:
     boxes = read(
         answer(),

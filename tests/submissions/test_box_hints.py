@@ -101,10 +101,16 @@ def resized(box: Box, width: float, height: float) -> Box:
             "y measured from the lower edge",
             id="upside down",
         ),
-        pytest.param(
-            lambda box, view: {"predBox": resized(box, 224, 224), "predView": view},
-            "boxes of 224 x 224 images",
-            id="224 pixels",
+        *(
+            pytest.param(
+                lambda box, view, side=side: {
+                    "predBox": resized(box, side, side),
+                    "predView": view,
+                },
+                f"boxes of {side} x {side} images",
+                id=f"{side} pixels",
+            )
+            for side in (224, 336, 384)
         ),
         pytest.param(
             lambda box, view: {"predBox": box, "predView": min(view + 1, 35)},

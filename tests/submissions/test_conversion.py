@@ -252,6 +252,7 @@ def test_the_broken_sample_is_rejected_with_its_reading_problems(result: Path, r
         pytest.param(b"[{'a': None, []: 1}]", "not-json", id="Python that cannot be a value"),
         pytest.param(b'{"a": {}, "a": {}}', "repeated-field", id="id twice"),
         pytest.param(b'[{"instr_id": "a", "instr_id": "b"}]', "repeated-field", id="field twice"),
+        pytest.param(b'{"instr_id": 1, "instr_id": 2}\n{}', "repeated-field", id="in lines"),
     ],
 )
 def test_what_cannot_be_converted(content: bytes, code: str) -> None:
@@ -393,6 +394,32 @@ def test_another_structure_is_converted_to_what_was_meant(mistake: str) -> None:
 
 def test_views_become_whole_numbers() -> None:
     assert {record["predView"] for record in convert(broken("views as decimals")).records} == {12}
+    record = {"instr_id": "a", "trajectory": ["hall"], "predBox": [1, 2, 3, 4]}
+    for view in ("12", "12.0"):
+        assert convert([{**record, "predView": view}]).records[0]["predView"] == 12
+
+
+@pytest.mark.parametrize("behind", [b"see you", b"5"])
+def test_what_follows_the_list_is_left_out(behind: bytes) -> None:
+    converted = convert(json.dumps(OFFICIAL).encode() + b" " + behind)
+    assert [record["instr_id"] for record in converted.records] == [
+        record["instr_id"] for record in OFFICIAL
+    ]
+    assert converted.fixed == [f"text after the JSON: '{behind.decode()}'"]
+
+
+def test_mistakes_that_could_be_fixed_are_listed_with_the_others() -> None:
+    record = {name: OFFICIAL[0][name] for name in ("instr_id", "trajectory", "predObjId")}
+    without_id = {name: record[name] for name in ("trajectory", "predObjId")}
+    with pytest.raises(SubmissionError) as repeated:
+        convert([record, record, without_id])
+    same, no_id = repeated.value.problems
+    assert (same.where, no_id.where) == ("[1].instr_id", "[2]")
+    assert f"as an earlier record, such as '{record['instr_id']}'; remove" in same.message
+    prefixed = {**record, "instr_id": f"r2r_{record['instr_id']}"}
+    with pytest.raises(SubmissionError) as unknown:
+        convert([prefixed, without_id], split=SPLIT)
+    assert [problem.where for problem in unknown.value.problems] == ["[0].instr_id", "[1]"]
 
 
 def test_a_record_without_id_repeats_no_other() -> None:

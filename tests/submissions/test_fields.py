@@ -22,6 +22,16 @@ BOX = [10, 20, 30, 40]
         pytest.param({"predBox": BOX, "objId": 7}, {}, id="an id beside a box"),
         pytest.param({"predBox": None, "objId": 7}, {"objId": "predObjId"}, id="an id alone"),
         pytest.param({"instrId": "7_1_0"}, {"instrId": "instr_id"}, id="an instr_id"),
+        pytest.param({"id": 4}, {"id": "instr_id"}, id="an id of something"),
+        pytest.param(
+            {"id": 4, "instrId": "7_1_0"}, {"instrId": "instr_id"}, id="an instr_id beside it"
+        ),
+        pytest.param({"predObjId": -1, "view": 3}, {}, id="a view without a box"),
+        pytest.param(
+            {"predObjId": -1, "bbox": BOX, "view": 3},
+            {"bbox": "predBox", "view": "predView"},
+            id="a view beside a box",
+        ),
     ],
 )
 def test_a_field_counts_as_misspelt_if_the_record_lacks_what_it_is_for(

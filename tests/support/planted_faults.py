@@ -6,6 +6,7 @@ runs, which takes longer than most of them.
 
 # ruff: noqa: SLF001 - pytest offers no other way to collect tests now and to run some later
 
+import json
 import os
 import resource
 import shutil
@@ -29,6 +30,7 @@ SECONDS_TO_END = 30
 """Of processor time. A fault by which a test is still running then has been found."""
 
 IMPORTED = Path("mutants", "imported.txt")
+DURATIONS = Path("mutants", "mutmut-stats.json")
 NOT_FOUND, FOUND = 0, 1
 """What the status of a process tells mutmut."""
 
@@ -43,15 +45,19 @@ class CollectedTests(PytestRunner):  # type: ignore[misc]  # mutmut is not read
         return status
 
     def warm_up(self) -> None:
-        """Collect the tests, and import what they import while they run."""
+        """Collect the tests, the fastest first, and import what they import while they run."""
         imported = IMPORTED.read_text().splitlines()
+        seconds = json.loads(DURATIONS.read_bytes())["duration_by_test"]
         os.chdir("mutants")
-        options = ["--rootdir=.", "--capture=no", "--quiet", *self._pytest_add_cli_args]
+        # Any other traceback would show its source, for which modules with all faults are parsed.
+        options = ["--rootdir=.", "--capture=no", "--quiet", "--tb=native"]
+        options += self._pytest_add_cli_args
         config = _prepareconfig([*options, *self._pytest_add_cli_args_test_selection])
         config._do_configure()
         self._session = pytest.Session.from_config(config)
         config.hook.pytest_sessionstart(session=self._session)
         config.hook.pytest_collection(session=self._session)
+        self._session.items.sort(key=lambda item: seconds.get(item.nodeid, 0.0))
         for name in imported:
             with suppress(ImportError):
                 import_module(name)
@@ -61,7 +67,7 @@ class CollectedTests(PytestRunner):  # type: ignore[misc]  # mutmut is not read
         """Run tests up to the first that fails, in a folder of their own.
 
         They begin with those that found most of the earlier faults in the same function, and go on
-        with the others in the same files.
+        with the others in the same files. Otherwise, the fastest come first.
         """
         if mutant_name is None:  # before any fault is planted
             return int(super().run_tests(mutant_name=None, tests=tests))

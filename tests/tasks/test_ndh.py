@@ -11,6 +11,8 @@ import pytest
 
 from reverie_eval import GroundTruth, SubmissionError, evaluate
 from reverie_eval.ground_truth import Bundle
+from reverie_eval.submissions import read_predictions
+from reverie_eval.tasks import find_task
 from tests.conftest import REPOSITORY
 from tests.support.amounts import amount, tell
 from tests.support.family import (
@@ -254,6 +256,13 @@ def test_ids_may_be_numbers_or_text_under_either_name() -> None:
     ]
     for form in forms:
         assert evaluate(form, split="val_unseen", task="ndh") == scores
+
+
+@pytest.mark.parametrize("value", [9.0, True, None])
+def test_what_is_no_number_of_an_episode(value: object) -> None:
+    records = [{"inst_idx": value, "trajectory": [["v", 0, 0]]}]
+    (problem,) = read_predictions(records, find_task("ndh")).problems
+    assert problem.message.endswith("expected the number of the episode: 5354")
 
 
 def test_converting_writes_the_official_form(run: Run) -> None:

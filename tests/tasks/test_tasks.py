@@ -35,6 +35,7 @@ from reverie_eval.metrics import METRICS
 from reverie_eval.scoring._literal_reading import check_first_of_hop
 from reverie_eval.server.service.boards import load_board
 from reverie_eval.server.settings import Also, Split
+from reverie_eval.submissions import convert
 from reverie_eval.tasks import (
     BUILT_IN,
     DEFAULT_PROTOCOL,
@@ -169,6 +170,26 @@ def test_a_file_of_another_task_is_named(given: str) -> None:
             (problem,) = refused.value.problems
             assert problem.code == "other-task"
             assert problem.message.endswith(f"score the file with --task {given}"), name
+            has_paths = "their trajectories are objects with a path" in problem.message
+            assert has_paths == (given == "soon")
+
+
+@pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "reverie"])
+def test_a_file_is_converted_as_one_of_its_task(name: str) -> None:
+    """The ground truth tells which task that is."""
+    sample = SAMPLES / f"{name}.json"
+    truth = GroundTruth.load(DEMO_BUNDLES / name / "val_unseen.npz")
+    records = json.loads(sample.read_bytes())
+    noted = [{**record, "note": 3} for record in records]
+    conversion = convert(noted, split="val_unseen", ground_truth=truth)
+    assert conversion.notes[-1].startswith("dropped: note, in ")
+    assert not conversion.fixed
+    given, converted = (
+        evaluate(each, split="val_unseen", task=name) for each in (sample, conversion.records)
+    )
+    assert dict(converted) == dict(given)
+    lines = "\n".join(map(json.dumps, records)).encode()
+    assert bool(convert(lines, task=name).fixed) == (name != "rxr")
 
 
 def test_scores_of_two_tasks_are_not_concatenated() -> None:

@@ -54,13 +54,7 @@ class Snapshot:
 
     @property
     def person(self) -> Person:
-        """The caller.
-
-        Raises
-        ------
-        NotSignedInError
-            If the request has no token and no session.
-        """
+        """The caller; NotSignedInError if the request has no token and no session."""
         if self.caller is None:
             raise NotSignedInError("send your token: `Authorization: Bearer rv_...`")
         return self.caller

@@ -125,13 +125,7 @@ class Canary:
         return json.dumps(run_agent(_AGENT, self._board.truth, 0)).encode()
 
     def score(self) -> None:
-        """Treat it like an upload, but do not store it.
-
-        Raises
-        ------
-        UnhealthyError
-            If its scores are wrong.
-        """
+        """Treat it like an upload, but do not store it; UnhealthyError if its scores are wrong."""
         report = self._board.scored(self._content).report
         scores = report.scores
         # The agent stays where it starts; in the grounding track, no agent moves.
@@ -162,16 +156,12 @@ def _compare_key(server: ServerState) -> None:
 
     A database that cannot be read is reported by another check.
     """
-    try:
-        with server.database.reading() as session:
-            current = current_key(session)
-    except DBAPIError:
-        return
+    current = None
+    with suppress(DBAPIError), server.database.reading() as session:
+        current = current_key(session)
     if current is not None and current.key_id != server.signer.key_id:
-        _LOGGER.error(
-            "the signing key was replaced; restart this server",
-            extra={"fields": {"key": server.signer.key_id, "current": current.key_id}},
-        )
+        fields = {"key": server.signer.key_id, "current": current.key_id}
+        _LOGGER.error("the signing key was replaced; restart this server", extra={"fields": fields})
         raise UnhealthyError
 
 
@@ -181,11 +171,9 @@ def _compare_rules(server: ServerState, last: LastRules) -> None:
     A database that cannot be read is not reported here; the next check does that.
     """
     rules = rules_of(server.boards)
-    try:
-        with server.database.reading() as session:
-            splits = different(rules, last.read(session))
-    except DBAPIError:
-        return
+    splits: Sequence[str] = ()
+    with suppress(DBAPIError), server.database.reading() as session:
+        splits = different(rules, last.read(session))
     if splits:
         _LOGGER.error(
             "another server on this database started later and uses other rules",

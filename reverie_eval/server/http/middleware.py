@@ -138,22 +138,17 @@ class RateLimits(Middleware):
         self._counts = FixedWindowRateLimiter(counts)
 
     async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request that is within the limits.
-
-        Raises
-        ------
-        TooManyError
-            If it exceeds a limit.
-        """
+        """Answer a request that is within the limits; TooManyError if it exceeds one."""
         if scope["path"].startswith(EXEMPT):
             await self.app(scope, receive, send)
             return
         address, token = site_of(address_of(scope)), _digest(token_of(scope))
-        self._demand(self._failed_limit, "wrong token", token)
-        for kind, shown in (("token", token), ("session", _digest(session_of(scope)))):
-            if shown:
-                self._take(self._limit, kind, shown)
-        self._take(self._limit, "address", address)
+        if token and not self._counts.test(self._failed_limit, "wrong token", token):
+            raise self._error(self._failed_limit, "wrong token", token)
+        whose = {"token": token, "session": _digest(session_of(scope)), "address": address}
+        for kind, shown in whose.items():
+            if shown and not self._counts.hit(self._limit, kind, shown):
+                raise self._error(self._limit, kind, shown)
         attempts = bool(token) or scope["method"] == "POST"
         is_throttled = False
 
@@ -168,14 +163,6 @@ class RateLimits(Middleware):
         await self.app(scope, receive, watching)
         if is_throttled:
             raise self._error(self._failed_limit, "failed", address)
-
-    def _demand(self, limit: RateLimitItem, kind: str, whose: str) -> None:
-        if whose and not self._counts.test(limit, kind, whose):
-            raise self._error(limit, kind, whose)
-
-    def _take(self, limit: RateLimitItem, kind: str, whose: str) -> None:
-        if not self._counts.hit(limit, kind, whose):
-            raise self._error(limit, kind, whose)
 
     def _error(self, limit: RateLimitItem, kind: str, whose: str) -> TooManyError:
         until = self._counts.get_window_stats(limit, kind, whose).reset_time

@@ -29,6 +29,9 @@ from reverie_eval.server.http.exchange import API
 Document = dict[str, Any]
 
 MEDIA_TYPE = "application/problem+json"
+TEXT: Document = {"type": "string"}
+"""The schema of a text."""
+BINARY: Document = {**TEXT, "format": "binary"}
 
 _MODELS = "#/components/schemas/"
 _EVERYWHERE: tuple[str, ...] = (
@@ -52,6 +55,11 @@ def problems(*codes: str) -> dict[int | str, Document]:
             "value": ERRORS[code].example().document().model_dump(mode="json")
         }
     return declared
+
+
+def file_reply(media_type: str, *codes: str, **content: Any) -> dict[int | str, Document]:
+    """Declare a reply that is not JSON of a model, and the problems that a route can return."""
+    return {200: {"content": {media_type: content}}, **problems(*codes)}
 
 
 def describe(app: FastAPI, path_prefix: str) -> None:

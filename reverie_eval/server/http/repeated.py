@@ -11,8 +11,16 @@ _LOGGER = logging.getLogger("reverie_eval.server")
 
 
 @contextmanager
-def repeatedly(work: Callable[[], object], seconds: float) -> Iterator[None]:
-    """Do some work now and at intervals until the context ends; log failures and try again."""
+def repeatedly(
+    work: Callable[[], object],
+    seconds: float,
+    failure: str = "repeated work failed",
+    patience: float | None = None,
+) -> Iterator[None]:
+    """Do some work now and at intervals until the context ends; log failures and try again.
+
+    At the end, work that has begun is waited for, at most for ``patience`` seconds.
+    """
     is_over = Event()
 
     def repeat() -> None:
@@ -20,7 +28,7 @@ def repeatedly(work: Callable[[], object], seconds: float) -> Iterator[None]:
             try:
                 work()
             except Exception:
-                _LOGGER.exception("repeated work failed")
+                _LOGGER.exception(failure)
             if is_over.wait(seconds):
                 return
 
@@ -30,4 +38,4 @@ def repeatedly(work: Callable[[], object], seconds: float) -> Iterator[None]:
         yield
     finally:
         is_over.set()
-        thread.join()
+        thread.join(patience)

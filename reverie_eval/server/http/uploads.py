@@ -20,6 +20,7 @@ from reverie_eval.server.http.examples import FORM, SUBMISSION
 from reverie_eval.server.http.exchange import Exchange, exchange_of
 from reverie_eval.server.http.forms import parse_form
 from reverie_eval.server.http.middleware import allow_body, is_multipart
+from reverie_eval.server.http.openapi import BINARY
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import Runtime, RuntimeState
 from reverie_eval.server.service.intake import Clock
@@ -30,7 +31,7 @@ from reverie_eval.submissions._sources import unpack
 
 _FORM_OVERHEAD = 64 << 10
 """Bytes that a form may have besides the file."""
-_PACKED = {"schema": {"type": "string", "format": "binary"}}
+_PACKED = {"schema": BINARY}
 
 
 def parameters_of(model: type[BaseModel], otherwise: str) -> list[dict[str, Any]]:
@@ -63,7 +64,7 @@ FILE_BODY: dict[str, Any] = {
                     "type": "object",
                     "required": ["file"],
                     "properties": {
-                        "file": {"type": "string", "format": "binary"},
+                        "file": BINARY,
                         **Method.model_json_schema()["properties"],
                     },
                 },
@@ -238,10 +239,7 @@ def fields_of(request: Request, upload: Upload) -> dict[str, Any]:
 def method_from(given: Mapping[str, Any]) -> Method:
     """Return the description of a method; empty fields count as missing.
 
-    Raises
-    ------
-    RequestValidationError
-        If fields are wrong; it names each of them.
+    RequestValidationError names each field that is wrong.
     """
     return read_model(Method, {name: value for name, value in given.items() if value != ""})
 

@@ -171,15 +171,12 @@ class _Contents:
         self.digests: dict[str, str] = {}
 
     def add(self, name: str, content: bytes) -> None:
-        self._add(name, io.BytesIO(content), len(content))
+        self.add_file(name, io.BytesIO(content))
 
     def add_file(self, name: str, file: io.BufferedIOBase) -> None:
-        """Add what was written to a file."""
-        self._add(name, file, file.tell())
-
-    def _add(self, name: str, file: io.BufferedIOBase, size: int) -> None:
+        """Add all of a file."""
         member = tarfile.TarInfo(name)
-        member.size, member.mode = size, 0o600
+        member.size, member.mode = file.seek(0, io.SEEK_END), 0o600
         file.seek(0)
         digest = hashlib.file_digest(file, "sha256")
         file.seek(0)

@@ -1,7 +1,7 @@
 """Checks before a server starts; all problems are reported at once, each with its remedy."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -71,17 +71,21 @@ def check_folder(folder: Path) -> Sequence[Finding]:
         settings = load_settings(folder)
     except SettingsError as error:
         return [Finding("settings", "fault", str(problem)) for problem in error.problems]
-    looks = (
-        _at_settings,
-        _at_ground_truth,
-        _at_signing_key,
-        _at_database,
-        _at_rules,
-        _at_schedules,
-        _at_results,
-        _at_uploads,
-    )
-    return [finding for look in looks for finding in look(settings)]
+    return list(_findings(settings))
+
+
+def _findings(settings: Settings) -> Iterator[Finding]:
+    yield from _at_settings(settings)
+    boards = yield from _at_ground_truth(settings)
+    fault = database_fault(settings)
+    yield from _at_signing_key(settings, fault)
+    yield from _at_database(settings, fault)
+    if fault is None:
+        with closing(Database(settings.database_url)) as database, database.reading() as session:
+            yield from _at_rules(session, boards)
+            yield from _at_schedules(session, settings)
+            yield from _at_results(session, boards, settings.folder)
+    yield from _at_uploads(settings)
 
 
 def check_sound(folder: Path, note: Callable[[str], None]) -> Settings:
@@ -132,12 +136,9 @@ def _revision_fault(settings: Settings) -> str | None:
 
 
 def check_known(database: Database) -> str | None:
-    """Return the migration of a database; None if it is empty.
+    """Return the migration of a database; FolderError if it was made by a later version.
 
-    Raises
-    ------
-    FolderError
-        If it was made by a later version.
+    None if the database is empty.
     """
     revision = database.revision()
     if revision is not None and revision not in known_revisions():
@@ -147,13 +148,7 @@ def check_known(database: Database) -> str | None:
 
 @contextmanager
 def database_errors() -> Iterator[None]:
-    """Turn errors of a database into one with a remedy.
-
-    Raises
-    ------
-    ReverieEvalError
-        In place of the database's own errors.
-    """
+    """Turn errors of a database into a ReverieEvalError with a remedy."""
     try:
         yield
     except REFUSALS as error:
@@ -164,10 +159,7 @@ def database_errors() -> Iterator[None]:
 def opened(settings: Settings) -> Iterator[Database]:
     """Open a server's database; the server may be running.
 
-    Raises
-    ------
-    FolderError
-        If this version cannot use it.
+    FolderError if this version cannot use it.
     """
     fault = database_fault(settings)
     if fault is not None:
@@ -270,12 +262,13 @@ def _at_secret_files(settings: Settings) -> Iterator[Finding]:
                 yield Finding("settings", "fault", message)
 
 
-def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
+def _at_ground_truth(settings: Settings) -> Generator[Finding, None, Mapping[str, Board]]:
+    """Return the splits; none if some cannot be scored."""
     try:
         boards = load_boards(settings)
     except SettingsError as error:
         yield from (Finding("ground truth", "fault", str(problem)) for problem in error.problems)
-        return
+        return {}
     for name, board in boards.items():
         truth = board.truth
         what = f"{name}: {truth.header.dataset}, {board.split.visibility}, {truth.fingerprint[:12]}"
@@ -290,6 +283,7 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
                 "episodes; lower its quota (documentation: Security)"
             )
             yield Finding("ground truth", "note", message)
+    return boards
 
 
 def _told_by_further(board: Board, episodes: int) -> str:
@@ -307,9 +301,10 @@ def _told_by_further(board: Board, episodes: int) -> str:
     )
 
 
-def _at_signing_key(settings: Settings) -> Iterator[Finding]:
+def _at_signing_key(settings: Settings, fault: str | None) -> Iterator[Finding]:
+    """Check the key; which one is in use is known only if the database can be used."""
     try:
-        key = _key_of(settings)
+        key = _key_of(settings, fault)
     except KeyMissingError as error:
         lost = f"reverie-eval server key rotate {settings.folder} --lost"
         message = f"{error}; if it is lost for good, run `{lost}`"
@@ -320,16 +315,15 @@ def _at_signing_key(settings: Settings) -> Iterator[Finding]:
         yield Finding("signing key", "ok", key_id_of(public_pem_of(key)))
 
 
-def _key_of(settings: Settings) -> Ed25519PrivateKey:
+def _key_of(settings: Settings, fault: str | None) -> Ed25519PrivateKey:
     path = settings.path(settings.signing_key)
-    if database_fault(settings) is not None:
+    if fault is not None:
         return load_key(path)
     with closing(Database(settings.database_url)) as database, database.reading() as session:
         return open_key(path, current_key(session))
 
 
-def _at_database(settings: Settings) -> Iterator[Finding]:
-    fault = database_fault(settings)
+def _at_database(settings: Settings, fault: str | None) -> Iterator[Finding]:
     if fault is not None:
         yield Finding("database", "fault", fault)
         return
@@ -343,26 +337,22 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
 
 
-def _at_rules(settings: Settings) -> Iterator[Finding]:
+def _at_rules(session: Session, boards: Mapping[str, Board]) -> Iterator[Finding]:
     """Check whether the last server on the database had other rules, such as another bundle."""
-    for boards, session in _boards_and_data(settings):
-        rules, last = rules_of(boards), LastRules().read(session)
-        for board in different(rules, last):
-            ours, theirs = (each.get(board, "no such leaderboard") for each in (rules, last))
-            message = (
-                f"{board}: this folder has {ours}, the server that last started on this database "
-                f"{theirs}; such servers would score the same file differently: restart all of "
-                "them with the same bundles and settings"
-            )
-            yield Finding("rules", "note", message)
+    rules, last = rules_of(boards), LastRules().read(session)
+    for board in different(rules, last) if boards else ():
+        ours, theirs = (each.get(board, "no such leaderboard") for each in (rules, last))
+        message = (
+            f"{board}: this folder has {ours}, the server that last started on this database "
+            f"{theirs}; such servers would score the same file differently: restart all of "
+            "them with the same bundles and settings"
+        )
+        yield Finding("rules", "note", message)
 
 
-def _at_schedules(settings: Settings) -> Iterator[Finding]:
+def _at_schedules(session: Session, settings: Settings) -> Iterator[Finding]:
     """Look for splits whose phases or pauses were set at the desk."""
-    if database_fault(settings) is not None:
-        return
-    with closing(Database(settings.database_url)) as database, database.reading() as session:
-        reports = Schedules(settings.splits).list_all(session)
+    reports = Schedules(settings.splits).list_all(session)
     for report in filter(lambda report: report.desk, reports):
         now = report.in_effect
         try:
@@ -379,31 +369,18 @@ def _at_schedules(settings: Settings) -> Iterator[Finding]:
             yield Finding("phases", "note", message)
 
 
-def _at_results(settings: Settings) -> Iterator[Finding]:
+def _at_results(session: Session, boards: Mapping[str, Board], folder: Path) -> Iterator[Finding]:
     """Look for stored exact values of private splits, and for results that are not ranked."""
-    for boards, session in _boards_and_data(settings):
-        try:
-            for board in filter(lambda board: board.is_private, boards.values()):
-                yield from _at_exact_values(session, board)
-            for board in leaderboards(boards):
-                yield from _at_outdated(session, board, settings.folder)
-            for board in filter(lambda board: board.split.one_per_team, boards.values()):
-                yield from _at_several(session, board)
-        except REFUSALS:
-            message = "some results cannot be read; run `reverie-eval server doctor`"
-            yield Finding("results", "note", message)
-
-
-def _boards_and_data(settings: Settings) -> Iterator[tuple[Mapping[str, Board], Session]]:
-    """Yield the splits and a view of the database, or nothing if they cannot be read."""
-    if database_fault(settings) is not None:
-        return
     try:
-        boards = load_boards(settings)
-    except SettingsError:
-        return
-    with closing(Database(settings.database_url)) as database, database.reading() as session:
-        yield boards, session
+        for board in filter(lambda board: board.is_private, boards.values()):
+            yield from _at_exact_values(session, board)
+        for board in leaderboards(boards):
+            yield from _at_outdated(session, board, folder)
+        for board in filter(lambda board: board.split.one_per_team, boards.values()):
+            yield from _at_several(session, board)
+    except REFUSALS:
+        message = "some results cannot be read; run `reverie-eval server doctor`"
+        yield Finding("results", "note", message)
 
 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:

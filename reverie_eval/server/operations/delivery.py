@@ -11,14 +11,13 @@ from datetime import datetime
 from email.message import EmailMessage
 from email.utils import format_datetime, make_msgid
 from functools import partial
-from threading import Event as Signal
-from threading import Thread
 from typing import Any
 
 import httpx
 import msgspec
 
 from reverie_eval.errors import ReverieEvalError
+from reverie_eval.server.http.repeated import repeatedly
 from reverie_eval.server.service.outbox import announce_ends, claim, is_any_due, settle, untold_ends
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.settings import Mail, Settings, Webhook
@@ -92,25 +91,14 @@ def delivering(settings: Settings) -> Iterator[None]:
     if not settings.channels:
         yield
         return
-    is_over = Signal()
-    thread = Thread(target=_deliver_until, args=(settings, is_over), daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        is_over.set()
-        thread.join(_STOPPING)
-
-
-def _deliver_until(settings: Settings, is_over: Signal) -> None:
     with closing(Database(settings.database_url)) as database:
-        while True:
-            try:
-                deliver(database, settings, utc_now())
-            except Exception:  # the database is unavailable for a moment, or full
-                _LOGGER.exception("messages not read")
-            if is_over.wait(SECONDS_BETWEEN):
-                return
+
+        def work() -> None:
+            deliver(database, settings, utc_now())
+
+        # It fails while the database is unavailable for a moment, or full.
+        with repeatedly(work, SECONDS_BETWEEN, "messages not read", _STOPPING):
+            yield
 
 
 def _parcels(channel: str, messages: Sequence[Message]) -> Sequence[Sequence[Message]]:

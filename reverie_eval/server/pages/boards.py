@@ -1,8 +1,8 @@
-"""The leaderboards, their charts, comparing two results, and export for papers."""
+"""The leaderboards, their charts and feeds, comparing two results, and export for papers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
+from datetime import UTC, date, datetime
 from math import ceil, inf
 from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlencode
@@ -22,14 +22,16 @@ from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import ScoringSlot
-from reverie_eval.server.pages.rendering import address_of_site, page
+from reverie_eval.server.pages.rendering import address_of_site, page, render
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.comparing import compare_results
 from reverie_eval.server.service.entries import Row
+from reverie_eval.server.service.feed import MOST_ITEMS, items_of, items_of_news, latest
 from reverie_eval.server.service.leaderboard import Filter, Ranking, as_bibtex, as_latex
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
+from reverie_eval.server.state import ServerState
 from reverie_eval.tasks import DEFAULT_TASK
 
 PER_PAGE = 60
@@ -37,6 +39,8 @@ PER_PAGE = 60
 PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
 """Of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5
+_BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)
+"""When a feed without items was updated: Atom requires a time."""
 _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
 """REVERIE's metrics of navigation in the order of its paper's tables; the others follow."""
 
@@ -292,8 +296,42 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
         )
 
 
+@router.get("/feed.atom")
+def show_feed(request: Request, server: Server) -> Response:
+    """Return the Atom feed (RFC 4287) of all splits, with the scores on their own leaderboards."""
+    return _feed(request, server, server.boards.values(), "", server.settings.title)
+
+
+@of_board.get("/feed.atom")
+def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> Response:
+    """Return the feed of a leaderboard."""
+    title = f"{board.label} leaderboard, {server.settings.title}"
+    return _feed(request, server, [board], f"/boards/{board.path}", title)
+
+
 for path in PATHS:
     router.include_router(of_board, prefix=path)
+
+
+def _feed(
+    request: Request, server: ServerState, boards: Iterable[Board], path: str, title: str
+) -> Response:
+    with server.database.reading() as session:
+        items = [*items_of_news(latest_news(session, MOST_ITEMS))]
+        for board in boards:
+            items += items_of(server.ranking(session, board))
+    shown = latest(items)
+    xml = render(
+        "feed.atom",
+        title=title,
+        organiser=request.app.title,
+        address=address_of_site(request),
+        page=path or "/",
+        path=f"{path}/feed.atom",
+        items=shown,
+        updated=max((item.at for item in shown), default=_BEFORE_ALL),
+    )
+    return Response(xml, media_type="application/atom+xml")
 
 
 def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:

@@ -24,12 +24,12 @@ from reverie_eval.server.http.callers import (
     own_page,
     set_cookie,
 )
-from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.openapi import file_reply, problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.news import list_news
 from reverie_eval.server.service.tokens import accept_invitation
-from reverie_eval.server.store.tables import BrowserSession
+from reverie_eval.server.store.tables import BrowserSession, Person
 from reverie_eval.version import __version__
 
 router = APIRouter(tags=["access"])
@@ -62,8 +62,7 @@ def show_news(server: Server, paging: Paging) -> list[NewsReport]:
 @router.get("/me", responses=problems("not-signed-in"))
 def show_me(caller: Caller) -> Me:
     """Show who you are."""
-    person = caller.person()
-    return Me(person=person.name, team=person.team.name, role=person.role, email=person.email)
+    return _me(caller.person())
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-signed-in"))
@@ -83,7 +82,7 @@ def show_keys(server: Server) -> list[KeyReport]:
 @router.get(
     "/key",
     response_class=PlainTextResponse,
-    responses={200: {"content": {"text/plain": {"example": EXAMPLE_KEY}}}},
+    responses=file_reply("text/plain", example=EXAMPLE_KEY),
 )
 def show_key(server: Server) -> str:
     """Return the public key in use, in PEM form."""
@@ -129,13 +128,10 @@ def _signed_in(snapshot: Snapshot) -> BrowserSession:
     return snapshot.browser
 
 
+def _me(person: Person) -> Me:
+    return Me(person=person.name, team=person.team.name, role=person.role, email=person.email)
+
+
 def _report(browser: BrowserSession, csrf_token: str) -> SessionReport:
-    person = browser.token.person
-    return SessionReport(
-        person=person.name,
-        team=person.team.name,
-        role=person.role,
-        email=person.email,
-        csrf_token=csrf_token,
-        expires_at=browser.expires_at,
-    )
+    me = _me(browser.token.person)
+    return SessionReport(**dict(me), csrf_token=csrf_token, expires_at=browser.expires_at)

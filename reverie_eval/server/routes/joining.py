@@ -20,7 +20,10 @@ from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.service import joining, people_files
 
 router = APIRouter()
-_REFUSALS = problems("not-signed-in", "not-allowed", "not-found", "conflict")
+organising = APIRouter(
+    prefix="/organiser", tags=["organiser"], responses=problems("not-signed-in", "not-allowed")
+)
+_REFUSALS = problems("not-found", "conflict")
 
 
 @router.post(
@@ -41,38 +44,28 @@ def ask_to_join(
     )
 
 
-@router.get(
-    "/organiser/requests",
-    tags=["organiser"],
-    responses=problems("not-signed-in", "not-allowed"),
-)
+@organising.get("/requests")
 def list_requests(organiser: Organiser, paging: Paging) -> list[JoinRequestReport]:
     """List the open requests to join, the earliest first."""
     return paging.read(organiser, joining.list_requests)
 
 
-@router.post("/organiser/requests/{request_id}/accept", tags=["organiser"], responses=_REFUSALS)
+@organising.post("/requests/{request_id}/accept", responses=_REFUSALS)
 def accept_request(request_id: Number, organiser: Organiser) -> AcceptedRequest:
     """Add a request's people to its team; their invitations are returned only once."""
     return organiser.perform(joining.accept_request, request_id)
 
 
-@router.post(
-    "/organiser/requests/{request_id}/reject",
-    status_code=204,
-    tags=["organiser"],
-    responses=_REFUSALS,
-)
+@organising.post("/requests/{request_id}/reject", status_code=204, responses=_REFUSALS)
 def reject_request(request_id: Number, rejection: Rejection, organiser: Organiser) -> None:
     """Reject a request to join, and remove its names and addresses."""
     organiser.perform(joining.reject_request, request_id, rejection)
 
 
-@router.post(
-    "/organiser/people/import",
-    tags=["organiser"],
-    responses=problems("not-signed-in", "not-allowed", "malformed-request"),
-)
+@organising.post("/people/import", responses=problems("malformed-request"))
 def import_people(new: NewPeopleImport, organiser: Organiser) -> PeopleImportReport:
     """Add the people in a file, or nobody if there is a problem; repeating it changes nothing."""
     return organiser.perform(people_files.import_people, new)
+
+
+router.include_router(organising)

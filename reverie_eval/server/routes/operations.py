@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request, Response, status
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http.callers import Anybody, Server
 from reverie_eval.server.http.exchange import address_of
-from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.openapi import TEXT, file_reply
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.http.telemetry import MEDIA_TYPE
 
@@ -29,10 +29,9 @@ async def show_health(runtime: Runtime, response: Response) -> HealthReport:
 @router.get(
     "/metrics",
     response_class=Response,
-    responses={
-        200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": _METRICS}}},
-        **problems("not-signed-in", "not-allowed"),
-    },
+    responses=file_reply(
+        "text/plain", "not-signed-in", "not-allowed", schema=TEXT, example=_METRICS
+    ),
 )
 def show_metrics(request: Request, call: Anybody, server: Server, runtime: Runtime) -> Response:
     """Return metrics for Prometheus, to organisers and to addresses in the settings."""

@@ -5,45 +5,13 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
+from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.evidence import EvidenceReport
-from reverie_eval.schemas.organising import (
-    AttemptReport,
-    AuditReport,
-    EmailedFile,
-    EmailedFileReport,
-    GrantReport,
-    ImportReport,
-    MergeReport,
-    NewCorrection,
-    NewGrant,
-    NewImport,
-    NewMerge,
-    NewNews,
-    NewNotice,
-    NewPerson,
-    NewReported,
-    NewReview,
-    NewSchedule,
-    NewSnapshot,
-    NewTeam,
-    NewToken,
-    NewTokenReport,
-    NoticeReport,
-    PersonChange,
-    PersonReport,
-    ReportedChange,
-    ReportedEntry,
-    RescoringReport,
-    ReviewEntry,
-    ScheduleReport,
-    TeamReport,
-    TokenReport,
-)
 from reverie_eval.schemas.personal_data import PersonalData
 from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
-from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.openapi import BINARY, file_reply, problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import (
@@ -76,7 +44,6 @@ router = APIRouter(
     responses=problems("not-signed-in", "not-allowed"),
 )
 
-_BINARY = {"type": "string", "format": "binary"}
 Team = Annotated[str | None, Query(max_length=LONGEST_NAME, examples=["Blue"])]
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
 SplitName = Annotated[str, Path(examples=["test"])]
@@ -87,25 +54,28 @@ TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
     "/submissions",
     status_code=201,
     responses={
-        200: {"model": EmailedFileReport, "description": "The reply to the same file, again"},
+        200: {
+            "model": schemas.EmailedFileReport,
+            "description": "The reply to the same file, again",
+        },
         **problems(*OF_UPLOADS),
     },
     openapi_extra={
         **FILE_BODY,
-        "parameters": [*parameters_of(EmailedFile, "Required."), *METHOD_PARAMETERS],
+        "parameters": [*parameters_of(schemas.EmailedFile, "Required."), *METHOD_PARAMETERS],
     },
 )
 def submit_emailed_file(
     request: Request, organiser: Organiser, upload: ReceivedByOrganiser, response: Response
-) -> EmailedFileReport:
+) -> schemas.EmailedFileReport:
     """Submit a file for the person who sent it, as if they had uploaded it when it was received.
 
     The reply has a text for that person; so does a problem document about a refused file.
     Describe the file and the method in the query, or in fields of the form.
     """
     given = fields_of(request, upload)
-    own = {name: given.pop(name) for name in EmailedFile.model_fields if name in given}
-    file, method = read_model(EmailedFile, own), method_from(given)
+    own = {name: given.pop(name) for name in schemas.EmailedFile.model_fields if name in given}
+    file, method = read_model(schemas.EmailedFile, own), method_from(given)
     report = organiser.server.emailed_files.submit(
         organiser.person(), file, upload.filename, upload.packed, method
     )
@@ -114,37 +84,37 @@ def submit_emailed_file(
 
 
 @router.get("/teams")
-def list_teams(organiser: Organiser, paging: Paging) -> list[TeamReport]:
+def list_teams(organiser: Organiser, paging: Paging) -> list[schemas.TeamReport]:
     """List the teams by name, with their people."""
     return paging.read(organiser, people.list_teams)
 
 
 @router.post("/teams", status_code=201, responses=problems("conflict"))
-def add_team(new: NewTeam, organiser: Organiser) -> TeamReport:
+def add_team(new: schemas.NewTeam, organiser: Organiser) -> schemas.TeamReport:
     """Add a team."""
     return organiser.perform(people.add_team, new)
 
 
 @router.post("/teams/merge", responses=problems("not-found", "conflict"))
-def merge_teams(new: NewMerge, organiser: Organiser) -> MergeReport:
+def merge_teams(new: schemas.NewMerge, organiser: Organiser) -> schemas.MergeReport:
     """Merge two teams, as if they had always been one."""
     return organiser.perform(merging.merge_teams, new)
 
 
 @router.patch("/teams/{name:path}", responses=problems("not-found", "conflict"))
-def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamReport:
+def rename_team(name: TeamName, new: schemas.NewTeam, organiser: Organiser) -> schemas.TeamReport:
     """Rename a team; its receipts keep the name under which they were signed."""
     return organiser.perform(people.rename_team, name, new)
 
 
 @router.get("/people")
-def list_people(organiser: Organiser, paging: Paging) -> list[PersonReport]:
+def list_people(organiser: Organiser, paging: Paging) -> list[schemas.PersonReport]:
     """List all people in the order in which they were added."""
     return paging.read(organiser, people.list_people)
 
 
 @router.post("/people", status_code=201, responses=problems("not-found", "conflict"))
-def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
+def add_person(new: schemas.NewPerson, organiser: Organiser) -> schemas.PersonReport:
     """Add a person to a team."""
     return organiser.perform(people.add_person, new)
 
@@ -157,100 +127,104 @@ def show_personal_data(person_id: Number, organiser: Organiser) -> PersonalData:
 
 
 @router.delete("/people/{person_id}", responses=problems("not-found", "conflict"))
-def delete_person(person_id: Number, organiser: Organiser) -> PersonReport:
+def delete_person(person_id: Number, organiser: Organiser) -> schemas.PersonReport:
     """Remove a person's name and address, and revoke their tokens; results and the log stay."""
     return organiser.perform(personal_data.delete_person, person_id)
 
 
 @router.patch("/people/{person_id}", responses=problems("not-found", "conflict"))
-def change_person(person_id: Number, change: PersonChange, organiser: Organiser) -> PersonReport:
+def change_person(
+    person_id: Number, change: schemas.PersonChange, organiser: Organiser
+) -> schemas.PersonReport:
     """Rename a person, change their e-mail address, or move them to another team."""
     return organiser.perform(people.change_person, person_id, change)
 
 
 @router.get("/tokens")
-def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
+def list_tokens(organiser: Organiser, paging: Paging) -> list[schemas.TokenReport]:
     """List tokens and invitations without their text, the latest first."""
     return paging.read(organiser, tokens.list_tokens)
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-found", "conflict"))
-def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
+def create_token(new: schemas.NewToken, organiser: Organiser) -> schemas.NewTokenReport:
     """Create an invitation or a token for a person; its text is returned only once."""
     return organiser.perform(tokens.create_token, new)
 
 
 @router.delete("/tokens/{hint}", responses=problems("not-found", "conflict"))
-def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
+def revoke_token(hint: Hint, organiser: Organiser) -> schemas.TokenReport:
     """Revoke a token, with the browser sessions that began with it."""
     return organiser.perform(tokens.revoke_token, hint)
 
 
 @router.get("/grants")
-def list_grants(organiser: Organiser, paging: Paging) -> list[GrantReport]:
+def list_grants(organiser: Organiser, paging: Paging) -> list[schemas.GrantReport]:
     """List the extra submissions granted to teams, the latest first."""
     return paging.read(organiser, quotas.list_grants)
 
 
 @router.post("/grants", status_code=201, responses=problems("not-found"))
-def grant(new: NewGrant, organiser: Organiser) -> GrantReport:
+def grant(new: schemas.NewGrant, organiser: Organiser) -> schemas.GrantReport:
     """Raise every limit of a team on a split until a date; the reason is logged."""
     return organiser.perform(quotas.grant, new, organiser.server.boards)
 
 
 @router.get("/reviews")
-def list_reviews(organiser: Organiser, paging: Paging) -> list[ReviewEntry]:
+def list_reviews(organiser: Organiser, paging: Paging) -> list[schemas.ReviewEntry]:
     """List all reviews, lifted or not, the latest first."""
     return paging.read(organiser, reviews.list_reviews)
 
 
 @router.post("/reviews", status_code=201, responses=problems("not-found"))
-def review_submission(new: NewReview, organiser: Organiser) -> ReviewEntry:
+def review_submission(new: schemas.NewReview, organiser: Organiser) -> schemas.ReviewEntry:
     """Verify, flag or disqualify a submission, or mark it as a baseline; the reason is public."""
     return organiser.perform(reviews.review, new)
 
 
 @router.delete("/reviews/{review_id}", responses=problems("not-found", "conflict"))
-def lift_review(review_id: Number, organiser: Organiser) -> ReviewEntry:
+def lift_review(review_id: Number, organiser: Organiser) -> schemas.ReviewEntry:
     """Lift a review; it stays in this list."""
     return organiser.perform(reviews.lift_review, review_id)
 
 
 @router.get("/reported")
-def list_reported(organiser: Organiser, paging: Paging) -> list[ReportedEntry]:
+def list_reported(organiser: Organiser, paging: Paging) -> list[schemas.ReportedEntry]:
     """List the reported results on leaderboards, the latest first."""
     return paging.read(organiser, reported.list_reported)
 
 
 @router.post("/reported", status_code=201, responses=problems("not-found", "conflict"))
-def add_reported_result(new: NewReported, organiser: Organiser) -> ReportedEntry:
+def add_reported_result(new: schemas.NewReported, organiser: Organiser) -> schemas.ReportedEntry:
     """Add a result that a paper or another leaderboard reports."""
     return organiser.perform(reported.add_reported, new, organiser.server.settings.tasks)
 
 
 @router.post("/reported/import", responses=problems("malformed-request", "not-found"))
-def import_reported_results(new: NewImport, organiser: Organiser) -> ImportReport:
+def import_reported_results(new: schemas.NewImport, organiser: Organiser) -> schemas.ImportReport:
     """Add the results in a file, or none if there is a problem; repeating it changes nothing."""
     return organiser.perform(reported.import_reported, new, organiser.server.settings.tasks)
 
 
 @router.patch("/reported/{result_id}", responses=problems("not-found", "conflict"))
 def change_reported_result(
-    result_id: Number, change: ReportedChange, organiser: Organiser
-) -> ReportedEntry:
+    result_id: Number, change: schemas.ReportedChange, organiser: Organiser
+) -> schemas.ReportedEntry:
     """Change a reported result; the audit log keeps the earlier values."""
     tasks = organiser.server.settings.tasks
     return organiser.perform(reported.change_reported, result_id, change, tasks)
 
 
 @router.delete("/reported/{result_id}", responses=problems("not-found"))
-def remove_reported_result(result_id: Number, organiser: Organiser) -> ReportedEntry:
+def remove_reported_result(result_id: Number, organiser: Organiser) -> schemas.ReportedEntry:
     """Remove a reported result from the leaderboard."""
     return organiser.perform(reported.remove_reported, result_id)
 
 
 @router.post("/corrections", responses=problems("not-found", "conflict"))
-def rescore(new: NewCorrection, organiser: Organiser, _: ScoringSlot) -> RescoringReport:
+def rescore(
+    new: schemas.NewCorrection, organiser: Organiser, _: ScoringSlot
+) -> schemas.RescoringReport:
     """Score some submissions again after a correction of the ground truth or the rules.
 
     Each request scores the next few; `left` says how many remain. `server rescore` scores all.
@@ -259,27 +233,29 @@ def rescore(new: NewCorrection, organiser: Organiser, _: ScoringSlot) -> Rescori
 
 
 @router.get("/notice")
-def show_notice(organiser: Organiser) -> NoticeReport:
+def show_notice(organiser: Organiser) -> schemas.NoticeReport:
     """Show the current banner, and whether submissions are paused."""
     with organiser.snapshot() as snapshot:
         return organiser.server.notices.current(snapshot.session)
 
 
 @router.put("/notice")
-def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
+def change_notice(new: schemas.NewNotice, organiser: Organiser) -> schemas.NoticeReport:
     """Set the banner, and pause or resume submissions; takes effect immediately."""
     return organiser.perform(organiser.server.notices.post, new)
 
 
 @router.get("/schedules")
-def list_schedules(organiser: Organiser) -> list[ScheduleReport]:
+def list_schedules(organiser: Organiser) -> list[schemas.ScheduleReport]:
     """Compare when splits accept submissions: in the settings, at the desk, and in effect."""
     with organiser.snapshot() as snapshot:
         return organiser.server.schedules.list_all(snapshot.session)
 
 
 @router.put("/schedules/{split}", responses=problems("not-found", "conflict"))
-def set_schedule(split: SplitName, new: NewSchedule, organiser: Organiser) -> ScheduleReport:
+def set_schedule(
+    split: SplitName, new: schemas.NewSchedule, organiser: Organiser
+) -> schemas.ScheduleReport:
     """Set a split's phases, when its scores are released, and whether it is paused.
 
     Fields that are left out are taken from the settings file. Takes effect immediately.
@@ -288,13 +264,13 @@ def set_schedule(split: SplitName, new: NewSchedule, organiser: Organiser) -> Sc
 
 
 @router.post("/snapshots", status_code=201, responses=problems("not-found"))
-def take_snapshot(new: NewSnapshot, organiser: Organiser) -> SnapshotEntry:
+def take_snapshot(new: schemas.NewSnapshot, organiser: Organiser) -> SnapshotEntry:
     """Take a signed snapshot of a leaderboard, which never changes."""
     return organiser.perform(organiser.server.snapshots.take, new)
 
 
 @router.post("/news", status_code=201)
-def add_news(new: NewNews, organiser: Organiser) -> NewsReport:
+def add_news(new: schemas.NewNews, organiser: Organiser) -> NewsReport:
     """Post a news entry; `GET /api/v1/news` lists them to everyone."""
     return organiser.perform(news.add_news, new)
 
@@ -306,13 +282,13 @@ def remove_news(news_id: Number, organiser: Organiser) -> NewsReport:
 
 
 @router.get("/attempts")
-def list_attempts(organiser: Organiser, paging: Paging) -> list[AttemptReport]:
+def list_attempts(organiser: Organiser, paging: Paging) -> list[schemas.AttemptReport]:
     """List uploads with their outcomes, the latest first."""
     return paging.read(organiser, attempts.list_attempts)
 
 
 @router.get("/audit")
-def list_audit(organiser: Organiser, paging: Paging) -> list[AuditReport]:
+def list_audit(organiser: Organiser, paging: Paging) -> list[schemas.AuditReport]:
     """List the audit log, the oldest entry first; `server doctor` checks its chain."""
     return paging.read(organiser, audit.list_reports)
 
@@ -333,10 +309,7 @@ def show_evidence(
 @router.get(
     "/splits/{split}/submissions.tar",
     response_class=Response,
-    responses={
-        200: {"content": {"application/x-tar": {"schema": _BINARY}}},
-        **problems("not-found"),
-    },
+    responses=file_reply("application/x-tar", "not-found", schema=BINARY),
 )
 def download_submissions(split: SplitName, organiser: Organiser) -> Response:
     """Return all submissions to a split as a tar archive: metadata.csv, then every file, unpacked.

@@ -21,7 +21,7 @@ from reverie_eval.schemas.service import (
     SplitReport,
 )
 from reverie_eval.server.http.callers import Anybody, Call, Server
-from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.openapi import TEXT, file_reply, problems
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import (
     FILE_BODY,
@@ -51,10 +51,7 @@ _CSV = (
     "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"
 )
 _ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
-_OF_CSV: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
-    **problems("malformed-request", "not-found"),
-}
+_OF_CSV = file_reply("text/csv", "malformed-request", "not-found", schema=TEXT, example=_CSV)
 
 
 @router.get("", responses=problems("not-signed-in"), openapi_extra=_ALSO_FOR_ANYBODY)
@@ -186,10 +183,7 @@ def list_split_snapshots(split: SplitName, server: Server) -> list[SnapshotEntry
 @router.get(
     "/{split}/snapshots/{number}.csv",
     response_class=Response,
-    responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
-        **problems("not-found"),
-    },
+    responses=file_reply("text/csv", "not-found", schema=TEXT, example=_CSV),
 )
 def download_snapshot(split: SplitName, number: Number, server: Server) -> Response:
     """Return a snapshot as CSV; its signature is that of the JSON."""

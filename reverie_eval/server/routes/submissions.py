@@ -10,7 +10,7 @@ from reverie_eval.reporting._scores import write_episodes
 from reverie_eval.schemas.service import Envelope, Receipt, SubmissionChange, SubmissionReport
 from reverie_eval.server.http.callers import Caller
 from reverie_eval.server.http.examples import SUBMISSION
-from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.openapi import TEXT, file_reply, problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.routes.splits import FurtherName
@@ -19,7 +19,8 @@ from reverie_eval.server.service.submissions import list_submissions, result_on,
 router = APIRouter(prefix="/submissions", tags=["submissions"])
 
 SubmissionId = Annotated[str, Path(examples=["5f2b0c9a4d7e1f36"])]
-_OF_ONE = problems("not-signed-in", "not-found")
+_REFUSALS = ("not-signed-in", "not-found")
+_OF_ONE = problems(*_REFUSALS)
 _CSV = (
     "instr_id,path_length,success,...,outcome,scan,...\n"
     "4774_267_1,12.5,1.0,...,correct,QUCTc6BB5sX,...\n"
@@ -80,10 +81,7 @@ def show_further_envelope(
 @router.get(
     "/{submission_id}/file",
     response_class=Response,
-    responses={
-        200: {"content": {"application/json": {"example": SUBMISSION}}},
-        **_OF_ONE,
-    },
+    responses=file_reply("application/json", *_REFUSALS, example=SUBMISSION),
 )
 def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
     """Return the submitted file, unpacked and otherwise unchanged."""
@@ -94,10 +92,7 @@ def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
 @router.get(
     "/{submission_id}/episodes",
     response_class=Response,
-    responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
-        **_OF_ONE,
-    },
+    responses=file_reply("text/csv", *_REFUSALS, schema=TEXT, example=_CSV),
 )
 def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringSlot) -> Response:
     """Return the results of every episode as CSV, for open splits only."""

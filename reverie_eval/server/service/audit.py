@@ -101,13 +101,7 @@ _SWITCHES = {
 
 
 class AuditLog:
-    """Writes and checks the log.
-
-    Parameters
-    ----------
-    signer : Signer
-        Has the signing key in use, the same in all processes of a server.
-    """
+    """Writes and checks the log; the signer has the key in use, the same in all processes."""
 
     def __init__(self, signer: Signer) -> None:
         self.signer = signer
@@ -343,7 +337,12 @@ def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
     Names that were recorded with a lost key cannot be checked.
     """
     keys = audit_keys(session, audit_log.signer)
-    recorded = {row: (key_id, digest) for row, key_id, digest in _recorded_name_digests(session)}
+    named = entries(session, AuditEntry.action.in_(_NAMING))
+    recorded = {
+        entry.row: (entry.key_id, entry.details["name_digest"])
+        for entry in named
+        if "name_digest" in entry.details
+    }
     for person in session.scalars(select(Person)):
         key_id, digest = recorded.get(row_name(person), ("", ""))
         key = keys.get(key_id)
@@ -393,13 +392,6 @@ def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
     """Yield each recorded name of a team, with its row, the earliest first."""
     for entry in entries(session, AuditEntry.action.in_(["team added", "team renamed"])):
         yield entry.row, entry.details.get("after", entry.subject)
-
-
-def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str, str]]:
-    """Yield row, key and digest of each name that was given to a person, the earliest first."""
-    for entry in entries(session, AuditEntry.action.in_(_NAMING)):
-        if "name_digest" in entry.details:
-            yield entry.row, entry.key_id, entry.details["name_digest"]
 
 
 def _time(action: SQLColumnExpression[Any], at: SQLColumnExpression[Any]) -> ColumnElement[Any]:

@@ -41,6 +41,8 @@ MAX_VALUES = 5_000_000
 split, and a sixth of the limit outside the server."""
 
 _OTHERS_MAY_READ = 0o077
+_RELEASED = {"signature", "split", "protocol", "dataset", "fingerprint", "version", "episodes"}
+"""The fields of a private split's report, besides its scores and notes."""
 
 
 class Scored(NamedTuple):
@@ -274,17 +276,8 @@ class Board:
 
 
 def _rounded(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
-    return ScoreReport(
-        signature=report.signature,
-        split=report.split,
-        protocol=report.protocol,
-        dataset=report.dataset,
-        fingerprint=report.fingerprint,
-        version=report.version,
-        episodes=report.episodes,
-        scores={key: METRICS[key].rounded(value) for key, value in report.scores.items()},
-        notes=list(notes),
-    )
+    scores = {key: METRICS[key].rounded(value) for key, value in report.scores.items()}
+    return ScoreReport(**report.model_dump(include=_RELEASED), scores=scores, notes=list(notes))
 
 
 def without_version(signature: str) -> str:
@@ -295,10 +288,7 @@ def without_version(signature: str) -> str:
 def load_boards(settings: Settings) -> Mapping[str, Board]:
     """Load every split's ground truth, by the split's name.
 
-    Raises
-    ------
-    SettingsError
-        If splits cannot be scored; it names each of them, and why.
+    SettingsError names each split that cannot be scored, and why.
     """
     boards, problems = {}, []
     for name, split in settings.splits.items():
@@ -350,13 +340,7 @@ def leaderboards(boards: Mapping[str, Board]) -> Sequence[Board]:
 
 
 def board_named(boards: Mapping[str, Board], split: str, further: str = "") -> Board:
-    """Return a split's own leaderboard, or a further one.
-
-    Raises
-    ------
-    NotFoundError
-        If the server has no such split, or the split no such leaderboard.
-    """
+    """Return a split's own leaderboard, or a further one; NotFoundError if there is none."""
     board = boards.get(split)
     if board is None:
         raise NotFoundError(f"there is no split {split!r} here; there are: {', '.join(boards)}")

@@ -16,8 +16,7 @@ from sqlalchemy.orm import Session, joinedload
 from reverie_eval.analysis import Comparison, Difference
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import METRICS, Metric
-from reverie_eval.scoring import OUTCOMES
-from reverie_eval.scoring._outcomes import outcome_indices
+from reverie_eval.scoring import OUTCOMES, outcome_indices
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row

@@ -22,8 +22,14 @@ from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.schemas.service import SubmissionReport
-from reverie_eval.scoring import OUTCOMES, FailureModes, PreparedSubmission, Scores
-from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
+from reverie_eval.scoring import (
+    OUTCOMES,
+    FailureModes,
+    PreparedSubmission,
+    Scores,
+    failure_modes,
+    outcome_indices,
+)
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.service.boards import Board, load_board, tasks_of
 from reverie_eval.server.service.embargo import View
@@ -38,7 +44,7 @@ from reverie_eval.server.service.submissions import (
 )
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Person, Submission
-from reverie_eval.submissions import NO_BOXES, AlignedSubmission
+from reverie_eval.submissions import AlignedSubmission
 from reverie_eval.tasks import Task, name_on_server
 
 MOST_LISTED = 200
@@ -155,13 +161,7 @@ class Browsing:
         return failure_modes({key: column[rows] for key, column in run.scores.episodes.items()})
 
     def episode(self, instr_id: str) -> Episode:
-        """Return an episode without a submission.
-
-        Raises
-        ------
-        NotFoundError
-            If the split has no such episode.
-        """
+        """Return an episode without a submission; NotFoundError if the split does not have it."""
         self.row(instr_id)
         return episode(self.annotations.scores, instr_id)
 
@@ -221,16 +221,9 @@ class EpisodeService:
     def browse(
         self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
     ) -> Browsing:
-        """Return a split's episodes, with up to two submissions.
+        """Return a split's episodes, with up to two submissions, for a person or a visitor.
 
-        Parameters
-        ----------
-        session : Session
-        person : Person or None
-            The person who is signed in, if any.
-        split : str
-        submissions : sequence of str
-            Ids of the submissions, or names of reference agents.
+        ``submissions`` are the ids of submissions, or names of reference agents.
 
         Raises
         ------
@@ -330,11 +323,7 @@ def align_walks(
 ) -> AlignedSubmission:
     """Return a submission with some walks; elsewhere, the agent stays and predicts nothing.
 
-    Parameters
-    ----------
-    truth : GroundTruth
-    walks : mapping of (sequence of int, int)
-        Viewpoints from the start on, and the predicted object, by the row of the episode.
+    ``walks`` are viewpoints from the start on and the predicted object, by the row of the episode.
     """
     count = len(truth.episodes.instr_ids)
     visited = [[start] for start in truth.episodes.start.tolist()]
@@ -348,7 +337,6 @@ def align_walks(
         predicted_object=predicted,
         answer_is_text=np.zeros(count, dtype=bool),
         has_leading_zeros=np.zeros(count, dtype=bool),
-        boxes=NO_BOXES,
     )
 
 

@@ -24,7 +24,7 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
-from reverie_eval.submissions import NO_BOXES, AlignedSubmission
+from reverie_eval.submissions import AlignedSubmission
 
 _EPISODE = np.dtype(
     [
@@ -65,13 +65,7 @@ class Fingerprint:
 
     @classmethod
     def of(cls, board: Board, content: bytes) -> Self:
-        """Compute the fingerprint of a submission's JSON text.
-
-        Raises
-        ------
-        SubmissionError
-            If it does not fit the split.
-        """
+        """Compute the fingerprint of a JSON text; SubmissionError if it does not fit the split."""
         aligned = board.check(content).submission
         episodes = np.zeros(len(aligned.predicted_object), dtype=_EPISODE)
         episodes["answer"] = aligned.predicted_object
@@ -123,7 +117,6 @@ class Fingerprint:
             predicted_object=answer,
             answer_is_text=self.episodes["is_text"],
             has_leading_zeros=self.episodes["has_leading_zeros"],
-            boxes=NO_BOXES,
             is_navigation_only=bool((answer == -1).all()),
         )
         reading = PreparedSubmission(aligned, truth, track)

@@ -133,83 +133,74 @@ class Intake:
         MalformedError
             If required information about the method is missing.
         """
-        board = board_named(self.boards, split)
+        board_named(self.boards, split)  # or there is no such split
         with self.attempts.recording(person, split, len(packed)) as attempt:
             content = unpack(packed, self.settings.limits.unpacked_mebibytes << 20)
             attempt.size = len(content)
-            accepted = self._submit(
-                person, board, content, method, key, arrived=arrived, organiser=organiser
+            row = Submission(
+                split=split,
+                sha256=hashlib.sha256(content).hexdigest(),
+                received_at=arrived,
+                size=len(content),
+                idempotency_key=key,
+                method=method.model_dump(mode="json"),
+                also={},
             )
+            accepted = self._submit(row, content, person, method, organiser)
             attempt.outcome = "repeat" if accepted.is_repeat else "scored"
         return accepted
 
     def _submit(
         self,
-        person: Person,
-        board: Board,
+        row: Submission,
         content: bytes,
+        person: Person,
         method: Method,
-        key: str | None,
-        *,
-        arrived: datetime,
         organiser: Actor | None,
     ) -> Accepted:
-        split, sha256 = board.name, hashlib.sha256(content).hexdigest()
+        """Complete and store the row of a submission, unless it repeats an earlier one."""
+        board = self.boards[row.split]
         with self.transactions.database.reading() as session:
-            earlier = self._earlier(session, person, split, sha256, key)
+            earlier = self._earlier(session, row, person)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
             check_metadata(method, self.settings.required_metadata)
-            schedule = self.schedules.of(session, split).at(arrived)
+            schedule = self.schedules.of(session, row.split).at(row.received_at)
             if not organiser:
-                self._check_paused(self.notices.current(session, arrived), board, schedule)
-            self._check_open(board, schedule, arrived)
-            self._check_quota(
-                session, person, board, len(content), arrived, in_the_past=bool(organiser)
-            )
+                self._check_paused(self.notices.current(session, row.received_at), board, schedule)
+            self._check_open(board, schedule, row.received_at)
+            self._check_quota(session, row, person, board, in_the_past=bool(organiser))
         reading = board.read(content)
         if board.task.has_targets:
             is_navigation_only = reading.submission.is_navigation_only
             check_navigation_only(found=is_navigation_only, declared=method.navigation_only)
         reports = board.reports(content, reading)
-        row = Submission(
-            id=secrets.token_hex(8),
-            split=split,
-            sha256=sha256,
-            received_at=arrived,
-            size=len(content),
-            idempotency_key=key,
-            method=method.model_dump(mode="json"),
-            also={},
-        )
+        row.id = secrets.token_hex(8)
         with (
-            self.uploads.staged(sha256, content) as keep,
+            self.uploads.staged(row.sha256, content) as keep,
             self.transactions.begin(organiser or person) as transaction,
         ):
             session = transaction.session
-            earlier = self._earlier(session, person, split, sha256, key)
+            earlier = self._earlier(session, row, person)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
-            usage = self._check_quota(
-                session, person, board, row.size, arrived, in_the_past=bool(organiser)
-            )
-            quota = usage.with_one_more(arrived).state(arrived)
+            usage = self._check_quota(session, row, person, board, in_the_past=bool(organiser))
+            quota = usage.with_one_more(row.received_at).state(row.received_at)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
             for further, report in reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))
-            transaction.record("submitted", row, row.id, split=split, sha256=sha256)
-            said = f"{row.team.name} ({person.name}) submitted {method.name} to {split}"
+            transaction.record("submitted", row, row.id, split=row.split, sha256=row.sha256)
+            said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
             announce(transaction, "submission", said, f"/submissions/{row.id}")
             keep()
             return Accepted(submission=self._worded(session, row), quota=quota, is_repeat=False)
 
-    def _earlier(
-        self, session: Session, person: Person, split: str, sha256: str, key: str | None
-    ) -> Submission | None:
-        """Return the earlier submission that this one repeats, or None."""
-        given = {"team": person.team_id, "split": split, "sha256": sha256}
+    def _earlier(self, session: Session, new: Submission, person: Person) -> Submission | None:
+        """Return the earlier submission that a new one repeats, or None."""
+        key = new.idempotency_key
+        given = {"team": person.team_id, "split": new.split, "sha256": new.sha256}
         if key is None:
             return session.scalars(_SAME_FILE, given).first()
         given |= {"person": person.id, "key": key}
@@ -217,7 +208,7 @@ class Intake:
         by_key = [
             row for row in repeated if (row.person_id, row.idempotency_key) == (person.id, key)
         ]
-        if by_key and (by_key[0].sha256, by_key[0].split) != (sha256, split):
+        if by_key and (by_key[0].sha256, by_key[0].split) != (new.sha256, new.split):
             raise ConflictError(
                 f"the Idempotency-Key {key!r} was used for another file or split; use a new one "
                 "for each submission"
@@ -249,19 +240,13 @@ class Intake:
             raise NotOpenError(f"{board.name} accepts no submissions now{after}")
 
     def _check_quota(
-        self,
-        session: Session,
-        person: Person,
-        board: Board,
-        size: int,
-        now: datetime,
-        *,
-        in_the_past: bool,
+        self, session: Session, row: Submission, person: Person, board: Board, *, in_the_past: bool
     ) -> QuotaUsage:
+        now = row.received_at
         usage = usage_of(session, person, now)
         of_split = usage.of_split(board.name, board.split.effective_quota)
         left = of_split.state(now)
         if not (of_split.had_room(now) if in_the_past else left.remaining):
             raise QuotaSpentError(left)
-        usage.check_bytes(size, self.settings.limits.mebibytes_per_day, now)
+        usage.check_bytes(row.size, self.settings.limits.mebibytes_per_day, now)
         return of_split

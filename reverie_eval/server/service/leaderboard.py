@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._results import methods_table
 from reverie_eval.reporting._table import latex_comments, latex_text
-from reverie_eval.schemas.service import CorrectionReport, Method, SnapshotEntry
+from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, Method, SnapshotEntry
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import csv_text
@@ -203,23 +203,16 @@ def _content(ranking: Ranking) -> Mapping[str, Any]:
 
 def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
     entry, found = row.entry, ranking.rank_interval(row)
-    return {
+    own = {
         "rank": row.rank,
         "rank_interval": None if found is None else (found.best, found.worst),
         "group": None if found is None else found.group,
-        "submission_id": entry.submission_id,
         "team": ranking.team(entry),
-        "method": entry.method,
-        "published_at": entry.published_at,
         "submissions": ranking.submissions(entry),
-        "scores": entry.scores,
-        "intervals": entry.intervals,
-        "signature": entry.signature,
-        "standing": entry.standing,
-        "source": entry.source,
-        "reported_date": entry.reported_date,
-        "dataset": entry.dataset,
-        "reviews": entry.reviews,
+    }
+    return {
+        name: own[name] if name in own else getattr(entry, name)
+        for name in LeaderboardRow.model_fields
     }
 
 

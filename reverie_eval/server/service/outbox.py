@@ -38,16 +38,8 @@ _LONGEST_LINE = 500
 def announce(transaction: Transaction, event: Event, text: str, path: str = "/") -> None:
     """Notify the organiser of an event, if the settings say so and the transaction is committed.
 
-    Parameters
-    ----------
-    transaction : Transaction
-        The transaction in which the event happens.
-    event : Event
-        The kind of event.
-    text : str
-        One line for the organiser; without scores and tokens.
-    path : str
-        The page of the server that has more about it.
+    ``text`` is one line for the organiser, without scores and tokens; ``path`` is the page of the
+    server that has more about it.
     """
     messages = _messages(transaction.channels, transaction.now, event, text, path)
     transaction.session.add_all(messages)

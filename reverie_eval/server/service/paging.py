@@ -45,13 +45,7 @@ def list_page(
     *,
     newest_first: bool = False,
 ) -> Listed[Report]:
-    """List the rows of a page, in the order of a key.
-
-    Raises
-    ------
-    MalformedError
-        If the cursor is invalid.
-    """
+    """List the rows of a page, in the order of a key; MalformedError if the cursor is invalid."""
     rows = rows.order_by(key.desc() if newest_first else key)
     if page.cursor is not None:
         if "\0" in page.cursor:  # not allowed in PostgreSQL's texts

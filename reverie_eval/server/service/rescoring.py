@@ -161,9 +161,8 @@ class Rescoring:
             return  # another process has done it meanwhile
         earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]
         receipt = self.transactions.signer.sign_result(row, report, quota)
-        store_result(
-            row, board.further, BoardResult(report=report, receipt=receipt, earlier=earlier)
-        )
+        result = BoardResult(report=report, receipt=receipt, earlier=earlier)
+        store_result(row, board.further, result)
         row.rescored_at = transaction.now
         if rescored.sums is not None:
             store_sums(transaction.session, row.id, board, rescored.sums)
@@ -252,14 +251,12 @@ def changes(
     correction = _current_correction(session, board)
     chosen = select(Submission).where(Submission.split == board.name)
     rows = session.scalars(chosen.order_by(Submission.received_at, Submission.id)).all()
-    known = [results_of(row).get(board.further) for row in rows]
+    known = {row.id: results_of(row).get(board.further) for row in rows}
     before = [
-        {} if row.id in first_results else _before(result, correction)
-        for row, result in zip(rows, known, strict=True)
+        {} if name in first_results else _before(result, correction)
+        for name, result in known.items()
     ]
-    after = [
-        _after(result, board, outcomes.get(row.id)) for row, result in zip(rows, known, strict=True)
-    ]
+    after = [_after(result, board, outcomes.get(name)) for name, result in known.items()]
     reviews, ranked_by = reviews_of(session, board.name), board.primary
     is_ranked = [_is_ranked(row, reviews) for row in rows]
     ranks_before = _ranks_among(is_ranked, before, ranked_by)

@@ -22,12 +22,9 @@ JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified
 
 
 def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
-    """Review a submission; this lifts earlier reviews that the new one replaces.
+    """Review a submission, which lifts earlier reviews that this one replaces.
 
-    Raises
-    ------
-    NotFoundError
-        If there is no such submission.
+    NotFoundError if there is no such submission.
     """
     submission = any_submission(transaction.session, new.submission_id)
     for earlier in standing_reviews(transaction.session, submission.id):
@@ -39,15 +36,7 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
 
 
 def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
-    """Lift a review.
-
-    Raises
-    ------
-    NotFoundError
-        If there is no such review.
-    ConflictError
-        If it was already lifted.
-    """
+    """Lift a review; NotFoundError if there is none, ConflictError if it was already lifted."""
     row = transaction.session.get(Review, review_id)
     if row is None:
         raise NotFoundError(f"there is no review {review_id}; see the list of reviews")

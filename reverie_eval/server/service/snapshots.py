@@ -51,13 +51,7 @@ class Snapshots:
     """Closings whose snapshots are stored, or will never be taken."""
 
     def take(self, transaction: Transaction, new: NewSnapshot) -> SnapshotEntry:
-        """Take a snapshot of a leaderboard as it is now.
-
-        Raises
-        ------
-        NotFoundError
-            If the server has no such split.
-        """
+        """Take a snapshot of a leaderboard as it is now; NotFoundError without such a split."""
         return self._take(transaction, new.split, new.title, transaction.now)
 
     def take_due(self, transaction: Transaction) -> None:
@@ -155,13 +149,7 @@ def _first_received(session: Session) -> Mapping[str, datetime]:
 
 
 def snapshot_of(session: Session, split: str, number: int) -> Snapshot:
-    """Return a snapshot.
-
-    Raises
-    ------
-    NotFoundError
-        If no snapshot has this number.
-    """
+    """Return a snapshot; NotFoundError if none has this number."""
     chosen = select(StoredSnapshot.content).where(
         StoredSnapshot.split == split, StoredSnapshot.number == number
     )

@@ -45,12 +45,7 @@ def list_submissions(
 ) -> Listed[SubmissionReport]:
     """List the submissions of a person's team, the newest first; the organiser sees all teams'.
 
-    If a split is given, only those to it.
-
-    Raises
-    ------
-    MalformedError
-        If the cursor is invalid.
+    If a split is given, only those to it. MalformedError if the cursor is invalid.
     """
     rows = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
     if split is not None:
@@ -94,13 +89,7 @@ def submission_of(
 
 
 def result_on(further: str, submission: SubmissionReport) -> BoardResult:
-    """Return a submission's result on a further leaderboard.
-
-    Raises
-    ------
-    NotFoundError
-        If it has no result there.
-    """
+    """Return a submission's result on a further leaderboard; NotFoundError if it has none."""
     if further not in submission.also:
         raise NotFoundError(
             f"{submission.id} has no result on a further leaderboard {further!r}; it has results "
@@ -183,13 +172,7 @@ def with_public_episodes(split: str) -> Select[Submission]:
 
 
 def check_metadata(method: Method, required: Collection[str]) -> None:
-    """Check that all required information about a method is given.
-
-    Raises
-    ------
-    MalformedError
-        If any is missing; it says what.
-    """
+    """Check that a method has all required information; MalformedError says what is missing."""
     given = {name for name in method.model_fields_set if getattr(method, name) not in {"", None}}
     missing = [name for name in required if name not in given]
     if missing:
@@ -220,10 +203,7 @@ class SubmissionService:
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces.
 
-        Raises
-        ------
-        NotFoundError
-            If it was deleted.
+        NotFoundError if it was deleted.
         """
         _check_upload(submission)
         return self.uploads.pieces(submission.sha256)

@@ -119,13 +119,7 @@ def has_organiser(session: Session, now: datetime) -> bool:
 
 
 def check_organiser_left(transaction: Transaction) -> None:
-    """Make sure that an organiser can still sign in.
-
-    Raises
-    ------
-    ConflictError
-        If none has a valid token.
-    """
+    """Make sure that an organiser can sign in; ConflictError if none has a valid token."""
     if not has_organiser(transaction.session, transaction.now):
         raise ConflictError(
             "this would leave no organiser with a valid token; first create a token for an "
@@ -164,10 +158,7 @@ def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> 
 def check_valid(token: Token, now: datetime) -> None:
     """Refuse a token that is revoked, used or expired; at its time of expiry, it is expired.
 
-    Raises
-    ------
-    NotSignedInError
-        If it is refused; says why.
+    NotSignedInError says why it is refused.
     """
     this = f"this {TOKEN_NAMES[token.kind]}"
     if token.revoked_at is not None:
@@ -189,10 +180,7 @@ class NewSession:
 class Sessions:
     """Begins, finds and ends browser sessions.
 
-    Parameters
-    ----------
-    secret : bytes
-        Used for signatures; the same in all processes of a server.
+    ``secret`` is for signatures, and the same in all processes of a server.
     """
 
     def __init__(self, secret: bytes) -> None:
@@ -247,13 +235,7 @@ class Sessions:
         return self._csrf_tokens.sign(session_id).decode().removeprefix(f"{session_id}.")
 
     def check_csrf_token(self, session_id: str, shown: str) -> None:
-        """Refuse a request without the session's CSRF token.
-
-        Raises
-        ------
-        ForgedError
-            If the token is wrong.
-        """
+        """Make sure that a request shows the session's CSRF token; ForgedError if it does not."""
         if not secrets.compare_digest(self.csrf_token(session_id).encode(), shown.encode()):
             raise ForgedError(
                 "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session returns it"

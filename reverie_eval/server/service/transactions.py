@@ -89,10 +89,7 @@ class Transactions:
     def begin(self, actor: Actor) -> Iterator[Transaction]:
         """Begin a transaction; it is committed at the end, or rolled back after an error.
 
-        Raises
-        ------
-        KeyReplacedError
-            If the signing key was replaced.
+        KeyReplacedError if the signing key was replaced.
         """
         with self.database.writing() as session:
             now = self.clock()

@@ -73,13 +73,7 @@ def open_uploads(place: str, folder: Path) -> Uploads:
 
 
 def stored_upload(uploads: Uploads, sha256: str) -> bytes:
-    """Return an upload that a row of the database refers to.
-
-    Raises
-    ------
-    UploadsError
-        If it is missing or cannot be read.
-    """
+    """Return an upload that a row refers to; UploadsError if it is missing or cannot be read."""
     try:
         return uploads.get(sha256)
     except FileNotFoundError:

@@ -3,35 +3,14 @@
 from fastapi import APIRouter
 
 from reverie_eval.server.pages.desk import (
-    corrections,
-    emailed_files,
-    evidence,
-    news,
-    notice,
+    announcements,
     overview,
     people,
-    phases,
-    quotas,
     reported,
-    requests,
-    reviews,
-    snapshots,
+    splits,
+    submissions,
 )
 
 router = APIRouter()
-for part in (
-    overview,
-    people,
-    requests,
-    quotas,
-    phases,
-    snapshots,
-    reviews,
-    reported,
-    emailed_files,
-    corrections,
-    evidence,
-    news,
-    notice,
-):
+for part in (overview, people, splits, submissions, reported, announcements):
     router.include_router(part.router)

@@ -1,10 +1,14 @@
-"""Signing in with a token or an invitation, and signing out."""
+"""Signing in with a token or an invitation, signing out, and asking the organiser for accounts."""
 
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form
 from fastapi.responses import Response
 
+from reverie_eval.schemas.joining import MOST_PEOPLE, NewJoinRequest
+from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http.callers import (
     Call,
@@ -15,16 +19,23 @@ from reverie_eval.server.http.callers import (
     own_page,
     set_cookie,
 )
-from reverie_eval.server.pages.rendering import page, see_other
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.runtime import Runtime
+from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
+from reverie_eval.server.service.joining import receive_request
 from reverie_eval.server.service.tokens import accept_invitation
 
 router = APIRouter()
+
+_LONGEST = 5000
+"""Characters of a field of `/join`; those of the request have bounds of their own."""
+Text = Annotated[str, Form(max_length=_LONGEST)]
 
 
 @router.get("/sign-in")
 def show_sign_in(visitor: Visitor, back: str = "/team") -> Response:
     """Ask for a token or an invitation."""
-    return _form(visitor, own_path(back))
+    return _draw_sign_in(visitor, own_path(back))
 
 
 @router.post("/sign-in", dependencies=[Depends(own_page)])
@@ -39,7 +50,7 @@ def sign_in(
         with server.database.writing() as session:
             begun = server.sessions.begin(session, token.strip(), now)
     except NotSignedInError as error:
-        return _form(visitor, own_path(back), 401, wrong="token", fault=str(error))
+        return _draw_sign_in(visitor, own_path(back), 401, wrong="token", fault=str(error))
     reply = see_other(own_path(back))
     set_cookie(visitor.request, reply, begun.cookie, begun.session.expires_at - now)
     return reply
@@ -65,7 +76,7 @@ def use_invitation(
             own = Snapshot(request, session, now, begun.session, begun.session.token.person)
             reply = page(own, "welcome.html", token=token, back=own_path(back))
     except NotSignedInError as error:
-        return _form(visitor, own_path(back), 401, wrong="invitation", fault=str(error))
+        return _draw_sign_in(visitor, own_path(back), 401, wrong="invitation", fault=str(error))
     set_cookie(request, reply, begun.cookie, begun.session.expires_at - now)
     return reply
 
@@ -86,7 +97,7 @@ def own_path(path: str) -> str:
     return path if is_own else "/team"
 
 
-def _form(
+def _draw_sign_in(
     visitor: Call, back: str, status: int = 200, *, wrong: str = "", fault: str | None = None
 ) -> Response:
     with visitor.snapshot() as snapshot:
@@ -98,4 +109,59 @@ def _form(
             wrong=wrong,
             back=back,
             accepts_requests=visitor.server.settings.accept_requests_to_join,
+        )
+
+
+@router.get("/join")
+def show_join(visitor: Visitor) -> Response:
+    """Show the form, or that this server accepts no requests."""
+    return _draw_join(visitor, {})
+
+
+@router.post("/join", dependencies=[Depends(own_page)])
+def ask_to_join(
+    *,
+    visitor: Visitor,
+    runtime: Runtime,
+    team: Text = "",
+    people: Text = "",
+    institution: Text = "",
+    purpose: Text = "",
+) -> Response:
+    """Keep a request for the organiser."""
+    typed = {"team": team, "people": people, "institution": institution, "purpose": purpose}
+    show_faults_with(visitor.request, lambda problem: _draw_join(visitor, typed, problem))
+    new = read_model(NewJoinRequest, {**typed, "people": people_in(people)})
+    server = visitor.server
+    reply = receive_request(
+        server.transactions,
+        new,
+        are_accepted=server.settings.accept_requests_to_join,
+        count=partial(runtime.joining.count, visitor.request.scope),
+    )
+    return _draw_join(visitor, {}, done=reply.message)
+
+
+def people_in(text: str) -> Sequence[Mapping[str, str]]:
+    """Return the people that lines of a text name, each with an address after the last comma.
+
+    >>> people_in("Ada, ada@example.org")
+    [{'name': 'Ada', 'email': 'ada@example.org'}]
+    """
+    lines = [line.rpartition(",") for line in text.splitlines() if line.strip()]
+    return [{"name": name.strip(), "email": email.strip()} for name, _, email in lines]
+
+
+def _draw_join(
+    visitor: Call, typed: Mapping[str, str], problem: ProblemDocument | None = None, done: str = ""
+) -> Response:
+    with visitor.snapshot() as snapshot:
+        return page(
+            snapshot,
+            "join.html",
+            problem,
+            typed=typed,
+            done=done,
+            most_people=MOST_PEOPLE,
+            is_open=visitor.server.settings.accept_requests_to_join,
         )

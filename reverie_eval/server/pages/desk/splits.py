@@ -1,0 +1,186 @@
+"""What the organiser decides about splits, by pages.
+
+``/desk/quotas``: extra submissions for a team. ``/desk/phases``: when splits accept submissions and
+show scores. ``/desk/snapshots``: signed states of leaderboards, which never change.
+``/desk/corrections``: scoring again after the ground truth or the rules were corrected.
+"""
+
+import re
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import Response
+
+from reverie_eval.schemas.organising import NewCorrection, NewGrant, NewSchedule, NewSnapshot
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.service import people, quotas, rescoring
+from reverie_eval.server.service.entries import list_snapshots
+from reverie_eval.server.service.schedules import Timetable, closed
+
+router = APIRouter()
+
+QUOTAS, PHASES = "/desk/quotas", "/desk/phases"
+SNAPSHOTS, CORRECTIONS = "/desk/snapshots", "/desk/corrections"
+_FIELDS = ("name", "opens", "closes")
+_NAME = re.compile(r"name-([0-9]{1,3})")
+"""The form has a row of fields for each phase."""
+
+
+@forms.shown_at(router, QUOTAS, "quotas.html")
+def draw_quotas(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
+    """Show the quotas of splits, all grants, and the form to grant more."""
+    return {
+        "given": quotas.list_grants(snapshot.session, forms.page_at(desk, "given")),
+        "team_names": people.names_of_teams(snapshot.session),
+        "boards": desk.server.boards.values(),
+    }
+
+
+@router.post(QUOTAS)
+def grant(desk: Desk, form: Posted) -> Response:
+    """Raise every limit of a team on a split until a date."""
+    typed = forms.typed_by(desk, form, draw_quotas)
+    asked = {name: typed.get(name, "") for name in ("team", "split", "extra", "reason")}
+    new = read_model(
+        NewGrant, {**asked, "expires_at": forms.end_of_day(typed.get("until", "")) or ""}
+    )
+    desk.perform(quotas.grant, new, desk.server.boards)
+    return forms.done(QUOTAS, "given")
+
+
+@forms.shown_by("phases.html")
+def draw_phases(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Shown:
+    """Compare settings and desk, and show the form of a split, with its input or what applies."""
+    timetables = desk.server.schedules.read(snapshot.session)
+    chosen = typed.get("split", "")
+    split = chosen if chosen in timetables else next(iter(timetables))
+    return {
+        "reports": [timetable.report(name) for name, timetable in timetables.items()],
+        "split": split,
+        "is_private": desk.server.board(split).is_private,
+        "typed": {**_written(timetables[split]), **typed},
+    }
+
+
+@router.get(PHASES)
+def show_phases(
+    desk: Desk, split: Annotated[str, Query(max_length=64)] = "", done: forms.Done = ""
+) -> Response:
+    """Show the phases of all splits, and the form to change those of one."""
+    return draw_phases(desk, {"split": split}, what=done)
+
+
+@router.post(PHASES)
+def set_phases(desk: Desk, form: Posted) -> Response:
+    """Show what a change would do; make it if it was confirmed."""
+    typed = forms.typed_by(desk, form, draw_phases)
+    schedules, split = desk.server.schedules, typed.get("split", "")
+    with desk.snapshot() as snapshot:
+        timetable = schedules.of(snapshot.session, split)
+        new = _asked(timetable, typed, snapshot.now)
+        after, shown = schedules.if_set(snapshot.session, split, new, snapshot.now)
+    if not forms.is_confirmed(form):
+        return forms.ask(
+            desk,
+            typed,
+            "phases-preview.html",
+            split=split,
+            before=timetable.latest,
+            after=after,
+            new=new,
+            shown=shown,
+        )
+    desk.perform(schedules.set, split, new)
+    return forms.done(PHASES, "set")
+
+
+def _asked(timetable: Timetable, typed: forms.Typed, now: datetime) -> NewSchedule:
+    """Return what one of the forms on the page asks for."""
+    match typed.get("what"):
+        case "close":
+            return closed(timetable.latest, now)
+        case "pause":
+            return timetable.desk.model_copy(update={"paused": True})
+        case "resume":
+            return timetable.desk.model_copy(update={"paused": False})
+        case "reset":
+            return timetable.desk.model_copy(update={"phases": None, "release_scores": None})
+        case _:
+            return _typed_schedule(typed, paused=timetable.latest.paused)
+
+
+def _typed_schedule(typed: forms.Typed, *, paused: bool) -> NewSchedule:
+    numbers = sorted(int(found[1]) for found in map(_NAME.fullmatch, typed) if found)
+    rows = [
+        {field: value for field in _FIELDS if (value := typed.get(f"{field}-{number}"))}
+        for number in numbers
+    ]
+    phases = [row for row in rows if row]
+    release_scores = typed.get("release_scores", "at-once")
+    fields = {"phases": phases, "release_scores": release_scores, "paused": paused}
+    return read_model(NewSchedule, fields)
+
+
+def _written(timetable: Timetable) -> forms.Typed:
+    """Return the schedule in effect as the fields of the form."""
+    schedule = timetable.latest.model_dump(mode="json")
+    phases = {
+        f"{field}-{number}": phase[field] or ""
+        for number, phase in enumerate(schedule["phases"])
+        for field in _FIELDS
+    }
+    return {**phases, "release_scores": schedule["release_scores"]}
+
+
+@forms.shown_at(router, SNAPSHOTS, "snapshots.html")
+def draw_snapshots(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
+    """Show all snapshots, and the form to take one."""
+    return {
+        "snapshots": list_snapshots(snapshot.session),
+        "splits": list(desk.server.boards),
+    }
+
+
+@router.post(SNAPSHOTS)
+def take_snapshot(desk: Desk, form: Posted) -> Response:
+    """Take a snapshot, if that was confirmed: it cannot be removed."""
+    typed = forms.typed_by(desk, form, draw_snapshots)
+    new = read_model(NewSnapshot, {name: typed.get(name, "") for name in NewSnapshot.model_fields})
+    desk.server.board(new.split)
+    if not forms.is_confirmed(form):
+        question = f"Take a snapshot of {new.split}?"
+        remark = "It is public at once, and can be neither changed nor removed."
+        return forms.ask(
+            desk, typed, question=question, remark=remark, yes="Take it", back=SNAPSHOTS
+        )
+    desk.perform(desk.server.snapshots.take, new)
+    return forms.done(SNAPSHOTS, "taken")
+
+
+@forms.shown_at(router, CORRECTIONS, "corrections.html")
+def draw_corrections(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
+    """Show the splits with submissions to score again, and all corrections."""
+    session = snapshot.session
+    return {
+        "outdated": {
+            split: number
+            for split, own in desk.server.boards.items()
+            if (number := sum(rescoring.count_outdated(session, board) for board in own.all))
+        },
+        "corrections": rescoring.list_corrections(session, forms.page_at(desk, "corrections")),
+        "at_once": rescoring.AT_ONCE,
+    }
+
+
+@router.post(CORRECTIONS)
+def rescore(desk: Desk, form: Posted, _: ScoringSlot) -> Response:
+    """Score the next submissions to a split again."""
+    typed = forms.typed_by(desk, form, draw_corrections)
+    new = read_model(NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")})
+    report = desk.server.rescoring.rescore(desk.person().name, new)
+    outcome = "rejected" if report.rejected else "more" if report.left else "scored"
+    return forms.done(CORRECTIONS, outcome)

@@ -1,0 +1,191 @@
+"""What the organiser does with submissions, by pages.
+
+``/desk/reviews``: public reviews. ``/desk/emailed-files``: files that people sent by e-mail,
+submitted for them. ``/desk/evidence``: what files have in common, and how those of a team differ.
+"""
+
+from collections.abc import AsyncIterator, Mapping
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import Response
+from sqlalchemy.orm import Session
+
+from reverie_eval.reporting._evidence import (
+    history_table,
+    pairs_table,
+    same_files_table,
+    teams_table,
+)
+from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport, NewReview
+from reverie_eval.schemas.service import Method, ProblemDocument
+from reverie_eval.server.errors import MalformedError, NotFoundError
+from reverie_eval.server.http.callers import Call, Desk, Posted, Server, Snapshot
+from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.runtime import Runtime
+from reverie_eval.server.http.uploads import Began, ScoringSlot, Upload, method_from, taken
+from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.pages.desk.overview import Sought
+from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.submitting import NOTHING, check_form
+from reverie_eval.server.service import people, reviews
+from reverie_eval.server.store.tables import Submission
+
+router = APIRouter()
+
+REVIEWS, EMAILED_FILES = "/desk/reviews", "/desk/emailed-files"
+A_FEW = 30
+VERDICTS: Mapping[str, str] = {
+    "verified": "You have checked it: its code was run, or its files were compared.",
+    "baseline": "A reference for comparison.",
+    "flagged": "Something is doubtful. It keeps its rank.",
+    "disqualified": "It broke the rules. It loses its rank and stays visible.",
+}
+_HARMFUL = frozenset({"flagged", "disqualified"})
+
+
+@forms.shown_by("reviews.html")
+def draw_reviews(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Shown:
+    """Show the reviews, and the form to review a submission."""
+    session = snapshot.session
+    chosen = _chosen(session, typed)
+    standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
+    return {
+        "standing": reviews.review_rows(session, standing, standing=True),
+        "lifted": reviews.review_rows(session, lifted, standing=False),
+        "latest": reviews.latest_submissions(session, A_FEW),
+        "chosen": chosen,
+        "report": None if chosen is None else snapshot.view.score_report(chosen),
+        "verdicts": VERDICTS,
+    }
+
+
+@router.get(REVIEWS)
+def show_reviews(
+    desk: Desk,
+    submission: Annotated[str, Query(max_length=32)] = "",
+    done: forms.Done = "",
+) -> Response:
+    """Show the reviews; the query can select a submission to review."""
+    return draw_reviews(desk, {"submission_id": submission}, what=done)
+
+
+@router.post(REVIEWS)
+def review(desk: Desk, form: Posted) -> Response:
+    """Review a submission; flagging and disqualifying need confirmation."""
+    typed = forms.typed_by(desk, form, draw_reviews)
+    new = read_model(NewReview, typed)
+    if new.verdict in _HARMFUL and not forms.is_confirmed(form):
+        with desk.snapshot() as snapshot:
+            row = reviews.any_submission(snapshot.session, new.submission_id)
+        about = {"row": row, "verdict": new.verdict, "effect": VERDICTS[new.verdict]}
+        return forms.ask(desk, typed, "confirm-review.html", **about)
+    desk.perform(reviews.review, new)
+    return forms.done(REVIEWS, new.verdict)
+
+
+@router.post(f"{REVIEWS}/{{review_id}}/lift")
+def lift_review(review_id: Number, desk: Desk, form: Posted) -> Response:
+    """Lift a review."""
+    forms.show_faults(desk, {}, draw_reviews)
+    if not forms.is_confirmed(form):
+        question = "Lift this review?"
+        remark = "It disappears from the leaderboard; the audit log keeps a record."
+        return forms.ask(desk, {}, question=question, remark=remark, yes="Lift it", back=REVIEWS)
+    desk.perform(reviews.lift_review, review_id)
+    return forms.done(REVIEWS, "lifted")
+
+
+def _chosen(session: Session, typed: forms.Typed) -> Submission | None:
+    try:
+        return reviews.any_submission(session, typed.get("submission_id", ""))
+    except NotFoundError:
+        return None
+
+
+def draw_files(
+    desk: Call,
+    typed: Mapping[str, str],
+    problem: ProblemDocument | None = None,
+    report: EmailedFileReport | None = None,
+    filename: str = "",
+) -> Response:
+    """Show the form, and the reply to the last file."""
+    with desk.snapshot() as snapshot:
+        everybody = people.everybody(snapshot.session)
+        return page(
+            snapshot,
+            "desk/emailed-files.html",
+            problem,
+            typed={**NOTHING, "person": "", "received_at": "", "publish": "", **typed},
+            person_names={str(each.id): f"{each.name}, {each.team}" for each in everybody},
+            splits=list(desk.server.boards),
+            required=desk.server.settings.required_metadata,
+            limit=desk.server.settings.limits.upload_mebibytes,
+            report=report,
+            filename=filename,
+        )
+
+
+async def posted_file(
+    request: Request, desk: Desk, server: Server, runtime: Runtime, began: Began
+) -> AsyncIterator[Upload]:
+    """Read the form when a slot is free; after a problem, the input is kept."""
+    organiser = await run_in_threadpool(desk.person)
+    async with taken(request, server, runtime, began, organiser) as upload:
+        check_form(desk, upload, draw_files)
+        async with runtime.admission.score():
+            yield upload
+
+
+PostedFile = Annotated[Upload, Depends(posted_file, scope="function")]
+
+
+@router.get(EMAILED_FILES)
+def show_form(desk: Desk) -> Response:
+    """Show the form."""
+    return draw_files(desk, {})
+
+
+@router.post(EMAILED_FILES)
+def submit_emailed_file(desk: Desk, upload: PostedFile) -> Response:
+    """Submit a file for the person who sent it, and show the reply to them."""
+    typed = upload.fields
+    if not typed.get("person"):
+        raise MalformedError("choose the person who sent the file")
+    with desk.snapshot() as snapshot:
+        sender = people.find_person(snapshot.session, forms.number(typed["person"]))
+    given: dict[str, Any] = {name: typed.get(name, "") for name in ("split", "received_at")}
+    given |= {"team": sender.team.name, "person": sender.name, "publish": "publish" in typed}
+    method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
+    report = desk.server.emailed_files.submit(
+        desk.person(), read_model(EmailedFile, given), upload.filename, upload.packed, method
+    )
+    return draw_files(desk, typed, report=report, filename=upload.filename)
+
+
+@router.get("/desk/evidence")
+def show_evidence(desk: Desk, _: ScoringSlot, split: Sought = "", team: Sought = "") -> Response:
+    """Show the evidence about a split, and about the submissions of a team to it."""
+    desk.person()  # others may not have uploads read
+    boards = list(desk.server.boards)
+    report = desk.server.evidence.report(split, team or None) if split else None
+    tables = {}
+    if report is not None:
+        tables["The same file from several teams"] = same_files_table(report.same_files)
+        tables["Most similar files of two teams"] = pairs_table(report)
+        tables["Files of each team"] = teams_table(report.teams)
+        if team:
+            tables[f"Submissions of {team}"] = history_table(report.history)
+    with desk.snapshot() as snapshot:
+        return page(
+            snapshot,
+            "desk/evidence.html",
+            report=report,
+            tables=tables,
+            splits=boards,
+            split=split,
+            team=team,
+        )

@@ -292,7 +292,7 @@ def _files_are_read_once() -> Iterator[None]:
     loaded: dict[tuple[object, ...], Board] = {}
 
     def load(name: str, split: Split, path: Path) -> Board:
-        key = name, split.model_dump_json(), path.read_bytes(), path.stat().st_mode
+        key = name, repr(split), path.read_bytes(), path.stat().st_mode
         if key not in loaded:
             loaded[key] = load_board(name, split, path)
         return loaded[key]

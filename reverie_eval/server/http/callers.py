@@ -54,7 +54,7 @@ class Snapshot:
 
     @property
     def person(self) -> Person:
-        """The caller; NotSignedInError if the request has no token and no session."""
+        """The caller. Raises NotSignedInError if the request has no token and no session."""
         if self.caller is None:
             raise NotSignedInError("send your token: `Authorization: Bearer rv_...`")
         return self.caller

@@ -125,7 +125,10 @@ class Canary:
         return json.dumps(run_agent(_AGENT, self._board.truth, 0)).encode()
 
     def score(self) -> None:
-        """Treat it like an upload, but do not store it; UnhealthyError if its scores are wrong."""
+        """Treat it like an upload, but do not store it.
+
+        Raises UnhealthyError if its scores are wrong.
+        """
         report = self._board.scored(self._content).report
         scores = report.scores
         # The agent stays where it starts; in the grounding track, no agent moves.

@@ -138,7 +138,7 @@ class RateLimits(Middleware):
         self._counts = FixedWindowRateLimiter(counts)
 
     async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request that is within the limits; TooManyError if it exceeds one."""
+        """Answer a request that is within the limits. Raises TooManyError if it exceeds one."""
         if scope["path"].startswith(EXEMPT):
             await self.app(scope, receive, send)
             return

@@ -53,7 +53,7 @@ def add_error_handlers(app: FastAPI, fault_page: FaultPage) -> None:
 def read_model(model: type[Model], fields: Mapping[str, Any]) -> Model:
     """Return the model that the fields of a form or a query describe, as if they were a JSON body.
 
-    RequestValidationError names each field that is wrong.
+    Raises RequestValidationError, which names each field that is wrong.
     """
     try:
         return model.model_validate(fields)

@@ -84,7 +84,7 @@ class Admission:
     async def hold(self, team_id: int) -> AsyncIterator[None]:
         """Wait for a slot for a team's upload, and hold it.
 
-        BusyError if too many uploads are waiting, or no slot became free in time.
+        Raises BusyError if too many uploads are waiting, or no slot became free in time.
         """
         team = self._teams.setdefault(team_id, _Team(self._slots_of_team))
         has_to_wait = team.slots.locked() or self._memory.locked()
@@ -137,7 +137,10 @@ class Joining:
         self._key = key
 
     def count(self, scope: Scope) -> None:
-        """Count a request to join; TooManyError if the address has sent as many as it may."""
+        """Count a request to join.
+
+        Raises TooManyError if the address has sent as many as it may.
+        """
         address = site_of(address_of(scope)).encode()
         sender = hmac.digest(self._key, address, hashlib.sha256).hex()
         if self._counts.hit(self._limit, "join", sender):

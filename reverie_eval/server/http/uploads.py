@@ -239,7 +239,7 @@ def fields_of(request: Request, upload: Upload) -> dict[str, Any]:
 def method_from(given: Mapping[str, Any]) -> Method:
     """Return the description of a method; empty fields count as missing.
 
-    RequestValidationError names each field that is wrong.
+    Raises RequestValidationError, which names each field that is wrong.
     """
     return read_model(Method, {name: value for name, value in given.items() if value != ""})
 

@@ -136,7 +136,7 @@ def _revision_fault(settings: Settings) -> str | None:
 
 
 def check_known(database: Database) -> str | None:
-    """Return the migration of a database; FolderError if it was made by a later version.
+    """Return the migration of a database. Raises FolderError if it was made by a later version.
 
     None if the database is empty.
     """
@@ -159,7 +159,7 @@ def database_errors() -> Iterator[None]:
 def opened(settings: Settings) -> Iterator[Database]:
     """Open a server's database; the server may be running.
 
-    FolderError if this version cannot use it.
+    Raises FolderError if this version cannot use it.
     """
     fault = database_fault(settings)
     if fault is not None:

@@ -101,7 +101,7 @@ def _add_first_organiser(folder: Path, *, now: datetime, actor: str) -> str:
 
 
 def check_empty(settings: Settings) -> None:
-    """Check that a database is empty; SettingsError if it is not."""
+    """Check that a database is empty. Raises SettingsError if it is not."""
     with closing(Database(settings.database_url)) as database:
         if database.revision() is not None:
             remedy = "is not empty; create a new one and set REVERIE_EVAL_DATABASE to its URL"
@@ -131,7 +131,7 @@ def building(folder: Path) -> Iterator[Path]:
 
 
 def upgrade_folder(folder: Path) -> None:
-    """Upgrade a server's database; FolderError if it was made by a later version."""
+    """Upgrade a server's database. Raises FolderError if it was made by a later version."""
     with closing(Database(load_settings(folder).database_url)) as database:
         check_known(database)
         make_private(database)

@@ -62,7 +62,7 @@ class Supervisor(Multiprocess):
         self._announce = announce
 
     def init_processes(self) -> None:
-        """Start all workers; ReverieEvalError if one of them cannot start."""
+        """Start all workers. Raises ReverieEvalError if one of them cannot start."""
         super().init_processes()
         if not all(
             process.wait_until_ready(SECONDS_TO_START, self.should_exit)

@@ -288,7 +288,7 @@ def without_version(signature: str) -> str:
 def load_boards(settings: Settings) -> Mapping[str, Board]:
     """Load every split's ground truth, by the split's name.
 
-    SettingsError names each split that cannot be scored, and why.
+    Raises SettingsError, which names each split that cannot be scored, and why.
     """
     boards, problems = {}, []
     for name, split in settings.splits.items():
@@ -340,7 +340,7 @@ def leaderboards(boards: Mapping[str, Board]) -> Sequence[Board]:
 
 
 def board_named(boards: Mapping[str, Board], split: str, further: str = "") -> Board:
-    """Return a split's own leaderboard, or a further one; NotFoundError if there is none."""
+    """Return a split's own leaderboard, or a further one. Raises NotFoundError if there is none."""
     board = boards.get(split)
     if board is None:
         raise NotFoundError(f"there is no split {split!r} here; there are: {', '.join(boards)}")

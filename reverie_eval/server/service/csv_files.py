@@ -31,7 +31,7 @@ class CsvTable(NamedTuple):
 def read_csv(text: str) -> CsvTable:
     """Read a file whose first line names the columns; empty lines are left out.
 
-    TableError if it cannot be read, or has no rows.
+    Raises TableError if it cannot be read, or has no rows.
     """
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=_delimiter(text), strict=True)
     rows = []

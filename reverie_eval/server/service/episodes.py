@@ -161,7 +161,10 @@ class Browsing:
         return failure_modes({key: column[rows] for key, column in run.scores.episodes.items()})
 
     def episode(self, instr_id: str) -> Episode:
-        """Return an episode without a submission; NotFoundError if the split does not have it."""
+        """Return an episode without a submission.
+
+        Raises NotFoundError if the split does not have it.
+        """
         self.row(instr_id)
         return episode(self.annotations.scores, instr_id)
 

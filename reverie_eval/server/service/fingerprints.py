@@ -65,7 +65,10 @@ class Fingerprint:
 
     @classmethod
     def of(cls, board: Board, content: bytes) -> Self:
-        """Compute the fingerprint of a JSON text; SubmissionError if it does not fit the split."""
+        """Compute the fingerprint of a JSON text.
+
+        Raises SubmissionError if it does not fit the split.
+        """
         aligned = board.check(content).submission
         episodes = np.zeros(len(aligned.predicted_object), dtype=_EPISODE)
         episodes["answer"] = aligned.predicted_object

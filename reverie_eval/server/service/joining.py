@@ -124,7 +124,7 @@ def accept_requests(
 
 
 def reject_request(transaction: Transaction, request_id: int, rejection: Rejection) -> None:
-    """Reject a request; NotFoundError if there is no such open request."""
+    """Reject a request. Raises NotFoundError if there is no such open request."""
     request = _open_request(transaction.session, request_id)
     _answer(transaction, request, "request rejected", reason=rejection.reason)
 

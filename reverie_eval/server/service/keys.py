@@ -57,7 +57,7 @@ def list_keys(session: Session) -> list[KeyReport]:
 def admit(session: Session, signer: Signer, now: datetime) -> None:
     """Make sure that a change is made with the key in use; the first change admits the first key.
 
-    KeyReplacedError if another key is in use.
+    Raises KeyReplacedError if another key is in use.
     """
     current = current_key(session)
     if current is None:

@@ -23,7 +23,7 @@ def add_news(transaction: Transaction, new: NewNews) -> NewsReport:
 
 
 def remove_news(transaction: Transaction, news_id: int) -> NewsReport:
-    """Remove an entry; NotFoundError if it does not exist, or was removed already."""
+    """Remove an entry. Raises NotFoundError if it does not exist, or was removed already."""
     row = transaction.session.get(News, news_id)
     if row is None or row.removed_at is not None:
         raise NotFoundError(f"there is no news entry {news_id}; `news list` shows all")

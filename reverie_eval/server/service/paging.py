@@ -45,7 +45,10 @@ def list_page(
     *,
     newest_first: bool = False,
 ) -> Listed[Report]:
-    """List the rows of a page, in the order of a key; MalformedError if the cursor is invalid."""
+    """List the rows of a page, in the order of a key.
+
+    Raises MalformedError if the cursor is invalid.
+    """
     rows = rows.order_by(key.desc() if newest_first else key)
     if page.cursor is not None:
         if "\0" in page.cursor:  # not allowed in PostgreSQL's texts
@@ -80,7 +83,7 @@ def cut(
 
 
 def key_of(cursor: str) -> int:
-    """Return the integer key in a cursor; MalformedError if it is invalid."""
+    """Return the integer key in a cursor. Raises MalformedError if it is invalid."""
     is_short_number = cursor.isascii() and cursor.isdigit() and len(cursor) <= len(str(LARGEST))
     if not is_short_number or int(cursor) > LARGEST:
         raise wrong_cursor()

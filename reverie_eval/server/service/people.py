@@ -24,7 +24,7 @@ from reverie_eval.server.store.tables import Person, Submission, Team, Token
 
 
 def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
-    """Add a team; ConflictError if a team has that name."""
+    """Add a team. Raises ConflictError if a team has that name."""
     team = Team(name=new.name, created_at=transaction.now)
     _write(transaction, team, _name_is_taken(team.name))
     transaction.record("team added", team, team.name)

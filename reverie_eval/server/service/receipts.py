@@ -124,7 +124,10 @@ def make_key(path: Path) -> None:
 
 
 def load_key(path: Path) -> Ed25519PrivateKey:
-    """Read a private key; ReceiptError if there is none to use, or other users can read it."""
+    """Read a private key.
+
+    Raises ReceiptError if there is none to use, or other users can read it.
+    """
     try:
         if path.stat().st_mode & 0o077:
             raise ReceiptError(f"other users can read {path}; run `chmod 600 {path}`")

@@ -98,7 +98,7 @@ def change_reported(
 
 
 def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
-    """Remove a reported result from its leaderboard; NotFoundError if it is not on one."""
+    """Remove a reported result from its leaderboard. Raises NotFoundError if it is not on one."""
     result = _result_of(transaction.session, result_id)
     result.removed_at = transaction.now
     name = result.method["name"]
@@ -167,7 +167,7 @@ def list_reported(session: Session, page: Page) -> Listed[ReportedEntry]:
 
 
 def find_reported(session: Session, result_id: int) -> ReportedEntry:
-    """Return a reported result; NotFoundError if it is not on a leaderboard."""
+    """Return a reported result. Raises NotFoundError if it is not on a leaderboard."""
     return ReportedEntry.model_validate(_result_of(session, result_id))
 
 

@@ -24,7 +24,7 @@ JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified
 def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
     """Review a submission, which lifts earlier reviews that this one replaces.
 
-    NotFoundError if there is no such submission.
+    Raises NotFoundError if there is no such submission.
     """
     submission = any_submission(transaction.session, new.submission_id)
     for earlier in standing_reviews(transaction.session, submission.id):
@@ -36,7 +36,10 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
 
 
 def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
-    """Lift a review; NotFoundError if there is none, ConflictError if it was already lifted."""
+    """Lift a review.
+
+    Raises NotFoundError if there is none, ConflictError if it was already lifted.
+    """
     row = transaction.session.get(Review, review_id)
     if row is None:
         raise NotFoundError(f"there is no review {review_id}; see the list of reviews")

@@ -120,7 +120,7 @@ class Schedules:
         return [timetable.report(name) for name, timetable in self.read(session).items()]
 
     def of(self, session: Session, split: str) -> Timetable:
-        """Return the timetable of a split; NotFoundError if the server has no such split."""
+        """Return the timetable of a split. Raises NotFoundError if the server has no such split."""
         timetable = self.read(session).get(split)
         if timetable is None:
             known = ", ".join(self._splits)
@@ -205,7 +205,10 @@ def with_phase(
 
 
 def closed(schedule: Schedule, now: datetime) -> NewSchedule:
-    """Return a schedule whose open phases end with this second; ConflictError if none is open."""
+    """Return a schedule whose open phases end with this second.
+
+    Raises ConflictError if none is open.
+    """
     if not schedule.is_open(now):
         raise ConflictError("no phase is open")
     end = now.replace(microsecond=0)

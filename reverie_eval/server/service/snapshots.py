@@ -51,7 +51,10 @@ class Snapshots:
     """Closings whose snapshots are stored, or will never be taken."""
 
     def take(self, transaction: Transaction, new: NewSnapshot) -> SnapshotEntry:
-        """Take a snapshot of a leaderboard as it is now; NotFoundError without such a split."""
+        """Take a snapshot of a leaderboard as it is now.
+
+        Raises NotFoundError if there is no such split.
+        """
         return self._take(transaction, new.split, new.title, transaction.now)
 
     def take_due(self, transaction: Transaction) -> None:
@@ -149,7 +152,7 @@ def _first_received(session: Session) -> Mapping[str, datetime]:
 
 
 def snapshot_of(session: Session, split: str, number: int) -> Snapshot:
-    """Return a snapshot; NotFoundError if none has this number."""
+    """Return a snapshot. Raises NotFoundError if none has this number."""
     chosen = select(StoredSnapshot.content).where(
         StoredSnapshot.split == split, StoredSnapshot.number == number
     )

@@ -89,7 +89,10 @@ def submission_of(
 
 
 def result_on(further: str, submission: SubmissionReport) -> BoardResult:
-    """Return a submission's result on a further leaderboard; NotFoundError if it has none."""
+    """Return a submission's result on a further leaderboard.
+
+    Raises NotFoundError if it has none.
+    """
     if further not in submission.also:
         raise NotFoundError(
             f"{submission.id} has no result on a further leaderboard {further!r}; it has results "
@@ -172,7 +175,10 @@ def with_public_episodes(split: str) -> Select[Submission]:
 
 
 def check_metadata(method: Method, required: Collection[str]) -> None:
-    """Check that a method has all required information; MalformedError says what is missing."""
+    """Check that a method has all required information.
+
+    Raises MalformedError, which says what is missing.
+    """
     given = {name for name in method.model_fields_set if getattr(method, name) not in {"", None}}
     missing = [name for name in required if name not in given]
     if missing:
@@ -203,7 +209,7 @@ class SubmissionService:
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces.
 
-        NotFoundError if it was deleted.
+        Raises NotFoundError if it was deleted.
         """
         _check_upload(submission)
         return self.uploads.pieces(submission.sha256)

@@ -93,7 +93,7 @@ def revoke_token(transaction: Transaction, hint: str) -> TokenReport:
 
 
 def revoke_tokens_of_team(transaction: Transaction, name: str) -> list[TokenReport]:
-    """Revoke all tokens of a team's people; NotFoundError if there is no such team."""
+    """Revoke all tokens of a team's people. Raises NotFoundError if there is no such team."""
     team = team_named(transaction.session, name)
     return _revoke_valid(transaction, Token.person_id.in_([person.id for person in team.people]))
 
@@ -119,7 +119,7 @@ def has_organiser(session: Session, now: datetime) -> bool:
 
 
 def check_organiser_left(transaction: Transaction) -> None:
-    """Make sure that an organiser can sign in; ConflictError if none has a valid token."""
+    """Make sure that an organiser can sign in. Raises ConflictError if none has a valid token."""
     if not has_organiser(transaction.session, transaction.now):
         raise ConflictError(
             "this would leave no organiser with a valid token; first create a token for an "
@@ -235,7 +235,10 @@ class Sessions:
         return self._csrf_tokens.sign(session_id).decode().removeprefix(f"{session_id}.")
 
     def check_csrf_token(self, session_id: str, shown: str) -> None:
-        """Make sure that a request shows the session's CSRF token; ForgedError if it does not."""
+        """Make sure that a request shows the session's CSRF token.
+
+        Raises ForgedError if it does not.
+        """
         if not secrets.compare_digest(self.csrf_token(session_id).encode(), shown.encode()):
             raise ForgedError(
                 "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session returns it"

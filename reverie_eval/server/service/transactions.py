@@ -89,7 +89,7 @@ class Transactions:
     def begin(self, actor: Actor) -> Iterator[Transaction]:
         """Begin a transaction; it is committed at the end, or rolled back after an error.
 
-        KeyReplacedError if the signing key was replaced.
+        Raises KeyReplacedError if the signing key was replaced.
         """
         with self.database.writing() as session:
             now = self.clock()

@@ -46,7 +46,7 @@ class Uploads(Protocol):
         """Store an upload; storing it again changes nothing."""
 
     def get(self, sha256: str) -> bytes:
-        """Return an upload; FileNotFoundError if it is missing, OSError if it is damaged."""
+        """Return an upload. Raises FileNotFoundError if it is missing, OSError if it is damaged."""
 
     def pieces(self, sha256: str) -> Iterator[bytes]:
         """Return an upload in pieces.
@@ -73,7 +73,10 @@ def open_uploads(place: str, folder: Path) -> Uploads:
 
 
 def stored_upload(uploads: Uploads, sha256: str) -> bytes:
-    """Return an upload that a row refers to; UploadsError if it is missing or cannot be read."""
+    """Return an upload that a row refers to.
+
+    Raises UploadsError if it is missing or cannot be read.
+    """
     try:
         return uploads.get(sha256)
     except FileNotFoundError:

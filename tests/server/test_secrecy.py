@@ -362,6 +362,19 @@ def test_the_search_finds_goals_and_means(secrets: Secrets, planted_bundle: Path
     assert not set(secrets.found_in(f"SR {100 * scores['success']:.2f} %"))
 
 
+def test_the_search_passes_over_times_and_durations(secrets: Secrets, planted_bundle: Path) -> None:
+    success = evaluate(sound()[0], split=PRIVATE, ground_truth=GroundTruth.load(planted_bundle))[
+        "success"
+    ]
+    for text in (
+        f"at 2026-11-24T00:19:{100 * success:09.6f}Z",
+        f'request_seconds_sum{{route="/api/v1/splits"}} {success}',
+        f"process_cpu_seconds_total {100 * success}",
+    ):
+        assert not set(secrets.found_in(text))
+        assert set(secrets.found_in(f"{text}\nSR {100 * success}")) == {"mean that is not rounded"}
+
+
 def tells_boxes(self: Board, scores: Any, reading: Any) -> Any:
     return scores.to_report().model_copy(update={"scores": {}})
 

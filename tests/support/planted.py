@@ -26,6 +26,8 @@ _DECIMALS = 4
 """Of a fraction, rounded to two decimals in percent."""
 _FEW = 10
 """Numbers in a row that are no list of episodes."""
+_CLOCK = re.compile(r"\d\d:\d\d:\d\d\.\d+|_(seconds|created)\S* \S+")
+"""Times and durations, whose last digits may be those of any score."""
 
 
 def planted(bundle: Bundle) -> Bundle:
@@ -65,7 +67,7 @@ class Secrets:
         starts = {truth.graph.viewpoint_ids[start] for start in truth.episodes.start.tolist()}
         goals = {truth.graph.viewpoint_ids[goal] for goal in truth.require_answers().path.tolist()}
         hidden = sorted(each for each in goals - starts if each not in known)
-        exact = sorted({digits for each in scores for digits in _exact_digits(each)})
+        exact = sorted({re.escape(digits) for each in scores for digits in _exact_digits(each)})
         assert len(hidden) > 10
         assert len(exact) > 5
         box = r"\D{1,4}".join(rf"{number}(\.0)?" for number in BOX)
@@ -75,13 +77,14 @@ class Secrets:
                 "goal or path": re.compile("|".join(hidden)),
                 "box": re.compile(box),
                 "category": re.compile(CATEGORY),
-                "mean that is not rounded": re.compile("|".join(map(re.escape, exact))),
+                "mean that is not rounded": re.compile(rf"(?<!\d)({'|'.join(exact)})"),
             }
         )
 
     def found_in(self, text: str) -> Iterator[str]:
         """Return what kinds of secrets a text holds."""
-        yield from (kind for kind, pattern in self.patterns.items() if pattern.search(text))
+        timeless = _CLOCK.sub("", text)
+        yield from (kind for kind, pattern in self.patterns.items() if pattern.search(timeless))
         try:
             document = json.loads(text)
         except ValueError:

@@ -4,6 +4,9 @@ import json
 import os
 import re
 import signal
+import sqlite3
+import subprocess
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import httpx
 import pytest
@@ -52,7 +55,7 @@ class Crew:
     """A server of two worker processes."""
 
     real: RealServer
-    process: Forked
+    process: Forked | subprocess.Popen[str]
 
     def logged(self) -> Sequence[Mapping[str, object]]:
         """Return the lines of its log, of which the last may be on its way."""
@@ -120,6 +123,26 @@ def serving(folder: Path, database: str, **limits: str) -> Iterator[Crew]:
         yield Crew(RealServer(url, settings, opened, folder / "log"), process)
 
 
+@contextmanager
+def started(folder: Path) -> Iterator[Crew]:
+    """Run two workers that are not forked: each imports everything, as they do for users."""
+    words = (sys.executable, "-m", "reverie_eval_cli", "serve", folder, "--workers=2", "--port=0")
+    settings, log = load_settings(folder), folder / "log"
+    with (
+        log.open("w") as errors,
+        subprocess.Popen(words, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+        closing(Database(settings.database_url)) as opened,
+    ):
+        assert process.stdout is not None
+        try:
+            first, second = process.stdout.readline(), process.stdout.readline()
+            found = re.search(r"listening at (\S+),", first + second)
+            assert found, log.read_text()
+            yield Crew(RealServer(found[1], settings, opened, log), process)
+        finally:
+            process.terminate()
+
+
 @pytest.fixture(scope="module", params=["sqlite", "postgresql"])
 def crew(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
@@ -154,6 +177,16 @@ def test_of_many_files_as_many_are_scored_as_the_quota_allows(crew: Crew) -> Non
 
 
 def test_metrics_are_those_of_all_workers(crew: Crew) -> None:
+    expect_counts_of_all(crew)
+
+
+def test_so_they_are_of_workers_that_are_not_forked(folder: Path) -> None:
+    with started(folder) as crew:
+        expect_counts_of_all(crew)
+    assert crew.process.poll() == 0
+
+
+def expect_counts_of_all(crew: Crew) -> None:
     organiser = crew.real.mint(crew.real.newcomer("organiser"))
     before = crew.requests_counted(organiser)
     first, second = crew.workers()
@@ -247,6 +280,25 @@ def test_a_server_whose_workers_cannot_start_ends_and_says_why(folder: Path) -> 
     reasons = [line["event"] for line in log if line["level"] == "error"]
     assert len(reasons) == 2
     assert all("a bundle has changed since the server started" in each for each in reasons)
+
+
+def _write_what_workers_find(folder: Path) -> None:
+    def look(_config: object, _listening: object, counts: Path, _announce: object) -> Mock:
+        with closing(sqlite3.connect(counts / "requests.sqlite")) as database:
+            for query in ("PRAGMA journal_mode", "SELECT number FROM counted"):
+                sys.stdout.write(f"{database.execute(query).fetchall()}\n")
+        return Mock()
+
+    with patch.object(run, "Supervisor", look):
+        run_server(load_settings(folder), "127.0.0.1", 0, workers=2)
+
+
+def test_workers_find_the_file_in_which_they_count(folder: Path) -> None:
+    """Two that made it at the same moment found it locked, and the server did not start."""
+    output, errors = folder / "output", folder / "errors"
+    surroundings = Surroundings(folder, dict(os.environ), output, errors)
+    assert Forked(_write_what_workers_find, surroundings, folder).wait(PATIENCE) == 0
+    assert output.read_text() == "[('wal',)]\n[]\n"
 
 
 def test_the_rate_limit_is_that_of_all_workers(folder: Path) -> None:

@@ -120,6 +120,7 @@ def _run_workers(
         os.environ[COUNTING_TOGETHER] = name  # read when the workers import prometheus_client
         folder = Path(name)
         workers = Workers(number, folder)
+        workers.counts()  # makes the file, which workers that start at once would find locked
         make_app = partial(worker_app, state.settings, rules_of(state.boards), url, workers)
         config = configuration(make_app, workers=number)
         Supervisor(config, listening, folder, lambda: announce(url)).run()

@@ -6,15 +6,21 @@ environment, a folder and files of its own.
 
 import io
 import multiprocessing
+import multiprocessing.forkserver
 import os
 import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import chdir
+from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Self
+from unittest.mock import patch
+
+from prometheus_client import values
 
 from tests.conftest import REPOSITORY
 from tests.support.flat import Outcome
@@ -146,4 +152,20 @@ def run_command(*words: str | Path, folder: Path, environment: Mapping[str, str]
 
 def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any, ...]) -> None:
     surroundings.enter()
-    work(*given)
+    values.ValueClass = values.get_value_class()  # as if it were imported now
+    beside = _Beside(surroundings)
+    # It would start another process to fork from, which would import everything once more.
+    running = patch.object(multiprocessing.forkserver._forkserver, "ensure_running")  # noqa: SLF001
+    with running, patch("uvicorn._subprocess.spawn", beside):
+        work(*given)
+
+
+class _Beside(NamedTuple):
+    """Forks a server's workers from the process that the server was forked from."""
+
+    surroundings: Surroundings
+
+    def Process(self, target: Callable[..., Any], kwargs: Mapping[str, Any]) -> ForkServerProcess:  # noqa: N802
+        """Return a process that finds what this one does."""
+        here = self.surroundings._replace(folder=Path.cwd(), environment=dict(os.environ))
+        return PROCESSES.Process(target=_run, args=(partial(target, **kwargs), here, ()))

@@ -51,12 +51,16 @@ MARKS_OF_FOLDERS = {
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Keep the garbage collector away from what is collected here: nearly all of it stays."""
+    """Keep the garbage collector away from what is collected here: nearly all of it stays.
+
+    What tests make goes young, so going over all that is left may be rare too.
+    """
     gc.disable()
     try:
         return (yield)
     finally:
         gc.freeze()
+        gc.set_threshold(700, 10, 100)
         gc.enable()
 
 

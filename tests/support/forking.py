@@ -152,7 +152,7 @@ def run_command(*words: str | Path, folder: Path, environment: Mapping[str, str]
 
 def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any, ...]) -> None:
     surroundings.enter()
-    values.ValueClass = values.get_value_class()  # as if it were imported now
+    values.ValueClass = values.get_value_class()  # type: ignore[no-untyped-call]  # as if imported now
     beside = _Beside(surroundings)
     # It would start another process to fork from, which would import everything once more.
     running = patch.object(multiprocessing.forkserver._forkserver, "ensure_running")  # noqa: SLF001

@@ -14,7 +14,8 @@ References
 import logging
 import os
 from base64 import b64encode
-from functools import cache
+from collections.abc import Callable
+from functools import cache, lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
@@ -37,6 +38,8 @@ _SHRINK = 0.625
 """Pixels of a photograph for each pixel of a view."""
 _QUALITY = 70
 """Quality of JPEG: a page with two answers and a target, all with many details, is below 300 kB."""
+_PICTURES_KEPT = 128
+"""Pages show the same pictures again and again; each takes 100 kB at most."""
 _log = logging.getLogger(__name__)
 
 
@@ -49,9 +52,7 @@ class Skybox(NamedTuple):
 
     def view(self, view: int) -> str:
         """Return what a view shows as a ``data:`` URL; empty if the file cannot be used."""
-        columns, rows = round(_SHRINK * WIDTH), round(_SHRINK * HEIGHT)
-        x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
-        return self._picture(rays_of(np.stack([x, y], axis=-1) / _SHRINK) @ VIEW_AXES[view])
+        return self._picture(_directions_of_view, view)
 
     def panorama(self, middle: float, highest: float) -> str:
         """Return the panorama as a ``data:`` URL; empty if the file cannot be used.
@@ -59,33 +60,61 @@ class Skybox(NamedTuple):
         The heading ``middle`` is in the middle; the upper edge has the elevation ``highest``, and
         the lower one is as far down. Both are degrees.
         """
-        columns = round(_SHRINK * WIDTH)
-        rows = round(columns * highest / 180)
-        across = middle + 360 * ((np.arange(columns) + 0.5) / columns - 0.5)
-        down = highest - 2 * highest * (np.arange(rows) + 0.5) / rows
-        heading, elevation = np.meshgrid(np.deg2rad(across), np.deg2rad(down))
-        flat = np.cos(elevation)
-        parts = [np.sin(heading) * flat, np.cos(heading) * flat, np.sin(elevation)]
-        return self._picture(np.stack(parts, axis=-1))
+        return self._picture(_directions_of_panorama, middle, highest)
 
-    def _picture(self, direction: FloatArray) -> str:
-        """Return the picture whose pixels show directions of shape (rows, columns, 3)."""
+    def _picture(self, directions: Callable[..., FloatArray], *shown: float) -> str:
         from PIL import Image
 
         try:
-            with Image.open(self.path) as file:
-                faces = np.asarray(file.convert("RGB"))
+            changed = self.path.stat().st_mtime_ns
+            return _data_url(self.path, changed, self.rotation.tobytes(), directions, shown)
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             warn_once(f"{self.path} is left out: {error}")
             return ""
-        size, width, _ = faces.shape
-        if width != _FACES * size:
-            warn_once(f"{self.path} is left out: {width} x {size} pixels, expected six squares")
-            return ""
-        written = BytesIO()
-        pixels = faces[pixels_of_skybox(direction @ self.rotation, size)]
-        Image.fromarray(pixels).save(written, "JPEG", quality=_QUALITY)
-        return f"data:image/jpeg;base64,{b64encode(written.getvalue()).decode()}"
+
+
+def _directions_of_view(view: int) -> FloatArray:
+    columns, rows = round(_SHRINK * WIDTH), round(_SHRINK * HEIGHT)
+    x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
+    directions: FloatArray = rays_of(np.stack([x, y], axis=-1) / _SHRINK) @ VIEW_AXES[view]
+    return directions
+
+
+def _directions_of_panorama(middle: float, highest: float) -> FloatArray:
+    columns = round(_SHRINK * WIDTH)
+    rows = round(columns * highest / 180)
+    across = middle + 360 * ((np.arange(columns) + 0.5) / columns - 0.5)
+    down = highest - 2 * highest * (np.arange(rows) + 0.5) / rows
+    heading, elevation = np.meshgrid(np.deg2rad(across), np.deg2rad(down))
+    flat = np.cos(elevation)
+    parts = [np.sin(heading) * flat, np.cos(heading) * flat, np.sin(elevation)]
+    return np.stack(parts, axis=-1)
+
+
+@lru_cache(maxsize=_PICTURES_KEPT)
+def _data_url(
+    path: Path,
+    _changed: int,
+    rotation: bytes,
+    directions: Callable[..., FloatArray],
+    shown: tuple[float, ...],
+) -> str:
+    """Return the picture whose pixels show directions of shape (rows, columns, 3).
+
+    Raises OSError, SyntaxError, ValueError or DecompressionBombError if the file cannot be used.
+    """
+    from PIL import Image
+
+    with Image.open(path) as file:
+        faces = np.asarray(file.convert("RGB"))
+    size, width, _ = faces.shape
+    if width != _FACES * size:
+        raise ValueError(f"{width} x {size} pixels, expected six squares")
+    camera = np.frombuffer(rotation).reshape(3, 3)
+    pixels = faces[pixels_of_skybox(directions(*shown) @ camera, size)]
+    written = BytesIO()
+    Image.fromarray(pixels).save(written, "JPEG", quality=_QUALITY)
+    return f"data:image/jpeg;base64,{b64encode(written.getvalue()).decode()}"
 
 
 def find_skybox(episode: Episode, viewpoint_id: str) -> Skybox | None:

@@ -1,5 +1,6 @@
 """Photographs under pictures of answers."""
 
+import os
 import re
 from base64 import b64decode
 from io import BytesIO
@@ -127,6 +128,17 @@ def test_a_picture_has_the_photograph_below_its_boxes(episode: Episode, path: Pa
     picture = re.search(r'href="(data:[^"]*)"', svg)
     assert picture is not None
     assert pixels(picture[1]).mean(axis=(0, 1)) == pytest.approx([254, 0, 0], abs=2)
+
+
+def test_a_picture_is_drawn_again_only_if_its_photograph_has_changed(
+    skybox: Skybox, path: Path
+) -> None:
+    before = skybox.view(15)
+    assert skybox.view(15) is before
+    assert skybox.view(14) != before
+    Image.new("RGB", (6 * 8, 8), "red").save(path)
+    os.utime(path, ns=(0, 0))
+    assert pixels(skybox.view(15)).mean(axis=(0, 1)) == pytest.approx([254, 0, 0], abs=2)
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def create_app(
     app.include_router(operations.router)
     add_pages(app)
     add_error_handlers(app, fault_page)
-    add_edge(app, server.settings, workers)
+    add_edge(app, server.settings)
     describe(app, server.settings.path_prefix)
     return app
 
@@ -90,9 +90,9 @@ def contact_of(settings: Settings) -> dict[str, str] | None:
     return {"name": "Organiser", kind: settings.contact}
 
 
-def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:
+def add_edge(app: FastAPI, settings: Settings) -> None:
     """Put around the routes what every request passes, the innermost first."""
-    limits = settings.limits
+    limits, runtime = settings.limits, app.state.runtime
     app.add_middleware(HeadRequests)
     app.add_middleware(FormCharsets)
     app.add_middleware(
@@ -100,8 +100,8 @@ def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:
         seconds=limits.seconds_for_body,
         kibibytes_per_second=limits.kibibytes_per_second,
     )
-    app.add_middleware(RateLimits, per_minute=limits.requests_per_minute, counts=workers.counts())
-    app.add_middleware(RequestTelemetry, metrics=app.state.runtime.metrics)
+    app.add_middleware(RateLimits, per_minute=limits.requests_per_minute, counts=runtime.counts)
+    app.add_middleware(RequestTelemetry, metrics=runtime.metrics)
     app.add_middleware(SecurityHeaders)
     if settings.trusted_proxies:
         trusted = [str(network) for network in settings.trusted_proxies]

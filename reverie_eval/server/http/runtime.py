@@ -155,9 +155,10 @@ class Joining:
 
 @dataclass(frozen=True)
 class RuntimeState:
-    """Admission, requests to join, metrics and health checks of an application."""
+    """What an application knows of its requests: who waits, who asked how often, how it went."""
 
     admission: Admission
+    counts: Storage
     joining: Joining
     metrics: Metrics
     health: Health
@@ -173,8 +174,9 @@ class RuntimeState:
             workers,
             metrics.uploads_waiting.set,
         )
-        joining = Joining(workers.counts(), server.signer.secret_for("requests to join"))
-        return cls(admission, joining, metrics, Health(server))
+        counts = workers.counts()
+        joining = Joining(counts, server.signer.secret_for("requests to join"))
+        return cls(admission, counts, joining, metrics, Health(server))
 
 
 async def runtime_of(request: Request) -> RuntimeState:

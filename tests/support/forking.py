@@ -153,10 +153,13 @@ def run_command(*words: str | Path, folder: Path, environment: Mapping[str, str]
 def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any, ...]) -> None:
     surroundings.enter()
     values.ValueClass = values.get_value_class()  # type: ignore[no-untyped-call]  # as if imported now
-    beside = _Beside(surroundings)
+    server = multiprocessing.forkserver._forkserver  # noqa: SLF001
+    if hasattr(server, "_forkserver_authkey"):  # Python 3.14: only who started it may ask it
+        work(*given)
+        return
     # It would start another process to fork from, which would import everything once more.
-    running = patch.object(multiprocessing.forkserver._forkserver, "ensure_running")  # noqa: SLF001
-    with running, patch("uvicorn._subprocess.spawn", beside):
+    asking = patch.object(server, "ensure_running")
+    with asking, patch("uvicorn._subprocess.spawn", _Beside(surroundings)):
         work(*given)
 
 

@@ -101,6 +101,8 @@ def _data_url(
 ) -> str:
     """Return the picture whose pixels show directions of shape (rows, columns, 3).
 
+    Of a file that has been changed since, another picture is drawn.
+
     Raises OSError, SyntaxError, ValueError or DecompressionBombError if the file cannot be used.
     """
     from PIL import Image

@@ -359,16 +359,18 @@ def test_the_search_finds_goals_and_means(secrets: Secrets, planted_bundle: Path
 
 
 def test_the_search_passes_over_times_and_durations(secrets: Secrets, planted_bundle: Path) -> None:
-    success = evaluate(sound()[0], split=PRIVATE, ground_truth=GroundTruth.load(planted_bundle))[
-        "success"
-    ]
+    truth = GroundTruth.load(planted_bundle)
+    success = evaluate(sound()[0], split=PRIVATE, ground_truth=truth)["success"]
+    told = {"mean that is not rounded"}
     for text in (
         f"at 2026-11-24T00:19:{100 * success:09.6f}Z",
         f'request_seconds_sum{{route="/api/v1/splits"}} {success}',
         f"process_cpu_seconds_total {100 * success}",
     ):
         assert not set(secrets.found_in(text))
-        assert set(secrets.found_in(f"{text}\nSR {100 * success}")) == {"mean that is not rounded"}
+        assert set(secrets.found_in(f"{text}\nSR {100 * success}")) == told
+    assert set(secrets.found_in(f'request_seconds_sum{{about="{success}"}} 0.1')) == told
+    assert set(secrets.found_in(f'[{{"wait_seconds":60,"success":{success}}}] and')) == told
 
 
 def tells_boxes(self: Board, scores: Any, reading: Any) -> Any:

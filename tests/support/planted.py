@@ -26,8 +26,10 @@ _DECIMALS = 4
 """Of a fraction, rounded to two decimals in percent."""
 _FEW = 10
 """Numbers in a row that are no list of episodes."""
-_CLOCK = re.compile(r"\d\d:\d\d:\d\d\.\d+|_(seconds|created)\S* \S+")
-"""Times and durations, whose last digits may be those of any score."""
+_CLOCK = re.compile(
+    r"(?<=\d\d:\d\d:\d\d)\.\d{6}|^(\w+_(?:seconds|created)\w*(?:\{.*\})?) \S+$", re.MULTILINE
+)
+"""Microseconds of times, and metrics' values that a clock gave: the digits may be any score's."""
 
 
 def planted(bundle: Bundle) -> Bundle:
@@ -83,7 +85,7 @@ class Secrets:
 
     def found_in(self, text: str) -> Iterator[str]:
         """Return what kinds of secrets a text holds."""
-        timeless = _CLOCK.sub("", text)
+        timeless = _CLOCK.sub(r"\1", text)
         yield from (kind for kind, pattern in self.patterns.items() if pattern.search(timeless))
         try:
             document = json.loads(text)

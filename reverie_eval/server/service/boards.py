@@ -340,7 +340,10 @@ def leaderboards(boards: Mapping[str, Board]) -> Sequence[Board]:
 
 
 def board_named(boards: Mapping[str, Board], split: str, further: str = "") -> Board:
-    """Return a split's own leaderboard, or a further one. Raises NotFoundError if there is none."""
+    """Return a leaderboard of a split, its own or a further one.
+
+    Raises NotFoundError if the split has no such leaderboard.
+    """
     board = boards.get(split)
     if board is None:
         raise NotFoundError(f"there is no split {split!r} here; there are: {', '.join(boards)}")

@@ -126,7 +126,7 @@ def make_key(path: Path) -> None:
 def load_key(path: Path) -> Ed25519PrivateKey:
     """Read a private key.
 
-    Raises ReceiptError if there is none to use, or other users can read it.
+    Raises ReceiptError if the file is missing or holds no such key, or if other users can read it.
     """
     try:
         if path.stat().st_mode & 0o077:

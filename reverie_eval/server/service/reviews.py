@@ -38,7 +38,7 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
 def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
     """Lift a review.
 
-    Raises NotFoundError if there is none, ConflictError if it was already lifted.
+    Raises NotFoundError if the review does not exist, ConflictError if it was already lifted.
     """
     row = transaction.session.get(Review, review_id)
     if row is None:

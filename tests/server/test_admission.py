@@ -12,6 +12,7 @@ import pytest
 from anyio.from_thread import BlockingPortal
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from reverie_eval.server.app import create_app
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.http.runtime import Admission, RuntimeState
 from reverie_eval.server.http.workers import Workers
@@ -25,7 +26,6 @@ from tests.support.serving import (
     InProcess,
     OpenServer,
     Serving,
-    make_app,
     settings_of,
 )
 from tests.support.visiting import signed_in
@@ -50,7 +50,7 @@ def crowded(
     ) -> tuple[Serving, Admission]:
         limits = Limits(uploads_at_once=at_once, uploads_waiting=0)
         opened = open_server(settings_of(folder).model_copy(update={"limits": limits}))
-        app = make_app(opened.state)
+        app = create_app(opened.state, "http://server")
         admission: Admission = app.state.runtime.admission
         transport = InProcess(around(app, admission), portal)
         clients.append(httpx.Client(transport=transport, base_url="http://server"))

@@ -26,6 +26,7 @@ import uvicorn
 from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
+from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware, patience
 from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.http.middleware import BodyLimits
@@ -34,7 +35,7 @@ from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.run import listen
 from reverie_eval.server.settings import load_settings
 from tests.support.acting import add_person, add_team, create_token
-from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, Serving, make_app, running
+from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, Serving, running
 from tests.support.waiting import PATIENCE, wait_until
 
 SECONDS = 1
@@ -451,7 +452,7 @@ def impatient(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Iterator[Impa
     monkeypatch.setattr(run, "LOGGING", None)  # the logs of this process are pytest's
     listening = listen("127.0.0.1", 0)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 14)
-    running = uvicorn.Server(run.configuration(make_app(server.state)))
+    running = uvicorn.Server(run.configuration(create_app(server.state, "http://server")))
     thread = threading.Thread(target=running.run, kwargs={"sockets": [listening]})
     thread.start()
     yield Impatient(running, listening.getsockname()[1])

@@ -19,6 +19,7 @@ from rocrate.rocrate import ROCrate
 
 from reverie_eval import PROTOCOLS, GroundTruth, ReverieEvalError, evaluate
 from reverie_eval.ground_truth import Bundle
+from reverie_eval.server.app import create_app
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.site import export_site
 from reverie_eval.server.settings import SETTINGS_FILE
@@ -38,7 +39,6 @@ from tests.support.serving import (
     Clock,
     InProcess,
     Serving,
-    make_app,
     populate,
     settings_of,
     submission_for,
@@ -107,7 +107,7 @@ def lab(
     state = ServerState.open(settings_of(folder), clock)
     with state.transactions.begin("test") as transaction:
         tokens = populate(transaction, PEOPLE)
-    transport = InProcess(make_app(state), portal)
+    transport = InProcess(create_app(state, "http://server"), portal)
     with httpx.Client(transport=transport, base_url="http://server") as client:
         server = Serving(state, clock, client, tokens)
         fill(server)

@@ -1,7 +1,7 @@
 """Processes of the package that are forked from one that has imported everything.
 
-Importing takes longer than most of what a process does. Nothing else is shared: each has an
-environment, a folder and files of its own.
+Importing takes longer than most of what a process does, and so does what a server works out for
+its first requests. Nothing else is shared: each has an environment, a folder and files of its own.
 """
 
 import io
@@ -28,6 +28,7 @@ from tests.support.flat import Outcome
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload(
     [
+        "PIL.Image",
         "reverie_eval.server.operations.run",
         "reverie_eval_cli.main",
         "reverie_eval_cli.commands.score",
@@ -38,6 +39,7 @@ PROCESSES.set_forkserver_preload(
         "tests.support.evalai",
         "tests.support.killing",
         "tests.support.serving",
+        "tests.support.warm",
     ]
 )
 

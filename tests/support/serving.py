@@ -44,6 +44,7 @@ from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.run import run_server
+from reverie_eval.server.pages import add_pages
 from reverie_eval.server.service import boards
 from reverie_eval.server.service.boards import Board, load_board
 from reverie_eval.server.service.people import person_named
@@ -156,22 +157,25 @@ class Serving:
 
 
 _routes: list[BaseRoute] = []
-"""Of the first application that a test has made in this process."""
+"""Of the first application in this process."""
 
 
-def make_app(state: ServerState) -> FastAPI:
-    """Make the application around a server, with the routes of the first there was.
+def add_pages_once(app: FastAPI) -> None:
+    """Add the pages, and put the routes of the first application there was in place of its own.
 
     FastAPI works out what routes take when the first request comes, which takes longer than most
     tests. Nothing of that is one server's.
     """
-    app = create_app(state, "http://server")
+    add_pages(app)
     _routes.extend(app.routes if not _routes else ())
     app.router.routes[:] = [
         own if isinstance(own, Route | Mount) else first
         for own, first in zip(app.routes, _routes, strict=True)
     ]
-    return app
+
+
+sharing_routes = partial(patch, f"{create_app.__module__}.add_pages", add_pages_once)
+"""Let applications share their routes."""
 
 
 @cache
@@ -288,7 +292,7 @@ OpenServer = Callable[..., Serving]
 
 @pytest.fixture(scope="session", autouse=True)
 def _files_are_read_once() -> Iterator[None]:
-    """Let servers share boards and migrations, as to read them takes longer than most tests."""
+    """Let servers share boards, migrations and routes, which take longer than most tests."""
     loaded: dict[tuple[object, ...], Board] = {}
 
     def load(name: str, split: Split, path: Path) -> Board:
@@ -300,6 +304,7 @@ def _files_are_read_once() -> Iterator[None]:
     with (
         patch.object(boards, "load_board", load),
         patch(f"{Database.__module__}.ScriptDirectory", cache(ScriptDirectory)),
+        sharing_routes(),
     ):
         yield
 
@@ -396,7 +401,7 @@ def opening(folder: Path, portal: BlockingPortal, populated: Populated) -> Itera
         if tokens is None:
             with state.transactions.begin("test") as transaction:
                 tokens = populate(transaction, PEOPLE)
-        transport = InProcess(make_app(state), portal)
+        transport = InProcess(create_app(state, "http://server"), portal)
         client = httpx.Client(transport=transport, base_url="http://server")
         opened.append(Serving(state, clock, client, tokens))
         return opened[-1]

@@ -1,0 +1,38 @@
+"""Works out what servers need for their first requests; those that are forked later have it."""
+
+import gc
+import os
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unittest.mock import patch
+
+from fastapi.routing import iter_route_contexts
+
+from fixtures.servers import make_folder
+from reverie_eval.server.app import create_app
+from reverie_eval.server.pages.rendering import _environment
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.state import ServerState
+from tests.support.serving import sharing_routes
+
+
+def _prepare_routes() -> None:
+    with TemporaryDirectory() as name, patch.dict(os.environ, clear=True):
+        folder = Path(name, "server")
+        make_folder(folder)
+        state = ServerState.open(load_settings(folder))
+        with closing(state.database):
+            list(iter_route_contexts(create_app(state).routes))
+
+
+def _prepare_templates() -> None:
+    environment = _environment()
+    for name in environment.list_templates():
+        environment.get_template(name)
+
+
+sharing_routes().start()
+_prepare_routes()
+_prepare_templates()
+gc.freeze()

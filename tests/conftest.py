@@ -33,6 +33,9 @@ collect_ignore = ["support/planted_faults.py"]  # which needs what scripts/evide
 # Tests interrupt what they start, which nohup or a script that runs this behind may have forbidden.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Tests score by the embedded demo world, whatever the developer's environment names.
+os.environ.pop("REVERIE_EVAL_GROUND_TRUTH", None)
+
 settings.register_profile("unhurried", deadline=None)  # a slow machine is no failure
 settings.load_profile("unhurried")
 
@@ -79,12 +82,6 @@ def unavailable(reason: str) -> NoReturn:
     if os.environ.get(TEST_EVERYTHING):
         pytest.fail(f"{TEST_EVERYTHING} is set, but {reason}")
     pytest.skip(reason)
-
-
-@pytest.fixture(autouse=True)
-def _demo_ground_truth(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Score by the embedded demo world, whatever the developer's environment names."""
-    monkeypatch.delenv("REVERIE_EVAL_GROUND_TRUTH", raising=False)
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,9 @@ import feedparser
 import pytest
 
 from reverie_eval.schemas.service import CorrectionReport, NewsReport
-from reverie_eval.server.service.entries import PublishedReview, Row
+from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.feed import Item, items_of, items_of_news, latest
+from reverie_eval.server.service.reviews import PublishedReview
 from tests.support.acting import NOON, review
 from tests.support.entries import demo_board, entry, ranking_of
 from tests.support.serving import (

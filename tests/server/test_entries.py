@@ -9,12 +9,11 @@ from reverie_eval.schemas.organising import NewMerge, NewSnapshot
 from reverie_eval.server.service.entries import (
     BoardEntries,
     EntriesCache,
-    PublishedReview,
     corrections_of,
     list_snapshots,
 )
 from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.reviews import lift_review
+from reverie_eval.server.service.reviews import PublishedReview, lift_review
 from reverie_eval.server.store.tables import Correction, Submission
 from tests.support.acting import NOON, review
 from tests.support.entries import entered, report_result

@@ -13,7 +13,7 @@ import pytest
 from reverie_eval import CATALOGUE
 from reverie_eval.metrics import METRICS
 from reverie_eval.schemas.service import CorrectionReport
-from reverie_eval.server.service.entries import Entry, PublishedReview, Row
+from reverie_eval.server.service.entries import Entry, Row
 from reverie_eval.server.service.leaderboard import (
     Filter,
     Ranking,
@@ -24,6 +24,7 @@ from reverie_eval.server.service.leaderboard import (
     ranks,
 )
 from reverie_eval.server.service.rank_intervals import RankInterval
+from reverie_eval.server.service.reviews import PublishedReview
 from reverie_eval.tasks import find_task
 from tests.support.acting import NOON
 from tests.support.description import Description

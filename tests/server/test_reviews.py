@@ -132,12 +132,12 @@ def test_a_review_is_reported_as_it_is_kept(server: Serving) -> None:
             "created_at": server.clock(),
             "lifted_at": None,
         }
-        assert not is_disqualified(transaction.session, submission_id)
+        assert not is_disqualified(standing_reviews(transaction.session, submission_id))
         lifted = lift_review(transaction, report.id)
         assert lifted == report.model_copy(update={"lifted_at": server.clock()})
         review(transaction, submission_id, "disqualified")
         review(transaction, submission_id, "baseline")
-        assert is_disqualified(transaction.session, submission_id)
+        assert is_disqualified(standing_reviews(transaction.session, submission_id))
 
 
 DISAPPEARING = [

@@ -16,10 +16,10 @@ import msgspec
 from sqlalchemy import Text, cast, exists, func, literal, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing, Verdict
+from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
-from reverie_eval.server.service.reviews import reviews_of
+from reverie_eval.server.service.reviews import PublishedReview, is_disqualified, reviews_of
 from reverie_eval.server.service.schedules import Schedules, Timetable
 from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
@@ -38,16 +38,6 @@ _NUMBERS = "last recorded"
 """Where a session that only reads keeps what :func:`_last_recorded` returns."""
 _LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
 """Standings of the entries that are sorted by a metric together."""
-
-
-@dataclass(frozen=True, slots=True)
-class PublishedReview:
-    """The organiser's public verdict on a result."""
-
-    verdict: Verdict
-    reason: str
-    reviewer: str
-    created_at: datetime
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +77,11 @@ class Entry:
         if self.submission_id is None:
             return self.reported_date or ""
         return f"{self.published_at:%Y-%m-%d}"
+
+
+def is_anonymous(result: Submission | Entry, now: datetime) -> bool:
+    """Whether a published result still hides its team, which chose to be anonymous for a time."""
+    return result.anonymous_until is not None and result.anonymous_until > now
 
 
 class _Intervals(msgspec.Struct):
@@ -308,7 +303,7 @@ def _report_on(board: Board, stored: str) -> _Report | None:
 
 
 def _standing(report: _Report, reviews: Sequence[PublishedReview], board: Board) -> Standing:
-    if any(review.verdict == "disqualified" for review in reviews):
+    if is_disqualified(reviews):
         return "disqualified"
     is_current = without_version(report.signature) == without_version(board.signature)
     return "ranked" if is_current else "other-rules"

@@ -11,8 +11,9 @@ from heapq import nlargest
 from uuid import NAMESPACE_URL, uuid5
 
 from reverie_eval.schemas.service import NewsReport
-from reverie_eval.server.service.entries import Entry, PublishedReview
+from reverie_eval.server.service.entries import Entry
 from reverie_eval.server.service.leaderboard import ANONYMOUS, Ranking
+from reverie_eval.server.service.reviews import PublishedReview
 
 MOST_ITEMS = 50
 

@@ -21,7 +21,7 @@ from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, Metho
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import csv_text
-from reverie_eval.server.service.entries import EntriesCache, Entry, Row
+from reverie_eval.server.service.entries import EntriesCache, Entry, Row, is_anonymous
 from reverie_eval.server.service.rank_intervals import RankInterval
 from reverie_eval.tasks import DEFAULT_TASK, Task
 
@@ -73,8 +73,7 @@ class Ranking:
 
     def team(self, entry: Entry) -> str:
         """Return the team of an entry; empty while it is anonymous."""
-        is_anonymous = entry.anonymous_until is not None and entry.anonymous_until > self.now
-        return "" if is_anonymous else entry.team
+        return "" if is_anonymous(entry, self.now) else entry.team
 
     def submissions(self, entry: Entry) -> int | None:
         """Return the number of submissions that an entry's team has made to the split.

@@ -29,7 +29,7 @@ from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.service.results import results_of, store_result, stored_in_report
-from reverie_eval.server.service.reviews import reviews_of
+from reverie_eval.server.service.reviews import is_disqualified, reviews_of
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.tables import Correction, Review, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
@@ -335,5 +335,4 @@ def _ranks_among(
 
 def _is_ranked(row: Submission, reviews: Mapping[str, Sequence[Review]]) -> bool:
     """Whether a leaderboard ranks a submission that is scored under its rules."""
-    is_disqualified = any(review.verdict == "disqualified" for review in reviews.get(row.id, ()))
-    return row.status == "published" and not is_disqualified
+    return row.status == "published" and not is_disqualified(reviews.get(row.id, ()))

@@ -5,7 +5,9 @@ never deleted: a lifted or replaced review stays in the database with the time a
 """
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload
@@ -19,6 +21,16 @@ from reverie_eval.server.store.tables import Review, Submission
 
 JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified"})
 """Verdicts that replace each other."""
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedReview:
+    """A review as a leaderboard shows it."""
+
+    verdict: Verdict
+    reason: str
+    reviewer: str
+    created_at: datetime
 
 
 def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
@@ -61,10 +73,9 @@ def standing_reviews(session: Session, submission_id: str) -> Sequence[Review]:
     return session.scalars(chosen.where(Review.lifted_at.is_(None)).order_by(Review.id)).all()
 
 
-def is_disqualified(session: Session, submission_id: str) -> bool:
-    """Whether a submission is disqualified, and the verdict was not lifted."""
-    standing = standing_reviews(session, submission_id)
-    return any(review.verdict == "disqualified" for review in standing)
+def is_disqualified(reviews: Iterable[Review | PublishedReview]) -> bool:
+    """Whether a submission with these current reviews is disqualified."""
+    return any(review.verdict == "disqualified" for review in reviews)
 
 
 def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:

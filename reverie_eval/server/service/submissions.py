@@ -26,6 +26,7 @@ from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import View
+from reverie_eval.server.service.entries import is_anonymous
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.service.results import results_of, store_result, submission_report
@@ -153,8 +154,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
 
 def public_team(row: Submission, now: datetime) -> str:
     """Return the team of a published submission; empty while it chose to be anonymous."""
-    is_anonymous = row.anonymous_until is not None and row.anonymous_until > now
-    return "" if is_anonymous else row.team.name
+    return "" if is_anonymous(row, now) else row.team.name
 
 
 def with_public_episodes(split: str) -> Select[Submission]:
@@ -299,7 +299,7 @@ class SubmissionService:
         with self.transactions.begin(organiser or person) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             is_removed = change.withdrawn or change.published is False
-            if is_removed and is_disqualified(transaction.session, row.id):
+            if is_removed and is_disqualified(standing_reviews(transaction.session, row.id)):
                 raise ConflictError(
                     "the organiser has disqualified this submission; until the review is lifted, "
                     "it cannot be unpublished or withdrawn"
@@ -351,7 +351,7 @@ class SubmissionService:
             IS_SHOWN,
         )
         for earlier in transaction.session.scalars(chosen).all():
-            if not is_disqualified(transaction.session, earlier.id):
+            if not is_disqualified(standing_reviews(transaction.session, earlier.id)):
                 earlier.published_at = None
                 transaction.record("changed", earlier, earlier.id, published=False)
 

@@ -191,13 +191,12 @@ def test_every_split_that_cannot_be_scored_is_named(folder: Path) -> None:
     places[OPEN].write_bytes((DEMO_BUNDLES / "val_seen.npz").read_bytes())
     told = {
         PRIVATE: f"others can read these answers; run `chmod 600 {places[PRIVATE]}`",
-        "val_seen": "No such file or directory; put it there, or create it with `reverie-eval "
-        "compile`",
-        OPEN: "this is the ground truth of val_seen, not of val_unseen",
+        "val_seen": f"{places['val_seen']}: No such file or directory; put it there, or create it "
+        "with `reverie-eval compile`",
+        OPEN: f"{places[OPEN]}: this is the ground truth of val_seen, not of val_unseen",
     }
     assert sorted(problems(folder), key=lambda problem: problem.where) == [
-        Problem("no-ground-truth", f"splits.{name}.bundle", f"{places[name]}: {reason}")
-        for name, reason in told.items()
+        Problem("no-ground-truth", f"splits.{name}.bundle", reason) for name, reason in told.items()
     ]
 
 

@@ -33,9 +33,30 @@ def spoil(folder: Path, name: str) -> None:
     (folder / "server.db").write_bytes(content)
 
 
-@pytest.mark.parametrize("command", ["check", "doctor"])
-def test_a_damaged_file_is_found_by_a_check(command: str, folder: Path, laptop: Laptop) -> None:
+def spoil_attempts(folder: Path) -> None:
+    """Overwrite the beginning of a table."""
     spoil(folder, "attempt")
+
+
+def spoil_schema(folder: Path) -> None:
+    """Overwrite the description of the tables; the file still begins as SQLite's do."""
+    with (folder / "server.db").open("r+b") as file:
+        file.seek(100)  # the length of SQLite's header
+        file.write(b"\xff" * 64)
+
+
+def spoil_header(folder: Path) -> None:
+    """Overwrite that the file is SQLite's."""
+    with (folder / "server.db").open("r+b") as file:
+        file.write(b"\xff" * 64)
+
+
+@pytest.mark.parametrize("damage", [spoil_attempts, spoil_schema, spoil_header])
+@pytest.mark.parametrize("command", ["check", "doctor"])
+def test_a_damaged_file_is_found_by_a_check(
+    command: str, damage: Callable[[Path], None], folder: Path, laptop: Laptop
+) -> None:
+    damage(folder)
     checked = laptop.run("server", command, folder, status=1)
     (fault, *_) = [line for line in checked.out.splitlines() if line.startswith("database")]
     assert "fault" in fault

@@ -34,7 +34,13 @@ from reverie_eval.server.settings import (
     variables_ignored,
 )
 from reverie_eval.server.state import ServerState, signer_of, utc_now
-from reverie_eval.server.store.database import AT_ONCE, Database, is_full, known_revisions
+from reverie_eval.server.store.database import (
+    AT_ONCE,
+    Database,
+    is_damaged,
+    is_full,
+    known_revisions,
+)
 from reverie_eval.server.store.tables import IS_SHOWN, Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
 from reverie_eval.text import count_text
@@ -215,9 +221,15 @@ def reason_of(error: Exception) -> str:
             return f"{said}; another program has locked it: stop that program, or try again"
         case _ if is_full(error):
             return f"{said_by(error)}; free some space"
+        case _ if is_damaged(error):
+            return damaged_file(said_by(error))
         case _:
-            remedy = "check that it is running and undamaged, and `database` in the settings"
-            return f"{said_by(error)}; {remedy}"
+            return f"{said_by(error)}; check that it is running, and `database` in the settings"
+
+
+def damaged_file(what: str) -> str:
+    """Return that SQLite's file is damaged and what was found, and what to do."""
+    return f"the file is damaged ({what}); restore the last backup"
 
 
 def said_by(error: Exception) -> str:
@@ -330,8 +342,7 @@ def _at_database(settings: Settings, fault: str | None) -> Iterator[Finding]:
     with closing(Database(settings.database_url)) as database:
         damage = database.damage()
     if damage:
-        message = f"the file is damaged ({damage}); restore the last backup"
-        yield Finding("database", "fault", message)
+        yield Finding("database", "fault", damaged_file(damage))
         return
     # The URL's query may contain the passphrase of a key.
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())

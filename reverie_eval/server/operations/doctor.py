@@ -21,7 +21,14 @@ from reverie_eval.schemas.service import (
     SnapshotEntry,
     SubmissionReport,
 )
-from reverie_eval.server.operations.checks import REFUSALS, Finding, acting, check_folder, said_by
+from reverie_eval.server.operations.checks import (
+    REFUSALS,
+    Finding,
+    acting,
+    check_folder,
+    damaged_file,
+    said_by,
+)
 from reverie_eval.server.service.audit import (
     AuditLog,
     all_names_of_teams,
@@ -92,8 +99,7 @@ def _at_the_file(database: Database, session: Session) -> Iterator[Finding]:
         return
     for (said,) in session.execute(text("PRAGMA integrity_check")):
         if said != "ok":
-            message = f"the file is damaged ({' '.join(said.split())}); restore the last backup"
-            yield Finding("database", "fault", message)
+            yield Finding("database", "fault", damaged_file(" ".join(said.split())))
     for table, row, parent, _ in session.execute(text("PRAGMA foreign_key_check")):
         message = f"row {row} of {table} refers to a missing {parent}; restore the last backup"
         yield Finding("database", "fault", message)

@@ -297,9 +297,9 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
             boards[name] = load_board(name, split, path)
         except (GroundTruthError, OSError) as error:
             missing = "; put it there, or create it with `reverie-eval compile`"
-            reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else error
-            where = f"splits.{name}.bundle"
-            problems.append(Problem("no-ground-truth", where, f"{path}: {reason}"))
+            reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else str(error)
+            named = reason if str(path) in reason else f"{path}: {reason}"
+            problems.append(Problem("no-ground-truth", f"splits.{name}.bundle", named))
     problems += _public_answers(boards, settings)
     if problems:
         raise SettingsError(problems)

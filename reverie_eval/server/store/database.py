@@ -49,6 +49,9 @@ _NO_CONNECTION_SQLSTATES = ("08", "57P", "53300")
 """Connection exceptions, an operator's intervention, too many connections."""
 _NO_SPACE_FOR_INDEX = sqlite3.SQLITE_IOERR_SHMSIZE
 _BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
+_DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
+_PRIMARY_CODE = 0xFF
+"""Bits of SQLite's error code; the others tell more: https://www.sqlite.org/rescode.html"""
 _WRITER_LOCK = 0x5EEDED
 """An arbitrary number that identifies the advisory lock."""
 
@@ -180,6 +183,15 @@ def is_full(error: BaseException | None) -> bool:
         case _ if getattr(error, "sqlstate", None) == _FULL_SQLSTATE:
             return True
     return is_full(error.__cause__ or error.__context__)
+
+
+def is_damaged(error: Exception) -> bool:
+    """Whether an error is that SQLite's file is damaged, or not SQLite's."""
+    match error:
+        case DBAPIError(orig=sqlite3.Error(sqlite_errorcode=code)):
+            return code & _PRIMARY_CODE in _DAMAGED
+        case _:
+            return False
 
 
 def is_unreachable(error: BaseException | None) -> bool:

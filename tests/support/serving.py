@@ -23,6 +23,7 @@ from tempfile import mkdtemp
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
+from uuid import uuid4
 from warnings import catch_warnings, simplefilter
 
 import httpx
@@ -615,7 +616,7 @@ def bucket(s3_address: str, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
     import boto3
 
-    name = f"uploads-{mkdtemp()[-8:].replace('_', '-').lower()}"
+    name = f"uploads-{uuid4()}"
     boto3.client("s3").create_bucket(Bucket=name)
     return name
 

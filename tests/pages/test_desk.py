@@ -13,6 +13,7 @@ from reverie_eval.ground_truth import Bundle
 from reverie_eval.schemas.organising import NewSchedule
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.health import Canary, UnhealthyError
+from reverie_eval.server.operations.keys import replace_lost_key
 from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import list_attempts
 from reverie_eval.server.service.audit import entries
@@ -483,8 +484,24 @@ def test_the_audit_log_says_whether_it_is_whole(desk: Visitor) -> None:
         session.execute(update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody"))
     for query in ("", "?whole=yes"):
         words = said(desk.get(f"/desk/audit{query}"))
-        assert "The log was changed at 1 entry, first at entry 2:" in words
+        assert "1 entry cannot be verified, first entry 2:" in words
         assert "unbroken" not in words
+
+
+def test_the_audit_log_says_what_nobody_can_check(open_server: OpenServer) -> None:
+    lost = open_server()
+    lost.state.database.close()
+    settings = lost.state.settings
+    settings.path(settings.signing_key).unlink()
+    replace_lost_key(settings, "test", "a fire")
+    desk = signed_in(open_server(settings, lost.tokens), ORGANISER)
+    with desk.server.acting() as transaction:
+        (unchecked,) = desk.server.state.audit_log.unprovable(transaction.session).values()
+    but = f", apart from {unchecked} entries made with a signing key that was lost, which nobody"
+    assert f"The entries on this page are unchanged{but}" in said(desk.get("/desk/audit"))
+    words = said(desk.get("/desk/audit?whole=yes"))
+    assert "The chain is unbroken." in words
+    assert but in words
 
 
 def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visitor) -> None:
@@ -496,7 +513,7 @@ def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visi
             update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody")
         )
     assert "are unchanged" in said(desk.get("/desk/audit"))
-    assert "first at entry 2:" in said(desk.get("/desk/audit?whole=yes"))
+    assert "first entry 2:" in said(desk.get("/desk/audit?whole=yes"))
 
 
 def test_an_upload_on_the_page_is_noted_too(server: Serving) -> None:

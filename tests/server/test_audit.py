@@ -23,6 +23,7 @@ from reverie_eval.server.service.audit import (
     mismatches,
     swapped_names,
 )
+from reverie_eval.server.service.keys import all_keys
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named, rename_team, team_named
 from reverie_eval.server.service.receipts import Signer
@@ -180,16 +181,78 @@ def test_entries_of_a_lost_key_are_counted_and_only_their_links_checked(
     with acting(database) as transaction:
         assert AUDIT_LOG.unprovable(transaction.session) == {}
         replace_key(transaction, NEXT, "a fire", is_lost=True)
-        first, named, replaced = entries(transaction.session)
+        first, named, _ = entries(transaction.session)
         assert log.unprovable(transaction.session) == {AUDIT_LOG.signer.key_id: 2}
         person_named(transaction.session, "Ada").name = "Eve"
         assert list(swapped_names(transaction.session, log)) == []
         first.subject = "Azure"
         assert list(log.broken_links(transaction.session)) == []
-        replaced.actor = "Eve"
-        assert list(log.broken_links(transaction.session)) == [3]
         named.previous = NO_ENTRY_BEFORE
-        assert list(log.broken_links(transaction.session)) == [2, 3]
+        assert list(log.broken_links(transaction.session)) == [2]
+
+
+def test_nobody_can_claim_that_a_key_was_lost(database: Database) -> None:
+    """Whoever can write to the database, but has no key, changes an entry and hides its key."""
+    log = AuditLog(NEXT)
+    with acting(database) as transaction:
+        replace_key(transaction, NEXT, "the yearly change")
+        session = transaction.session
+        first, *_ = entries(session)
+        (known, _) = all_keys(session)
+        known.audit_key = None
+        first.subject = "Azure"
+        assert log.altered(session, [first]) == [1]
+        assert list(log.broken_links(session)) == [1, 2]
+        assert log.unprovable(session) == {}
+        session.add(SigningKey(key_id="mine", public_key="", valid_from=NOON, reason=""))
+        for entry in entries(session):
+            entry.key_id = "mine"
+        for digest, key_id in zip("ef", ("mine", NEXT.key_id), strict=True):
+            forged = AuditEntry(
+                at=NOON,
+                actor="",
+                action="signing key replaced",
+                row="signing_key:1",
+                subject="mine",
+                details={"lost": True},
+                key_id=key_id,
+                previous=entries(session)[-1].digest,
+                digest=digest * 64,
+            )
+            session.add(forged)
+        assert list(log.broken_links(session)) == [1, 2, 3, 4, 5]
+        assert log.unprovable(session) == {}
+
+
+def test_a_lost_key_excuses_no_later_entry(database: Database) -> None:
+    log = AuditLog(NEXT)
+    with acting(database) as transaction:
+        replace_key(transaction, NEXT, "a fire", is_lost=True)
+        blue = team_named(transaction.session, "Blue")
+        replace(transaction, audit_log=log).record("granted", blue, "Blue", extra=1)
+        *_, granted = entries(transaction.session)
+        assert list(log.broken_links(transaction.session)) == []
+        granted.key_id, granted.details = AUDIT_LOG.signer.key_id, {"extra": 5000}
+        assert list(log.broken_links(transaction.session)) == [4]
+        assert log.unprovable(transaction.session) == {AUDIT_LOG.signer.key_id: 2}
+
+
+def test_entries_before_a_loss_are_not_believed_if_its_entry_was_changed(
+    database: Database,
+) -> None:
+    log = AuditLog(NEXT)
+    with acting(database) as transaction:
+        replace_key(transaction, NEXT, "a fire", is_lost=True)
+        entries(transaction.session)[-1].actor = "Eve"
+        assert list(log.broken_links(transaction.session)) == [1, 2, 3]
+        assert log.unprovable(transaction.session) == {}
+
+
+def test_an_action_that_no_row_shows_needs_no_row(database: Database) -> None:
+    with acting(database) as transaction:
+        blue = team_named(transaction.session, "Blue")
+        transaction.record("website set", blue, "Blue", before="", after="https://blue.example")
+        assert list(mismatches(transaction.session)) == []
 
 
 def test_a_name_that_the_log_does_not_have_is_found(database: Database) -> None:

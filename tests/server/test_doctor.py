@@ -75,7 +75,11 @@ def test_a_sound_server_is_well(kept: Path, run: Run) -> None:
     assert outcome.status == 0
     assert " fault " not in outcome.out
     assert " note " not in outcome.out
-    for told in ("2 of 2 uploads intact", "3 receipts verified", "none changed or removed"):
+    for told in (
+        "2 of 2 uploads intact",
+        "3 receipts verified",
+        "and none is missing before the last",
+    ):
         assert told in outcome.out
 
 
@@ -205,25 +209,25 @@ DAMAGES = [
     pytest.param(
         sql("UPDATE audit SET actor = 'nobody' WHERE id = 2"),
         "audit log",
-        "entry 2 was changed",
+        "entry 2 cannot be verified",
         id="audit entry changed",
     ),
     pytest.param(
         sql("UPDATE audit SET at = datetime(at, '+1 second') || '.000000' WHERE id = 2"),
         "audit log",
-        "entry 2 was changed",
+        "entry 2 cannot be verified",
         id="audit entry dated otherwise",
     ),
     pytest.param(
         sql("DELETE FROM audit WHERE id = 2"),
         "audit log",
-        "entry 3 was changed, or the entry before it was removed",
+        "entry 3 cannot be verified: it was changed, the entry before it was removed,",
         id="audit entry removed",
     ),
     pytest.param(
         sql("DELETE FROM audit WHERE id = 1"),
         "audit log",
-        "entry 2 was changed, or the entry before it was removed",
+        "entry 2 cannot be verified: it was changed, the entry before it was removed,",
         id="first audit entry removed",
     ),
     pytest.param(
@@ -389,7 +393,7 @@ def test_a_chain_that_was_linked_again_without_the_key_is_broken(
             stranger.append(
                 session, each.at, each.actor, each.action, row=row_name(team), subject="Blue"
             )
-    assert any(fault.startswith("entry 2 was changed") for fault in faults_of(kept))
+    assert any(fault.startswith("entry 2 cannot be verified") for fault in faults_of(kept))
 
 
 def faults_of(folder: Path) -> Sequence[str]:

@@ -297,11 +297,15 @@ def _at_snapshots(session: Session) -> Iterator[Finding]:
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     broken, count = list(audit_log.broken_links(session)), count_rows(session, AuditEntry)
     for number in broken:
-        message = f"entry {number} was changed, or the entry before it was removed"
+        message = (
+            f"entry {number} cannot be verified: it was changed, the entry before it was removed, "
+            "or the key that it was made with is missing"
+        )
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     for message in swapped_names(session, audit_log):
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
-    for key_id, number in audit_log.unprovable(session).items():
+    unprovable = audit_log.unprovable(session)
+    for key_id, number in unprovable.items():
         message = (
             f"{count_text(number, 'entry', 'entries')} made with signing key {key_id}, which was "
             "lost: nobody can check whether they were changed; compare with an older backup"
@@ -310,8 +314,10 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     for message in mismatches(session):
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     if not broken:
-        message = f"{count_text(count, 'entry', 'entries')}, none changed or removed"
-        yield Finding("audit log", "ok", message)
+        verified = count_text(count - sum(unprovable.values()), "entry", "entries")
+        yield Finding(
+            "audit log", "ok", f"{verified} verified, and none is missing before the last"
+        )
 
 
 def _at_messages(session: Session) -> Iterator[Finding]:

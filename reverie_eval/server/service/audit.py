@@ -2,28 +2,33 @@
 
 Each entry's digest is an HMAC-SHA256 over the entry and the digest before it, under a key that is
 derived from the signing key in use. So anyone who can write to the database, but does not have
-that key, cannot change, insert or remove an entry without breaking the chain. Only the owner of the
-signing key could rewrite the log. After a key was replaced, the links of later entries protect the
-earlier ones from anyone who only has the old key.
+that key, cannot change or insert an entry, or remove one that another follows, without breaking the
+chain. Only the owner of the signing key could rewrite the log. After a key was replaced, the links
+of later entries protect the earlier ones from anyone who only has the old key.
+
+If a key was lost, the entries up to then cannot be checked. What says so is the entry that records
+the loss, made with the next key: a key that is merely missing from the database is no excuse.
 
 Entries refer to persons by their rows, ``person:3``, never by name: a person's name and address can
 be deleted without changing the log. Names are looked up when the log is read. To reveal names that
 were swapped behind the server's back, each entry that gives a person a name has the keyed digest of
 that name.
 
-The chain does not show that entries were removed at its end. :func:`mismatches` does: every action
-in the log must be visible in a row of the database, and vice versa. It also finds rows
-that were changed without the server.
+The chain does not show that entries were removed at its end. :func:`mismatches` does, as long as
+their rows are there: every lasting action in the log must be visible in a row of the database, by
+its time, and vice versa. Of other values of rows, only the names of teams and persons and the ends
+of signing keys are compared with the log.
 """
 
 import hashlib
 import hmac
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, NamedTuple, TypeAlias
+from itertools import chain
+from typing import Any, NamedTuple, TypeAlias, get_args
 
 import msgspec
 from sqlalchemy import (
@@ -43,7 +48,8 @@ from sqlalchemy import (
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from reverie_eval.receipts import key_id_of
-from reverie_eval.schemas.organising import AuditReport
+from reverie_eval.schemas.organising import AuditReport, TokenKind
+from reverie_eval.schemas.service import Verdict
 from reverie_eval.server.service.keys import all_keys, audit_key_of, audit_keys
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.receipts import Signer
@@ -52,6 +58,7 @@ from reverie_eval.server.store.tables import (
     AuditEntry,
     Base,
     Correction,
+    Decision,
     Grant,
     JoinRequest,
     News,
@@ -69,24 +76,14 @@ from reverie_eval.server.store.tables import (
 
 _BEFORE_THE_FIRST = "0" * 64
 _SUBMITTED = "submitted"
-_ENDS_OF_KEYS = ("signing key replaced", "signing key revoked")
+_REPLACED = "signing key replaced"
+_ENDS_OF_KEYS = (_REPLACED, "signing key revoked")
 RULES = "rules recorded"
 """The action of a server that starts with other rules than the last one."""
 INSPECTED = "inspected"
 """The action of an organiser who reads the values of a submission's episodes."""
-_SHOWN_BY_NO_ROW = frozenset({RULES, INSPECTED})
-_REPEATABLE = frozenset(
-    {
-        "changed",
-        "token revoked",
-        "team renamed",
-        "person changed",
-        "scored again",
-        "reported result changed",
-        "signing key revoked",
-    }
-)
-"""Actions that may happen to a row several times; the row shows only the last."""
+_REPEATABLE = frozenset({"changed", "token revoked", "scored again", "signing key revoked"})
+"""Actions that rows show, but only the last if there were several."""
 _NAMING = ("person added", "person changed", "person deleted")
 """Actions that give a person a name."""
 _PERSON = re.compile(r"person:([0-9]{1,9})")
@@ -144,34 +141,56 @@ class AuditLog:
 
     def altered(self, session: Session, entries: Sequence[AuditEntry]) -> Sequence[int]:
         """Return the ids of entries that were changed after they were written."""
-        keys = audit_keys(session, self.signer)
-        return [entry.id for entry in entries if not _is_unchanged(entry, keys)]
+        keys = self._keys(session)
+        return [entry.id for entry in entries if not keys.accept(entry)]
 
     def broken_links(self, session: Session) -> Iterator[int]:
         """Return the ids of entries that were changed, or that follow a missing entry.
 
         If the key of an entry was lost, only its links are checked.
         """
-        keys, previous = audit_keys(session, self.signer), _BEFORE_THE_FIRST
+        keys, previous = self._keys(session), _BEFORE_THE_FIRST
         chosen = select(AuditEntry).order_by(AuditEntry.id).execution_options(yield_per=AT_ONCE)
         for entry in session.scalars(chosen):
-            if entry.previous != previous or not _is_unchanged(entry, keys):
+            if entry.previous != previous or not keys.accept(entry):
                 yield entry.id
             previous = entry.digest
 
     def unprovable(self, session: Session) -> Mapping[str, int]:
         """Count the entries whose key was lost, by signing key."""
-        lost = [name for name, key in audit_keys(session, self.signer).items() if key is None]
-        counted = select(AuditEntry.key_id, func.count()).where(AuditEntry.key_id.in_(lost))
+        keys = self._keys(session)
+        if not keys.last_loss:
+            return {}
+        lost = [name for name, key in keys.by_name.items() if key is None]
+        is_lost = AuditEntry.key_id.in_(lost), AuditEntry.id < keys.last_loss
+        counted = select(AuditEntry.key_id, func.count()).where(*is_lost)
         rows = session.execute(counted.group_by(AuditEntry.key_id))
         return {str(key_id): number for key_id, number in rows}
 
+    def _keys(self, session: Session) -> "_Keys":
+        """Return the keys of all entries, and where the log itself proves that some were lost."""
+        keys = _Keys(audit_keys(session, self.signer), 0)
+        replacements = entries(session, AuditEntry.action == _REPLACED)
+        losses = [each.id for each in replacements if each.details.get("lost")]
+        proven = [each.id for each in replacements if each.id in losses and keys.accept(each)]
+        return keys._replace(last_loss=max(proven, default=0))
 
-def _is_unchanged(entry: AuditEntry, keys: Mapping[str, bytes | None]) -> bool:
-    if entry.key_id not in keys:
-        return False
-    key = keys[entry.key_id]
-    return key is None or hmac.compare_digest(entry.digest, _digest(entry, key))
+
+class _Keys(NamedTuple):
+    """The keys of the log's entries."""
+
+    by_name: Mapping[str, bytes | None]
+    """By signing key; None for a key that the server does not have."""
+    last_loss: int
+    """The entry that records that keys were lost; 0 if none does. Entries before it may have one
+    that the server does not have."""
+
+    def accept(self, entry: AuditEntry) -> bool:
+        """Whether an entry is as it was written, or made with a key that was lost."""
+        key = self.by_name.get(entry.key_id)
+        if key is None:
+            return entry.key_id in self.by_name and entry.id < self.last_loss
+        return hmac.compare_digest(entry.digest, _digest(entry, key))
 
 
 def _digest(entry: AuditEntry, key: bytes) -> str:
@@ -310,9 +329,9 @@ _Actions: TypeAlias = Select[Any, Any, Any]
 def mismatches(session: Session) -> Iterator[str]:
     """Describe every disagreement between the audit log and the rows of the database."""
     # The database compares them: there may be millions.
-    visible = union_all(*_VISIBLE_ACTIONS).subquery().select()
+    visible = union_all(*(shown.actions for shown in _VISIBLE)).subquery().select()
     logged = select(AuditEntry.action, AuditEntry.row, _time(AuditEntry.action, AuditEntry.at))
-    lasting = logged.where(AuditEntry.action.not_in(_REPEATABLE | _SHOWN_BY_NO_ROW))
+    lasting = logged.where(AuditEntry.action.in_(_LASTING))
     for action in _difference(session, lasting, visible):
         yield f"{action}: logged, but no longer in the database"
     for action in _difference(session, visible, logged):
@@ -399,33 +418,55 @@ def _time(action: SQLColumnExpression[Any], at: SQLColumnExpression[Any]) -> Col
     return case((action != _SUBMITTED, at))
 
 
-def _shown(action: str | SQLColumnExpression[Any], at: InstrumentedAttribute[Any]) -> _Actions:
+class _Shown(NamedTuple):
+    """Actions that the rows of a table show."""
+
+    names: Collection[str]
+    actions: _Actions
+
+
+def _shown(action: str, at: InstrumentedAttribute[Any], *where: ColumnElement[bool]) -> _Shown:
     """Select an action that the rows of a table show, as entries refer to it, by its time."""
-    table, name = at.class_, literal(action) if isinstance(action, str) else action
+    return _shown_as(literal(action), [action], at, *where)
+
+
+def _shown_as(
+    name: SQLColumnExpression[Any],
+    names: Collection[str],
+    at: InstrumentedAttribute[Any],
+    *where: ColumnElement[bool],
+) -> _Shown:
+    """Select actions whose names the rows of a table have, one of these."""
+    table = at.class_
     row = literal(f"{table.__tablename__}:").concat(cast(table.id, String))
-    return select(name, row, _time(name, at)).where(at.is_not(None))
+    return _Shown(names, select(name, row, _time(name, at)).where(at.is_not(None), *where))
 
 
-_VISIBLE_ACTIONS: Sequence[_Actions] = (
+_CREATED = " token created"
+_VISIBLE: Sequence[_Shown] = (
     _shown("team added", Team.created_at),
     _shown("team merged", Team.merged_at),
     _shown("person added", Person.created_at),
     _shown("person deleted", Person.deleted_at),
-    _shown(JoinRequest.decision, JoinRequest.decided_at),
-    _shown(Token.kind.concat(" token created"), Token.created_at),
+    _shown_as(JoinRequest.decision, get_args(Decision), JoinRequest.decided_at),
+    _shown_as(
+        Token.kind.concat(_CREATED),
+        [f"{kind}{_CREATED}" for kind in get_args(TokenKind)],
+        Token.created_at,
+    ),
     # Using an invitation is not logged; creating the token that it was exchanged for is.
-    _shown("token revoked", Token.revoked_at).where(Token.kind == "access"),
+    _shown("token revoked", Token.revoked_at, Token.kind == "access"),
     _shown(_SUBMITTED, Submission.received_at),
     _shown("changed", Submission.published_at),
     _shown("changed", Submission.withdrawn_at),
     _shown("upload deleted", Submission.upload_deleted_at),
     _shown("scored again", Submission.rescored_at),
     _shown("granted", Grant.created_at),
-    _shown(Review.verdict, Review.created_at),
+    _shown_as(Review.verdict, get_args(Verdict), Review.created_at),
     _shown("review lifted", Review.lifted_at),
     _shown("reported result added", ReportedResult.created_at),
     _shown("reported result removed", ReportedResult.removed_at),
-    _shown("signing key replaced", SigningKey.replaced_at),
+    _shown(_REPLACED, SigningKey.replaced_at),
     _shown("signing key revoked", SigningKey.revoked_at),
     _shown("news added", News.created_at),
     _shown("news removed", News.removed_at),
@@ -434,4 +475,6 @@ _VISIBLE_ACTIONS: Sequence[_Actions] = (
     _shown("snapshot taken", StoredSnapshot.created_at),
     _shown("correction announced", Correction.created_at),
 )
-"""The actions that the rows of the database show."""
+"""The actions that the rows of the database show. Others need not be named here."""
+_LASTING = frozenset(chain.from_iterable(shown.names for shown in _VISIBLE)) - _REPEATABLE
+"""Actions that the rows of the database show for ever."""

@@ -28,7 +28,7 @@ from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.tokens import INVITATION_LIFETIME, create_token
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.database import count_rows
-from reverie_eval.server.store.tables import JoinRequest, Team
+from reverie_eval.server.store.tables import Decision, JoinRequest, Team
 from reverie_eval.text import count_text
 
 MOST_OPEN = 200
@@ -155,7 +155,7 @@ def _open_request(session: Session, request_id: int) -> JoinRequest:
 
 
 def _answer(
-    transaction: Transaction, request: JoinRequest, decision: str, **details: object
+    transaction: Transaction, request: JoinRequest, decision: Decision, **details: object
 ) -> None:
     """Log an answer, and remove the data that is no longer needed."""
     request.decision, request.decided_at = decision, transaction.now

@@ -31,9 +31,6 @@ from reverie_eval.server.store.tables import SigningKey
 
 _AUDIT_LOG = "audit log"
 _EARLIER_AUDIT_KEYS = "audit keys of earlier signing keys"
-_UNREADABLE = b""
-"""Used in place of a stored key that cannot be decrypted: no digest matches it."""
-
 
 # Built here, because each change runs it, and building it takes as long as running it.
 _IN_USE = select(SigningKey).where(SigningKey.replaced_at.is_(None))
@@ -77,7 +74,10 @@ def audit_key_of(signer: Signer) -> bytes:
 
 
 def audit_keys(session: Session, signer: Signer) -> Mapping[str, bytes | None]:
-    """Return the audit log's keys by signing key; None for those that were lost."""
+    """Return the audit log's keys by signing key; None for those that are not there.
+
+    They were lost, or somebody has removed or changed them in the database: the log tells which.
+    """
     wrapping = signer.secret_for(_EARLIER_AUDIT_KEYS)
     earlier = {row.key_id: _unwrap(wrapping, row.audit_key) for row in all_keys(session)}
     return {**earlier, signer.key_id: audit_key_of(signer)}
@@ -147,7 +147,7 @@ def _unwrap(wrapping: bytes, wrapped: str | None) -> bytes | None:
     try:
         return aes_key_unwrap(wrapping, bytes.fromhex(wrapped))
     except (InvalidUnwrap, ValueError):
-        return _UNREADABLE
+        return None
 
 
 def _id_in(path: Path) -> str | None:

@@ -84,6 +84,9 @@ class Person(Base):
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
 
 
+Decision = Literal["request accepted", "request rejected"]
+
+
 class JoinRequest(Base):
     """A request for accounts; what it says of people is removed once it was answered."""
 
@@ -98,8 +101,8 @@ class JoinRequest(Base):
     digest: Mapped[str] = mapped_column(String(64), index=True)
     """SHA-256 of all of it, to recognise the same request."""
     created_at: Mapped[datetime]
-    decision: Mapped[str | None] = mapped_column(String(20))
-    """``request accepted`` or ``request rejected``; None while it is open."""
+    decision: Mapped[Decision | None] = mapped_column(String(20))
+    """None while it is open."""
     decided_at: Mapped[datetime | None]
 
 

@@ -93,6 +93,7 @@ def show_audit(
             subject=subject,
             broken=list(altered),
             is_whole=bool(whole),
+            unprovable=sum(audit_log.unprovable(session).values()),
         )
 
 

@@ -296,10 +296,11 @@ def _at_snapshots(session: Session) -> Iterator[Finding]:
 
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     broken, count = list(audit_log.broken_links(session)), count_rows(session, AuditEntry)
-    for number in broken:
+    if broken:
         message = (
-            f"entry {number} cannot be verified: it was changed, the entry before it was removed, "
-            "or the key that it was made with is missing"
+            f"{count_text(len(broken), 'entry', 'entries')} cannot be verified "
+            f"({first_few(broken)}): changed, made with a key that is missing, or after "
+            "an entry that was removed"
         )
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     for message in swapped_names(session, audit_log):
@@ -315,9 +316,7 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     if not broken:
         verified = count_text(count - sum(unprovable.values()), "entry", "entries")
-        yield Finding(
-            "audit log", "ok", f"{verified} verified, and none is missing before the last"
-        )
+        yield Finding("audit log", "ok", f"{verified} verified, none missing between them")
 
 
 def _at_messages(session: Session) -> Iterator[Finding]:

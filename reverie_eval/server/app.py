@@ -12,6 +12,7 @@ from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
     HeadRequests,
+    OwnCookies,
     PathPrefix,
     RateLimits,
     SecurityHeaders,
@@ -101,6 +102,7 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
         kibibytes_per_second=limits.kibibytes_per_second,
     )
     app.add_middleware(RateLimits, per_minute=limits.requests_per_minute, counts=runtime.counts)
+    app.add_middleware(OwnCookies)
     app.add_middleware(RequestTelemetry, metrics=runtime.metrics)
     app.add_middleware(SecurityHeaders)
     if settings.trusted_proxies:

@@ -91,6 +91,16 @@ def test_a_withdrawn_file_that_comes_again_is_answered_and_stays_withdrawn(
     assert office.submissions()[0]["status"] == "withdrawn"
 
 
+def test_publishing_names_an_upload_that_is_damaged(office: Office, mailed: Path) -> None:
+    office.submit(mailed / "first.json")
+    (upload,) = (office.folder / "uploads").rglob("*.json.gz")
+    upload.write_bytes(upload.read_bytes()[:-20])
+    told = office.submit(mailed / "first.json", "--publish").err
+    sha256 = upload.name.partition(".")[0]
+    assert f"the upload {sha256} cannot be read" in told
+    assert "run `reverie-eval server doctor`" in told
+
+
 def test_each_file_is_scored_and_answered(office: Office, mailed: Path) -> None:
     outcome = office.submit(mailed, "--publish")
     assert outcome.status == 1, "one was refused"

@@ -169,7 +169,7 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
 def test_what_has_no_fingerprint_says_why(server: Serving) -> None:
     state, board = server.state, server.state.boards[OPEN]
     service = Fingerprints(board, state.database, state.uploads)
-    told = "its upload is missing; run `reverie-eval server doctor`"
+    told = f"the upload {'0' * 64} is missing; run `reverie-eval server doctor`"
     assert service.compute("0" * 64) == told
     state.uploads.put("1" * 64, BROKEN)
     assert service.compute("1" * 64) == (

@@ -377,7 +377,7 @@ def test_a_submission_is_scored_again_or_it_is_said_why_not(server: Serving) -> 
         "its upload was deleted on 2026-03-02 (keep_uploads_days)"
     )
     assert score(job._replace(sha256="0" * 64)) == (
-        "its upload is missing; run `reverie-eval server doctor`"
+        f"the upload {'0' * 64} is missing; run `reverie-eval server doctor`"
     )
     uploads.put("1" * 64, BROKEN)
     with pytest.raises(SubmissionError) as rejected:

@@ -158,6 +158,8 @@ def database_errors() -> Iterator[None]:
     try:
         yield
     except REFUSALS as error:
+        if is_damaged(error):
+            raise FolderError([Problem("unsound", "database", reason_of(error))]) from None
         raise ReverieEvalError(f"database error: {reason_of(error)}") from None
 
 
@@ -229,7 +231,8 @@ def reason_of(error: Exception) -> str:
 
 def damaged_file(what: str) -> str:
     """Return that SQLite's file is damaged and what was found, and what to do."""
-    return f"the file is damaged ({what}); restore the last backup"
+    remedy = "`reverie-eval server restore BACKUP FOLDER`"
+    return f"the file is damaged ({what}); restore the last backup to another folder: {remedy}"
 
 
 def said_by(error: Exception) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import lru_cache
+from itertools import chain
 from types import MappingProxyType
 
 from sqlalchemy import Select, exists, select, tuple_
@@ -35,7 +36,7 @@ from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission
-from reverie_eval.server.store.uploads import Uploads
+from reverie_eval.server.store.uploads import Uploads, stored_pieces, stored_upload
 
 RECENT = 8
 """Submissions whose episodes are cached, because people look at one episode after the other."""
@@ -209,10 +210,16 @@ class SubmissionService:
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces.
 
-        Raises NotFoundError if it was deleted.
+        Raises
+        ------
+        NotFoundError
+            If it was deleted.
+        UploadsError
+            If the stored file is missing or damaged, at the latest after the last piece.
         """
         _check_upload(submission)
-        return self.uploads.pieces(submission.sha256)
+        pieces = stored_pieces(self.uploads, submission.sha256)
+        return chain([next(pieces)], pieces)
 
     def episodes(self, submission: SubmissionReport, further: str = "") -> Scores:
         """Return the scores of every episode, computed again from the upload.
@@ -246,7 +253,7 @@ class SubmissionService:
         The result does not refer to the data it was computed from, which may be 100 times as large.
         """
         board = board_named(self.boards, split, further)
-        scores = board.score(board.read(self.uploads.get(sha256)))
+        scores = board.score(board.read(stored_upload(self.uploads, sha256)))
         return replace(scores, episodes=MappingProxyType(dict(scores.episodes)))
 
     def compare(self, board: Board, named: Mapping[str, SubmissionReport]) -> Comparison:
@@ -382,7 +389,7 @@ class SubmissionService:
         ]
         if own.is_private or known.upload_deleted_at is not None or not waiting:
             return {}
-        content = self.uploads.get(known.sha256)
+        content = stored_upload(self.uploads, known.sha256)
         found = {board.further: board.scored(content, has_intervals=True) for board in waiting}
         return {
             further: (report.intervals, cluster_sums(scores))

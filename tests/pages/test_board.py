@@ -175,7 +175,7 @@ def test_the_head_says_until_when_results_are_accepted(
     server = open_server(adjusted(settings_of(folder), OPEN, phases=(phase,)))
     assert 'open</span> until <time datetime="2026-06-01' in get(server).text
     server.clock.turn(days=200)
-    assert '<span class="badge bad">closed</span>' in get(server).text
+    assert '<span class="badge">closed</span>' in get(server).text
 
 
 def test_rows_of_one_s_own_team_are_marked(five: Serving) -> None:

@@ -22,6 +22,7 @@ from tests.support.serving import (
     Serving,
     settings_of,
 )
+from tests.support.visiting import signed_in
 
 BANNER = "Down until 14:00 UTC."
 
@@ -118,6 +119,22 @@ def test_a_pause_stops_uploads_and_nothing_else(server: Serving) -> None:
     assert server.ask(OTHER, "POST", f"/splits/{OPEN}/validate", content=GOOD).status_code == 200
     post(server)
     assert server.upload(OTHER, server.distinct()).status_code == 201
+
+
+def test_a_pause_of_all_splits_is_shown_wherever_a_split_is(server: Serving) -> None:
+    visitor = signed_in(server, ORGANISER)
+    assert server.ask(None, "GET", "/splits/test").json()["paused"] is False
+    post(server, paused=True)
+    for place in ("/", "/boards/test", "/guide/rules", "/submit", "/desk", "/desk/phases"):
+        page = visitor.get(place).text
+        assert '<span class="badge bad">paused</span>' in page, place
+        assert ">open</span>" not in page, place
+    assert server.ask(None, "GET", "/splits/test").json()["paused"] is True
+    assert all(each["paused"] for each in server.ask(None, "GET", "/splits").json())
+    assert "Resume" not in visitor.get("/desk/phases").text  # no split is paused by itself
+    post(server)
+    assert ">open</span>" in visitor.get("/boards/test").text
+    assert server.ask(None, "GET", "/splits/test").json()["paused"] is False
 
 
 def test_it_holds_after_a_restart(server: Serving, folder: Path, open_server: OpenServer) -> None:

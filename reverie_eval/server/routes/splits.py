@@ -8,6 +8,7 @@ from fastapi import APIRouter, Header, Path, Query, Response, status
 from fastapi.responses import PlainTextResponse
 
 from reverie_eval.metrics import METRICS
+from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
@@ -209,14 +210,19 @@ def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
             else {}
         )
         schedules = call.server.schedules.in_effect(snapshot.session)
+        notice = call.server.notices.current(snapshot.session)
         return [
-            _report(board, schedules[board.name], quotas.get(board.name), snapshot.now)
+            _report(board, schedules[board.name], notice, quotas.get(board.name), snapshot.now)
             for board in boards
         ]
 
 
 def _report(
-    board: Board, schedule: Schedule, quota: QuotaReport | None, now: datetime
+    board: Board,
+    schedule: Schedule,
+    notice: NoticeReport,
+    quota: QuotaReport | None,
+    now: datetime,
 ) -> SplitReport:
     phases = [PhaseReport(**dict(phase), is_open=phase.is_open(now)) for phase in schedule.phases]
     return SplitReport(
@@ -231,7 +237,7 @@ def _report(
         public_fingerprint=board.public_fingerprint,
         phases=phases,
         release_scores=schedule.release_scores,
-        paused=schedule.paused,
+        paused=schedule.is_paused_on(paused_server=notice.paused),
         one_per_team=board.split.one_per_team,
         also={
             name: FurtherBoard(protocol=each.split.protocol, track=each.split.track)

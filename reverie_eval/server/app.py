@@ -7,7 +7,6 @@ from functools import partial
 from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
@@ -74,7 +73,7 @@ def create_app(
     app.state.is_copy = False
     app.state.runtime = RuntimeState.of(server, workers)
     for part in (access, joining, splits, submissions, organising):
-        app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
+        app.include_router(part.router, dependencies=[Depends(known_query)])
     app.include_router(operations.router)
     add_pages(app)
     add_error_handlers(app, fault_page)

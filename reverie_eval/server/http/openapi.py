@@ -7,7 +7,7 @@ operation can return, and that a cookie needs the CSRF token as well.
 from functools import cache
 from typing import Any
 
-from fastapi import FastAPI, Request
+from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
 
@@ -98,10 +98,9 @@ def describe(app: FastAPI, path_prefix: str) -> None:
                 _illustrate(operation, models)
         return document
 
-    def show_description(_: Request) -> JSONResponse:
+    @app.get(f"{API}/openapi.json", include_in_schema=False)
+    def show_description() -> JSONResponse:
         return JSONResponse(description())
-
-    app.add_route(f"{API}/openapi.json", show_description, include_in_schema=False)
 
 
 def _complete(method: str, operation: Document) -> None:

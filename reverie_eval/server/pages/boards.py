@@ -1,10 +1,10 @@
 """The leaderboards, their charts and feeds, comparing two results, and export for papers."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import ceil, inf
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 from urllib.parse import urlencode
 
 import msgspec
@@ -45,9 +45,8 @@ _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
 """REVERIE's metrics of navigation in the order of its paper's tables; the others follow."""
 
 router = APIRouter()
-of_board = APIRouter()
-"""What every leaderboard has."""
 
+Endpoint = TypeVar("Endpoint", bound=Callable[..., Response])
 FlagFilter = Literal["", "with", "without"]
 
 
@@ -198,7 +197,22 @@ class Packed(Response):
         await GZipMiddleware(super().__call__, compresslevel=5)(scope, receive, send)
 
 
-@of_board.get("")
+def of_every_board(path: str) -> Callable[[Endpoint], Endpoint]:
+    """Add a route below the path of a split's own leaderboard, and of the further ones.
+
+    Not by a router that is included with a prefix, as the log and the metrics would then have the
+    route's path without it.
+    """
+
+    def add(endpoint: Endpoint) -> Endpoint:
+        for board in PATHS:
+            router.get(f"{board}{path}")(endpoint)
+        return endpoint
+
+    return add
+
+
+@of_every_board("")
 def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
     """Show the published results, ranked."""
     query = query.on(board)
@@ -239,7 +253,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
         )
 
 
-@of_board.get("/chart")
+@of_every_board("/chart")
 def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
     query = query.on(ranking.board)
@@ -248,7 +262,7 @@ def show_chart(ranking: Ranked, query: Shown) -> Response:
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
-@of_board.get("/latex")
+@of_every_board("/latex")
 def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
     query = query.on(ranking.board)
@@ -258,7 +272,7 @@ def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
 
 
-@of_board.get("/bibtex")
+@of_every_board("/bibtex")
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
     query = query.on(ranking.board)
@@ -267,7 +281,7 @@ def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown)
     return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
 
 
-@of_board.get("/compare")
+@of_every_board("/compare")
 def show_comparison(
     board: NamedBoard,
     visitor: Visitor,
@@ -302,15 +316,11 @@ def show_feed(request: Request, server: Server) -> Response:
     return _feed(request, server, server.boards.values(), "", server.settings.title)
 
 
-@of_board.get("/feed.atom")
+@of_every_board("/feed.atom")
 def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> Response:
     """Return the feed of a leaderboard."""
     title = f"{board.label} leaderboard, {server.settings.title}"
     return _feed(request, server, [board], f"/boards/{board.path}", title)
-
-
-for path in PATHS:
-    router.include_router(of_board, prefix=path)
 
 
 def _feed(

@@ -11,6 +11,7 @@ from reverie_eval.schemas.personal_data import PersonalData
 from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
+from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import BINARY, file_reply, problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
@@ -39,7 +40,7 @@ from reverie_eval.server.service import (
 from reverie_eval.server.service.bulk import archive_of
 
 router = APIRouter(
-    prefix="/organiser",
+    prefix=f"{API}/organiser",
     tags=["organiser"],
     responses=problems("not-signed-in", "not-allowed"),
 )

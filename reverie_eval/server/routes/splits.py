@@ -22,6 +22,7 @@ from reverie_eval.schemas.service import (
     SplitReport,
 )
 from reverie_eval.server.http.callers import Anybody, Call, Server
+from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import TEXT, file_reply, problems
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import (
@@ -40,7 +41,7 @@ from reverie_eval.server.service.entries import list_snapshots
 from reverie_eval.server.service.leaderboard import as_csv, as_json, csv_of
 from reverie_eval.server.service.snapshots import snapshot_of
 
-router = APIRouter(prefix="/splits", tags=["splits"])
+router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 
 SplitName = Annotated[str, Path(examples=["test"])]
 FurtherName = Annotated[str, Path(examples=["grounding"])]

@@ -16,7 +16,7 @@ import msgspec
 from sqlalchemy import Text, cast, exists, func, literal, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing
+from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing, SubmissionReport
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import PublishedReview, is_disqualified, reviews_of
@@ -79,7 +79,7 @@ class Entry:
         return f"{self.published_at:%Y-%m-%d}"
 
 
-def is_anonymous(result: Submission | Entry, now: datetime) -> bool:
+def is_anonymous(result: Submission | SubmissionReport | Entry, now: datetime) -> bool:
     """Whether a published result still hides its team, which chose to be anonymous for a time."""
     return result.anonymous_until is not None and result.anonymous_until > now
 

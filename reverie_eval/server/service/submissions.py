@@ -9,6 +9,7 @@ from datetime import datetime
 from functools import lru_cache
 from itertools import chain
 from types import MappingProxyType
+from typing import cast
 
 from sqlalchemy import Select, exists, select, tuple_
 from sqlalchemy.orm import Session
@@ -134,7 +135,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         If it does not exist, is not published or is withdrawn; the error does not reveal which.
     """
     row = find_submission(session, submission_id)
-    if row is None or row.published_at is None or row.withdrawn_at is not None:
+    if row is None or row.status != "published":
         raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
     held_until = view.held_until(row)
     reviews = standing_reviews(session, row.id)
@@ -145,7 +146,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         method=Method.model_validate(row.method),
         report=view.score_report(row),
         scores_held_until=held_until,
-        published_at=row.published_at,
+        published_at=cast("datetime", row.published_at),  # or it would not be published
         shows_episodes=row.shows_episodes or "baseline" in {each.verdict for each in reviews},
         reviews=reviews,
         earlier=[] if held_until else list(map(EarlierResult.model_validate, row.earlier)),

@@ -31,6 +31,7 @@ from reverie_eval.server.pages.desk.overview import Sought
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.submitting import NOTHING, check_form
 from reverie_eval.server.service import people, reviews
+from reverie_eval.server.service.entries import is_anonymous
 from reverie_eval.server.store.tables import Submission
 
 router = APIRouter()
@@ -57,6 +58,7 @@ def draw_reviews(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Sh
         "lifted": reviews.review_rows(session, lifted, standing=False),
         "latest": reviews.latest_submissions(session, A_FEW),
         "chosen": chosen,
+        "is_anonymous": chosen is not None and is_anonymous(chosen, snapshot.now),
         "report": None if chosen is None else snapshot.view.score_report(chosen),
         "verdicts": VERDICTS,
     }

@@ -27,7 +27,7 @@ RequestError
 TableError                a file that an organiser imports has problems; a MalformedError in replies
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from types import MappingProxyType
@@ -36,7 +36,7 @@ from typing import Any, ClassVar, Self
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import ProblemDocument, QuotaReport, QuotaWindow
-from reverie_eval.text import count_text
+from reverie_eval.text import count_text, did_you_mean
 
 EXAMPLE_NOW = datetime(2027, 6, 1, 12, tzinfo=UTC)
 """The time in all examples."""
@@ -143,6 +143,11 @@ class NotFoundError(RequestError):
     code = "not-found"
     heading = "Not found"
     example_arguments = ("your team has no submission '5f2b0c9a4d7e1f36'",)
+
+
+def no_split(name: str, known: Iterable[str]) -> NotFoundError:
+    """Return the error for a split that the server does not have."""
+    return NotFoundError(f"there is no split {name!r} here{did_you_mean(name, known)}")
 
 
 class NotOpenError(RequestError):

@@ -298,7 +298,7 @@ def test_an_empty_board_and_one_that_is_none(run: Run) -> None:
     )
     outcome = run("leaderboard", "--split", "tset")
     assert (outcome.status, outcome.out) == (2, "")
-    assert "there is no split 'tset' here; there are: test, " in outcome.err
+    assert "there is no split 'tset' here; did you mean test? Choose one of: test, " in outcome.err
 
 
 # Verify.

@@ -442,7 +442,7 @@ def some_grant(**changes: Any) -> NewGrant:
         pytest.param(
             {"split": "elsewhere"},
             NotFoundError,
-            f"there is no split 'elsewhere'; there are: {PRIVATE}, {OPEN}",
+            f"there is no split 'elsewhere' here; choose one of: {PRIVATE}, {OPEN}",
             id="no such split",
         ),
         pytest.param(

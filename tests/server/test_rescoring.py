@@ -646,7 +646,9 @@ def test_the_check_says_what_a_new_bundle_does(server: Serving, folder: Path) ->
     [
         pytest.param([OPEN], 2, "give a --reason, or --dry-run", id="no reason"),
         pytest.param([OPEN, "--reason", " "], 2, "reason: ", id="an empty reason"),
-        pytest.param(["tset", "--reason", WHY], 2, "there is no split 'tset'", id="split"),
+        pytest.param(
+            ["tset", "--reason", WHY], 2, "no split 'tset' here; did you mean test?", id="split"
+        ),
         pytest.param(
             ["tset", "--dry-run", "--bundle", "x.npz"], 2, "there is no split", id="and bundle"
         ),

@@ -212,7 +212,7 @@ def test_a_transaction_sees_what_it_has_set(server: Serving) -> None:
         }
         with pytest.raises(NotFoundError) as missing:
             schedules.of(transaction.session, "none")
-    told = "there is no split 'none' here; there are: test, val_seen, val_unseen"
+    told = "there is no split 'none' here; choose one of: test, val_seen, val_unseen"
     assert str(missing.value) == told
 
 

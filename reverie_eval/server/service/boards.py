@@ -29,7 +29,7 @@ from reverie_eval.scoring import (
     signature_of,
     why_not,
 )
-from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.errors import NotFoundError, no_split
 from reverie_eval.server.settings import Settings, SettingsError, Split
 from reverie_eval.submissions import parse_predictions
 from reverie_eval.submissions._document import check_value_count
@@ -346,7 +346,7 @@ def board_named(boards: Mapping[str, Board], split: str, further: str = "") -> B
     """
     board = boards.get(split)
     if board is None:
-        raise NotFoundError(f"there is no split {split!r} here; there are: {', '.join(boards)}")
+        raise no_split(split, boards)
     if not further:
         return board
     if further not in board.also:

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import GrantReport, NewGrant
 from reverie_eval.schemas.service import QuotaReport, QuotaWindow, WindowName
-from reverie_eval.server.errors import BytesSpentError, MalformedError, NotFoundError
+from reverie_eval.server.errors import BytesSpentError, MalformedError, no_split
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.people import team_named
 from reverie_eval.server.service.transactions import Transaction
@@ -217,7 +217,7 @@ def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> G
     if new.expires_at <= transaction.now:
         raise MalformedError("the expiry time is in the past; choose a later time")
     if new.split not in splits:
-        raise NotFoundError(f"there is no split {new.split!r}; there are: {', '.join(splits)}")
+        raise no_split(new.split, splits)
     row = Grant(
         team=team_named(transaction.session, new.team),
         created_at=transaction.now,

@@ -22,7 +22,13 @@ from reverie_eval.schemas.organising import (
     ReportedChange,
     ReportedEntry,
 )
-from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError, TableError
+from reverie_eval.server.errors import (
+    ConflictError,
+    MalformedError,
+    NotFoundError,
+    TableError,
+    no_split,
+)
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.reported_files import FileRow, read_results
 from reverie_eval.server.service.transactions import Transaction
@@ -225,7 +231,7 @@ def _only_different(values: Mapping[str, Any], others: Mapping[str, Any]) -> dic
 
 def _task_of(split: str, tasks: Mapping[str, Task]) -> Task:
     if split not in tasks:
-        raise NotFoundError(f"there is no split {split!r}; there are: {', '.join(tasks)}")
+        raise no_split(split, tasks)
     return tasks[split]
 
 

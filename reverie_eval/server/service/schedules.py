@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewSchedule, ScheduleReport
 from reverie_eval.schemas.service import Phase, ReleaseScores, Schedule
-from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.errors import ConflictError, no_split
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import SetSchedule, Submission
@@ -123,8 +123,7 @@ class Schedules:
         """Return the timetable of a split. Raises NotFoundError if the server has no such split."""
         timetable = self.read(session).get(split)
         if timetable is None:
-            known = ", ".join(self._splits)
-            raise NotFoundError(f"there is no split {split!r} here; there are: {known}")
+            raise no_split(split, self._splits)
         return timetable
 
     def set(self, transaction: Transaction, split: str, new: NewSchedule) -> ScheduleReport:

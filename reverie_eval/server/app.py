@@ -34,6 +34,7 @@ from reverie_eval.server.routes import (
     splits,
     submissions,
 )
+from reverie_eval.server.service.transactions import SERVER
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -51,7 +52,7 @@ def create_app(
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         with (
-            repeatedly(partial(server.retention.tidy, "server"), DAY),
+            repeatedly(partial(server.retention.tidy, SERVER), DAY),
             repeatedly(partial(server.snapshots.take_if_due, server.transactions), MINUTE),
         ):
             yield

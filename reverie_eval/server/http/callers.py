@@ -12,21 +12,36 @@ from datetime import datetime, timedelta
 from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
-from fastapi import Depends, Request, Response
+from fastapi import Depends, Path, Request, Response
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import Role
+from reverie_eval.schemas.wire import EXAMPLE_TOKEN
 from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
 from reverie_eval.server.service.embargo import View
-from reverie_eval.server.service.tokens import check_organiser_left, valid_token
+from reverie_eval.server.service.tokens import (
+    HINT_LENGTH,
+    PREFIX,
+    check_organiser_left,
+    valid_token,
+)
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import BrowserSession, Person
 
 Given = ParamSpec("Given")
 Report = TypeVar("Report")
+
+TokenHint = Annotated[
+    str,
+    Path(
+        pattern=rf"^{PREFIX}[\w-]{{{HINT_LENGTH - len(PREFIX)}}}$",
+        examples=[EXAMPLE_TOKEN[:HINT_LENGTH]],
+    ),
+]
+"""The first characters of a token, in a path."""
 
 COOKIE = "reverie_eval_session"
 CSRF_HEADER = "X-CSRF-Token"

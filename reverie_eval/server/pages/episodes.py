@@ -19,6 +19,7 @@ from reverie_eval.server.http.callers import Call, Snapshot, Visitor
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.episodes import Browsing, EpisodeFilter, Run
+from reverie_eval.server.service.leaderboard import make_distinct
 from reverie_eval.text import category_text
 
 router = APIRouter()
@@ -204,10 +205,8 @@ def _answers(episode: Episode, walked: Mapping[str, Episode]) -> Sequence[Answer
 
 def _names(runs: Sequence[Run]) -> Sequence[str]:
     """Name submissions by their methods, with their ids if the methods have the same name."""
-    methods = [run.choice.method for run in runs]
-    if len(set(methods)) == len(methods):
-        return methods
-    return [f"{name} ({run.choice.id})" for name, run in zip(methods, runs, strict=True)]
+    choices = [run.choice for run in runs]
+    return make_distinct([each.method for each in choices], [each.id for each in choices])
 
 
 def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neighbours:

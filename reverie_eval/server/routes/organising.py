@@ -10,7 +10,7 @@ from reverie_eval.schemas.evidence import EvidenceReport
 from reverie_eval.schemas.personal_data import PersonalData
 from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
-from reverie_eval.server.http.callers import Organiser
+from reverie_eval.server.http.callers import Organiser, TokenHint
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import BINARY, file_reply, problems
 from reverie_eval.server.http.paging import Number, Paging
@@ -25,6 +25,7 @@ from reverie_eval.server.http.uploads import (
     method_from,
     parameters_of,
 )
+from reverie_eval.server.routes.splits import SplitName
 from reverie_eval.server.service import (
     attempts,
     audit,
@@ -46,8 +47,6 @@ router = APIRouter(
 )
 
 Team = Annotated[str | None, Query(max_length=LONGEST_NAME, examples=["Blue"])]
-Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
-SplitName = Annotated[str, Path(examples=["test"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 
@@ -154,7 +153,7 @@ def create_token(new: schemas.NewToken, organiser: Organiser) -> schemas.NewToke
 
 
 @router.delete("/tokens/{hint}", responses=problems("not-found", "conflict"))
-def revoke_token(hint: Hint, organiser: Organiser) -> schemas.TokenReport:
+def revoke_token(hint: TokenHint, organiser: Organiser) -> schemas.TokenReport:
     """Revoke a token, with the browser sessions that began with it."""
     return organiser.perform(tokens.revoke_token, hint)
 

@@ -277,11 +277,12 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
 def method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
     """Return distinct names: the method, with its team and then its id added if necessary."""
     methods = [row.entry.method["name"] for row in rows]
-    named = _made_distinct(methods, [ranking.team(row.entry) or ANONYMOUS.lower() for row in rows])
-    return _made_distinct(named, [row.entry.submission_id or str(row.rank) for row in rows])
+    named = make_distinct(methods, [ranking.team(row.entry) or ANONYMOUS.lower() for row in rows])
+    return make_distinct(named, [row.entry.submission_id or str(row.rank) for row in rows])
 
 
-def _made_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
+def make_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
+    """Return the names, with a further text in brackets behind each that occurs more than once."""
     counts = Counter(names)
     return [
         f"{name} ({more})" if counts[name] > 1 else name

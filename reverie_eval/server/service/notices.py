@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewNotice, NoticeReport
-from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.service.transactions import SERVER, Transaction
 from reverie_eval.server.store.tables import Notice
 
 
@@ -43,7 +43,7 @@ class Notices:
     def post(self, transaction: Transaction, new: NewNotice) -> NoticeReport:
         """Post a notice: set or remove the banner, pause or resume submissions."""
         posted = Notice(**new.model_dump(), posted_by=transaction.actor, created_at=transaction.now)
-        transaction.record("notice posted", posted, "server", **new.model_dump())
+        transaction.record("notice posted", posted, SERVER, **new.model_dump())
         return self.if_posted(new, posted.posted_by, posted.created_at)
 
 

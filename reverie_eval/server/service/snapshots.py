@@ -20,11 +20,9 @@ from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.leaderboard import as_json, leaderboard
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.service.transactions import SERVER, Transaction, Transactions
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
 
-SERVER = "server"
-"""The actor who takes a snapshot when a phase has ended."""
 _SECOND = timedelta(seconds=1)
 _CHANGES_NOTHING = ("submitted", "snapshot taken")
 """Actions that do not change what leaderboards show."""

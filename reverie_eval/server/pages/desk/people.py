@@ -7,14 +7,14 @@ from collections.abc import Collection
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import NewPeopleImport, Rejection
 from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, NewToken, PersonChange
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot, TokenHint
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
@@ -29,7 +29,6 @@ from reverie_eval.server.service import (
 )
 
 router = APIRouter()
-Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
 
 PAGE, REQUESTS = "/desk/people", "/desk/requests"
 
@@ -113,7 +112,7 @@ def create_token(desk: Desk, form: Posted) -> Response:
 
 
 @router.post(f"{PAGE}/tokens/{{hint}}/revoke")
-def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
+def revoke_token(hint: TokenHint, desk: Desk, form: Posted) -> Response:
     """Revoke a token."""
     forms.show_faults(desk, {}, draw)
     if not forms.is_confirmed(form):

@@ -7,6 +7,7 @@ from functools import partial
 from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
+from reverie_eval.server.http.background import DAY, MINUTE, repeatedly
 from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
@@ -20,7 +21,6 @@ from reverie_eval.server.http.middleware import (
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
-from reverie_eval.server.http.repeated import DAY, MINUTE, repeatedly
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
 from reverie_eval.server.http.workers import ALONE, Workers

@@ -20,7 +20,7 @@ from sqlalchemy import select
 
 from reverie_eval.schemas.joining import Rejection
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.http.runtime import Joining
+from reverie_eval.server.http.runtime import JoinLimit
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service import joining
 from reverie_eval.server.settings import Channel
@@ -149,7 +149,7 @@ def test_an_address_sends_only_so_many_in_a_day(open_server: OpenServer, folder:
 
 def test_addresses_are_counted_by_their_digests() -> None:
     counts = MemoryStorage()
-    Joining(counts, b"key").count({"client": ("192.0.2.7", 1)})
+    JoinLimit(counts, b"key").count({"client": ("192.0.2.7", 1)})
     assert "LIMITER/join/" in str(counts.storage)
     assert "192.0.2.7" not in str(counts.storage)
 

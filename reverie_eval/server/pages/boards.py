@@ -158,7 +158,7 @@ Ranked = Annotated[Ranking, Depends(ranked)]
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class BoardPage:
     """The rows of one page of a leaderboard."""
 
     rows: Sequence[Row]
@@ -359,13 +359,13 @@ def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
     }
 
 
-def _part(ranking: Ranking, query: BoardQuery) -> Part:
+def _part(ranking: Ranking, query: BoardQuery) -> BoardPage:
     """Return the requested page, or the last one."""
     shown = _sorted(query.shown.of(ranking.rows, ranking), query)
     pages = max(1, ceil(len(shown) / PER_PAGE))
     number = min(query.page, pages)
     first = PER_PAGE * (number - 1)
-    return Part(shown[first : first + PER_PAGE], first, len(shown), number, pages)
+    return BoardPage(shown[first : first + PER_PAGE], first, len(shown), number, pages)
 
 
 def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:

@@ -52,7 +52,7 @@ Selected = Annotated[Selection, Depends()]
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class OutcomeCount:
     """An outcome and its number of episodes."""
 
     name: str
@@ -137,7 +137,7 @@ def show_episodes(
             pages=pages,
             funnels=[modes.funnel for modes in failures],
             parts=[
-                Part(name, meaning, [modes.counts[name] for modes in failures])
+                OutcomeCount(name, meaning, [modes.counts[name] for modes in failures])
                 for name, meaning in BEST_OUTCOME_FIRST.items()
                 if failures
             ],

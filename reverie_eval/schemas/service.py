@@ -454,7 +454,7 @@ class SubmissionReport(WireModel):
     shows_episodes: bool = False
     """Whether everyone may look at its episodes while it is published."""
     upload_deleted_at: datetime | None = None
-    """When the file was deleted, if the organiser keeps unpublished files only for some time."""
+    """When the file was deleted, if the server deletes unpublished files after a while."""
 
     @property
     def results(self) -> Mapping[str, BoardResult]:

@@ -423,7 +423,7 @@ class Settings(BaseSettings):
     """The key that signs receipts; ``server init`` creates it. Keep a copy elsewhere. Anyone can
     verify receipts with the public key that the server publishes."""
     accept_requests_to_join: bool = True
-    """Let anyone ask for an account at ``/join``; an organiser decides."""
+    """Let anyone request an account at ``/join``; an organiser decides."""
     splits: Annotated[dict[str, Split], Field(min_length=1)]
     required_metadata: tuple[Metadata, ...] = ()
     """What a submission must state about its method besides the name: ``description``, ``paper``,

@@ -235,7 +235,7 @@ def test_a_query_that_is_none_is_a_page_that_says_so(server: Serving, query: str
     ((field, said),) = tables(page)[0]
     assert query.startswith(f"?{field}=")
     assert not re.search("should|Input|Value error", said)
-    assert f'<a href="/boards/{OPEN}">To the whole {OPEN} leaderboard</a>' in page.text
+    assert f'<a href="/boards/{OPEN}">Back to the {OPEN} leaderboard</a>' in page.text
 
 
 def test_no_such_split(server: Serving) -> None:

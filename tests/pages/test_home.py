@@ -115,7 +115,7 @@ def test_the_ways_in(open_server: OpenServer, folder: Path) -> None:
 @pytest.mark.parametrize(
     ("accepts", "way"),
     [
-        pytest.param(True, '<a href="/join">Ask for one</a>', id="by a request"),
+        pytest.param(True, '<a href="/join">Request one</a>', id="by a request"),
         pytest.param(False, 'can invite you: <a href="mailto:lab@example.org">', id="by e-mail"),
     ],
 )

@@ -133,7 +133,7 @@ def test_reports_name_persons(database: Database) -> None:
 EVENTS: list[tuple[str, dict[str, Any], str, str]] = [
     ("submitted", {}, "received and scored", ""),
     ("changed", {"published": True}, "published", ""),
-    ("changed", {"published": False}, "taken off the leaderboard", ""),
+    ("changed", {"published": False}, "unpublished", ""),
     ("changed", {"withdrawn": True}, "withdrawn", ""),
     ("changed", {"withdrawn": False, "published": True}, "restored; published", ""),
     ("changed", {"shows_episodes": True}, "episodes shown to everyone", ""),

@@ -322,8 +322,8 @@ def test_episodes_that_cannot_be_shown_are_refused_with_the_reason(several: Serv
     result = mine.also[STRICT].model_copy(update={"report": old})
     changed = mine.model_copy(update={"also": {**mine.also, STRICT: result}})
     gone = (
-        "the file was deleted on 2026-03-02: this server keeps files of unpublished submissions "
-        "only for some time; scores and receipt stay"
+        "the file was deleted on 2026-03-02: this server deletes the files of unpublished "
+        "submissions after a while; scores and receipt stay"
     )
     other = (
         f"the ground truth or protocol of {OPEN}, {STRICT} has changed since this submission; "

@@ -114,7 +114,7 @@ def _draw_sign_in(
 
 @router.get("/join")
 def show_join(visitor: Visitor) -> Response:
-    """Show the form, or that this server accepts no requests."""
+    """Show the form, or that this server does not accept requests."""
     return _draw_join(visitor, {})
 
 

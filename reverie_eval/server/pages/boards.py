@@ -347,7 +347,8 @@ def _feed(
 def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
     """Count what a leaderboard has, and the rows that are shown as not ranked.
 
-    Teams that hide are not counted: their number could tell whether a team that is named hides.
+    Anonymous teams are not counted: the count could reveal whether a named team also has anonymous
+    results.
     """
     scored = [row.entry for row in ranking.rows if row.entry.standing == "ranked"]
     return {

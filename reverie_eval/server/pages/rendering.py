@@ -377,12 +377,12 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
 
 
 def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument) -> Response:
-    way_on = Place("To the first page", "/")
+    way_on = Place("Home", "/")
     # To the same leaderboard if only its query was invalid.
     if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
         split, further = (request.path_params.get(name, "") for name in ("split", "further"))
         url = f"/boards/{quote(split)}" + (f"/also/{quote(further)}" if further else "")
-        way_on = Place(f"To the whole {split} leaderboard", url)
+        way_on = Place(f"Back to the {split} leaderboard", url)
     about = {"problem": problem, "way_on": way_on}
     return _page(request, snapshot, "fault.html", problem.status, **about)
 

@@ -91,7 +91,7 @@ _SWITCHES = {
     ("withdrawn", True): "withdrawn",
     ("withdrawn", False): "restored",
     ("published", True): "published",
-    ("published", False): "taken off the leaderboard",
+    ("published", False): "unpublished",
     ("shows_episodes", True): "episodes shown to everyone",
     ("shows_episodes", False): "episodes shown to the team only",
 }

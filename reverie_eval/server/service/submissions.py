@@ -403,8 +403,8 @@ def _check_upload(submission: SubmissionReport) -> None:
     if submission.upload_deleted_at is not None:
         day = f"{submission.upload_deleted_at:%Y-%m-%d}"
         raise NotFoundError(
-            f"the file was deleted on {day}: this server keeps files of unpublished "
-            "submissions only for some time; scores and receipt stay"
+            f"the file was deleted on {day}: this server deletes the files of unpublished "
+            "submissions after a while; scores and receipt stay"
         )
 
 

@@ -91,8 +91,8 @@ def edit(
 def import_people(*, folder: Folder, file: Path, invite: bool, dry_run: bool) -> None:
     """Add the people of a file, and their teams.
 
-    FILE is CSV with the columns team, person, email and role; the last two may be left out. People
-    who are there already stay as they are.
+    FILE is CSV with the columns team, person, email and role; the last two may be left out.
+    Existing people are left unchanged.
 
     Exit status: 0 done, 1 file rejected and nobody added, 2 usage or system error.
     """

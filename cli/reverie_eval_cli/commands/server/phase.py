@@ -39,7 +39,7 @@ def phase() -> None:
 @click.option(
     "--closes",
     type=options.DayOrTime(),
-    help="Its last second: 2027-06-01T23:59:59Z, or a day in UTC, which counts as a whole.",
+    help="Its last second: 2027-06-01T23:59:59Z, or a date in UTC, which means the whole day.",
 )
 @click.option(
     "--release-scores",
@@ -185,7 +185,8 @@ def _text(schedule: "Schedule | NewSchedule | None") -> str:
 def snapshot(*, folder: Folder, split: str, title: str) -> None:
     """Take a signed snapshot of a leaderboard.
 
-    It is public at once and never changes. When a phase has ended, the server takes one by itself.
+    It is public at once and never changes. When a phase has ended, the server takes one
+    automatically.
     """
     new = options.checked(NewSnapshot, split=split, title=title)
     with folder.open() as state, state.transactions.begin(actor()) as transaction:

@@ -52,7 +52,7 @@ def import_results(
     """Import results that a paper or another leaderboard reports.
 
     FILE is CSV with a heading for each column (team, method, date, SR, SPL, ...), or JSON. Results
-    that are on the leaderboard already stay as they are.
+    that are already on the leaderboard are left unchanged.
 
     Exit status: 0 done, 1 file rejected and nothing added, 2 usage or system error.
     """

@@ -117,7 +117,10 @@ def test_the_environment_goes_before_the_login(
     assert outcome.status == 0
     assert "note: REVERIE_EVAL_TOKEN is set, and takes precedence over the login" in outcome.err
     monkeypatch.setenv("REVERIE_EVAL_TOKEN", "rv_none")
-    assert "it came from REVERIE_EVAL_TOKEN" in run(*SUBMIT).err
+    assert run(*SUBMIT).err == (
+        "reverie-eval: REVERIE_EVAL_TOKEN is not a valid token (unknown token); correct it, or "
+        "unset it to use your login\n"
+    )
     monkeypatch.delenv("REVERIE_EVAL_TOKEN")
     assert run(*SUBMIT).status == 0
 

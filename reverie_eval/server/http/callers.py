@@ -117,7 +117,7 @@ class Call:
             if self.required is not None:
                 role = snapshot.person.role
                 if self.required == "organiser" and role != "organiser":
-                    raise NotAllowedError("only the organiser may do this")
+                    raise NotAllowedError("only organisers may do this")
             yield snapshot
 
     def person(self) -> Person:
@@ -186,7 +186,7 @@ def is_of_another_site(request: Request) -> bool:
 def own_page(request: Request) -> None:
     """Refuse forms that other sites send: they could sign a visitor in as another person."""
     if is_of_another_site(request):
-        raise NotAllowedError("another site may not do this for you; use this server's own pages")
+        raise NotAllowedError("this request came from another site; use this server's own pages")
 
 
 def session_id_of(request: Request, cookie: str | None) -> str | None:

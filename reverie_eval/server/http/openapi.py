@@ -21,6 +21,7 @@ from reverie_eval.server.errors import (
     MalformedError,
     StorageFullError,
     TooManyError,
+    phrase_of,
 )
 from reverie_eval.server.http.callers import CSRF_HEADER
 from reverie_eval.server.http.examples import example_of
@@ -49,7 +50,7 @@ def problems(*codes: str) -> dict[int | str, Document]:
     for code in codes:
         status = ERRORS[code].status
         content = {"schema": {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}, "examples": {}}
-        empty = {"description": status.phrase, "content": {MEDIA_TYPE: content}}
+        empty = {"description": phrase_of(status), "content": {MEDIA_TYPE: content}}
         reply = declared.setdefault(status.value, empty)
         reply["content"][MEDIA_TYPE]["examples"][code] = {
             "value": ERRORS[code].example().document().model_dump(mode="json")

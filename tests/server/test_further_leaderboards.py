@@ -222,7 +222,7 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(
 ) -> None:
     notes = [each.what for each in check_folder(folder) if each.kind == "note"]
     assert [
-        f"on its further leaderboard {name}" in each
+        f"no result on {name} under the current ground truth" in each
         for name, each in zip((GROUNDING, STRICT), notes, strict=True)
     ] == [True, True]
     before = board(added)

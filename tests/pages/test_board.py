@@ -14,6 +14,7 @@ from reverie_eval import CATALOGUE
 from reverie_eval.schemas.service import Phase, Verdict
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import submission_of
+from reverie_eval.tasks.reverie import TASK as REVERIE
 from tests.support.acting import review
 from tests.support.entries import BOARD, HTML, entered, get, named, report_result, tables
 from tests.support.serving import (
@@ -236,6 +237,18 @@ def test_a_query_that_is_none_is_a_page_that_says_so(server: Serving, query: str
     assert query.startswith(f"?{field}=")
     assert not re.search("should|Input|Value error", said)
     assert f'<a href="/boards/{OPEN}">Back to the {OPEN} leaderboard</a>' in page.text
+
+
+def test_an_unknown_metric_suggests_only_metrics_of_the_leaderboard(server: Serving) -> None:
+    page = get(server, "?metric=rgspll&x=goal_progress", status=400)
+    near, other = (
+        f"{REVERIE.title} has no metric {key!r}; " for key in ("rgspll", "goal_progress")
+    )
+    known = ", ".join(REVERIE.metrics)
+    assert dict(tables(page)[0]) == {
+        "metric": f"{near}did you mean rgspl? Choose one of: {known}",
+        "x": f"{other}choose one of: {known}",
+    }
 
 
 def test_no_such_split(server: Serving) -> None:

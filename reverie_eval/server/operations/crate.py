@@ -104,7 +104,7 @@ class Crate:
         yield {
             "@id": "./",
             "@type": "Dataset",
-            "name": f"Leaderboards of {self.title}",
+            "name": f"{self.title}: leaderboards",
             "description": f"{self.contents} of an evaluation server of the {self._benchmarks}"
             f"{f', {self.address},' if self.address else ''} as they were on "
             f"{self.date:%Y-%m-%d %H:%M} UTC: leaderboards, submissions and rules.",

@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 import msgspec
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse, Response
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
@@ -18,7 +18,8 @@ from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._comparison import signed
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.reporting._submission import headline_of
-from reverie_eval.server.errors import MalformedError
+from reverie_eval.schemas.report import ProblemReport
+from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import ScoringSlot
@@ -33,6 +34,7 @@ from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
 from reverie_eval.server.state import ServerState
 from reverie_eval.tasks import DEFAULT_TASK
+from reverie_eval.text import did_you_mean
 
 PER_PAGE = 60
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
@@ -50,13 +52,8 @@ Endpoint = TypeVar("Endpoint", bound=Callable[..., Response])
 FlagFilter = Literal["", "with", "without"]
 
 
-def _known(key: str) -> str:
-    if key and key not in METRICS:
-        raise ValueError(f"there is no such metric; choose one of: {', '.join(METRICS)}")
-    return key
-
-
-MetricKey = Annotated[str, AfterValidator(_known)]
+MetricKey = Annotated[str, Field(max_length=100)]
+"""Whether the leaderboard has the metric is checked by :meth:`BoardQuery.on`."""
 Day = Annotated[date | None, BeforeValidator(lambda value: value or None)]
 
 
@@ -93,11 +90,17 @@ class BoardQuery(BaseModel):
         known, primary = board.task.metrics, board.primary.key
         usual = {"metric": primary, "x": "success", "y": "rgs" if "rgs" in known else primary}
         asked = {name: getattr(self, name) or key for name, key in usual.items()}
-        for key in asked.values():
-            if key not in known:
-                raise MalformedError(
-                    f"{board.task.title} has no metric {key!r}; choose one of: {', '.join(known)}"
-                )
+        unknown = [
+            ProblemReport(
+                code="wrong-value",
+                where=name,
+                message=f"{board.task.title} has no metric {key!r}{did_you_mean(key, known)}",
+            )
+            for name, key in asked.items()
+            if key not in known
+        ]
+        if unknown:
+            raise MalformedError(WRONG_FORM, unknown)
         resolved = self.model_copy(update=asked)
         resolved._usual = usual  # noqa: SLF001  # of this class
         return resolved

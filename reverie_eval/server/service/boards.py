@@ -91,10 +91,16 @@ class Board:
     @property
     def title(self) -> str:
         """Its heading: ``Val unseen leaderboard``, or ``R2R test leaderboard: strict``."""
-        benchmark = "" if self.task.name == DEFAULT_TASK else f"{self.task.title} "
-        name = benchmark + self.truth.split.replace("_", " ")
+        title = self.full_title
+        if self.task.name == DEFAULT_TASK:
+            title = title.removeprefix(f"{self.task.title} ")
+        return title[:1].upper() + title[1:]
+
+    @property
+    def full_title(self) -> str:
+        """Its title where the benchmark must be named: ``REVERIE val unseen leaderboard``."""
         further = f": {self.further}" if self.further else ""
-        return f"{name[:1].upper()}{name[1:]} leaderboard{further}"
+        return f"{self.task.title} {self.truth.split.replace('_', ' ')} leaderboard{further}"
 
     @property
     def is_private(self) -> bool:

@@ -270,7 +270,7 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
         name: [row.entry.scores]
         for name, row in zip(method_names(ranking, rows), rows, strict=True)
     }
-    caption = f"Leaderboard of {board.label}: {board.signature}. {address}"
+    caption = f"{board.full_title}: {board.signature}. {address}"
     return methods_table(methods, [board.label], metrics, caption).to_latex() + "\n"
 
 
@@ -301,7 +301,7 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
     of_board = _bibtex_entry(
         f"{task.name}-{board.label.removeprefix(f'{task.name}-')}-{today:%Y-%m-%d}",
         author=title,
-        title=f"Leaderboard of {board.label}",
+        title=board.full_title,
         address=address,
         at=today,
         note=f"{board.signature}, as of {today:%Y-%m-%d}",

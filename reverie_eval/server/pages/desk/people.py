@@ -41,7 +41,6 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     return {
         "teams": people.list_teams(session, forms.page_at(desk, "teams")),
         "team_names": people.names_of_teams(session),
-        "everybody": everybody,
         "known": {(person.team, person.name): person for person in everybody},
         "person_names": {str(person.id): f"{person.name}, {person.team}" for person in everybody},
         "tokens": tokens.list_tokens(session, forms.page_at(desk, "tokens")),

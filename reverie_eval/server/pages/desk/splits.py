@@ -91,7 +91,6 @@ def set_phases(desk: Desk, form: Posted) -> Response:
             split=split,
             before=timetable.latest,
             after=after,
-            new=new,
             shown=shown,
         )
     desk.perform(schedules.set, split, new)

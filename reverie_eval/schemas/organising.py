@@ -19,6 +19,7 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
+    LONGEST_ID,
     OMITTED,
     Email,
     Instant,
@@ -203,7 +204,7 @@ class AuditReport(WireModel):
 class NewReview(WireModel):
     """A public verdict on a submission."""
 
-    submission_id: SubmissionId = Field(max_length=32)
+    submission_id: SubmissionId = Field(max_length=LONGEST_ID)
     verdict: Verdict
     """Verified, flagged and disqualified replace each other; baseline is independent of them."""
     reason: Reason = Field(examples=["We ran the published code and got the same file."])

@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Mapping
-from datetime import date, datetime
+from datetime import date, datetime, timedelta
+from types import MappingProxyType
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, model_validator
@@ -43,6 +44,10 @@ WindowName = Literal["day", "month", "year"]
 SplitStatus = Literal["open", "paused", "not open yet", "closed"]
 """Whether a split accepts submissions at a time. The status of its phases that comes first here
 counts."""
+WINDOWS: Mapping[WindowName, timedelta] = MappingProxyType(
+    {"day": timedelta(hours=24), "month": timedelta(days=30), "year": timedelta(days=365)}
+)
+"""The rolling windows of quotas."""
 
 BoardName = Annotated[str, Field(examples=["grounding"])]
 """A further leaderboard of a split; empty for its own one."""

@@ -35,7 +35,7 @@ from typing import Any, ClassVar, Self
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.report import ProblemReport
-from reverie_eval.schemas.service import ProblemDocument, QuotaReport, QuotaWindow
+from reverie_eval.schemas.service import WINDOWS, ProblemDocument, QuotaReport, QuotaWindow
 from reverie_eval.text import count_text, did_you_mean
 
 EXAMPLE_NOW = datetime(2027, 6, 1, 12, tzinfo=UTC)
@@ -210,12 +210,10 @@ class QuotaSpentError(RequestError):
             next_at=EXAMPLE_NOW + timedelta(days=1),
             seconds_to_next=24 * 60 * 60,
             windows=[
-                QuotaWindow(name=name, limit=limit, remaining=limit - 2, resets_at=resets_at)
-                for name, limit, resets_at in (
-                    ("day", 2, EXAMPLE_NOW + timedelta(days=1)),
-                    ("month", 10, EXAMPLE_NOW + timedelta(days=30)),
-                    ("year", 40, EXAMPLE_NOW + timedelta(days=365)),
+                QuotaWindow(
+                    name=name, limit=limit, remaining=limit - 2, resets_at=EXAMPLE_NOW + length
                 )
+                for (name, length), limit in zip(WINDOWS.items(), (2, 10, 40), strict=True)
             ],
         ),
     )

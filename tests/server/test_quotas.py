@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from sqlalchemy import func, select
 
 from reverie_eval.schemas.organising import NewGrant
+from reverie_eval.schemas.service import WINDOWS
 from reverie_eval.server.errors import (
     BytesSpentError,
     MalformedError,
@@ -22,7 +23,6 @@ from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.quotas import (
-    WINDOWS,
     QuotaUsage,
     grant,
     list_grants,

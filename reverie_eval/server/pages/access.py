@@ -9,6 +9,7 @@ from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import MOST_PEOPLE, NewJoinRequest
 from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.wire import LONGEST_SECRET
 from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http.callers import (
     Call,
@@ -41,7 +42,7 @@ def show_sign_in(visitor: Visitor, back: str = "/team") -> Response:
 @router.post("/sign-in", dependencies=[Depends(own_page)])
 def sign_in(
     visitor: Visitor,
-    token: Annotated[str, Form(max_length=200)] = "",
+    token: Annotated[str, Form(max_length=LONGEST_SECRET)] = "",
     back: Annotated[str, Form()] = "/team",
 ) -> Response:
     """Begin a session, or show why the token is refused."""
@@ -59,7 +60,7 @@ def sign_in(
 @router.post("/sign-in/invitation", dependencies=[Depends(own_page)])
 def use_invitation(
     visitor: Visitor,
-    invitation: Annotated[str, Form(max_length=200)] = "",
+    invitation: Annotated[str, Form(max_length=LONGEST_SECRET)] = "",
     back: Annotated[str, Form()] = "/team",
 ) -> Response:
     """Exchange an invitation for a token, show it once, and begin a session with it.

@@ -57,6 +57,10 @@ MetricKey = Annotated[str, Field(max_length=100)]
 Day = Annotated[date | None, BeforeValidator(lambda value: value or None)]
 
 
+LONGEST_SOUGHT = 100
+"""Characters of a part of a name that a leaderboard is searched for."""
+
+
 class BoardQuery(BaseModel):
     """The query parameters of a leaderboard; empty ones, as forms send them, count as missing."""
 
@@ -71,7 +75,7 @@ class BoardQuery(BaseModel):
     human: FlagFilter = ""
     since: Day = None
     until: Day = None
-    text: Annotated[str, Field(max_length=100)] = ""
+    text: Annotated[str, Field(max_length=LONGEST_SOUGHT)] = ""
     columns: Literal["", "all"] = ""
     x: MetricKey = ""
     y: MetricKey = ""
@@ -253,6 +257,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             chart=chart_of(ranking, charted, query.x, query.y) if is_copy else None,
             counts=_counts(ranking, apart),
             numbers=_numbers(part.number, part.pages),
+            longest_sought=LONGEST_SOUGHT,
         )
 
 

@@ -25,6 +25,8 @@ from reverie_eval.text import category_text
 router = APIRouter()
 
 PER_PAGE = 50
+MOST_CHOICES = 12
+"""Submissions of a split that the list of splits shows."""
 MOST_STEPS = 200
 """The longest list of steps that a page shows."""
 
@@ -106,7 +108,7 @@ def show_splits(visitor: Visitor) -> Response:
             (board, episodes.choices(snapshot.session, snapshot.caller, board.name))
             for board in episodes.boards
         ]
-        return page(snapshot, "episodes.html", splits=splits)
+        return page(snapshot, "episodes.html", splits=splits, most=MOST_CHOICES)
 
 
 @router.get("/episodes/{split}")

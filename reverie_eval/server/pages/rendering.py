@@ -21,12 +21,21 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from reverie_eval.metrics import METRICS
+from reverie_eval.metrics.uncertainty import CONFIDENCE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS, OBJECT_FLAGS
-from reverie_eval.reporting._submission import headline_of, known_task
+from reverie_eval.reporting._submission import WINDOW_LENGTHS, headline_of, known_task
 from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument
-from reverie_eval.schemas.wire import LONGEST_LINE, LONGEST_LINK, LONGEST_NAME, LONGEST_TEXT
+from reverie_eval.schemas.wire import (
+    LONGEST_EMAIL,
+    LONGEST_ID,
+    LONGEST_LINE,
+    LONGEST_LINK,
+    LONGEST_NAME,
+    LONGEST_SECRET,
+    LONGEST_TEXT,
+)
 from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
 from reverie_eval.server.http.callers import Snapshot, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
@@ -223,14 +232,18 @@ def _environment() -> Environment:
     )
     environment.globals |= {
         "called": TOKEN_NAMES,
+        "confidence": f"{100 * CONFIDENCE:g}",  # in percent
         "flags": METHOD_FLAGS,
         "flag_meanings": {flag: Method.model_fields[flag].description for flag in METHOD_FLAGS},
         "short_flags": {flag: short for flag, (short, _) in _SHORT_FLAGS.items()},
         "brief_flags": {flag: brief for flag, (_, brief) in _SHORT_FLAGS.items()},
         "longest": {
-            "name": LONGEST_NAME,
+            "email": LONGEST_EMAIL,
+            "id": LONGEST_ID,
             "line": LONGEST_LINE,
             "link": LONGEST_LINK,
+            "name": LONGEST_NAME,
+            "secret": LONGEST_SECRET,
             "text": LONGEST_TEXT,
         },
         "flags_of": flags_of,
@@ -239,6 +252,7 @@ def _environment() -> Environment:
         "metrics": METRICS,
         "most_extra": MOST_EXTRA,
         "static": static_url,
+        "window_lengths": WINDOW_LENGTHS,
     }
     environment.filters |= {
         "attributes": attributes,

@@ -20,6 +20,7 @@ from reverie_eval.reporting._evidence import (
 )
 from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport, NewReview
 from reverie_eval.schemas.service import Method, ProblemDocument
+from reverie_eval.schemas.wire import LONGEST_ID
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Server, Snapshot
 from reverie_eval.server.http.paging import Number
@@ -67,7 +68,7 @@ def draw_reviews(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Sh
 @router.get(REVIEWS)
 def show_reviews(
     desk: Desk,
-    submission: Annotated[str, Query(max_length=32)] = "",
+    submission: Annotated[str, Query(max_length=LONGEST_ID)] = "",
     done: forms.Done = "",
 ) -> Response:
     """Show the reviews; the query can select a submission to review."""

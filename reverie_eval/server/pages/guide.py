@@ -16,6 +16,7 @@ from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.attempts import DAYS_KEPT
 from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.rank_intervals import MOST_COMPARED
+from reverie_eval.server.service.reviews import VERDICTS
 from reverie_eval.server.service.tokens import LIFETIME
 from reverie_eval.submissions import submission_schema
 from reverie_eval.tasks import Task
@@ -113,6 +114,7 @@ def show_rules(visitor: Visitor) -> Response:
             boards=server.boards,
             schedules=server.schedules.in_effect(snapshot.session),
             required=server.settings.required_metadata,
+            verdicts=VERDICTS,
         )
 
 

@@ -19,6 +19,14 @@ from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Review, Submission
 
+VERDICTS: Mapping[Verdict, str] = {
+    "verified": "The organiser has checked the result, and the reason says how.",
+    "baseline": "A reference for comparison, not a competitor.",
+    "flagged": "Something about the result is doubtful; it stays ranked.",
+    "disqualified": "The result broke the rules. It is not ranked, but stays visible with the "
+    "reason; its team cannot unpublish it.",
+}
+"""What each verdict means, as the guide and the desk say it."""
 JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified"})
 """Verdicts that replace each other."""
 

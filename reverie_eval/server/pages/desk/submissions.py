@@ -39,12 +39,6 @@ router = APIRouter()
 
 REVIEWS, EMAILED_FILES = "/desk/reviews", "/desk/emailed-files"
 A_FEW = 30
-VERDICTS: Mapping[str, str] = {
-    "verified": "You have checked it: its code was run, or its files were compared.",
-    "baseline": "A reference for comparison.",
-    "flagged": "Something is doubtful. It keeps its rank.",
-    "disqualified": "It broke the rules. It loses its rank and stays visible.",
-}
 _HARMFUL = frozenset({"flagged", "disqualified"})
 
 
@@ -61,7 +55,7 @@ def draw_reviews(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Sh
         "chosen": chosen,
         "is_anonymous": chosen is not None and is_anonymous(chosen, snapshot.now),
         "report": None if chosen is None else snapshot.view.score_report(chosen),
-        "verdicts": VERDICTS,
+        "verdicts": reviews.VERDICTS,
     }
 
 
@@ -83,7 +77,7 @@ def review(desk: Desk, form: Posted) -> Response:
     if new.verdict in _HARMFUL and not forms.is_confirmed(form):
         with desk.snapshot() as snapshot:
             row = reviews.any_submission(snapshot.session, new.submission_id)
-        about = {"row": row, "verdict": new.verdict, "effect": VERDICTS[new.verdict]}
+        about = {"row": row, "verdict": new.verdict, "effect": reviews.VERDICTS[new.verdict]}
         return forms.ask(desk, typed, "confirm-review.html", **about)
     desk.perform(reviews.review, new)
     return forms.done(REVIEWS, new.verdict)

@@ -103,6 +103,11 @@ class PersonReport(WireModel):
     role: Role
     created_at: datetime
 
+    @property
+    def is_organiser(self) -> bool:
+        """Whether the person sees and manages everything."""
+        return self.role == "organiser"
+
 
 class NewToken(WireModel):
     """A token to be created for a person."""

@@ -115,8 +115,8 @@ class Call:
             browser, caller = self._sender(session)
             snapshot = Snapshot(self.request, session, self.server.clock(), browser, caller)
             if self.required is not None:
-                role = snapshot.person.role
-                if self.required == "organiser" and role != "organiser":
+                person = snapshot.person
+                if self.required == "organiser" and not person.is_organiser:
                     raise NotAllowedError("only organisers may do this")
             yield snapshot
 

@@ -274,7 +274,7 @@ def show_chart(ranking: Ranked, query: Shown) -> Response:
 def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
     query = query.on(ranking.board)
-    rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
+    rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
     scored = {key for row in rows for key in row.entry.scores}
     metrics = [metric for metric in _columns(ranking.board, query, rows) if metric.key in scored]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
@@ -284,7 +284,7 @@ def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
     query = query.on(ranking.board)
-    rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
+    rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
     title, site = server.settings.title, address_of_site(request)
     return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
 
@@ -358,7 +358,7 @@ def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
     Anonymous teams are not counted: the count could reveal whether a named team also has anonymous
     results.
     """
-    scored = [row.entry for row in ranking.rows if row.entry.standing == "ranked"]
+    scored = [row.entry for row in ranking.rows if row.entry.is_ranked]
     return {
         "all": len(ranking.rows),
         "scored": len(scored),

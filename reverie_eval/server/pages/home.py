@@ -115,7 +115,7 @@ def _leaders(server: ServerState, snapshot: Snapshot) -> Mapping[str, Sequence[L
     for name, board in server.boards.items():
         ranking = server.ranking(snapshot.session, board)
         rows = ranking.rows[:MOST_LEADERS]
-        has_results = any(row.entry.standing == "ranked" for row in ranking.rows)
+        has_results = any(row.entry.is_ranked for row in ranking.rows)
         references = {} if has_results else server.episodes.references(board)
         scale = Scale.of(rows, board.primary.key)
         found[board.task.title].append(

@@ -39,7 +39,7 @@ from reverie_eval.schemas.wire import (
 from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
 from reverie_eval.server.http.callers import Snapshot, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
-from reverie_eval.server.service.tokens import TOKEN_NAMES
+from reverie_eval.server.service.tokens import TOKEN_NAMES, token_state
 from reverie_eval.server.store.tables import Person
 from reverie_eval.tasks import DEFAULT_TASK, Task
 from reverie_eval.text import category_text, count_text
@@ -202,7 +202,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     episodes = [] if is_copy else [Place("Episodes", "/episodes")]
     # Anyone may look for the way in: who is not signed in is led to how to get an account.
     submit = [] if is_copy else [Place("Submit", "/submit")]
-    desk = [Place("Desk", "/desk")] if person is not None and person.role == "organiser" else []
+    desk = [Place("Desk", "/desk")] if person is not None and person.is_organiser else []
     return Site(
         title=server.settings.title,
         banner=notice.banner,
@@ -252,6 +252,7 @@ def _environment() -> Environment:
         "metrics": METRICS,
         "most_extra": MOST_EXTRA,
         "static": static_url,
+        "token_state": token_state,
         "window_lengths": WINDOW_LENGTHS,
     }
     environment.filters |= {

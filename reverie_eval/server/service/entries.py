@@ -24,6 +24,8 @@ from reverie_eval.server.service.schedules import Schedules, Timetable
 from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
     IS_SHOWN,
+    SUBMITTED,
+    TEAM_MERGED,
     AuditEntry,
     Correction,
     StoredSnapshot,
@@ -31,7 +33,7 @@ from reverie_eval.server.store.tables import (
     Team,
 )
 
-_SUBMITTED = literal("submitted", literal_execute=True)
+_SUBMITTED = literal(SUBMITTED, literal_execute=True)
 """The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
 into the statements, so that databases recognise the index that has all other actions."""
 _NUMBERS = "last recorded"
@@ -67,6 +69,11 @@ class Entry:
     """The version of the dataset that a reported result is on; empty if it is not known."""
     entered_by: str = ""
     reviews: Sequence[PublishedReview] = ()
+
+    @property
+    def is_ranked(self) -> bool:
+        """Whether it is a result of this server that is ranked, if it has a value."""
+        return self.standing == "ranked"
 
     @property
     def date(self) -> str:
@@ -191,7 +198,7 @@ class EntriesCache:
 
 
 def _were_teams_merged(session: Session, since: int) -> bool:
-    merged = exists().where(AuditEntry.id > since, AuditEntry.action == "team merged")
+    merged = exists().where(AuditEntry.id > since, AuditEntry.action == TEAM_MERGED)
     return bool(session.scalar(select(merged)))
 
 

@@ -157,9 +157,7 @@ def leaderboard(
 
 def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:
     """Sort entries, and rank those that this server has scored."""
-    scored = [
-        entry.scores.get(metric.key) if entry.standing == "ranked" else None for entry in entries
-    ]
+    scored = [entry.scores.get(metric.key) if entry.is_ranked else None for entry in entries]
     rows = map(Row, ranks(scored, metric), entries)
     return sorted(rows, key=lambda row: _cost(row.entry.scores.get(metric.key), metric))
 

@@ -11,7 +11,7 @@ from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.people import team_named
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import count_rows
-from reverie_eval.server.store.tables import Grant, Person, Submission, Team
+from reverie_eval.server.store.tables import TEAM_MERGED, Grant, Person, Submission, Team
 
 
 def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
@@ -43,7 +43,7 @@ def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
         _run(session, update(table).where(table.team_id == team.id).values(team_id=into.id))
     session.expire_all()
     team.merged_into, team.merged_at = into, transaction.now
-    transaction.record("team merged", team, report.team, **report.model_dump(exclude={"team"}))
+    transaction.record(TEAM_MERGED, team, report.team, **report.model_dump(exclude={"team"}))
     return report
 
 

@@ -53,7 +53,7 @@ def list_submissions(
     rows = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
     if split is not None:
         rows = rows.where(Submission.split == split)
-    if person.role != "organiser":
+    if not person.is_organiser:
         rows = rows.where(Submission.team_id == person.team_id)
     if page.cursor is not None:
         try:
@@ -410,6 +410,6 @@ def _check_upload(submission: SubmissionReport) -> None:
 
 def _row_of(session: Session, person: Person, submission_id: str) -> Submission:
     row = find_submission(session, submission_id)
-    if row is None or (person.role != "organiser" and row.team_id != person.team_id):
+    if row is None or (not person.is_organiser and row.team_id != person.team_id):
         raise NotFoundError(f"your team has no submission {submission_id!r}")
     return row

@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import get_args
 
 import click
 
@@ -32,7 +33,7 @@ def person() -> None:
 @click.option("--team", required=True, help="Their team; add it first with `server team add`.")
 @options.with_default(
     "--role",
-    type=options.Choice(["participant", "organiser"]),
+    type=options.Choice(get_args(Role)),
     default="participant",
     help="Organisers see the submissions of all teams.",
 )

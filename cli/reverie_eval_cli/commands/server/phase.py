@@ -1,7 +1,7 @@
 """``reverie-eval server phase set|close|reset|pause|resume``, ``diff`` and ``snapshot``."""
 
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import click
 
@@ -43,7 +43,7 @@ def phase() -> None:
 )
 @click.option(
     "--release-scores",
-    type=options.Choice(["at-once", "phase-end"]),
+    type=options.Choice(get_args(ReleaseScores)),
     help="When scores of the split are shown. Those that are shown already stay visible.",
 )
 def set_phase(

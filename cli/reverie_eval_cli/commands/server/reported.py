@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import get_args
 
 import click
 
@@ -34,7 +35,7 @@ from reverie_eval_cli.output import note
 )
 @options.with_default(
     "--rates",
-    type=options.Choice(["percent", "fraction"]),
+    type=options.Choice(get_args(Rates)),
     default="percent",
     help="How FILE gives rates, such as SR: as 59.6 or as 0.596.",
 )

@@ -3,16 +3,23 @@
 ``/desk/requests``: requests to join, several of which can be answered at once.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import partial
-from typing import Annotated
+from typing import Annotated, get_args
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import NewPeopleImport, Rejection
-from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, NewToken, PersonChange
-from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.organising import (
+    NewMerge,
+    NewPerson,
+    NewTeam,
+    NewToken,
+    PersonChange,
+    TokenKind,
+)
+from reverie_eval.schemas.service import ProblemDocument, Role
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot, TokenHint
 from reverie_eval.server.http.paging import Number
@@ -31,6 +38,8 @@ from reverie_eval.server.service import (
 router = APIRouter()
 
 PAGE, REQUESTS = "/desk/people", "/desk/requests"
+_TOKEN_USERS: Mapping[TokenKind, str] = {"invite": "people", "access": "scripts"}
+"""In the order of the form."""
 
 
 @forms.shown_at(router, PAGE, "people.html")
@@ -45,6 +54,10 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
         "person_names": {str(person.id): f"{person.name}, {person.team}" for person in everybody},
         "tokens": tokens.list_tokens(session, forms.page_at(desk, "tokens")),
         "own": browser and browser.token.hint,
+        "roles": get_args(Role),
+        "token_kinds": {
+            kind: f"{tokens.TOKEN_NAMES[kind]}, for {users}" for kind, users in _TOKEN_USERS.items()
+        },
     }
 
 

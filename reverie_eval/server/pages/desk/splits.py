@@ -6,6 +6,7 @@ show scores. ``/desk/snapshots``: signed states of leaderboards, which never cha
 """
 
 import re
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Annotated
 
@@ -13,6 +14,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewCorrection, NewGrant, NewSchedule, NewSnapshot
+from reverie_eval.schemas.service import ReleaseScores
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringSlot
@@ -25,6 +27,11 @@ router = APIRouter()
 
 QUOTAS, PHASES = "/desk/quotas", "/desk/phases"
 SNAPSHOTS, CORRECTIONS = "/desk/snapshots", "/desk/corrections"
+_RELEASES: Mapping[ReleaseScores, str] = {
+    "at-once": "at once",
+    "phase-end": "when the phase ends",
+}
+"""When scores are shown, in words."""
 _FIELDS = ("name", "opens", "closes")
 _NAME = re.compile(r"name-([0-9]{1,3})")
 """The form has a row of fields for each phase."""
@@ -61,6 +68,7 @@ def draw_phases(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Sho
     return {
         "reports": [timetable.report(name) for name, timetable in timetables.items()],
         "split": split,
+        "releases": _RELEASES,
         "is_private": desk.server.board(split).is_private,
         "typed": {**_written(timetables[split]), **typed},
     }

@@ -16,6 +16,7 @@ from urllib.parse import quote
 import numpy as np
 
 from reverie_eval.errors import GroundTruthError, Problem, ProtocolError, SubmissionError
+from reverie_eval.files import is_private
 from reverie_eval.ground_truth import Bundle, GroundTruth
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.schemas.report import ScoreReport
@@ -40,7 +41,6 @@ MAX_VALUES = 5_000_000
 """JSON values in an upload, at most: about thirty times as many as in a usual file for the largest
 split, and a sixth of the limit outside the server."""
 
-_OTHERS_MAY_READ = 0o077
 _RELEASED = {"signature", "split", "protocol", "dataset", "fingerprint", "version", "episodes"}
 """The fields of a private split's report, besides its scores and notes."""
 
@@ -384,8 +384,7 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     known = name_on_server(split.task, truth.split)
     if known != name:
         raise GroundTruthError(f"this is the ground truth of {known}, not of {name}")
-    mode = path.stat().st_mode
-    if split.visibility == "private" and mode & _OTHERS_MAY_READ:
+    if split.visibility == "private" and not is_private(path):
         raise GroundTruthError(f"others can read these answers; run `chmod 600 {path}`")
     public_fingerprint = bundle.public().header.fingerprint
     board = _board(name, split, replace(truth, origin=name), public_fingerprint)

@@ -23,7 +23,7 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import csv_text
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row, is_anonymous
 from reverie_eval.server.service.rank_intervals import RankInterval
-from reverie_eval.tasks import DEFAULT_TASK, Task
+from reverie_eval.tasks import Task
 
 _OF_RANK = ("rank_low", "rank_high", "group")
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
@@ -31,16 +31,6 @@ _OF_METHOD = tuple(name for name in Method.model_fields if name != "description"
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
-_PAPER = r"""@inproceedings{qi2020reverie,
-  author = {Qi, Yuankai and Wu, Qi and Anderson, Peter and Wang, Xin and Wang, William Yang and
-            Shen, Chunhua and van den Hengel, Anton},
-  title = {{REVERIE}: Remote Embodied Visual Referring Expression in Real Indoor Environments},
-  booktitle = {IEEE/CVF Conference on Computer Vision and Pattern Recognition (CVPR)},
-  year = {2020},
-  url = {https://arxiv.org/abs/1904.10151},
-}
-"""
-"""What to cite for REVERIE, in BibTeX."""
 ANONYMOUS = "Anonymous"
 """Used in place of a team's name where a name is needed."""
 
@@ -321,8 +311,8 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
 
 def paper_of(task: Task) -> str:
     """Return what to cite for a task's dataset, in BibTeX."""
-    if task.name == DEFAULT_TASK:
-        return _PAPER
+    if task.paper is not None:
+        return task.paper.bibtex
     lines = [
         f"@misc{{{_bibtex_key(task.name)},",
         f"  title = {{{{{_bibtex_text(task.title)}}}}},",

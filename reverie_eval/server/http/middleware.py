@@ -26,7 +26,13 @@ from python_multipart.multipart import parse_options_header
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from reverie_eval.server.errors import MalformedError, TooLargeError, TooManyError, TooSlowError
+from reverie_eval.server.errors import (
+    MalformedError,
+    NotSignedInError,
+    TooLargeError,
+    TooManyError,
+    TooSlowError,
+)
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.exchange import address_of, exchange_of, session_of, token_of
 
@@ -56,7 +62,6 @@ cached by browsers."""
 Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 _PROXY_LOGGER = logging.getLogger("reverie_eval.server.proxies")
-_NOT_SIGNED_IN = 401
 _IPV6_SITE = 64
 _OWN_COOKIE = re.compile(rb"%b=[\w.-]*" % COOKIE.encode())
 """Prefix length of the network that a provider assigns to one customer."""
@@ -157,7 +162,7 @@ class RateLimits(Middleware):
 
         async def watching(message: Message) -> None:
             nonlocal is_throttled
-            if message.get("status") == _NOT_SIGNED_IN and attempts:
+            if message.get("status") == NotSignedInError.status and attempts:
                 self._counts.hit(self._failed_limit, "wrong token", token)
                 is_throttled = not self._counts.hit(self._failed_limit, "failed", address)
             if not is_throttled:

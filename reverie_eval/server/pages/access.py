@@ -51,7 +51,7 @@ def sign_in(
         with server.database.writing() as session:
             begun = server.sessions.begin(session, token.strip(), now)
     except NotSignedInError as error:
-        return _draw_sign_in(visitor, own_path(back), 401, wrong="token", fault=str(error))
+        return _draw_sign_in(visitor, own_path(back), "token", error)
     reply = see_other(own_path(back))
     set_cookie(visitor.request, reply, begun.cookie, begun.session.expires_at - now)
     return reply
@@ -77,7 +77,7 @@ def use_invitation(
             own = Snapshot(request, session, now, begun.session, begun.session.token.person)
             reply = page(own, "welcome.html", token=token, back=own_path(back))
     except NotSignedInError as error:
-        return _draw_sign_in(visitor, own_path(back), 401, wrong="invitation", fault=str(error))
+        return _draw_sign_in(visitor, own_path(back), "invitation", error)
     set_cookie(request, reply, begun.cookie, begun.session.expires_at - now)
     return reply
 
@@ -99,14 +99,14 @@ def own_path(path: str) -> str:
 
 
 def _draw_sign_in(
-    visitor: Call, back: str, status: int = 200, *, wrong: str = "", fault: str | None = None
+    visitor: Call, back: str, wrong: str = "", refused: NotSignedInError | None = None
 ) -> Response:
     with visitor.snapshot() as snapshot:
         return page(
             snapshot,
             "sign-in.html",
-            status=status,
-            fault=fault,
+            status=None if refused is None else refused.status,
+            fault=refused,
             wrong=wrong,
             back=back,
             accepts_requests=visitor.server.settings.accept_requests_to_join,

@@ -36,7 +36,14 @@ from reverie_eval.schemas.wire import (
     LONGEST_SECRET,
     LONGEST_TEXT,
 )
-from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
+from reverie_eval.server.errors import (
+    ERRORS,
+    ForgedError,
+    MalformedError,
+    NotSignedInError,
+    QuotaSpentError,
+    RejectedFileError,
+)
 from reverie_eval.server.http.callers import Snapshot, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
 from reverie_eval.server.service.tokens import TOKEN_NAMES, token_state
@@ -231,6 +238,8 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.globals |= {
+        # Errors that templates show in a way of their own, by the names of their classes.
+        **{kind.__name__: kind for kind in (ForgedError, QuotaSpentError, RejectedFileError)},
         "called": TOKEN_NAMES,
         "confidence": f"{100 * CONFIDENCE:g}",  # in percent
         "flags": METHOD_FLAGS,

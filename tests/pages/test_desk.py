@@ -16,7 +16,7 @@ from reverie_eval.server.http.health import Canary, UnhealthyError
 from reverie_eval.server.operations.keys import replace_lost_key
 from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import list_attempts
-from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.audit import entries, row_name
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named, team_named
 from reverie_eval.server.service.quotas import list_grants
@@ -542,5 +542,7 @@ def test_submissions_are_scored_again_at_the_desk(
     assert "All submissions were scored with the current ground truth" in page
     assert MARKUP in page, "its text, not its effect"
     assert "Earlier results" in said(signed_in(later, OWNER).get(f"/submissions/{name}"))
+    person = row_name(later.person(ORGANISER))
+    assert later.actors()[-2:] == [person, person], "the correction, and the new result"
     again = sending(desk, "/desk/corrections", split=OPEN, reason="again")
     assert (again.status_code, "were scored with the current" in said(again)) == (409, True)

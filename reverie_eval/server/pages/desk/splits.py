@@ -188,6 +188,6 @@ def rescore(desk: Desk, form: Posted, _: ScoringSlot) -> Response:
     """Score the next submissions to a split again."""
     typed = forms.typed_by(desk, form, draw_corrections)
     new = read_model(NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")})
-    report = desk.server.rescoring.rescore(desk.person().name, new)
+    report = desk.server.rescoring.rescore(desk.person(), new)
     outcome = "rejected" if report.rejected else "more" if report.left else "scored"
     return forms.done(CORRECTIONS, outcome)

@@ -359,10 +359,18 @@ def test_a_change_is_logged_with_who_made_it_and_what_was_said(server: Serving) 
     assert hidden == known(server, submission)
     assert hidden.anonymous_until == datetime(2026, 4, 1, tzinfo=UTC)
     change(server, submission, anonymous_until=None)
+    change(server, submission, anonymous_until=None, published=False)  # as it was
     row = f"submission:{submission}"
+    before = {
+        "method": {"name": "Walker", "code": None},
+        "anonymous_until": None,
+        "shows_episodes": False,
+    }
+    hidden_until = {"anonymous_until": said["anonymous_until"]}
+    named = {"before": hidden_until, "after": {"anonymous_until": None}}
     assert logged(server)[-2:] == [
-        (ORGANISER, "changed", row, submission, said),
-        (OWNER, "changed", row, submission, {"anonymous_until": None}),
+        (ORGANISER, "changed", row, submission, {"before": before, "after": said}),
+        (OWNER, "changed", row, submission, named),
     ]
     stored = known(server, submission)
     assert stored.method == Method(name="Runner", code="https://example.org/code")
@@ -448,10 +456,11 @@ def test_results_that_are_replaced_are_logged_and_no_others(
     for each in (first, second):
         change(server, each, published=True)
     assert {known(server, each).published_at for each in (withdrawn, *others)} == {NOON}
+    published = {"before": {"published": False}, "after": {"published": True}}
     assert [(subject, details) for *_, subject, details in logged(server)[-3:]] == [
-        (first, {"published": True}),
-        (second, {"published": True}),
-        (first, {"published": False}),
+        (first, published),
+        (second, published),
+        (first, {"before": published["after"], "after": published["before"]}),
     ]
     assert {action for _, action, *_ in logged(server)[-3:]} == {"changed"}
 

@@ -191,7 +191,10 @@ class Intake:
             for further, report in reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))
-            transaction.record(SUBMITTED, row, row.id, split=row.split, sha256=row.sha256)
+            described = method.model_dump(mode="json", exclude_defaults=True)
+            transaction.record(
+                SUBMITTED, row, row.id, split=row.split, sha256=row.sha256, method=described
+            )
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
             announce(transaction, "submission", said, f"/submissions/{row.id}")
             keep()

@@ -31,7 +31,7 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.reported_files import FileRow, read_results
-from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.service.transactions import Transaction, difference
 from reverie_eval.server.store.tables import ReportedResult
 from reverie_eval.server.wrong_values import wrong_value
 from reverie_eval.tasks import Task, name_on_server
@@ -95,8 +95,8 @@ def change_reported(
     _check_scores(after["scores"], [*METRICS] if task is None else task.metrics)
     new = NewReported.model_validate(after)
     _check_is_only(transaction.session, new, result_id)
-    details = {"before": _only_different(before, after), "after": _only_different(after, before)}
-    if any(details.values()):
+    details = difference(before, after)
+    if details:
         for name, value in after.items():
             setattr(result, name, value)
         transaction.record("reported result changed", result, old.method.name, **details)
@@ -217,15 +217,6 @@ def _merged(before: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, 
         **changed,
         "method": {**before["method"], **(changed.get("method") or {})},
         "scores": {key: value for key, value in scores.items() if value is not None},
-    }
-
-
-def _only_different(values: Mapping[str, Any], others: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values that differ from others, also inside mappings."""
-    return {
-        name: _only_different(value, others[name]) if isinstance(value, dict) else value
-        for name, value in values.items()
-        if name not in others or value != others[name]
     }
 
 

@@ -9,7 +9,7 @@ from datetime import datetime
 from functools import lru_cache
 from itertools import chain
 from types import MappingProxyType
-from typing import cast
+from typing import Any, cast
 
 from sqlalchemy import Select, exists, select, tuple_
 from sqlalchemy.orm import Session
@@ -34,7 +34,7 @@ from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store
 from reverie_eval.server.service.results import results_of, store_result, submission_report
 from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
+from reverie_eval.server.service.transactions import Actor, Transaction, Transactions, difference
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads, stored_pieces, stored_upload
@@ -312,28 +312,32 @@ class SubmissionService:
                     "the organiser has disqualified this submission; until the review is lifted, "
                     "it cannot be unpublished or withdrawn"
                 )
-            results = results_of(row)
+            results, before = results_of(row), _editable(row)
             for further, (intervals, sums) in drawn.items():
                 report = results[further].report.model_copy(update={"intervals": intervals})
                 store_result(row, further, results[further].model_copy(update={"report": report}))
                 board = board_named(self.boards, row.split, further)
                 store_sums(transaction.session, row.id, board, sums)
-            if change.method is not None:
-                row.method = self._edited(row, change.method).model_dump(mode="json")
-            if change.withdrawn is not None:
-                row.withdrawn_at = (row.withdrawn_at or now) if change.withdrawn else None
-            if change.published is not None:
-                row.published_at = (row.published_at or now) if change.published else None
-            if "anonymous_until" in change.model_fields_set:
-                row.anonymous_until = change.anonymous_until
-            if change.shows_episodes is not None:
-                row.shows_episodes = self._may_show(row, wanted=change.shows_episodes)
-            if change.published and row.withdrawn_at is not None:
-                raise ConflictError("a withdrawn submission cannot be published; restore it first")
-            changed = change.model_dump(mode="json", exclude_unset=True)
-            transaction.record("changed", row, row.id, **changed)
+            self._apply(change, row, now)
+            details = difference(before, _editable(row))
+            if details or drawn:
+                transaction.record("changed", row, row.id, **details)
             self._replace_earlier(transaction, row, change)
             return self.view(transaction.session, now).report(row)
+
+    def _apply(self, change: SubmissionChange, row: Submission, now: datetime) -> None:
+        if change.method is not None:
+            row.method = self._edited(row, change.method).model_dump(mode="json")
+        if change.withdrawn is not None:
+            row.withdrawn_at = (row.withdrawn_at or now) if change.withdrawn else None
+        if change.published is not None:
+            row.published_at = (row.published_at or now) if change.published else None
+        if "anonymous_until" in change.model_fields_set:
+            row.anonymous_until = change.anonymous_until
+        if change.shows_episodes is not None:
+            row.shows_episodes = self._may_show(row, wanted=change.shows_episodes)
+        if change.published and row.withdrawn_at is not None:
+            raise ConflictError("a withdrawn submission cannot be published; restore it first")
 
     def _may_show(self, row: Submission, *, wanted: bool) -> bool:
         board = self.boards.get(row.split)
@@ -360,8 +364,10 @@ class SubmissionService:
         )
         for earlier in transaction.session.scalars(chosen).all():
             if not is_disqualified(standing_reviews(transaction.session, earlier.id)):
+                before = _editable(earlier)
                 earlier.published_at = None
-                transaction.record("changed", earlier, earlier.id, published=False)
+                details = difference(before, _editable(earlier))
+                transaction.record("changed", earlier, earlier.id, **details)
 
     def _edited(self, row: Submission, change: MethodChange) -> Method:
         edited = change.model_dump(mode="json", exclude_unset=True)
@@ -397,6 +403,18 @@ class SubmissionService:
             for further, (report, scores) in found.items()
             if report.intervals is not None and scores is not None
         }
+
+
+def _editable(row: Submission) -> Mapping[str, Any]:
+    """Return what a team may change of a submission, as the audit log has it."""
+    state = SubmissionChange(
+        published=row.published_at is not None,
+        withdrawn=row.withdrawn_at is not None,
+        anonymous_until=row.anonymous_until,
+        shows_episodes=row.shows_episodes,
+    )
+    method = Method.model_validate(row.method).model_dump(mode="json")
+    return {**state.model_dump(mode="json"), "method": method}
 
 
 def _check_upload(submission: SubmissionReport) -> None:

@@ -101,5 +101,26 @@ class Transactions:
             yield transaction
 
 
+def difference(before: Mapping[str, Any], after: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the values that a change made different, as the details of its entry.
+
+    Those of mappings are compared one by one. Empty if nothing is different.
+
+    >>> difference({"paused": True, "banner": "Hello"}, {"paused": False, "banner": "Hello"})
+    {'before': {'paused': True}, 'after': {'paused': False}}
+    """
+    details = {"before": _only_different(before, after), "after": _only_different(after, before)}
+    return details if any(details.values()) else {}
+
+
+def _only_different(values: Mapping[str, Any], others: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values that differ from others, also inside mappings."""
+    return {
+        name: _only_different(value, others[name]) if isinstance(value, dict) else value
+        for name, value in values.items()
+        if name not in others or value != others[name]
+    }
+
+
 def _logged(name: Person | str) -> str:
     return row_name(name) if isinstance(name, Person) else name

@@ -12,9 +12,7 @@ from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from reverie_eval.server.service.schedules import Timetable
+    from reverie_eval.server.service.schedules import Change, Timetable
 
 split = click.argument("split")
 
@@ -66,7 +64,7 @@ def set_phase(
         fields = with_phase(timetable.latest, name, opens, closes, release_scores)
         return options.checked(NewSchedule, **fields)
 
-    _set(folder, split, change)
+    _change(folder, split, change)
 
 
 @phase.command()
@@ -74,9 +72,9 @@ def set_phase(
 @split
 def close(*, folder: Folder, split: str) -> None:
     """End the open phases of a split now."""
-    from reverie_eval.server.service.schedules import closed
+    from reverie_eval.server.service import schedules
 
-    _set(folder, split, lambda timetable, now: closed(timetable.latest, now))
+    _change(folder, split, schedules.close)
 
 
 @phase.command()
@@ -84,8 +82,9 @@ def close(*, folder: Folder, split: str) -> None:
 @split
 def reset(*, folder: Folder, split: str) -> None:
     """Use the phases and `release_scores` of the settings file again."""
-    unset = {"phases": None, "release_scores": None}
-    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update=unset))
+    from reverie_eval.server.service import schedules
+
+    _change(folder, split, schedules.reset)
 
 
 @phase.command()
@@ -93,7 +92,9 @@ def reset(*, folder: Folder, split: str) -> None:
 @split
 def pause(*, folder: Folder, split: str) -> None:
     """Accept no submissions to a split, whatever its phases say."""
-    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update={"paused": True}))
+    from reverie_eval.server.service import schedules
+
+    _change(folder, split, schedules.pause)
 
 
 @phase.command()
@@ -101,24 +102,20 @@ def pause(*, folder: Folder, split: str) -> None:
 @split
 def resume(*, folder: Folder, split: str) -> None:
     """Accept submissions to a split again."""
-    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update={"paused": False}))
+    from reverie_eval.server.service import schedules
+
+    _change(folder, split, schedules.resume)
 
 
-def _set(
-    folder: Folder, split: str, change: "Callable[[Timetable, datetime], NewSchedule]"
-) -> None:
+def _change(folder: Folder, split: str, change: "Change") -> None:
     """Change the schedule of a split, and print what applies now."""
     from reverie_eval.server.service.schedules import Schedules
 
-    schedules = Schedules(folder.settings.splits)
     with folder.acting() as transaction:
-        timetable = schedules.of(transaction.session, split)
-        new = change(timetable, transaction.now)
-        _, shown = schedules.if_set(transaction.session, split, new, transaction.now)
-        report = schedules.set(transaction, split, new)
-    print(f"{split}: {_text(report.in_effect)}")
-    if shown:
-        print(f"{split}: scores held back until now are shown: {shown}")
+        effect = Schedules(folder.settings.splits).change(transaction, split, change)
+    print(f"{split}: {_text(effect.after)}")
+    if effect.shown:
+        print(f"{split}: scores held back until now are shown: {effect.shown}")
 
 
 @click.command()

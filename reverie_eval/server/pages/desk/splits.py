@@ -8,6 +8,7 @@ show scores. ``/desk/snapshots``: signed states of leaderboards, which never cha
 import re
 from collections.abc import Mapping
 from datetime import datetime
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Query
@@ -19,9 +20,9 @@ from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.desk import forms
-from reverie_eval.server.service import people, quotas, rescoring
+from reverie_eval.server.service import people, quotas, rescoring, schedules
 from reverie_eval.server.service.entries import list_snapshots
-from reverie_eval.server.service.schedules import Timetable, closed
+from reverie_eval.server.service.schedules import Timetable
 
 router = APIRouter()
 
@@ -35,6 +36,13 @@ _RELEASES: Mapping[ReleaseScores, str] = {
 _FIELDS = ("name", "opens", "closes")
 _NAME = re.compile(r"name-([0-9]{1,3})")
 """The form has a row of fields for each phase."""
+_CHANGES: Mapping[str, schedules.Change] = {
+    "pause": schedules.pause,
+    "resume": schedules.resume,
+    "close": schedules.close,
+    "reset": schedules.reset,
+}
+"""Of the buttons on the page."""
 
 
 @forms.shown_at(router, QUOTAS, "quotas.html")
@@ -86,41 +94,18 @@ def show_phases(
 def set_phases(desk: Desk, form: Posted) -> Response:
     """Show what a change would do; make it if it was confirmed."""
     typed = forms.typed_by(desk, form, draw_phases)
-    schedules, split = desk.server.schedules, typed.get("split", "")
-    with desk.snapshot() as snapshot:
-        timetable = schedules.of(snapshot.session, split)
-        new = _asked(timetable, typed, snapshot.now)
-        after, shown = schedules.if_set(snapshot.session, split, new, snapshot.now)
+    split = typed.get("split", "")
+    change = _CHANGES.get(typed.get("what", "")) or partial(_typed_schedule, typed)
     if not forms.is_confirmed(form):
-        return forms.ask(
-            desk,
-            typed,
-            "phases-preview.html",
-            split=split,
-            before=timetable.latest,
-            after=after,
-            shown=shown,
-        )
-    desk.perform(schedules.set, split, new)
+        with desk.snapshot() as snapshot:
+            effect = desk.server.schedules.if_changed(snapshot.session, split, change, snapshot.now)
+        return forms.ask(desk, typed, "phases-preview.html", split=split, **effect._asdict())
+    desk.perform(desk.server.schedules.change, split, change)
     return forms.done(PHASES, "set")
 
 
-def _asked(timetable: Timetable, typed: forms.Typed, now: datetime) -> NewSchedule:
-    """Return what one of the forms on the page asks for."""
-    match typed.get("what"):
-        case "close":
-            return closed(timetable.latest, now)
-        case "pause":
-            return timetable.desk.model_copy(update={"paused": True})
-        case "resume":
-            return timetable.desk.model_copy(update={"paused": False})
-        case "reset":
-            return timetable.desk.model_copy(update={"phases": None, "release_scores": None})
-        case _:
-            return _typed_schedule(typed, paused=timetable.latest.paused)
-
-
-def _typed_schedule(typed: forms.Typed, *, paused: bool) -> NewSchedule:
+def _typed_schedule(typed: forms.Typed, timetable: Timetable, _: datetime) -> NewSchedule:
+    """Return the phases and the release of scores that were typed; a pause stays."""
     numbers = sorted(int(found[1]) for found in map(_NAME.fullmatch, typed) if found)
     rows = [
         {field: value for field in _FIELDS if (value := typed.get(f"{field}-{number}"))}
@@ -128,7 +113,7 @@ def _typed_schedule(typed: forms.Typed, *, paused: bool) -> NewSchedule:
     ]
     phases = [row for row in rows if row]
     release_scores = typed.get("release_scores", "at-once")
-    fields = {"phases": phases, "release_scores": release_scores, "paused": paused}
+    fields = {"phases": phases, "release_scores": release_scores, "paused": timetable.latest.paused}
     return read_model(NewSchedule, fields)
 
 

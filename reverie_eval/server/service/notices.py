@@ -28,7 +28,7 @@ class Notices:
         posted = latest_notice(session, moment)
         if posted is None:
             return self.of_settings
-        new = NewNotice(banner=posted.banner, paused=posted.paused)
+        new = NewNotice.model_validate(posted)
         return self.if_posted(new, posted.posted_by, posted.created_at)
 
     def if_posted(self, new: NewNotice, actor: str, at: datetime) -> NoticeReport:
@@ -45,6 +45,12 @@ class Notices:
         posted = Notice(**new.model_dump(), posted_by=transaction.actor, created_at=transaction.now)
         transaction.record("notice posted", posted, SERVER, **new.model_dump())
         return self.if_posted(new, posted.posted_by, posted.created_at)
+
+    def change(self, transaction: Transaction, **changes: object) -> NoticeReport:
+        """Post the latest notice again with some fields changed, as :meth:`post` does."""
+        posted = latest_notice(transaction.session)
+        latest = NewNotice.model_validate(posted) if posted else NewNotice()
+        return self.post(transaction, latest.model_copy(update=changes))
 
 
 def latest_notice(session: Session, until: datetime | None = None) -> Notice | None:

@@ -8,6 +8,7 @@ import click
 from reverie_eval.schemas.organising import NewSchedule, NewSnapshot, NoticeReport
 from reverie_eval.schemas.service import ReleaseScores, Schedule
 from reverie_eval_cli import options
+from reverie_eval_cli.commands.server.notice import notice_text
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
 
@@ -143,10 +144,7 @@ def diff(*, folder: Folder) -> None:
 
 
 def _of_server(notice: NoticeReport | None) -> str:
-    if notice is None:
-        return "-"
-    banner = f"; banner: {notice.banner}" if notice.banner else ""
-    return f"{'paused' if notice.paused else 'not paused'}{banner}"
+    return "-" if notice is None else notice_text(notice)
 
 
 def _time(instant: datetime) -> str:

@@ -136,7 +136,8 @@ class Call:
         Raises
         ------
         ConflictError
-            If no organiser could sign in after an organiser's action.
+            If no organiser could sign in after an organiser's action, which only commands may do
+            (see :func:`check_organiser_left`).
         """
         with self.server.transactions.begin(self.person()) as transaction:
             report = action(transaction, *given, **named)

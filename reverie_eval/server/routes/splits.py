@@ -38,8 +38,9 @@ from reverie_eval.server.http.uploads import (
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import list_snapshots
-from reverie_eval.server.service.leaderboard import as_csv, as_json, csv_of
+from reverie_eval.server.service.leaderboard import Ranking, as_csv, as_json, csv_of
 from reverie_eval.server.service.snapshots import snapshot_of
+from reverie_eval.server.state import ServerState
 
 router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 
@@ -130,8 +131,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
     Reported results are among the others, without a rank. Results that are disqualified, on another
     version of the dataset, or scored under other rules are in `apart`.
     """
-    with server.database.reading() as session:
-        ranking = server.ranking(session, server.board(split), metric)
+    ranking = _ranking(server, metric, split)
     return Response(as_json(ranking), media_type="application/json")
 
 
@@ -142,8 +142,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
 )
 def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
     """Return the leaderboard as CSV."""
-    with server.database.reading() as session:
-        ranking = server.ranking(session, server.board(split), metric)
+    ranking = _ranking(server, metric, split)
     return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 
@@ -156,8 +155,7 @@ def show_further_leaderboard(
     split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
 ) -> Response:
     """Rank the submissions on a further leaderboard of the split."""
-    with server.database.reading() as session:
-        ranking = server.ranking(session, server.board(split, further), metric)
+    ranking = _ranking(server, metric, split, further)
     return Response(as_json(ranking), media_type="application/json")
 
 
@@ -170,8 +168,7 @@ def download_further_leaderboard(
     split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
 ) -> Response:
     """Return a further leaderboard of the split as CSV."""
-    with server.database.reading() as session:
-        ranking = server.ranking(session, server.board(split, further), metric)
+    ranking = _ranking(server, metric, split, further)
     return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 
@@ -189,8 +186,7 @@ def list_split_snapshots(split: SplitName, server: Server) -> list[SnapshotEntry
 )
 def download_snapshot(split: SplitName, number: Number, server: Server) -> Response:
     """Return a snapshot as CSV; its signature is that of the JSON."""
-    with server.database.reading() as session:
-        snapshot = snapshot_of(session, split, number)
+    snapshot = show_snapshot(split, number, server)
     text = csv_of(snapshot.leaderboard.model_dump(mode="json"))
     return PlainTextResponse(text, media_type="text/csv")
 
@@ -200,6 +196,12 @@ def show_snapshot(split: SplitName, number: Number, server: Server) -> Snapshot:
     """Return a snapshot of the leaderboard, signed; it never changes."""
     with server.database.reading() as session:
         return snapshot_of(session, split, number)
+
+
+def _ranking(server: ServerState, metric: str | None, split: str, further: str = "") -> Ranking:
+    """Rank a leaderboard. Who asks makes no difference, so a token that ended is not refused."""
+    with server.database.reading() as session:
+        return server.ranking(session, server.board(split, further), metric)
 
 
 def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:

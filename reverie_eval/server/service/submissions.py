@@ -26,13 +26,19 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
+from reverie_eval.server.service.audit import INSPECTED
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.entries import is_anonymous
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.service.results import results_of, store_result, submission_report
-from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
+from reverie_eval.server.service.reviews import (
+    any_submission,
+    find_submission,
+    is_disqualified,
+    standing_reviews,
+)
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions, difference
 from reverie_eval.server.store.database import AT_ONCE
@@ -89,6 +95,15 @@ def submission_of(
         If it does not exist or belongs to another team; the error does not reveal which.
     """
     return view.report(_row_of(session, person, submission_id))
+
+
+def record_inspection(transaction: Transaction, submission_id: str) -> None:
+    """Record that somebody is shown the values of single episodes, which may be private.
+
+    Raises NotFoundError if there is no such submission.
+    """
+    row = any_submission(transaction.session, submission_id)
+    transaction.record(INSPECTED, row, row.id)
 
 
 def result_on(further: str, submission: SubmissionReport) -> BoardResult:

@@ -121,7 +121,12 @@ def has_organiser(session: Session, now: datetime) -> bool:
 
 
 def check_organiser_left(transaction: Transaction) -> None:
-    """Make sure that an organiser can sign in. Raises ConflictError if none has a valid token."""
+    """Make sure that an organiser can sign in. Raises ConflictError if none has a valid token.
+
+    An action over HTTP is followed by this check: otherwise nobody could undo it over HTTP. It is
+    not part of the actions, because commands must be able to revoke the last token, if it was
+    stolen for example. On the server's machine, `server token add` can always create another.
+    """
     if not has_organiser(transaction.session, transaction.now):
         raise ConflictError(
             "this would leave no organiser with a valid token; first create a token for an "

@@ -302,8 +302,11 @@ def show_evidence(
     With a team, also list its submissions. Each request reads a hundred more submissions;
     `left` says how many remain. `server evidence` reads all.
     """
-    organiser.person()
-    return organiser.server.evidence.report(split, team)
+    evidence = organiser.server.evidence
+    with organiser.snapshot() as snapshot:
+        report, read = evidence.report(snapshot.session, split, team)
+    evidence.keep(split, read)
+    return report
 
 
 @router.get(

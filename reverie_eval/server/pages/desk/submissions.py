@@ -18,6 +18,8 @@ from reverie_eval.reporting._evidence import (
     same_files_table,
     teams_table,
 )
+from reverie_eval.reporting._table import Table
+from reverie_eval.schemas.evidence import EvidenceReport
 from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport, NewReview
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.schemas.wire import LONGEST_ID
@@ -166,23 +168,29 @@ def submit_emailed_file(desk: Desk, upload: PostedFile) -> Response:
 @router.get("/desk/evidence")
 def show_evidence(desk: Desk, _: ScoringSlot, split: Sought = "", team: Sought = "") -> Response:
     """Show the evidence about a split, and about the submissions of a team to it."""
-    desk.person()  # others may not have uploads read
-    boards = list(desk.server.boards)
-    report = desk.server.evidence.report(split, team or None) if split else None
-    tables = {}
-    if report is not None:
-        tables["The same file from several teams"] = same_files_table(report.same_files)
-        tables["Most similar files of two teams"] = pairs_table(report)
-        tables["Files of each team"] = teams_table(report.teams)
-        if team:
-            tables[f"Submissions of {team}"] = history_table(report.history)
-    with desk.snapshot() as snapshot:
-        return page(
+    service, evidence = desk.server.evidence, None
+    with desk.snapshot() as snapshot:  # others than organisers may not have uploads read
+        if split:
+            evidence = service.report(snapshot.session, split, team or None)
+        reply = page(
             snapshot,
             "desk/evidence.html",
-            report=report,
-            tables=tables,
-            splits=boards,
+            report=evidence and evidence.report,
+            tables=_tables(evidence.report, team) if evidence else {},
+            splits=list(desk.server.boards),
             split=split,
             team=team,
         )
+    if evidence:
+        service.keep(split, evidence.read)
+    return reply
+
+
+def _tables(report: EvidenceReport, team: str) -> Mapping[str, Table]:
+    """Return the tables of the page by their headings."""
+    return {
+        "The same file from several teams": same_files_table(report.same_files),
+        "Most similar files of two teams": pairs_table(report),
+        "Files of each team": teams_table(report.teams),
+        **({f"Submissions of {team}": history_table(report.history)} if team else {}),
+    }

@@ -1,6 +1,6 @@
 """The leaderboards, their charts and feeds, comparing two results, and export for papers."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import ceil, inf
@@ -321,7 +321,7 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
 @router.get("/feed.atom")
 def show_feed(request: Request, server: Server) -> Response:
     """Return the Atom feed (RFC 4287) of all splits, with the scores on their own leaderboards."""
-    return _feed(request, server, server.boards.values(), "", server.settings.title)
+    return _feed(request, server, [*server.boards.values()], "", server.settings.title)
 
 
 @of_every_board("/feed.atom")
@@ -332,12 +332,12 @@ def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> R
 
 
 def _feed(
-    request: Request, server: ServerState, boards: Iterable[Board], path: str, title: str
+    request: Request, server: ServerState, boards: Sequence[Board], path: str, title: str
 ) -> Response:
     with server.database.reading() as session:
         items = [*items_of_news(latest_news(session, MOST_ITEMS))]
-        for board in boards:
-            items += items_of(server.ranking(session, board))
+        for ranking in server.rankings(session, boards):
+            items += items_of(ranking)
     shown = latest(items)
     xml = render(
         "feed.atom",

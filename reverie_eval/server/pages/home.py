@@ -110,13 +110,12 @@ def _leaders(server: ServerState, snapshot: Snapshot) -> Mapping[str, Sequence[L
     """Return the first rows of every leaderboard, by the title of its task."""
     schedules = server.schedules.in_effect(snapshot.session)
     found: dict[str, list[Leaders]] = {task.title: [] for task in server.tasks}
-    for name, board in server.boards.items():
-        ranking = server.ranking(snapshot.session, board)
-        rows = ranking.rows[:MOST_LEADERS]
+    for ranking in server.rankings(snapshot.session, [*server.boards.values()]):
+        board, rows = ranking.board, ranking.rows[:MOST_LEADERS]
         has_results = any(row.entry.is_ranked for row in ranking.rows)
         references = {} if has_results else server.episodes.references(board)
         scale = Scale.of(rows, board.primary.key)
         found[board.task.title].append(
-            Leaders(board, ranking, schedules[name], rows, references, scale)
+            Leaders(board, ranking, schedules[board.name], rows, references, scale)
         )
     return found

@@ -165,7 +165,7 @@ class Rescoring:
         store_result(row, board.further, result)
         row.rescored_at = transaction.now
         if rescored.sums is not None:
-            store_sums(transaction.session, row.id, board, rescored.sums)
+            store_sums(transaction.session, row.id, {board.further: rescored.sums})
         transaction.record(
             "scored again",
             row,

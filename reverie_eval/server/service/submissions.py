@@ -328,11 +328,11 @@ class SubmissionService:
                     "it cannot be unpublished or withdrawn"
                 )
             results, before = results_of(row), _editable(row)
-            for further, (intervals, sums) in drawn.items():
+            for further, (intervals, _) in drawn.items():
                 report = results[further].report.model_copy(update={"intervals": intervals})
                 store_result(row, further, results[further].model_copy(update={"report": report}))
-                board = board_named(self.boards, row.split, further)
-                store_sums(transaction.session, row.id, board, sums)
+            sums = {further: of_board for further, (_, of_board) in drawn.items()}
+            store_sums(transaction.session, row.id, sums)
             self._apply(change, row, now)
             details = difference(before, _editable(row))
             if details or drawn:

@@ -425,7 +425,10 @@ def count_outdated_on(server: Serving, further: str) -> int:
     """Count outdated results on a leaderboard of the open split."""
     own = server.state.boards[OPEN]
     with server.state.database.reading() as session:
-        return count_outdated(session, own.also[further] if further else own)
+        board = own.also[further] if further else own
+        alone = count_outdated(session, [board])[board.path]
+        assert count_outdated(session, server.state.leaderboards)[board.path] == alone
+        return alone
 
 
 def test_a_correction_and_each_new_result_are_logged(corrected: Serving) -> None:

@@ -156,12 +156,13 @@ def take_snapshot(desk: Desk, form: Posted) -> Response:
 @forms.shown_at(router, CORRECTIONS, "corrections.html")
 def draw_corrections(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the splits with submissions to score again, and all corrections."""
-    session = snapshot.session
+    session, server = snapshot.session, desk.server
+    counts = rescoring.count_outdated(session, server.leaderboards)
     return {
         "outdated": {
             split: number
-            for split, own in desk.server.boards.items()
-            if (number := sum(rescoring.count_outdated(session, board) for board in own.all))
+            for split, own in server.boards.items()
+            if (number := sum(counts[board.path] for board in own.all))
         },
         "corrections": rescoring.list_corrections(session, forms.page_at(desk, "corrections")),
         "at_once": rescoring.AT_ONCE,

@@ -29,6 +29,8 @@ from reverie_eval.server.service.submissions import (
     all_submissions,
     check_metadata,
     list_submissions,
+    newest_of_each,
+    public_episodes_of_each,
     public_team,
     publication,
     result_on,
@@ -102,13 +104,13 @@ def test_lists_begin_with_the_latest_and_then_with_the_largest_id(server: Servin
     late = sent(server, MATE, PRIVATE)
     both, blue, red = (sorted(ids, reverse=True) for ids in ([*early, *others], early, others))
 
-    def listed(who: str, split: str | None = None) -> list[str]:
+    def listed(who: str) -> list[str]:
         """Read pages of two."""
         with server.state.database.reading() as session:
             person, cursor, ids = server.person(who), None, []
             view = server.state.submissions.view(session, NOON)
             for _ in range(4):
-                found = list_submissions(session, person, Page(2, cursor), view, split)
+                found = list_submissions(session, person, Page(2, cursor), view)
                 ids += [row.id for row in found.rows]
                 cursor = found.next_cursor
                 if cursor is None:
@@ -118,7 +120,20 @@ def test_lists_begin_with_the_latest_and_then_with_the_largest_id(server: Servin
     assert listed(ORGANISER) == [late, *both]
     assert listed(OWNER) == [late, *blue]
     assert listed(OTHER) == red
-    assert (listed(OWNER, OPEN), listed(MATE, PRIVATE)) == (blue, [late])
+    splits = (OPEN, PRIVATE)
+    with server.state.database.reading() as session:
+        first = {
+            who: {
+                split: [each.id for each in rows]
+                for split, rows in newest_of_each(session, server.person(who), splits, 3).items()
+            }
+            for who in (ORGANISER, OWNER, OTHER)
+        }
+    assert first == {
+        ORGANISER: {OPEN: both[:3], PRIVATE: [late]},
+        OWNER: {OPEN: blue[:3], PRIVATE: [late]},
+        OTHER: {OPEN: red, PRIVATE: []},
+    }
     with server.state.database.reading() as session:
         found = {
             (split, team): [each.id for each in all_submissions(session, split=split, team=team)]
@@ -172,7 +187,11 @@ def test_episodes_for_everyone_are_of_baselines_and_of_teams_that_show_them(
         review(transaction, verified, "verified")
     with server.state.database.reading() as session:
         found = [each.id for each in session.scalars(with_public_episodes(OPEN))]
+        first = public_episodes_of_each(session, [PRIVATE, OPEN], 3)
+        assert public_episodes_of_each(session, [], 3) == {}
     assert found == [*late[::-1], *sorted([*shown, baseline])]
+    assert [each.id for each in first[OPEN]] == found[:3]
+    assert [each.id for each in first[PRIVATE]] == [private]
 
 
 # One submission.

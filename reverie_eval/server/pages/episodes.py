@@ -104,10 +104,8 @@ def show_splits(visitor: Visitor) -> Response:
     """List the open splits."""
     episodes = visitor.server.episodes
     with visitor.snapshot() as snapshot:
-        splits = [
-            (board, episodes.choices(snapshot.session, snapshot.caller, board.name))
-            for board in episodes.boards
-        ]
+        choices = episodes.choices(snapshot.session, snapshot.caller, episodes.boards)
+        splits = [(board, choices[board.name]) for board in episodes.boards]
         return page(snapshot, "episodes.html", splits=splits, most=MOST_CHOICES)
 
 

@@ -14,6 +14,7 @@ from reverie_eval.schemas.organising import NewSchedule
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.health import Canary, UnhealthyError
 from reverie_eval.server.operations.keys import replace_lost_key
+from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import list_attempts
 from reverie_eval.server.service.audit import entries
@@ -23,7 +24,7 @@ from reverie_eval.server.service.quotas import list_grants
 from reverie_eval.server.service.reported import list_reported
 from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.service.tokens import list_tokens
-from reverie_eval.server.store.tables import AuditEntry
+from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
 from tests.support.acting import NOON
 from tests.support.serving import (
     BROKEN,
@@ -450,6 +451,26 @@ def test_a_token_is_revoked_once_it_was_asked_twice(desk: Visitor) -> None:
     assert desk.server.ask(OWNER, "GET", "/me").status_code == 401
     nobodys = "/desk/people/tokens/rv_12345678/revoke"
     assert sending(desk, nobodys, **YES).status_code == 404
+
+
+def test_snapshots_are_paged(desk: Visitor) -> None:
+    with desk.server.acting() as transaction:
+        for number in range(1, forms.ON_A_PAGE + 2):
+            snapshot = StoredSnapshot(
+                split=OPEN,
+                number=number,
+                title=f"State {number}",
+                as_of=NOON,
+                content={},
+                created_at=NOON,
+            )
+            transaction.session.add(snapshot)
+    first = desk.get("/desk/snapshots")
+    assert first.text.count(">State ") == forms.ON_A_PAGE
+    (following,) = re.findall(r'rel="next" href="([^"]+)"', first.text)
+    second = desk.get(f"/desk/snapshots{following}")
+    assert re.findall(r">(State \d+)<", second.text) == ["State 1"]
+    assert 'rel="next"' not in second.text
 
 
 def test_more_is_given_with_the_reason_on_record(desk: Visitor) -> None:

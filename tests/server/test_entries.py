@@ -13,6 +13,7 @@ from reverie_eval.server.service.entries import (
     list_snapshots,
 )
 from reverie_eval.server.service.merging import merge_teams
+from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.reviews import PublishedReview, lift_review
 from reverie_eval.server.store.tables import Correction, Submission
 from tests.support.acting import NOON, review
@@ -178,6 +179,7 @@ def test_corrections_and_snapshots_are_those_of_the_leaderboard(several: Serving
     with several.state.database.reading() as session:
         private = several.state.board(PRIVATE)
         assert [each.reason for each in corrections_of(session, private)] == ["private"]
-        assert [each.title for each in list_snapshots(session)] == ["three", "two", "one"]
+        every = list_snapshots(session, Page())
+        assert [each.title for each in every.rows] == ["three", "two", "one"]
         shown = several.state.ranking(session, several.state.board(OPEN))
     assert (shown.corrections, shown.snapshots) == (own.corrections, own.snapshots)

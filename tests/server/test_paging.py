@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 from sqlalchemy import event, select
 
-from reverie_eval.schemas.organising import NewReported
+from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
+from reverie_eval.server.service.news import add_news
 from reverie_eval.server.service.paging import (
     LONGEST,
     Listed,
@@ -21,7 +22,16 @@ from reverie_eval.server.service.people import list_teams
 from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Team
-from tests.support.acting import NOON, acting, add_person, add_team, create_token, review
+from tests.support.acting import (
+    NOON,
+    acting,
+    add_person,
+    add_team,
+    ask_to_join,
+    create_token,
+    review,
+)
+from tests.support.description import Description
 from tests.support.serving import OPEN, ORGANISER, OWNER, Serving
 
 ROWS = 7
@@ -44,6 +54,9 @@ def full(server: Serving) -> Serving:
             about: dict[str, Any] = {"split": OPEN, "team": "They", "source": "https://example.org"}
             tasks = server.state.settings.tasks
             add_reported(transaction, NewReported.model_validate(new | about), tasks)
+            add_news(transaction, NewNews(text=f"News {number}"))
+            snapshot = NewSnapshot(split=OPEN, title=f"Snapshot {number}")
+            server.state.snapshots.take(transaction, snapshot)
     for number in range(ROWS):
         expires_at = NOON.replace(year=2027).isoformat()
         given: dict[str, Any] = {
@@ -53,13 +66,17 @@ def full(server: Serving) -> Serving:
             "reason": f"reason {number}",
         }
         server.ask(ORGANISER, "POST", "/organiser/grants", json=given | {"expires_at": expires_at})
+        ask_to_join(server.state.transactions, f"New team {number}")
     return server
 
 
 LISTS = (
+    "/news",
     "/submissions",
+    f"/splits/{OPEN}/snapshots",
     "/organiser/teams",
     "/organiser/people",
+    "/organiser/requests",
     "/organiser/tokens",
     "/organiser/grants",
     "/organiser/reviews",
@@ -67,6 +84,23 @@ LISTS = (
     "/organiser/attempts",
     "/organiser/audit",
 )
+WHOLE = {"/keys", "/splits", "/organiser/schedules"}
+"""Lists that the settings or the organiser keep short."""
+
+
+def test_every_list_comes_in_pages_or_is_known_to_be_short(server: Serving) -> None:
+    replies = {
+        path.replace("{split}", OPEN): operation["responses"].get("200", {}).get("content", {})
+        for name, operation in Description(server).operations()
+        for method, path in [name.split()]
+        if method == "GET"
+    }
+    lists = {
+        path
+        for path, content in replies.items()
+        if content.get("application/json", {}).get("schema", {}).get("type") == "array"
+    }
+    assert lists == {*LISTS, *WHOLE}
 
 
 @pytest.mark.parametrize("path", LISTS)

@@ -9,15 +9,17 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from threading import Lock
 from typing import Any
 
 import msgspec
 from sqlalchemy import Text, cast, exists, func, literal, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, load_only
 
 from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing
 from reverie_eval.server.service.boards import Board, without_version
+from reverie_eval.server.service.paging import Listed, Page, all_pages, list_page
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import PublishedReview, is_disqualified, reviews_of
 from reverie_eval.server.service.schedules import Schedules, Timetable
@@ -36,6 +38,14 @@ _SUBMITTED = literal("submitted", literal_execute=True)
 into the statements, so that databases recognise the index that has all other actions."""
 _NUMBERS = "last recorded"
 """Where a session that only reads keeps what :func:`_last_recorded` returns."""
+_WITHOUT_CONTENT = load_only(
+    StoredSnapshot.split,
+    StoredSnapshot.number,
+    StoredSnapshot.title,
+    StoredSnapshot.as_of,
+    raiseload=True,
+)
+"""The fields of a snapshot that lists show: its content is a whole leaderboard."""
 _LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
 """Standings of the entries that are sorted by a metric together."""
 
@@ -211,7 +221,7 @@ def _read_entries(
         apart,
         metrics,
         corrections=corrections_of(session, board),
-        snapshots=[] if board.further else list_snapshots(session, board.name),
+        snapshots=[] if board.further else _snapshots_of(session, board.name),
         held_until=min(held, default=None),
     )
 
@@ -225,12 +235,17 @@ def corrections_of(session: Session, board: Board) -> Sequence[CorrectionReport]
     return [CorrectionReport.model_validate(row) for row in latest]
 
 
-def list_snapshots(session: Session, split: str | None = None) -> Sequence[SnapshotEntry]:
+def list_snapshots(session: Session, page: Page, split: str | None = None) -> Listed[SnapshotEntry]:
     """List the snapshots of a split, or of all; the latest first."""
-    chosen = select(StoredSnapshot).order_by(StoredSnapshot.id.desc())
+    rows, key = select(StoredSnapshot).options(_WITHOUT_CONTENT), StoredSnapshot.id
     if split is not None:
-        chosen = chosen.where(StoredSnapshot.split == split)
-    return [SnapshotEntry.model_validate(row) for row in session.scalars(chosen)]
+        # Numbers rise like ids, and the index has them by split.
+        rows, key = rows.where(StoredSnapshot.split == split), StoredSnapshot.number
+    return list_page(session, rows, key, page, SnapshotEntry.model_validate, newest_first=True)
+
+
+def _snapshots_of(session: Session, split: str) -> Sequence[SnapshotEntry]:
+    return list(all_pages(partial(list_snapshots, session, split=split)))
 
 
 def _last_recorded(session: Session) -> tuple[int, int]:

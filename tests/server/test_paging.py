@@ -1,5 +1,6 @@
 """Lists come page by page; no page is too large, and all pages together are the list."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -238,6 +239,24 @@ def test_a_parameter_that_a_route_does_not_have_is_refused(
     reply = server.ask(ORGANISER, "GET", path)
     assert reply.status_code == 400
     assert told in reply.json()["problems"][0]["message"]
+
+
+def test_every_address_of_the_api_refuses_unknown_parameters(server: Serving) -> None:
+    of_monitors = {"GET /healthz", "GET /metrics"}
+    operations = {name for name, _ in Description(server).operations()} - of_monitors
+    assert len(operations) > 60
+    replies = {}
+    for name in {*operations, "GET /openapi.json"}:
+        method, path = re.sub(r"{\w+}", "1", name).split()
+        reply = server.ask(None, method, path, params={"zzz": "1"})
+        replies[name] = reply.status_code, [each["where"] for each in reply.json()["problems"]]
+    assert replies == dict.fromkeys(replies, (400, ["zzz"]))
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/metrics", "/"])
+def test_monitors_and_links_may_add_parameters(path: str, server: Serving) -> None:
+    reply = server.client.get(path)
+    assert server.client.get(f"{path}?zzz=1").status_code == reply.status_code
 
 
 def test_the_lists_of_commands_are_whole(full: Serving, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ operation can return, and that a cookie needs the CSRF token as well.
 from functools import cache
 from typing import Any
 
-from fastapi import FastAPI, Request
+from fastapi import Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
 
@@ -25,6 +25,7 @@ from reverie_eval.server.errors import (
 from reverie_eval.server.http.callers import CSRF_HEADER
 from reverie_eval.server.http.examples import example_of
 from reverie_eval.server.http.exchange import API
+from reverie_eval.server.http.paging import known_query
 
 Document = dict[str, Any]
 
@@ -98,10 +99,15 @@ def describe(app: FastAPI, path_prefix: str) -> None:
                 _illustrate(operation, models)
         return document
 
-    def show_description(_: Request) -> JSONResponse:
+    def show_description() -> JSONResponse:
         return JSONResponse(description())
 
-    app.add_route(f"{API}/openapi.json", show_description, include_in_schema=False)
+    app.add_api_route(
+        f"{API}/openapi.json",
+        show_description,
+        dependencies=[Depends(known_query)],
+        include_in_schema=False,
+    )
 
 
 def _complete(method: str, operation: Document) -> None:

@@ -1,5 +1,6 @@
 """Whether the server is well, and how it ends."""
 
+import asyncio
 import json
 import re
 import signal
@@ -10,7 +11,9 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http import health
+from reverie_eval.server.http.health import Health
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.database import Database
@@ -96,6 +99,26 @@ def test_health_is_looked_at_once_for_many_who_ask(
     monkeypatch.setattr(health, "time", SimpleNamespace(monotonic=lambda: 1000.0))
     assert [health_of(server) for _ in range(5)] == [WELL] * 5
     assert len(reads) == 3
+
+
+def test_who_asks_meanwhile_waits_for_the_same_result(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    examined = []
+
+    async def examine(checked: Health) -> HealthReport:
+        examined.append(checked)
+        await asyncio.sleep(0)  # now the others come
+        return HealthReport(status="ok")
+
+    async def ask_thrice() -> list[HealthReport]:
+        checked = Health(server.state)
+        return await asyncio.gather(*(checked.report() for _ in range(3)))
+
+    monkeypatch.setattr(Health, "_examine", examine)
+    first, second, third = asyncio.run(ask_thrice())
+    assert first is second is third
+    assert len(examined) == 1
 
 
 def test_health_is_looked_at_again_after_ten_seconds(

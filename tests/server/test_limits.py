@@ -298,12 +298,14 @@ def test_what_is_no_http_is_told_so(small: Small) -> None:
         assert reply_on(connection)[0] == 400
 
 
-def test_a_broken_form_is_not_quoted_in_the_log(small: Small) -> None:
+@pytest.mark.parametrize("path", ["/api/v1/splits/val_unseen/submissions?name=x", "/sign-in"])
+def test_a_broken_form_is_not_quoted_in_the_log(path: str, small: Small) -> None:
+    """Our parser reads a form with a file, the framework's all others."""
     body = b"1999999937 is in no part of the form"
     headers = (f"{FORM}; boundary=1999999937", f"Content-Length: {len(body)}")
     with small.connect() as connection:
-        connection.sendall(small.upload(*headers) + body)
-        assert reply_on(connection) == (400, "malformed-request")
+        connection.sendall(small.head(path, *headers) + body)
+        assert reply_on(connection)[0] == 400
     assert {line["logger"] for line in small.logged()} <= {
         "reverie_eval.server.requests",
         "reverie_eval.server.proxies",

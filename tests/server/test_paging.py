@@ -104,6 +104,18 @@ def test_every_list_comes_in_pages_or_is_known_to_be_short(server: Serving) -> N
     assert lists == {*LISTS, *WHOLE}
 
 
+def test_a_page_has_a_hundred_rows_and_at_most_a_thousand(server: Serving) -> None:
+    limits = [
+        parameter["schema"]
+        for _, operation in Description(server).operations()
+        for parameter in operation.get("parameters", ())
+        if parameter["name"] == "limit"
+    ]
+    bounds = {(each["minimum"], each["maximum"], each["default"]) for each in limits}
+    assert len(limits) == len(LISTS)
+    assert bounds == {(1, 1000, 100)}
+
+
 @pytest.mark.parametrize("path", LISTS)
 def test_all_pages_together_are_the_list(path: str, full: Serving) -> None:
     whole = full.ask(ORGANISER, "GET", path, params={"limit": LONGEST})

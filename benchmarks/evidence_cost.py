@@ -130,7 +130,9 @@ def request(state: ServerState) -> float:
         known = select(Fingerprint.sha256).where(Fingerprint.split == SPLIT).limit(AT_ONCE)
         session.execute(delete(Fingerprint).where(Fingerprint.sha256.in_(known)))
     before = time.process_time()
-    report = state.evidence.report(SPLIT)
+    with state.database.reading() as session:
+        report, read = state.evidence.report(session, SPLIT)
+    state.evidence.keep(SPLIT, read)
     if report.left:
         raise RuntimeError(f"{report.left} uploads were not read")
     return time.process_time() - before

@@ -81,8 +81,7 @@ BARE = """
 import orjson
 import uvicorn
 from fastapi import FastAPI, Request
-from reverie_eval.server.operations.listening import listen, url_of
-from reverie_eval.server.operations.run import configuration
+from reverie_eval.server.operations.run import configuration, listen, url_of
 app = FastAPI()
 @app.post("/")
 async def read(request: Request) -> int:
@@ -265,7 +264,10 @@ def running(program: str, *arguments: Path | int) -> Iterator[tuple[str, int]]:
     ) as process:
         assert process.stdout is not None  # noqa: S101  # it was asked for
         try:
-            yield process.stdout.readline().strip(), process.pid
+            url = process.stdout.readline().strip()
+            if not url:
+                raise RuntimeError("a server has ended before it began")
+            yield url, process.pid
         finally:
             process.terminate()
 

@@ -18,8 +18,9 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.integer[Any]]
 Array: TypeAlias = npt.NDArray[Any]
 
-LARGEST_OBJECT_ID = 2**31 - 1
-"""Bundles store object ids in 32 bits."""
+INT32_END = 2**31
+"""Bundles store whole numbers in 32 bits: this is the first that is too large."""
+LARGEST_OBJECT_ID = INT32_END - 1
 
 ROUNDING = 1e-9
 """Relative; numbers that differ by less are equal, because the order of summation may differ."""

@@ -1,4 +1,4 @@
-"""Files and folders that appear complete or not at all."""
+"""Files and folders that appear complete or not at all, and whether others may read them."""
 
 import os
 from collections.abc import Iterator
@@ -6,6 +6,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
+
+_OTHERS = 0o077
+"""The permissions of a file for its group and for others."""
+
+
+def is_private(path: Path) -> bool:
+    """Whether only the owner of a file may use it. Raises OSError if it cannot be examined."""
+    return not path.stat().st_mode & _OTHERS
 
 
 @contextmanager

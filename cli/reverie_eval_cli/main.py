@@ -119,7 +119,7 @@ def _reason(error: BaseException) -> str:
     match error:
         case OSError():
             where = "" if error.filename is None else f"{error.filename}: "
-            return f"{where}{error.strerror}"
+            return f"{where}{error.strerror or error}"
         case MemoryError():
             return "out of memory, which no submission should need"
         case KeyboardInterrupt():

@@ -72,7 +72,11 @@ class Folder:
 
     @contextmanager
     def revoking(self) -> Iterator["Transaction"]:
-        """Change something, and warn if no organiser can sign in any more."""
+        """Change something, and warn if no organiser can sign in any more.
+
+        Over HTTP this is refused. Here it is not, because this machine has what is needed to let an
+        organiser in again, and the last token may be one that was stolen.
+        """
         from reverie_eval.server.service.tokens import has_organiser
 
         with self.acting() as transaction:

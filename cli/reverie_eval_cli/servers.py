@@ -65,9 +65,13 @@ class ServerOptions:
         except RefusedError as error:
             if error.document.code != "not-signed-in":
                 raise
-            remedy = f"run `reverie-eval login --server {self.url}` to enter another"
             if os.environ.get(TOKEN_VARIABLE):
-                remedy = f"it came from {TOKEN_VARIABLE}: correct it, or unset it to use your login"
+                reason, _, _ = str(error).partition("; ")
+                raise ReverieEvalError(
+                    f"{TOKEN_VARIABLE} is not a valid token ({reason}); correct it, or unset it to "
+                    "use your login"
+                ) from None
+            remedy = f"run `reverie-eval login --server {self.url}` to enter another"
             raise ReverieEvalError(f"{error}; {remedy}") from None
 
 

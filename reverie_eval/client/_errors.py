@@ -4,7 +4,7 @@ ServiceError
     UnreachableError      no server replies, or the connection was dropped on every attempt
     NotAServerError       not an evaluation server, or one of an incompatible version
     RefusedError          the server refused the request and says why
-        QuotaSpentError   no submission is left; says when the quota resets
+        QuotaSpentError   no submissions are left; says when the quota resets
 
 A submission that the server rejects is a SubmissionError, as it is without a server.
 """
@@ -37,13 +37,9 @@ class RefusedError(ServiceError):
 
 
 class QuotaSpentError(RefusedError):
-    """No submission is left."""
+    """No submissions are left."""
 
     def __init__(self, document: ProblemDocument) -> None:
         instant = document.quota.next_at if document.quota else None
-        when = (
-            f"the next is possible at {earliest_time_text(instant)}"
-            if instant
-            else "ask the organiser"
-        )
-        super().__init__(document, f"no submission is left; {when}. Nothing was scored")
+        when = f"next possible at {earliest_time_text(instant)}" if instant else "ask the organiser"
+        super().__init__(document, f"no submissions left; {when}. Nothing was scored")

@@ -9,8 +9,7 @@ from platformdirs import user_config_path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from reverie_eval.errors import ReverieEvalError
-
-_GROUP_AND_OTHERS = 0o077
+from reverie_eval.files import is_private
 
 
 class LoginError(ReverieEvalError):
@@ -35,7 +34,7 @@ class Logins(BaseModel):
             content = path.read_bytes()
         except FileNotFoundError:
             return cls()
-        if os.name == "posix" and path.stat().st_mode & _GROUP_AND_OTHERS:
+        if os.name == "posix" and not is_private(path):
             raise LoginError(f"other users can read your tokens; run `chmod 600 {path}`")
         try:
             return cls.model_validate_json(content)

@@ -140,7 +140,7 @@ class Sender:
             return response
         failed = failure(response, self.server)
         if _is_temporary(response):
-            raise _TemporaryError(failed, _retry_after(response))
+            raise _TemporaryError(failed, retry_after_of(response))
         raise failed
 
     def _announce(self, attempt: Any) -> None:
@@ -170,7 +170,7 @@ def _pause(attempt: Any) -> float:
 
 def _is_temporary(response: httpx.Response) -> bool:
     """Whether the same request may succeed after a pause that is worth waiting for."""
-    if (_retry_after(response) or 0) > LONGEST_RETRY_AFTER:
+    if (retry_after_of(response) or 0) > LONGEST_RETRY_AFTER:
         return False
     if response.status_code == httpx.codes.TOO_MANY_REQUESTS:
         problem = problem_of(response)  # a spent quota has the same status but lasts longer
@@ -178,7 +178,8 @@ def _is_temporary(response: httpx.Response) -> bool:
     return response.status_code in _UNAVAILABLE
 
 
-def _retry_after(response: httpx.Response) -> float | None:
+def retry_after_of(response: httpx.Response) -> float | None:
+    """Return after how many seconds a server wants to be asked again; None if it does not say."""
     seconds = response.headers.get("retry-after", "")
     return float(seconds) if seconds.isdecimal() else None
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter
 
-from reverie_eval.arrays import LARGEST_OBJECT_ID
+from reverie_eval.arrays import INT32_END, LARGEST_OBJECT_ID
 from reverie_eval.tasks import Annotation
 
 FARTHEST = 1e6
@@ -85,7 +85,7 @@ class Viewpoint(_Published):
         return self.pose[3], self.pose[7], self.pose[11]
 
 
-_Number = Annotated[int, msgspec.Meta(ge=-(2**31), lt=2**31)]
+_Number = Annotated[int, msgspec.Meta(ge=-INT32_END, lt=INT32_END)]
 
 
 class ObjectRecord(msgspec.Struct, frozen=True):

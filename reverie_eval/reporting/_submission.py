@@ -1,18 +1,36 @@
 """What a server replies about a submission: its scores, status, quota and receipt."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from datetime import timedelta
+from types import MappingProxyType
 
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._table import MISSING, Table, cell_of, metric_cell, metric_cells
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import QuotaReport, Receipt, Snapshot, SubmissionReport
+from reverie_eval.schemas.service import (
+    WINDOWS,
+    QuotaReport,
+    Receipt,
+    Snapshot,
+    SubmissionReport,
+    WindowName,
+)
 from reverie_eval.scoring import task_of
 from reverie_eval.tasks import Task
-from reverie_eval.text import earliest_time_text, printable, time_text
+from reverie_eval.text import count_text, earliest_time_text, printable, time_text
 
-_LENGTHS = {"day": "24 hours", "month": "30 days", "year": "365 days"}
+_DAY = timedelta(days=1)
+WINDOW_LENGTHS: Mapping[WindowName, str] = MappingProxyType(
+    {
+        name: count_text(length // timedelta(hours=1), "hour")
+        if length <= _DAY
+        else count_text(length // _DAY, "day")
+        for name, length in WINDOWS.items()
+    }
+)
+"""The lengths of the windows of quotas in words: "24 hours"."""
 
 
 def headline_of(signature: str, scored: Collection[str]) -> Sequence[Metric]:
@@ -96,7 +114,7 @@ def quota_lines(quota: QuotaReport, split: str) -> Iterator[str]:
     yield f"submissions left on {split}: {quota.remaining}{when}"
     for window in quota.windows:
         reset = f"; one more at {earliest_time_text(window.resets_at)}" if window.resets_at else ""
-        yield f"  {window.remaining} of {window.limit} per {_LENGTHS[window.name]}{reset}"
+        yield f"  {window.remaining} of {window.limit} per {WINDOW_LENGTHS[window.name]}{reset}"
 
 
 def receipt_lines(receipt: Receipt) -> Iterator[str]:

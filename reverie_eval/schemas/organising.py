@@ -19,6 +19,7 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
+    LONGEST_ID,
     OMITTED,
     Email,
     Instant,
@@ -101,6 +102,11 @@ class PersonReport(WireModel):
     team: TeamName
     role: Role
     created_at: datetime
+
+    @property
+    def is_organiser(self) -> bool:
+        """Whether the person sees and manages everything."""
+        return self.role == "organiser"
 
 
 class NewToken(WireModel):
@@ -203,7 +209,7 @@ class AuditReport(WireModel):
 class NewReview(WireModel):
     """A public verdict on a submission."""
 
-    submission_id: SubmissionId = Field(max_length=32)
+    submission_id: SubmissionId = Field(max_length=LONGEST_ID)
     verdict: Verdict
     """Verified, flagged and disqualified replace each other; baseline is independent of them."""
     reason: Reason = Field(examples=["We ran the published code and got the same file."])

@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Mapping
-from datetime import date, datetime
-from typing import Annotated, Literal, Self
+from datetime import date, datetime, timedelta
+from types import MappingProxyType
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, model_validator
 
@@ -40,6 +41,13 @@ Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
 Standing = Literal["ranked", "reported", "other-dataset", "other-rules", "disqualified"]
 """Whether a row of a leaderboard is ranked, and if not, why."""
 WindowName = Literal["day", "month", "year"]
+SplitStatus = Literal["open", "paused", "not open yet", "closed"]
+"""Whether a split accepts submissions at a time. The status of its phases that comes first here
+counts."""
+WINDOWS: Mapping[WindowName, timedelta] = MappingProxyType(
+    {"day": timedelta(hours=24), "month": timedelta(days=30), "year": timedelta(days=365)}
+)
+"""The rolling windows of quotas."""
 
 BoardName = Annotated[str, Field(examples=["grounding"])]
 """A further leaderboard of a split; empty for its own one."""
@@ -225,6 +233,12 @@ class Phase(WireModel):
         has_begun = self.opens is None or self.opens <= now
         return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
 
+    def status(self, now: datetime, *, is_paused: bool) -> SplitStatus:
+        """Return whether submissions are accepted at this time, and if not, why not."""
+        if self.is_open(now):
+            return "paused" if is_paused else "open"
+        return "not open yet" if self.opens is not None and now < self.opens else "closed"
+
 
 def _some_phases(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
     if not phases:
@@ -248,6 +262,20 @@ class Schedule(WireModel):
     def is_open(self, now: datetime) -> bool:
         """Whether a phase is open at a time; the split may be paused nevertheless."""
         return any(phase.is_open(now) for phase in self.phases)
+
+    def is_paused_on(self, *, paused_server: bool) -> bool:
+        """Whether the split is paused, by itself or with all others of its server."""
+        return self.paused or paused_server
+
+    def status(self, now: datetime, *, paused_server: bool) -> SplitStatus:
+        """Return whether submissions are accepted at a time, and if not, why not."""
+        statuses = self.phase_statuses(now, paused_server=paused_server).values()
+        return min(statuses, key=get_args(SplitStatus).index)
+
+    def phase_statuses(self, now: datetime, *, paused_server: bool) -> Mapping[Phase, SplitStatus]:
+        """Return the status of every phase at a time."""
+        is_paused = self.is_paused_on(paused_server=paused_server)
+        return {phase: phase.status(now, is_paused=is_paused) for phase in self.phases}
 
     def opens_at(self, now: datetime) -> datetime | None:
         """Return when the next phase opens; None if there is none."""
@@ -318,7 +346,7 @@ class SplitReport(WireModel):
     release_scores: ReleaseScores = "at-once"
     """Phase-end: scores are held back until the end of the phase of the submission."""
     paused: bool = False
-    """Whether the organiser has paused submissions to this split."""
+    """Whether the organiser has paused submissions to this split, or to all."""
     one_per_team: bool = False
     """Whether publishing a submission takes the team's earlier one off the leaderboard."""
     also: dict[str, FurtherBoard] = Field(
@@ -431,7 +459,7 @@ class SubmissionReport(WireModel):
     shows_episodes: bool = False
     """Whether everyone may look at its episodes while it is published."""
     upload_deleted_at: datetime | None = None
-    """When the file was deleted, if the organiser keeps unpublished files only for some time."""
+    """When the file was deleted, if the server deletes unpublished files after a while."""
 
     @property
     def results(self) -> Mapping[str, BoardResult]:

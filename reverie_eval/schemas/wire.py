@@ -26,6 +26,9 @@ SERVER_VARIABLE = "REVERIE_EVAL_SERVER"
 TOKEN_VARIABLE = "REVERIE_EVAL_TOKEN"  # noqa: S105  # the name of a variable, not a token
 """The environment variable with the token for it."""
 LONGEST_NAME = 100
+LONGEST_EMAIL = 254
+LONGEST_SECRET = 200
+LONGEST_ID = 32
 LONGEST_LINE = 500
 LONGEST_LINK = 500
 LONGEST_TEXT = 2000
@@ -152,12 +155,16 @@ OMITTED = Field(json_schema_extra=_without_default)
 OmittedName = Annotated[Name, OMITTED]
 Email = Annotated[
     str,
-    Field(max_length=254, json_schema_extra={"format": "email"}, examples=["ada@example.org"]),
+    Field(
+        max_length=LONGEST_EMAIL,
+        json_schema_extra={"format": "email"},
+        examples=["ada@example.org"],
+    ),
     BeforeValidator(_line),
     AfterValidator(_email),
 ]
 Instant = Annotated[AwareDatetime, AfterValidator(_instant)]
-Secret = Annotated[str, Field(min_length=1, max_length=200)]
+Secret = Annotated[str, Field(min_length=1, max_length=LONGEST_SECRET)]
 
 # Fields of several messages, each with an example.
 PersonName = Annotated[str, Field(examples=["Ada"])]

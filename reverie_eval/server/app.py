@@ -7,11 +7,12 @@ from functools import partial
 from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from reverie_eval.server.http.exchange import API
+from reverie_eval.server.http.background import DAY, MINUTE, repeatedly
 from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
     HeadRequests,
+    OwnCookies,
     PathPrefix,
     RateLimits,
     SecurityHeaders,
@@ -20,7 +21,6 @@ from reverie_eval.server.http.middleware import (
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
-from reverie_eval.server.http.repeated import DAY, MINUTE, repeatedly
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
 from reverie_eval.server.http.workers import ALONE, Workers
@@ -34,6 +34,7 @@ from reverie_eval.server.routes import (
     splits,
     submissions,
 )
+from reverie_eval.server.service.transactions import SERVER
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -51,7 +52,7 @@ def create_app(
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         with (
-            repeatedly(partial(server.retention.tidy, "server"), DAY),
+            repeatedly(partial(server.retention.tidy, SERVER), DAY),
             repeatedly(partial(server.snapshots.take_if_due, server.transactions), MINUTE),
         ):
             yield
@@ -73,7 +74,7 @@ def create_app(
     app.state.is_copy = False
     app.state.runtime = RuntimeState.of(server, workers)
     for part in (access, joining, splits, submissions, organising):
-        app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
+        app.include_router(part.router, dependencies=[Depends(known_query)])
     app.include_router(operations.router)
     add_pages(app)
     add_error_handlers(app, fault_page)
@@ -101,6 +102,7 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
         kibibytes_per_second=limits.kibibytes_per_second,
     )
     app.add_middleware(RateLimits, per_minute=limits.requests_per_minute, counts=runtime.counts)
+    app.add_middleware(OwnCookies)
     app.add_middleware(RequestTelemetry, metrics=runtime.metrics)
     app.add_middleware(SecurityHeaders)
     if settings.trusted_proxies:

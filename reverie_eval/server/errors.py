@@ -27,7 +27,7 @@ RequestError
 TableError                a file that an organiser imports has problems; a MalformedError in replies
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from types import MappingProxyType
@@ -35,13 +35,25 @@ from typing import Any, ClassVar, Self
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.report import ProblemReport
-from reverie_eval.schemas.service import ProblemDocument, QuotaReport, QuotaWindow
-from reverie_eval.text import count_text
+from reverie_eval.schemas.service import WINDOWS, ProblemDocument, QuotaReport, QuotaWindow
+from reverie_eval.text import count_text, did_you_mean
 
 EXAMPLE_NOW = datetime(2027, 6, 1, 12, tzinfo=UTC)
 """The time in all examples."""
 _EXAMPLE_REQUEST = "5f0c1be2a97d4e36"
+_PHRASES: Mapping[HTTPStatus, str] = MappingProxyType(
+    {
+        HTTPStatus.REQUEST_ENTITY_TOO_LARGE: "Content Too Large",
+        HTTPStatus.UNPROCESSABLE_ENTITY: "Unprocessable Content",
+    }
+)
+"""Reasons as RFC 9110 has them; Python has older ones before version 3.13."""
 WRONG_FORM = "the request is invalid; see the list of problems"
+
+
+def phrase_of(status: HTTPStatus) -> str:
+    """Return the reason for a status, the same with every version of Python."""
+    return _PHRASES.get(status, status.phrase)
 
 
 class RequestError(ReverieEvalError):
@@ -72,7 +84,7 @@ class RequestError(ReverieEvalError):
     def document(self) -> ProblemDocument:
         """Return the problem document of the reply."""
         return ProblemDocument(
-            title=self.status.phrase,
+            title=phrase_of(self.status),
             status=self.status,
             detail=str(self),
             code=self.code,
@@ -122,7 +134,7 @@ class NotAllowedError(RequestError):
     status = HTTPStatus.FORBIDDEN
     code = "not-allowed"
     heading = "Not allowed"
-    example_arguments = ("only the organiser may do this",)
+    example_arguments = ("only organisers may do this",)
 
 
 class ForgedError(RequestError):
@@ -143,6 +155,11 @@ class NotFoundError(RequestError):
     code = "not-found"
     heading = "Not found"
     example_arguments = ("your team has no submission '5f2b0c9a4d7e1f36'",)
+
+
+def no_split(name: str, known: Iterable[str]) -> NotFoundError:
+    """Return the error for a split that the server does not have."""
+    return NotFoundError(f"there is no split {name!r} here{did_you_mean(name, known)}")
 
 
 class NotOpenError(RequestError):
@@ -193,12 +210,10 @@ class QuotaSpentError(RequestError):
             next_at=EXAMPLE_NOW + timedelta(days=1),
             seconds_to_next=24 * 60 * 60,
             windows=[
-                QuotaWindow(name=name, limit=limit, remaining=limit - 2, resets_at=resets_at)
-                for name, limit, resets_at in (
-                    ("day", 2, EXAMPLE_NOW + timedelta(days=1)),
-                    ("month", 10, EXAMPLE_NOW + timedelta(days=30)),
-                    ("year", 40, EXAMPLE_NOW + timedelta(days=365)),
+                QuotaWindow(
+                    name=name, limit=limit, remaining=limit - 2, resets_at=EXAMPLE_NOW + length
                 )
+                for (name, length), limit in zip(WINDOWS.items(), (2, 10, 40), strict=True)
             ],
         ),
     )
@@ -206,7 +221,7 @@ class QuotaSpentError(RequestError):
     def __init__(self, quota: QuotaReport) -> None:
         self.quota = quota
         super().__init__(
-            f"no submission is left; {_next(quota)}. Nothing was scored; checking is still free"
+            f"no submissions left; {_next(quota)}. Nothing was scored; checking is still free"
         )
 
 
@@ -214,7 +229,7 @@ def _next(quota: QuotaReport) -> str:
     if quota.next_at is None:
         return "the quota of this split is zero"
     whole = quota.next_at + timedelta(microseconds=999_999)  # rounded up, not down
-    return f"the next is possible from {whole.isoformat(timespec='seconds')}"
+    return f"next possible at {whole.isoformat(timespec='seconds')}"
 
 
 class BytesSpentError(RequestError):
@@ -232,7 +247,7 @@ class BytesSpentError(RequestError):
         later = "" if seconds is None else f", or try again in {seconds:,} seconds"
         super().__init__(
             f"your team may send {limit:,} MiB of submissions in 24 hours, unpacked, and has sent "
-            f"{used / (1 << 20):,.1f} MiB; this one has {size / (1 << 20):,.1f} MiB. Make it "
+            f"{used / (1 << 20):,.1f} MiB; this one is {size / (1 << 20):,.1f} MiB. Make it "
             f"smaller: {remedy}{later}. No submission was used"
         )
 
@@ -303,7 +318,7 @@ class WrongMethodError(RequestError):
     example_arguments = ()
 
     def __init__(self) -> None:
-        super().__init__("this address does not accept this method; see the Allow header")
+        super().__init__("this URL does not support that method; see the Allow header")
 
 
 class DatabaseDownError(RequestError):
@@ -335,7 +350,8 @@ class KeyReplacedError(RequestError):
     def __init__(self, ours: str, current: str) -> None:
         super().__init__(
             f"the signing key {ours} was replaced by {current} since this server started; nothing "
-            "was saved and no submission was used. Try again when the organiser has restarted it"
+            "was saved and no submission was used. Try again once the organiser has restarted the "
+            "server"
         )
 
 
@@ -366,8 +382,9 @@ class FaultError(RequestError):
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
         super().__init__(
-            "the server failed, not your file. Try again: no file is counted twice. If it fails "
-            f"again, send the organiser this request id: {request_id}"
+            "internal server error; your request was not at fault. It is safe to try again: no "
+            "file is counted twice. If it fails again, send the organiser this request id: "
+            f"{request_id}"
         )
 
 

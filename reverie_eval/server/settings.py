@@ -8,10 +8,11 @@ files or environment variables, never arguments.
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from types import UnionType
+from typing import Annotated, Any, Literal, Self, TypeAlias, get_args, get_origin
 from urllib.parse import urlsplit
 
 from pydantic import (
@@ -41,6 +42,7 @@ from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
+from reverie_eval.text import did_you_mean
 
 SETTINGS_FILE = "reverie-eval.toml"
 _PREFIX = "REVERIE_EVAL_"
@@ -423,7 +425,7 @@ class Settings(BaseSettings):
     """The key that signs receipts; ``server init`` creates it. Keep a copy elsewhere. Anyone can
     verify receipts with the public key that the server publishes."""
     accept_requests_to_join: bool = True
-    """Let anyone ask for an account at ``/join``; an organiser decides."""
+    """Let anyone request an account at ``/join``; an organiser decides."""
     splits: Annotated[dict[str, Split], Field(min_length=1)]
     required_metadata: tuple[Metadata, ...] = ()
     """What a submission must state about its method besides the name: ``description``, ``paper``,
@@ -450,7 +452,7 @@ class Settings(BaseSettings):
         """
         hidden = [key for key in content if key.startswith("_")]
         if hidden:  # pydantic would treat them as options of its own
-            raise SettingsError([_no_setting(key) for key in hidden])
+            raise SettingsError([_no_setting([key]) for key in hidden])
         settings = cls(**content)
         settings._folder = folder.resolve()
         if settings._folder.is_relative_to(settings.path(settings.uploads).resolve()):
@@ -580,16 +582,41 @@ def _problems(error: ValidationError) -> Iterator[Problem]:
     for detail in error.errors(include_url=False):
         key = ".".join(map(str, detail["loc"]))
         if detail["type"] == "extra_forbidden":
-            yield _no_setting(key)
+            yield _no_setting(detail["loc"])
             continue
         text = detail["msg"].removeprefix("Value error, ").replace("Input should", "must")
         message = text[0].lower() + text[1:]
         # The database's URL may contain a password, so it is not repeated.
         is_secret = key.rpartition(".")[2] in {"database", "password", "secret", "token"}
-        is_shown = isinstance(detail["input"], str | int | float) and not is_secret
-        found = f"got {detail['input']!r}; " if is_shown else ""
+        given = detail["input"]
+        is_repeated = isinstance(given, str) and repr(given) in message
+        is_shown = isinstance(given, str | int | float) and not (is_secret or is_repeated)
+        found = f"got {given!r}; " if is_shown else ""
         yield Problem("wrong-setting", key, found + message)
 
 
-def _no_setting(key: str) -> Problem:
-    return Problem("wrong-setting", key, "is not a setting; check its spelling")
+def _no_setting(place: Sequence[str | int]) -> Problem:
+    *parents, name = place
+    message = f"is not a setting{did_you_mean(name, _settings_in(parents))}"
+    return Problem("wrong-setting", ".".join(map(str, place)), message)
+
+
+def _settings_in(place: Iterable[str | int]) -> Iterable[str]:
+    """Return the names of the settings in a section: ``splits``, ``test``, ``quota``."""
+    kind: Any = Settings
+    for part in place:
+        fields = getattr(kind, "model_fields", None)
+        kind = _without_none(fields[part].annotation if fields else _entry_of(kind))
+    names: Iterable[str] = kind.model_fields
+    return names
+
+
+def _entry_of(kind: Any) -> Any:
+    """Return the type of the values of a dict, or of the entries of a tuple."""
+    arguments = get_args(kind)
+    return arguments[1] if get_origin(kind) is dict else arguments[0]
+
+
+def _without_none(kind: Any) -> Any:
+    """Return the section that ``Section | None`` allows."""
+    return get_args(kind)[0] if isinstance(kind, UnionType) else kind

@@ -118,10 +118,35 @@ class ServerState:
 
         Without a metric, it is ranked by its primary one.
         """
-        by = board.primary.key if metric is None else metric
-        ranking = leaderboard(session, self.entries, board, by, self.clock())
-        intervals = self.rank_intervals.compute(session, board, by, ranking.rows)
-        return replace(ranking, rank_intervals=intervals)
+        (ranking,) = self.rankings(session, [board], metric)
+        return ranking
+
+    def rankings(
+        self, session: Session, boards: Sequence[Board], metric: str | None = None
+    ) -> Sequence[Ranking]:
+        """Return leaderboards of several splits, all with the same name, as :meth:`ranking`.
+
+        This takes as many statements as reading the one that takes most.
+        """
+        now = self.clock()
+        self.entries.entries_of_all(session, boards, now)  # each is in the cache then
+        found = [
+            leaderboard(
+                session,
+                self.entries,
+                board,
+                board.primary.key if metric is None else metric,
+                now,
+            )
+            for board in boards
+        ]
+        intervals = self.rank_intervals.compute(
+            session, [(ranking.board, ranking.metric, ranking.rows) for ranking in found]
+        )
+        return [
+            replace(ranking, rank_intervals=of_ranking)
+            for ranking, of_ranking in zip(found, intervals, strict=True)
+        ]
 
 
 def signer_of(settings: Settings, database: Database) -> Signer:

@@ -57,7 +57,7 @@ _SENTENCES: Mapping[str, str] = {
     "model_type": _OBJECT,
     "model_attributes_type": _OBJECT,
     "list_type": "must be a list",
-    "json_invalid": "invalid JSON from this character on",
+    "json_invalid": "invalid JSON from here",
 }
 """By pydantic's error type; the braces take values from the error's context."""
 
@@ -69,6 +69,8 @@ def wrong_value(detail: Mapping[str, Any]) -> ProblemReport:
     """Return one of pydantic's errors as a problem, located by the name of the field."""
     loc = [str(part) for part in detail["loc"]]
     where = ".".join(loc[1:] if loc and loc[0] in _CARRIERS else loc)
+    if detail["type"] == "json_invalid":  # located by a bare number
+        where = f"character {where}"
     sentence = _SENTENCES.get(detail["type"])
     message = sentence.format_map(detail.get("ctx", {})) if sentence else str(detail["msg"])
     return _problem(where, message)
@@ -77,7 +79,7 @@ def wrong_value(detail: Mapping[str, Any]) -> ProblemReport:
 def unreadable_json(error: RecursionError | ValueError) -> ProblemReport:
     """Return why a body cannot be read as JSON, and from which byte on."""
     if isinstance(error, UnicodeDecodeError):
-        return _problem(str(error.start), "invalid UTF-8 from this byte on")
+        return _problem(f"byte {error.start}", "invalid UTF-8 from here")
     if isinstance(error, RecursionError):
         return _problem("", "nested too deeply")
     return _problem("", "contains a number with too many digits")

@@ -28,7 +28,7 @@ from reverie_eval.tasks._registry import (
     name_on_server,
     task_names,
 )
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks._task import Paper, Task
 
 __all__ = [
     "BUILT_IN",
@@ -42,6 +42,7 @@ __all__ = [
     "KnownProtocol",
     "KnownSplit",
     "Outline",
+    "Paper",
     "Path",
     "PathAnnotation",
     "Protocol",

@@ -11,6 +11,17 @@ from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.text import did_you_mean
 
 
+@dataclass(frozen=True, kw_only=True)
+class Paper:
+    """The paper to cite for a task."""
+
+    title: str
+    year: str
+    url: str
+    bibtex: str
+    """The entry as its publisher writes it, with a line break at the end."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
     """A benchmark: everything in which it differs from others."""
@@ -20,6 +31,8 @@ class Task:
     title: str
     """The name in its paper."""
     citation: str
+    paper: Paper | None = None
+    """The same in full; None if only the citation is known."""
     source: str
     """Where the annotations are published."""
     licence: str

@@ -9,7 +9,7 @@ from reverie_eval.arrays import LARGEST_OBJECT_ID
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
 from reverie_eval.tasks._annotation import PathAnnotation
 from reverie_eval.tasks._protocol import Protocol
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks._task import Paper, Task
 
 
 class ReverieAnnotation(PathAnnotation, frozen=True, kw_only=True):
@@ -93,12 +93,26 @@ _PROTOCOLS = (
     ),
 )
 
+_PAPER = Paper(
+    title="REVERIE: Remote Embodied Visual Referring Expression in Real Indoor Environments",
+    year="2020",
+    url="https://arxiv.org/abs/1904.10151",
+    bibtex=r"""@inproceedings{qi2020reverie,
+  author = {Qi, Yuankai and Wu, Qi and Anderson, Peter and Wang, Xin and Wang, William Yang and
+            Shen, Chunhua and van den Hengel, Anton},
+  title = {{REVERIE}: Remote Embodied Visual Referring Expression in Real Indoor Environments},
+  booktitle = {IEEE/CVF Conference on Computer Vision and Pattern Recognition (CVPR)},
+  year = {2020},
+  url = {https://arxiv.org/abs/1904.10151},
+}
+""",
+)
 
 TASK = Task(
     name="reverie",
     title="REVERIE",
-    citation="Qi et al., REVERIE: Remote Embodied Visual Referring Expression in Real Indoor "
-    "Environments, CVPR 2020",
+    citation=f"Qi et al., {_PAPER.title}, CVPR {_PAPER.year}",
+    paper=_PAPER,
     source="github.com/YuankaiQi/REVERIE",
     licence="Matterport3D terms of use",
     annotation=ReverieAnnotation,

@@ -42,7 +42,7 @@ def test_walks_are_kept_with_their_times_and_can_be_downloaded(
     assert {len(record["trajectory"]) for record in records} == {2}
     page.goto(f"/play/{OPEN}?n=3")
     expect(page.locator(".sampled")).to_contain_text("✓ walked")
-    expect(page.get_by_text("Leaderboards are for whole splits")).to_be_visible()
+    expect(page.get_by_text("A leaderboard needs the whole split")).to_be_visible()
     with page.expect_download() as waiting:
         page.get_by_role("button", name="List of episodes").click()
     waiting.value.save_as(tmp_path / "walks.txt")
@@ -64,7 +64,7 @@ def test_walks_through_all_episodes_can_be_submitted(own_site: Site, open_page: 
         [f"reverie-eval walks {OPEN}", walks],
     )
     page.reload()
-    expect(page.get_by_text("Leaderboards are for whole splits")).to_be_hidden()
+    expect(page.get_by_text("A leaderboard needs the whole split")).to_be_hidden()
     page.get_by_role("link", name="Submit your walks").click()
     expect(page.locator("#outcome")).to_contain_text("can be scored on val_unseen")
     expect(page.get_by_label("Human")).to_be_checked()

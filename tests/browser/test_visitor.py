@@ -49,7 +49,7 @@ def play(page: Page) -> None:
 
 def ask_for_an_account(page: Page) -> None:
     page.get_by_role("navigation", name="Main").get_by_role("link", name="Submit").click()
-    page.get_by_role("link", name="Ask for one").click()
+    page.get_by_role("link", name="Request one").click()
     page.get_by_label("Team", exact=True).fill("Passers-by")
     page.get_by_label("People", exact=True).fill("Dora, dora@example.org")
     page.get_by_label("Institution", exact=True).fill("University")

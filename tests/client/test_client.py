@@ -309,7 +309,7 @@ def test_a_spent_quota_says_when_it_is_not(real_server: RealServer) -> None:
     with somebody_at(real_server) as (client, _):
         for seed in (0, 1):
             client.submit("test", private_submission(seed), OURS)
-        with pytest.raises(QuotaSpentError, match=r"the next is possible at \d{4}-.* UTC") as spent:
+        with pytest.raises(QuotaSpentError, match=r"next possible at \d{4}-.* UTC") as spent:
             client.submit("test", private_submission(2), OURS)
         assert spent.value.document.quota is not None
         assert spent.value.document.quota.remaining == 0

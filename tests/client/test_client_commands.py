@@ -117,7 +117,10 @@ def test_the_environment_goes_before_the_login(
     assert outcome.status == 0
     assert "note: REVERIE_EVAL_TOKEN is set, and takes precedence over the login" in outcome.err
     monkeypatch.setenv("REVERIE_EVAL_TOKEN", "rv_none")
-    assert "it came from REVERIE_EVAL_TOKEN" in run(*SUBMIT).err
+    assert run(*SUBMIT).err == (
+        "reverie-eval: REVERIE_EVAL_TOKEN is not a valid token (unknown token); correct it, or "
+        "unset it to use your login\n"
+    )
     monkeypatch.delenv("REVERIE_EVAL_TOKEN")
     assert run(*SUBMIT).status == 0
 
@@ -298,7 +301,7 @@ def test_an_empty_board_and_one_that_is_none(run: Run) -> None:
     )
     outcome = run("leaderboard", "--split", "tset")
     assert (outcome.status, outcome.out) == (2, "")
-    assert "there is no split 'tset' here; there are: test, " in outcome.err
+    assert "there is no split 'tset' here; did you mean test? Choose one of: test, " in outcome.err
 
 
 # Verify.

@@ -49,8 +49,8 @@ def is_one_line(outcome: Outcome) -> bool:
     [
         pytest.param(
             problem("401 No", "not-signed-in", "this token has expired"),
-            "this token has expired; it came from REVERIE_EVAL_TOKEN: correct it, or unset it "
-            "to use your login",
+            "REVERIE_EVAL_TOKEN is not a valid token (this token has expired); correct it, or "
+            "unset it to use your login",
             id="token",
         ),
         pytest.param(
@@ -60,7 +60,7 @@ def is_one_line(outcome: Outcome) -> bool:
         ),
         pytest.param(
             problem("429 No", "quota-spent", "no"),
-            "no submission is left; ask the organiser. Nothing was scored",
+            "no submissions left; ask the organiser. Nothing was scored",
             id="quota",
         ),
         pytest.param(

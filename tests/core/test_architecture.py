@@ -35,3 +35,11 @@ def test_the_picture_shows_the_rooms_of_the_contract(name: str) -> None:
 def test_a_function_that_is_named_exists(name: str) -> None:
     full = name if name.startswith("reverie_eval") else f"reverie_eval.{name}"
     assert callable(pkgutil.resolve_name(full))
+
+
+def test_only_the_service_writes_into_the_audit_log() -> None:
+    """What other parts change goes through its functions, which record it."""
+    writing = re.compile(r"transaction\.record\(|audit_log\.append\(")
+    sources = [*(REPOSITORY / "reverie_eval").rglob("*.py"), *(REPOSITORY / "cli").rglob("*.py")]
+    rooms = {path.parent.name for path in sources if writing.search(path.read_text("utf-8"))}
+    assert rooms == {"service"}

@@ -1,10 +1,10 @@
-"""Folders that appear complete or not at all."""
+"""Folders that appear complete or not at all, and files that nobody else may read."""
 
 from pathlib import Path
 
 import pytest
 
-from reverie_eval.files import replacing_folder, staged_folder
+from reverie_eval.files import is_private, replacing_folder, staged_folder
 
 
 def test_a_new_folder_appears_at_once(tmp_path: Path) -> None:
@@ -77,3 +77,22 @@ def test_a_folder_is_kept_if_its_replacement_is_interrupted(tmp_path: Path) -> N
         _begin(staging)
     assert [path.name for path in (tmp_path / "place").iterdir()] == ["old"]
     assert [path.name for path in tmp_path.iterdir()] == ["place"]
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [
+        pytest.param(0o600, True, id="the owner may read and write it"),
+        pytest.param(0o700, True, id="and run it"),
+        pytest.param(0o640, False, id="its group may read it"),
+        pytest.param(0o604, False, id="everybody may read it"),
+        pytest.param(0o602, False, id="everybody may write it"),
+    ],
+)
+def test_a_file_is_private_if_only_its_owner_may_use_it(
+    mode: int, tmp_path: Path, *, expected: bool
+) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    file.chmod(mode)
+    assert is_private(file) is expected

@@ -275,8 +275,10 @@ def test_who_may_see_what(role: str, stocked: Stocked) -> None:
 
 @every_form
 def test_who_may_send_what(row: str, copied: Serving, stocked: Stocked) -> None:
+    before = len(copied.actors())
     found = {role: outcome(send(copied, row, who, stocked.parts)) for role, who in ROLES.items()}
     assert found == dict(zip(ROLES, ROWS[row], strict=True))
+    assert {actor.partition(":")[0] for actor in copied.actors()[before:]} <= {"person"}
 
 
 def test_every_page_has_its_row(stocked: Stocked) -> None:

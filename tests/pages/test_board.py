@@ -14,6 +14,7 @@ from reverie_eval import CATALOGUE
 from reverie_eval.schemas.service import Phase, Verdict
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import submission_of
+from reverie_eval.tasks.reverie import TASK as REVERIE
 from tests.support.acting import review
 from tests.support.entries import BOARD, HTML, entered, get, named, report_result, tables
 from tests.support.serving import (
@@ -175,7 +176,7 @@ def test_the_head_says_until_when_results_are_accepted(
     server = open_server(adjusted(settings_of(folder), OPEN, phases=(phase,)))
     assert 'open</span> until <time datetime="2026-06-01' in get(server).text
     server.clock.turn(days=200)
-    assert '<span class="badge bad">closed</span>' in get(server).text
+    assert '<span class="badge">closed</span>' in get(server).text
 
 
 def test_rows_of_one_s_own_team_are_marked(five: Serving) -> None:
@@ -235,7 +236,19 @@ def test_a_query_that_is_none_is_a_page_that_says_so(server: Serving, query: str
     ((field, said),) = tables(page)[0]
     assert query.startswith(f"?{field}=")
     assert not re.search("should|Input|Value error", said)
-    assert f'<a href="/boards/{OPEN}">To the whole {OPEN} leaderboard</a>' in page.text
+    assert f'<a href="/boards/{OPEN}">Back to the {OPEN} leaderboard</a>' in page.text
+
+
+def test_an_unknown_metric_suggests_only_metrics_of_the_leaderboard(server: Serving) -> None:
+    page = get(server, "?metric=rgspll&x=goal_progress", status=400)
+    near, other = (
+        f"{REVERIE.title} has no metric {key!r}; " for key in ("rgspll", "goal_progress")
+    )
+    known = ", ".join(REVERIE.metrics)
+    assert dict(tables(page)[0]) == {
+        "metric": f"{near}did you mean rgspl? Choose one of: {known}",
+        "x": f"{other}choose one of: {known}",
+    }
 
 
 def test_no_such_split(server: Serving) -> None:

@@ -259,7 +259,7 @@ def test_bibtex(server: Serving) -> None:
     assert board.splitlines() == [
         "@misc{reverie-val-unseen-2026-03-02,",
         "  author = {{REVERIE evaluation server}},",
-        r"  title = {{Leaderboard of val\_unseen}},",
+        r"  title = {{REVERIE val unseen leaderboard}},",
         "  year = {2026},",
         r"  howpublished = {\url{http://server/boards/val_unseen}},",
         f"  note = {{{signature}, as of 2026-03-02}},",

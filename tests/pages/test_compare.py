@@ -97,7 +97,7 @@ def test_two_ticks_lead_to_what_the_command_says_of_the_files(server: Serving) -
         for name in ("Good", "Mediocre")
     ]
     gained, lost = len(correct[0] - correct[1]), len(correct[1] - correct[0])
-    assert f"correct in {gained} episodes only for Good, and in {lost} only for" in said(page)
+    assert f"Only Good is correct in {gained} episodes, only Mediocre in {lost}." in said(page)
     counts = re.findall(r'<a href="(/episodes/[^"#]*)#list">(\d+)</a>', page.text)
     assert sum(int(count) for _, count in counts) == len(outcomes_of("Good"))
     link, count = counts[-1]

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -13,12 +14,13 @@ from starlette.datastructures import UploadFile
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.schemas.organising import NewSchedule
 from reverie_eval.schemas.service import Phase
+from reverie_eval.server.http.callers import Call
 from reverie_eval.server.http.health import Canary, UnhealthyError
 from reverie_eval.server.operations.keys import replace_lost_key
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import list_attempts
-from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.audit import entries, row_name
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named, team_named
 from reverie_eval.server.service.quotas import list_grants
@@ -356,6 +358,25 @@ def test_phases_are_looked_at_before_they_are_changed(desk: Visitor) -> None:
         assert outcome in told(desk, "/desk/phases", split=PRIVATE, what=what, **YES)
 
 
+@pytest.mark.parametrize("what", ["pause", "resume"])
+def test_phases_that_are_set_meanwhile_stay(
+    what: str, desk: Visitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, perform, paused = desk.server, Call.perform, what == "pause"
+    new = NewSchedule(phases=(Phase(name="late"),), release_scores="at-once", paused=not paused)
+
+    def perform_late(call: Call, *given: Any) -> Any:
+        with server.acting() as transaction:
+            server.state.schedules.set(transaction, PRIVATE, new)
+        return perform(call, *given)
+
+    monkeypatch.setattr(Call, "perform", perform_late)
+    told(desk, "/desk/phases", split=PRIVATE, what=what, **YES)
+    with server.state.database.reading() as session:
+        latest = server.state.schedules.of(session, PRIVATE).latest
+    assert ([phase.name for phase in latest.phases], latest.paused) == (["late"], paused)
+
+
 def test_it_is_said_that_scores_will_be_shown(desk: Visitor) -> None:
     server = desk.server
     with server.acting() as transaction:
@@ -584,5 +605,7 @@ def test_submissions_are_scored_again_at_the_desk(
     assert "All submissions were scored with the current ground truth" in page
     assert MARKUP in page, "its text, not its effect"
     assert "Earlier results" in said(signed_in(later, OWNER).get(f"/submissions/{name}"))
+    person = row_name(later.person(ORGANISER))
+    assert later.actors()[-2:] == [person, person], "the correction, and the new result"
     again = sending(desk, "/desk/corrections", split=OPEN, reason="again")
     assert (again.status_code, "were scored with the current" in said(again)) == (409, True)

@@ -95,7 +95,7 @@ def test_links_to_it_show_what_it_is(open_server: OpenServer, folder: Path) -> N
     server = open_server(settings_of(folder).model_copy(update={"public_address": address}))
     page = home(server)
     said = dict(re.findall(r'<meta (?:name|property)="([\w:]+)" content="([^"]*)">', page))
-    assert said["og:title"] == "Leaderboards of REVERIE"
+    assert said["og:title"] == "REVERIE leaderboards"
     assert said["og:url"] == f"{address}/"
     assert said["og:description"] == said["description"] != ""
     picture = server.client.get(said["og:image"].removeprefix(address))
@@ -115,7 +115,7 @@ def test_the_ways_in(open_server: OpenServer, folder: Path) -> None:
 @pytest.mark.parametrize(
     ("accepts", "way"),
     [
-        pytest.param(True, '<a href="/join">Ask for one</a>', id="by a request"),
+        pytest.param(True, '<a href="/join">Request one</a>', id="by a request"),
         pytest.param(False, 'can invite you: <a href="mailto:lab@example.org">', id="by e-mail"),
     ],
 )

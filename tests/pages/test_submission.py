@@ -119,7 +119,7 @@ def test_publishing_and_taking_back(owner: Visitor) -> None:
     events = [
         "received and scored",
         "published",
-        "taken off the leaderboard",
+        "unpublished",
         "published",
         "withdrawn",
         "restored",
@@ -334,7 +334,7 @@ def test_the_team_s_page(open_server: OpenServer, folder: Path) -> None:
     assert server.tokens[MATE][:11] in page
     assert server.tokens[MATE] not in page
     assert server.tokens[OWNER][:11] not in page
-    assert "valid (signed in with it)" in page
+    assert "valid (this session)" in page
     other = said(signed_in(server, OTHER).get("/team"))
     assert "No submissions yet." in other
     assert "walker" not in other
@@ -379,7 +379,7 @@ def test_a_new_result_says_where_it_would_be(server: Serving) -> None:
     assert 10 < own < 71.89
     visitor, path = signed_in(server, OWNER), f"/submissions/{submission['id']}"
     page = said(visitor.get(path))
-    assert "On the leaderboard, this would be 2nd of 3 by RGSPL; the best there has 71.89." in page
+    assert "On the leaderboard, this would be 2nd of 3 by RGSPL; the best result has 71.89." in page
     assert page.index("would be 2nd") < page.index("Publish") < page.index("Submissions left")
     visitor.send(path, {"published": "true"})
     assert "would be" not in said(visitor.get(path))

@@ -281,7 +281,7 @@ def test_a_spent_quota_says_when_the_next_is(open_server: OpenServer, folder: Pa
     page = said(reply)
     assert reply.status_code == 429
     assert "No submissions left: 0 of 1 per 24 hours, 9 of 10 per 30 days" in page
-    assert "The next is possible from 2026-03-03 12:00 UTC" in page
+    assert "Next possible at 2026-03-03 12:00 UTC" in page
     assert '<time datetime="2026-03-03T12:00:00+00:00">' in reply.text
     assert 'value="Kept name"' in reply.text
     assert owner.upload(second, "check", split=PRIVATE).status_code == 200

@@ -133,7 +133,7 @@ def test_reports_name_persons(database: Database) -> None:
 EVENTS: list[tuple[str, dict[str, Any], str, str]] = [
     ("submitted", {}, "received and scored", ""),
     ("changed", {"published": True}, "published", ""),
-    ("changed", {"published": False}, "taken off the leaderboard", ""),
+    ("changed", {"published": False}, "unpublished", ""),
     ("changed", {"withdrawn": True}, "withdrawn", ""),
     ("changed", {"withdrawn": False, "published": True}, "restored; published", ""),
     ("changed", {"shows_episodes": True}, "episodes shown to everyone", ""),
@@ -142,11 +142,29 @@ EVENTS: list[tuple[str, dict[str, Any], str, str]] = [
     ("changed", {"anonymous_until": None}, "team named", ""),
     ("changed", {"method": {"name": "x", "paper_url": ""}}, "edited: name, paper url", ""),
     ("changed", {"method": {}}, "changed", ""),
+    (
+        "changed",
+        {"before": {"published": False}, "after": {"published": True}},
+        "published",
+        "",
+    ),
+    (
+        "changed",
+        {
+            "before": {"withdrawn": True, "anonymous_until": "2026-06-01T00:00:00Z"},
+            "after": {"withdrawn": False, "anonymous_until": None},
+        },
+        "restored; team named",
+        "",
+    ),
     ("verified", {"published": True, "reason": "we ran it"}, "verified", "we ran it"),
     ("review lifted", {"verdict": "baseline"}, "no longer baseline", ""),
     ("review lifted", {}, "no longer reviewed", ""),
 ]
-"""Action, details, and what the history of a submission says of it, and why."""
+"""Action, details, and what the history of a submission says of it, and why.
+
+Version 0.1.0 recorded the new values of a change alone.
+"""
 
 
 def test_the_history_of_a_submission_words_every_action(database: Database) -> None:

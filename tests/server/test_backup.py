@@ -10,8 +10,9 @@ import pytest
 
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.operations.folder import DatabaseTakenError
 from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.settings import SettingsError, load_settings
+from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.dump import dump
 from reverie_eval.server.store.uploads import open_uploads
 from tests.support.acting import add_team
@@ -140,7 +141,7 @@ def test_a_database_that_is_in_use_is_left_alone(
     archive: Path, database: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("REVERIE_EVAL_DATABASE", database)
-    with pytest.raises(SettingsError, match="database: is not empty"):
+    with pytest.raises(DatabaseTakenError, match="database: is not empty"):
         restore_backup(archive, tmp_path / "there")
     assert not (tmp_path / "there").exists()
 

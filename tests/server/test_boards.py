@@ -73,7 +73,14 @@ def test_a_board_that_is_not_there(several: Board) -> None:
     assert board_named(boards, OPEN) is several
     assert board_named(boards, OPEN, STRICT) is several.also[STRICT]
     for split, further, told in (
-        ("none", "", "there is no split 'none' here; there are: val_unseen, r2r-val_unseen"),
+        (
+            "r2r-val_unsen",
+            "",
+            (
+                "there is no split 'r2r-val_unsen' here; did you mean r2r-val_unseen? "
+                "Choose one of: val_unseen, r2r-val_unseen"
+            ),
+        ),
         (
             OPEN,
             "none",

@@ -123,7 +123,7 @@ def test_a_damaged_upload_is_named_and_no_file_is_written(
     file = folder.parent / "all.tar"
     outcome = run("server", "download", str(folder), OPEN, "-o", str(file))
     assert outcome.status == 2
-    assert f"the upload {sha256} is damaged" in outcome.err
+    assert f"the upload {sha256} is not the file that was uploaded" in outcome.err
     assert list(folder.parent.glob("*.tar*")) == []
 
 
@@ -232,6 +232,6 @@ def test_an_upload_of_another_length_is_cut_and_named(server: Serving, folder: P
     with pytest.raises(UploadsError) as damaged:
         lengths.extend(map(len, made.pieces()))
     assert str(damaged.value) == (
-        f"the upload {digest} is damaged; run `reverie-eval server doctor`"
+        f"the upload {digest} is not the file that was uploaded; run `reverie-eval server doctor`"
     )
     assert sum(lengths) <= made.length

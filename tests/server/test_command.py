@@ -118,7 +118,10 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path, run: Run) -
 
 def test_a_server_is_not_made_twice(lab: str, run: Run) -> None:
     before = (Path(lab) / "signing-key.pem").read_bytes()
-    assert "already contains a server" in run("server", "init", lab).err
+    assert run("server", "init", lab).err == (
+        "reverie-eval: folder rejected, 1 problem\n"
+        f"{lab}: already contains a server; choose a new or an empty folder\n"
+    )
     assert (Path(lab) / "signing-key.pem").read_bytes() == before
 
 

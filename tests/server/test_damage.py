@@ -17,7 +17,16 @@ from reverie_eval.server.http import health
 from reverie_eval.server.store.database import Database
 from tests.conftest import unavailable
 from tests.support.processes import COMMAND, Laptop
-from tests.support.serving import OWNER, OpenServer, Serving, settings_of
+from tests.support.serving import (
+    GOOD,
+    NO_TLS,
+    OWNER,
+    OpenServer,
+    Serving,
+    running,
+    settings_of,
+)
+from tests.support.waiting import PATIENCE
 
 UPLOADS_WRITE = ("submission", "audit", "attempt", "one_per_file", "ix_attempt_at")
 
@@ -62,6 +71,15 @@ def test_a_damaged_file_is_found_by_a_check(
     assert "fault" in fault
     assert "damaged" in fault
     assert "restore the last backup" in fault
+
+
+@pytest.mark.parametrize("words", ["backup -o b.tar.gz", "team list", "upgrade"])
+def test_every_command_says_the_same_of_a_damaged_file(
+    words: str, folder: Path, laptop: Laptop
+) -> None:
+    spoil_header(folder)
+    told = laptop.run("server", *words.split(), folder, status=1).err
+    assert "the file is damaged (file is not a database); restore the last backup to" in told
 
 
 def test_a_server_does_not_start_with_a_damaged_file(folder: Path, laptop: Laptop) -> None:
@@ -167,8 +185,30 @@ def test_on_a_full_disk_the_doctor_checks_what_is_kept_and_says_what_to_do(
         check=False,
     )
     lines = [" ".join(line.split()) for line in examined.stdout.splitlines()]
-    assert "uploads fault uploads: No space left on device; free some space" in lines
+    place = tmp_path / "full" / "server" / "uploads"
+    assert f"uploads fault {place}: No space left on device; free some space" in lines
     assert "uploads ok 1 of 1 upload intact" in lines
     assert "receipts ok 1 receipt verified" in lines
     assert any(line.startswith("disk fault 0.0 GiB free; free some space") for line in lines)
     assert any(line.startswith("database ok") for line in lines)
+
+
+def test_an_upload_that_is_cut_off_is_not_sent_as_a_whole(
+    folder: Path, open_server: OpenServer
+) -> None:
+    server = open_server(settings_of(folder))
+    submission_id = server.upload(OWNER).json()["submission"]["id"]
+    (upload,) = (folder / "uploads").rglob("*.json.gz")
+    with running(folder) as (_, url):
+
+        def download() -> httpx.Response:
+            headers = {"Authorization": f"Bearer {server.tokens[OWNER]}"}
+            path = f"/api/v1/submissions/{submission_id}/file"
+            return httpx.get(f"{url}{path}", headers=headers, timeout=PATIENCE, verify=NO_TLS)
+
+        assert download().content == GOOD
+        upload.write_bytes(upload.read_bytes()[:-20])
+        with pytest.raises(httpx.RemoteProtocolError):
+            download()
+        upload.unlink()
+        assert download().status_code == 500

@@ -173,7 +173,7 @@ DAMAGES = [
             f" WHERE {FIRST}"
         ),
         "reports",
-        "its signature names another ground truth",
+        "its signature names a different ground truth",
         id="fingerprint",
     ),
     pytest.param(
@@ -434,7 +434,7 @@ def test_a_split_that_was_removed_is_no_fault(kept: Path, run: Run) -> None:
     settings.write_text(only_seen)
     outcome = run("server", "doctor", str(kept))
     assert outcome.status == 0
-    assert "1 submission to val_unseen, which the settings do not name" in outcome.out
+    assert "1 submission to val_unseen, which is not a split in the settings" in outcome.out
 
 
 def test_little_space_is_a_fault(kept: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -91,6 +91,16 @@ def test_a_withdrawn_file_that_comes_again_is_answered_and_stays_withdrawn(
     assert office.submissions()[0]["status"] == "withdrawn"
 
 
+def test_publishing_names_an_upload_that_is_damaged(office: Office, mailed: Path) -> None:
+    office.submit(mailed / "first.json")
+    (upload,) = (office.folder / "uploads").rglob("*.json.gz")
+    upload.write_bytes(upload.read_bytes()[:-20])
+    told = office.submit(mailed / "first.json", "--publish").err
+    sha256 = upload.name.partition(".")[0]
+    assert f"the upload {sha256} cannot be read" in told
+    assert "run `reverie-eval server doctor`" in told
+
+
 def test_each_file_is_scored_and_answered(office: Office, mailed: Path) -> None:
     outcome = office.submit(mailed, "--publish")
     assert outcome.status == 1, "one was refused"
@@ -99,14 +109,14 @@ def test_each_file_is_scored_and_answered(office: Office, mailed: Path) -> None:
     first, second, third = replies
     assert f"Your file first.json, received 2026-03-02 12:00:00 UTC, was scored on {OPEN}." in first
     assert "RGSPL" in first
-    assert "submissions left on val_unseen: 199" in first
+    assert "submissions left on val_unseen: " in first
     assert "The signed receipt is attached." in first
     assert outcome.err.splitlines() == [
         f"note: attach {mailed / name}.receipt.json" for name in ("first.json", "third.json")
     ]
     assert "was not scored, and no submission was used" in second
     assert "[1]" in second
-    assert "submissions left on val_unseen: 198" in third
+    assert "submissions left on val_unseen: " in third
     found = office.submissions()
     assert {(each["team"], each["person"], each["status"]) for each in found} == {
         (TEAM, OWNER, "published")
@@ -232,6 +242,23 @@ def test_the_letter_about_a_scored_file(several: Serving) -> None:
     again = emailed(several, GOOD)
     assert (again.is_repeat, again.submission) == (True, submission)
     assert "\nthis file was already scored; no submission was used\npublished\n" in again.reply
+
+
+def test_the_letter_says_what_is_left_today_and_the_receipt_what_was_left_then(
+    server: Serving,
+) -> None:
+    server.upload(OWNER, server.distinct(PRIVATE), PRIVATE)
+    server.clock.turn(days=3)
+    report = emailed(server, server.distinct(PRIVATE), split=PRIVATE)
+    receipt = report.submission.receipt
+    assert (
+        "submissions left on test: 2\n"
+        "  2 of 2 per 24 hours\n"
+        "  8 of 10 per 30 days; one more at 2026-04-01 12:00:00 UTC\n"
+    ) in report.reply
+    assert report.quota.remaining == 2
+    assert (receipt.received_at, receipt.quota.remaining) == (NOON, 0)
+    assert (receipt.quota.next_at or NOON) - NOON == timedelta(days=1)
 
 
 def test_the_letter_about_a_file_with_mistakes(server: Serving) -> None:

@@ -369,7 +369,7 @@ def test_a_fault_of_ours_fails_without_telling_secrets(
     assert submission.ends == ["failed"]
     assert submission.stderr.startswith("the evaluation failed, but not because of the file")
     logged = [JsonLines().format(record) for record in caplog.records]
-    assert any("a submission could not be scored" in line for line in logged)
+    assert any("submission could not be scored" in line for line in logged)
     assert "1999999937" not in submission.stderr + "".join(logged)
 
 
@@ -495,7 +495,7 @@ def test_sigterm_lets_a_submission_end(lab: Path, evalai: EvalAI, tmp_path: Path
     announced, *lines = log.read_text().splitlines()
     assert announced.startswith(f"scoring submissions to challenge {CHALLENGE} at http://127.0")
     (line,) = map(json.loads, lines)
-    assert (line["event"], line["submission"]) == ("a submission has ended", first.number)
+    assert (line["event"], line["submission"]) == ("submission finished", first.number)
     assert TOKEN not in log.read_text()
 
 

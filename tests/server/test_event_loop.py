@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import httpx
 import pytest
+from starlette import requests
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 
@@ -194,3 +195,23 @@ def test_no_byte_of_a_form_costs_more_than_another(filling: bytes) -> None:
     size = 2 << 20
     plain = calls_to_parse(b"x" * size)
     assert calls_to_parse(filling * (size // len(filling))) < 3 * plain
+
+
+def test_cookies_that_are_not_ours_are_not_parsed(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python may need seconds for a quoted one, in a time that grows with its length squared."""
+    own = server.client.post("/sign-in", data={"token": server.tokens[OWNER]}).cookies[COOKIE]
+    server.client.cookies.clear()
+    parse, parsed = requests.cookie_parser, set[str]()
+
+    def listening(header: str) -> dict[str, str]:
+        parsed.add(header)
+        return parse(header)
+
+    monkeypatch.setattr(requests, "cookie_parser", listening)
+    hostile = '"' + 60_000 * "\\" + '"'
+    for cookies in (f"a={hostile}; {COOKIE}={own}", f"{COOKIE}={own};{COOKIE}={hostile}"):
+        reply = server.client.get("/team", headers={"Cookie": cookies})
+        assert reply.status_code == 200
+    assert parsed == {f"{COOKIE}={own}"}

@@ -220,7 +220,7 @@ def test_the_secret_half_follows_from_the_server_s_key(server: Serving) -> None:
     rgs = evaluate(GOOD, split=OPEN, ground_truth=truth).episodes["rgs"]
     for signer in (state.signer, at_the_border):
         service = EvidenceService(state.boards, state.database, state.uploads, signer)
-        (team,) = service.report(OPEN).teams
+        (team,) = service.report_on_all(OPEN).teams
         is_open = first_bytes(signer, truth) < 128
         expected = rgs[is_open].mean() - rgs[~is_open].mean()
         assert team.gap is not None
@@ -246,7 +246,7 @@ def test_there_is_no_gap_if_all_targets_are_in_the_same_half(
             if set((first_bytes(signer, truth) < 128).tolist()) == {is_open}
         )
         service = EvidenceService(state.boards, state.database, state.uploads, signer)
-        assert service.report(OPEN).teams[0].gap is None
+        assert service.report_on_all(OPEN).teams[0].gap is None
 
 
 def test_the_gap_of_boxes_is_in_success(server: Serving) -> None:
@@ -271,11 +271,22 @@ def test_uploads_are_read_some_at_a_time_and_only_once(
 ) -> None:
     for _ in range(3):
         sent(server, OWNER, server.distinct())
-    service = server.state.evidence
-    assert service.report(OPEN, most=2).left == 1
-    assert service.report(OPEN, most=2).left == 0
+    monkeypatch.setattr("reverie_eval.server.service.evidence.AT_ONCE", 2)
+    first, second = shown(server), shown(server)
+    assert (first["left"], first["teams"][0]["submissions"]) == (1, 2)
+    assert (second["left"], second["teams"][0]["submissions"]) == (0, 3)
     monkeypatch.setattr(Fingerprint, "of", lambda *_: pytest.fail("read again"))
-    assert service.report(OPEN).teams[0].submissions == 3
+    assert shown(server) == second
+
+
+def test_the_command_reads_all_uploads_some_at_a_time(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for _ in range(5):
+        sent(server, OWNER, server.distinct())
+    monkeypatch.setattr("reverie_eval.server.service.evidence.AT_ONCE", 2)
+    report = json.loads(run("server", "evidence", str(folder), OPEN, "--format", "json").out)
+    assert (report["left"], report["teams"][0]["submissions"]) == (0, 5)
 
 
 def test_an_upload_that_cannot_be_read_is_left_out_with_the_reason(
@@ -316,7 +327,7 @@ def test_a_backup_has_no_fingerprints_and_needs_none(
     with database.reading() as session:
         assert session.query(Row).count() == 0
     state = server.state
-    again = EvidenceService(state.boards, database, state.uploads, state.signer).report(OPEN)
+    again = EvidenceService(state.boards, database, state.uploads, state.signer).report_on_all(OPEN)
     assert again.model_dump(mode="json") == before
     database.close()
 

@@ -6,15 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from reverie_eval import evaluate
 from reverie_eval.server.service.boards import Board, load_board
 from reverie_eval.server.service.fingerprints import Fingerprint, Fingerprints, Walks
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Fingerprint as Row
+from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
 from tests.support.flat import TUB, WALKS, write_submission
-from tests.support.serving import BROKEN, GOOD, OPEN, OWNER, PRIVATE, Serving
+from tests.support.serving import BROKEN, GOOD, OPEN, OTHER, OWNER, PRIVATE, Serving
 from tests.support.worlds import SPLIT
 
 DRAWN = (SAMPLES / "drawn.json").read_bytes()
@@ -144,36 +146,61 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
             return [*service.missing(session, asked)]
 
     assert missing() == [drawn, good]
-    assert service.compute(good) == ""
-    assert missing() == [drawn]
-    assert service.compute(drawn) == ""
-    assert missing() == []
+    for sha256, left in ((good, [drawn]), (drawn, [])):
+        read = service.read([sha256, "0" * 64], 1)
+        assert ([*read.contents], read.unreadable) == ([sha256], {})
+        service.store(read.contents)
+        assert missing() == left
     with state.database.reading() as session:
         loaded = service.load(session, asked)
         stored = session.get_one(Row, (OPEN, good))
         assert (stored.split, stored.sha256, stored.basis) == (OPEN, good, service.basis)
-    for each, content in zip(loaded, (DRAWN, GOOD, DRAWN), strict=True):
-        assert np.array_equal(each.episodes, Fingerprint.of(board, content).episodes)
+    for sha256, content in ((drawn, DRAWN), (good, GOOD)):
+        assert np.array_equal(loaded[sha256].episodes, Fingerprint.of(board, content).episodes)
     private = Fingerprints(state.boards[PRIVATE], state.database, state.uploads)
     assert missing(private) == [drawn, good]
     with state.database.writing() as session:
         session.get_one(Row, (OPEN, good)).basis = "another"
         session.add(Row(split=PRIVATE, sha256=good, basis=service.basis, content=b"another's"))
     assert missing() == [good]
-    assert service.compute(good) == ""
+    with state.database.reading() as before:
+        assert service.missing(before, asked) == [good]
+        contents = service.read([good], 1).contents
+        service.store(contents)
+        (seen,) = service.load(before, [good], contents).values()
     with state.database.reading() as session:
-        (again,) = service.load(session, [good])
-    assert np.array_equal(again.episodes, Fingerprint.of(board, GOOD).episodes)
+        (again,) = service.load(session, [good]).values()
+    for each in (seen, again):
+        assert np.array_equal(each.episodes, Fingerprint.of(board, GOOD).episodes)
+
+
+def test_submissions_come_with_the_fingerprints_of_their_uploads(server: Serving) -> None:
+    state = server.state
+    service = Fingerprints(state.boards[OPEN], state.database, state.uploads)
+    good, drawn, unread = (
+        server.upload(OWNER, content).json()["submission"]["sha256"]
+        for content in (GOOD, DRAWN, GOOD + b" ")
+    )
+    again = server.upload(OTHER, DRAWN).json()["submission"]["sha256"]
+    service.store(service.read([good], 1).contents)
+    chosen = select(Submission.id, Submission.sha256).order_by(Submission.team_id, Submission.size)
+    with state.database.reading() as session:
+        read = service.read([drawn], 1).contents
+        found = [(sha256, each) for (_, sha256), each in service.of_each(session, chosen, read)]
+    assert len(GOOD) < len(DRAWN)
+    assert [sha256 for sha256, _ in found] == [good, drawn, again]
+    assert unread not in dict(found)
 
 
 def test_what_has_no_fingerprint_says_why(server: Serving) -> None:
     state, board = server.state, server.state.boards[OPEN]
     service = Fingerprints(board, state.database, state.uploads)
-    told = "its upload is missing; run `reverie-eval server doctor`"
-    assert service.compute("0" * 64) == told
+    told = f"the upload {'0' * 64} is missing; run `reverie-eval server doctor`"
     state.uploads.put("1" * 64, BROKEN)
-    assert service.compute("1" * 64) == (
-        "rejected: file: episode 1308_18_1 has no prediction; every episode of val_unseen needs one"
-    )
+    assert service.read(["0" * 64, "1" * 64], 2).unreadable == {
+        "0" * 64: told,
+        "1" * 64: "rejected: file: episode 1308_18_1 has no prediction; every episode of "
+        "val_unseen needs one",
+    }
     with state.database.reading() as session:
         assert session.query(Row).count() == 0

@@ -66,7 +66,7 @@ def test_forms_that_are_written_differently(sent: bytes) -> None:
     [
         pytest.param(b"", "does not begin with its boundary", id="nothing"),
         pytest.param(b"[]", "does not begin with its boundary", id="no form"),
-        pytest.param(body((FILE, b"[]"))[:-30], "its end is missing", id="half of it"),
+        pytest.param(body((FILE, b"[]"))[:-30], "the closing boundary is missing", id="half of it"),
         pytest.param(
             body((FILE, f"\r\n--{BOUNDARY}X".encode())),
             "begins with the form's boundary",

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy.orm import Session
 
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
@@ -14,7 +15,7 @@ from reverie_eval.server.operations.checks import acting, check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.export import export
 from reverie_eval.server.service.audit import mismatches
-from reverie_eval.server.service.boards import load_boards
+from reverie_eval.server.service.boards import Board, load_boards
 from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.results import results_of, store_result
 from reverie_eval.server.settings import SETTINGS_FILE, SettingsError, load_settings
@@ -222,7 +223,7 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(
 ) -> None:
     notes = [each.what for each in check_folder(folder) if each.kind == "note"]
     assert [
-        f"on its further leaderboard {name}" in each
+        f"no result on {name} under the current ground truth" in each
         for name, each in zip((GROUNDING, STRICT), notes, strict=True)
     ] == [True, True]
     before = board(added)
@@ -245,16 +246,21 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(
     assert [each.what for each in examine(folder) if each.kind == "fault"] == []
 
 
+def outdated_on(session: Session, own: Board) -> list[int]:
+    counts = count_outdated(session, own.all)
+    return [counts[each.path] for each in own.all]
+
+
 def test_both_kinds_of_database_find_what_is_missing(
     server_on: Serving, folder: Path, open_server: OpenServer
 ) -> None:
     added = grown(server_on, folder, open_server)
     own = added.state.board(OPEN)
     with added.state.database.reading() as session:
-        assert [count_outdated(session, each) for each in own.all] == [0, 2, 2]
+        assert outdated_on(session, own) == [0, 2, 2]
     rescored(added)
     with added.state.database.reading() as session:
-        assert [count_outdated(session, each) for each in own.all] == [0, 0, 0]
+        assert outdated_on(session, own) == [0, 0, 0]
     assert [row["rank"] for row in board(added, STRICT)["rows"]] == [1, 2]
 
 

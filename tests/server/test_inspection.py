@@ -91,7 +91,7 @@ def test_a_file_is_its_owner_s_alone(server: Serving, folder: Path, run: Run) ->
     ("damage", "told"),
     [
         pytest.param("none", "there is no submission 'none'", id="no such submission"),
-        pytest.param("upload", "its upload is missing; run", id="missing upload"),
+        pytest.param("upload", "is missing; run", id="missing upload"),
         pytest.param("truth", "server rescore", id="other ground truth"),
         pytest.param("report", "does not give the stored scores", id="other scores"),
     ],

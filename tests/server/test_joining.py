@@ -20,7 +20,7 @@ from sqlalchemy import select
 
 from reverie_eval.schemas.joining import Rejection
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.http.runtime import Joining
+from reverie_eval.server.http.runtime import JoinLimit
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service import joining
 from reverie_eval.server.settings import Channel
@@ -149,7 +149,7 @@ def test_an_address_sends_only_so_many_in_a_day(open_server: OpenServer, folder:
 
 def test_addresses_are_counted_by_their_digests() -> None:
     counts = MemoryStorage()
-    Joining(counts, b"key").count({"client": ("192.0.2.7", 1)})
+    JoinLimit(counts, b"key").count({"client": ("192.0.2.7", 1)})
     assert "LIMITER/join/" in str(counts.storage)
     assert "192.0.2.7" not in str(counts.storage)
 
@@ -237,9 +237,9 @@ def test_a_server_may_accept_no_requests(open_server: OpenServer, folder: Path) 
     settings = settings_of(folder).model_copy(update={"accept_requests_to_join": False})
     server = open_server(settings)
     refused = ask(server)
-    told = "this server accepts no requests to join; write to the organiser"
+    told = "this server does not accept requests to join; write to the organiser"
     assert (refused.status_code, refused.json()["detail"]) == (403, told)
-    assert "accepts no requests" in said(server.client.get("/join"))
+    assert "does not accept requests" in said(server.client.get("/join"))
     assert "/join" not in server.client.get("/sign-in").text
 
 
@@ -260,7 +260,7 @@ def test_the_form_and_the_desk(server: Serving) -> None:
     assert "<b> new team Dora, dora@example.org Emil, of Adelaide, emil@example.org" in words
     shown = desk.send("/desk/requests", {"request": "1", "what": "accept"})
     assert (shown.status_code, shown.text.count('id="secret-')) == (200, 2)
-    assert "No request is open." in said(desk.get("/desk/requests"))
+    assert "No open requests." in said(desk.get("/desk/requests"))
     assert "to join" not in said(desk.get("/desk"))
 
 

@@ -27,7 +27,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
 from reverie_eval.server.app import create_app
-from reverie_eval.server.http import middleware, patience
+from reverie_eval.server.http import middleware, timeouts
 from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.http.middleware import BodyLimits
 from reverie_eval.server.operations import run
@@ -439,7 +439,7 @@ class Impatient:
 
 @pytest.fixture
 def of_headers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", 0.3)
+    monkeypatch.setattr(timeouts, "SECONDS_FOR_HEADERS", 0.3)
 
 
 @pytest.fixture
@@ -449,8 +449,8 @@ def of_slow_senders(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def of_readers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", PATIENCE)
-    monkeypatch.setattr(patience, "SECONDS_FOR_REPLY", 0.3)
+    monkeypatch.setattr(timeouts, "SECONDS_FOR_HEADERS", PATIENCE)
+    monkeypatch.setattr(timeouts, "SECONDS_FOR_REPLY", 0.3)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Two teams that become one: what they share from then on, and what stays as it was."""
 
+import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,6 +9,7 @@ from sqlalchemy import select
 
 from reverie_eval.schemas.organising import NewMerge, NewTeam
 from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.service import merging
 from reverie_eval.server.service.audit import all_names_of_teams
 from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.people import person_named, rename_team, team_named
@@ -95,28 +97,50 @@ def test_a_file_that_counted_as_a_repeat_before_is_not_counted_again(server: Ser
     assert merge(server, team="Blue", into="Organisers").json()["repeats"] == 1
 
 
-def test_a_merge_is_logged_with_how_much_went_over(server: Serving) -> None:
+def test_a_merge_is_logged_with_what_went_over(server: Serving) -> None:
     content, early = server.distinct(), server.distinct()
-    for who, split in ((OWNER, OPEN), (OTHER, OPEN)):
-        server.upload(who, content, split)
+    server.upload(OWNER, content)
+    second = server.upload(OTHER, content).json()["submission"]["id"]
     theirs = server.upload(OTHER, early).json()["submission"]["id"]
     server.clock.turn(hours=1)
     mine = server.upload(OWNER, early).json()["submission"]["id"]
     with server.acting() as transaction:
         add_person(transaction, "Red", "Dora")
-        person_named(transaction.session, "Dora").deleted_at = transaction.now
+        people = [person_named(transaction.session, name) for name in ("Carl", "Dora")]
+        people[1].deleted_at = transaction.now
     server.clock.turn(hours=1)
     report = merge(server).json()
     assert report == {**MERGE, "people": 1, "submissions": 2, "repeats": 2}
     last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
-    counts = {"into": "Blue", "people": 1, "submissions": 2, "repeats": 2}
-    assert (last["row"], last["subject"], last["details"]) == ("team:2", "Red", counts)
+    assert (last["row"], last["subject"]) == ("team:2", "Red")
+    assert last["details"] == {
+        "into": "Blue",
+        "people": 1,
+        "submissions": 2,
+        "repeats": 2,
+        "moved": {"person": [each.id for each in people], "submission": sorted([second, theirs])},
+        "marked": sorted([second, mine]),
+    }
     with server.state.database.reading() as session:
         team, into = session.get_one(Team, 2), team_named(session, "Blue")
         assert (team.merged_into, team.merged_at) == (into, server.clock())
         repeats = {row.id: row.repeat for row in session.scalars(select(Submission))}
     assert (repeats[theirs], repeats[mine]) == ("", mine)
     assert sorted(repeats.values())[:2] == ["", ""]
+
+
+def test_of_very_many_that_went_over_the_log_has_number_and_digest(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(merging, "MOST_LISTED", 1)
+    ids = sorted(
+        server.upload(OTHER, server.distinct()).json()["submission"]["id"] for _ in range(2)
+    )
+    merge(server)
+    moved = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]["details"]["moved"]
+    digest = hashlib.sha256(f"{ids[0]}\n{ids[1]}".encode()).hexdigest()
+    assert moved["submission"] == {"number": 2, "sha256": digest}
+    assert len(moved["person"]) == 1, "listed: they are not more than one"
 
 
 def test_grants_go_over(server: Serving) -> None:

@@ -12,6 +12,7 @@ from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.store.database import Database
 from tests.support.acting import NOON, acting
+from tests.support.flat import Run
 from tests.support.serving import (
     GOOD,
     OPEN,
@@ -22,6 +23,7 @@ from tests.support.serving import (
     Serving,
     settings_of,
 )
+from tests.support.visiting import signed_in
 
 BANNER = "Down until 14:00 UTC."
 
@@ -120,6 +122,22 @@ def test_a_pause_stops_uploads_and_nothing_else(server: Serving) -> None:
     assert server.upload(OTHER, server.distinct()).status_code == 201
 
 
+def test_a_pause_of_all_splits_is_shown_wherever_a_split_is(server: Serving) -> None:
+    visitor = signed_in(server, ORGANISER)
+    assert server.ask(None, "GET", "/splits/test").json()["paused"] is False
+    post(server, paused=True)
+    for place in ("/", "/boards/test", "/guide/rules", "/submit", "/desk", "/desk/phases"):
+        page = visitor.get(place).text
+        assert '<span class="badge bad">paused</span>' in page, place
+        assert ">open</span>" not in page, place
+    assert server.ask(None, "GET", "/splits/test").json()["paused"] is True
+    assert all(each["paused"] for each in server.ask(None, "GET", "/splits").json())
+    assert "Resume" not in visitor.get("/desk/phases").text  # no split is paused by itself
+    post(server)
+    assert ">open</span>" in visitor.get("/boards/test").text
+    assert server.ask(None, "GET", "/splits/test").json()["paused"] is False
+
+
 def test_it_holds_after_a_restart(server: Serving, folder: Path, open_server: OpenServer) -> None:
     post(server, BANNER, paused=True)
     assert shown(open_server(settings_of(folder), server.tokens)) == (BANNER, True)
@@ -134,3 +152,53 @@ def test_a_banner_is_a_line(banner: str, server: Serving) -> None:
 def test_pages_show_it_escaped(server: Serving) -> None:
     post(server, "<b>Down</b>")
     assert "&lt;b&gt;Down&lt;/b&gt;" in server.client.get("/sign-in").text
+
+
+# Commands.
+
+
+def test_commands_post_a_banner_and_pause_and_leave_the_other_as_it_is(
+    server: Serving, folder: Path, run: Run
+) -> None:
+    def notice(*words: str) -> str:
+        outcome = run("server", "notice", words[0], str(folder), *words[1:])
+        assert (outcome.status, outcome.err) == (0, "")
+        return outcome.out
+
+    assert notice("show") == "not paused\n"
+    assert notice("set", f" {BANNER} ") == f"not paused; banner: {BANNER}\n"
+    assert notice("pause") == f"paused; banner: {BANNER}\n"
+    assert shown(server) == (BANNER, True)
+    *said, posted = notice("show").splitlines()
+    assert said == [f"paused; banner: {BANNER}"]
+    assert posted.startswith("posted 20")
+    assert posted.endswith(" (command line)")
+    assert notice("clear") == "paused\n"
+    assert shown(server) == ("", True)
+    assert notice("resume") == "not paused\n"
+    assert shown(server) == ("", False)
+    post(server, "Welcome", paused=True)
+    assert notice("resume") == "not paused; banner: Welcome\n"
+    found = [each["actor"] for each in server.ask(ORGANISER, "GET", "/organiser/audit").json()]
+    assert all(each.endswith(" (command line)") for each in found[-6:-2])
+
+
+def test_a_command_says_that_the_settings_pause_submissions(
+    server: Serving, folder: Path, run: Run
+) -> None:
+    settings = folder / "reverie-eval.toml"
+    settings.write_text('paused = true\nbanner = "Welcome"\n' + settings.read_text())
+    resumed = run("server", "notice", "resume", str(folder))
+    assert (resumed.status, resumed.out) == (0, "paused; banner: Welcome\n")
+    assert "the settings file still pauses submissions" in resumed.err
+    assert shown(server) == ("", False), "the server has not read the file again"
+
+
+@pytest.mark.parametrize("banner", ["two\nlines", "x" * 501])
+def test_a_banner_of_a_command_is_a_line(
+    banner: str, server: Serving, folder: Path, run: Run
+) -> None:
+    refused = run("server", "notice", "set", str(folder), banner)
+    assert refused.status == 2
+    assert "banner" in refused.err
+    assert shown(server) == ("", False)

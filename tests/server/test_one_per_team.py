@@ -49,7 +49,7 @@ def test_the_one_that_is_published_last_stands(strict: Serving) -> None:
     assert told["report"]["scores"]
     page = said(signed_in(strict, OWNER).get(f"/submissions/{first}"))
     assert "the leaderboard shows one result per team, the one that you publish last" in page
-    assert "taken off the leaderboard, by Ada" in page
+    assert "unpublished, by Ada" in page
     change(strict, first, published=True)
     assert shown(strict) == {others, first}
     assert strict.ask(None, "GET", f"/splits/{OPEN}").json()["one_per_team"] is True

@@ -9,11 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fastapi.routing import iter_route_contexts
 from prometheus_client.parser import text_string_to_metric_families
+from starlette.routing import Mount
 
+from reverie_eval.server.app import create_app
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.workers import ALONE
 from reverie_eval.server.operations.logs import JsonLines
+from reverie_eval.server.pages.rendering import STATIC
 from reverie_eval.server.routes import submissions
 from reverie_eval.server.service.boards import Board
 from tests.support.serving import (
@@ -179,6 +183,49 @@ def test_a_line_names_what_it_came_to(
     assert (line["status"], line["outcome"]) == (status, outcome)
     assert line["route"] == (route or "/api/v1/splits/{split}/leaderboard")
     assert line["method"] == ("other" if method == "BREW" else method)
+
+
+def test_every_route_is_logged_by_its_whole_path(
+    server: Serving, log: Callable[..., list[dict[str, Any]]]
+) -> None:
+    app = create_app(server.state)
+    routes = [
+        (method, route.path or "")
+        for route in iter_route_contexts(app.routes)
+        for method in sorted(route.methods or ())
+    ]
+    assert {"/boards/{split}/chart", "/api/v1/join", "/desk/people"} <= {path for _, path in routes}
+    for method, path in routes:
+        server.client.request(method, re.sub(r"\{\w+\}", "1", path))
+    assert [(line["method"], line["route"]) for line in log()] == routes
+    assert not any(isinstance(route, Mount) and route.path != STATIC for route in app.routes)
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "route"),
+    [
+        pytest.param("/boards/test", 200, "/boards/{split}", id="a leaderboard"),
+        pytest.param("/boards/test/latex", 200, "/boards/{split}/latex", id="its table"),
+        pytest.param("/boards/test/feed.atom", 200, "/boards/{split}/feed.atom", id="its feed"),
+        pytest.param("/feed.atom", 200, "/feed.atom", id="the feed of all"),
+        pytest.param("/static/board.js", 200, "/static", id="a static file"),
+        pytest.param("/static/none.js", 404, "/static", id="no such static file"),
+        pytest.param("/staticboard.js", 404, "unmatched", id="no such page"),
+    ],
+)
+def test_pages_are_logged_and_counted_by_their_routes(
+    *,
+    path: str,
+    status: int,
+    route: str,
+    server: Serving,
+    log: Callable[..., list[dict[str, Any]]],
+) -> None:
+    assert server.client.get(path).status_code == status
+    (line,) = log()
+    assert (line["status"], line["route"]) == (status, route)
+    counted = metrics_of(server)["reverie_eval_requests_total", "GET", route, str(status)]
+    assert counted == 1
 
 
 def test_a_line_quotes_nothing_that_was_sent(

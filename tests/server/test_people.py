@@ -297,7 +297,8 @@ def test_the_audit_log_says_who_changed_what(server: Serving) -> None:
     server.ask(OWNER, "PATCH", f"/submissions/{submission}", json=said)
     last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
     assert (last["actor"], last["action"], last["subject"]) == (OWNER, "changed", submission)
-    assert last["details"] == said
+    before = {"published": False, "method": {"name": "Walker"}}
+    assert last["details"] == {"before": before, "after": said}
 
 
 # What somebody does to the log behind the server's back, and where the chain is broken then.

@@ -191,7 +191,7 @@ def test_a_file_at_the_desk(server: Serving) -> None:
     desk = signed_in(server, ORGANISER)
     path, form = "/desk/people/import", {"text": SOUND, "invite": "true"}
     asked = desk.send(path, form)
-    assert "Add 3 people? The file has 4 rows; 1 person of them is here already." in said(asked)
+    assert "Add 3 people? The file has 4 rows; 1 is already on this server." in said(asked)
     shown = desk.send(path, {**form, "confirmed": "yes"})
     assert (shown.status_code, "3 invitations" in said(shown)) == (200, True)
     assert "Line 2" not in said(shown)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from reverie_eval.server.errors import ERRORS
 from tests.support.serving import BROKEN, GOOD, OPEN, ORGANISER, OWNER, Serving
 
 JSON = {"Content-Type": "application/json"}
@@ -68,7 +69,7 @@ REFUSED = {
         ["idempotency-key"],
         {"content": GOOD, "headers": {"Idempotency-Key": "x" * 201}},
     ),
-    "JSON that breaks off": Refused(OWNER, "PATCH {own}", 400, BAD, ["1"], raw(b"{")),
+    "JSON that breaks off": Refused(OWNER, "PATCH {own}", 400, BAD, ["character 1"], raw(b"{")),
     "JSON without end": Refused(OWNER, "PATCH {own}", 400, BAD, [""], raw(b"[" * 100_000)),
     "a number without end": Refused(
         OWNER, "PATCH {own}", 400, BAD, [""], raw(b'{"published": %s}' % (b"9" * 5000))
@@ -93,7 +94,7 @@ REFUSED = {
     "half a letter": Refused(
         NOBODY, "POST /session", 400, BAD, ["token"], raw(b'{"token": "\\ud800"}')
     ),
-    "no letter": Refused(NOBODY, "POST /session", 400, BAD, ["11"], raw(b'{"token": "\xff"}')),
+    "no letter": Refused(NOBODY, "POST /session", 400, BAD, ["byte 11"], raw(b'{"token": "\xff"}')),
     "an empty invitation": Refused(
         NOBODY, "POST /tokens", 400, BAD, ["invitation"], {"json": {"invitation": ""}}
     ),
@@ -153,13 +154,30 @@ def test_another_key_for_another_file(server: Serving) -> None:
     [
         pytest.param(b"[" * 100_000, "nested too deeply", id="deep"),
         pytest.param(b"9" * 5000, "contains a number with too many digits", id="long"),
-        pytest.param(b"\xff", "invalid UTF-8 from this byte on", id="other letters"),
+        pytest.param(b"\xff", "invalid UTF-8 from here", id="other letters"),
     ],
 )
 def test_json_that_cannot_be_read(server: Serving, content: bytes, said: str) -> None:
     reply = server.ask(NOBODY, "POST", "/tokens", **raw(content)).json()
     assert reply["detail"] == "the body cannot be read as JSON"
     assert [problem["message"] for problem in reply["problems"]] == [said]
+
+
+def test_where_a_document_is_not_json(server: Serving) -> None:
+    (problem,) = server.ask(NOBODY, "POST", "/tokens", **raw(b'{"person": x}')).json()["problems"]
+    assert (problem["where"], problem["message"]) == ("character 11", "invalid JSON from here")
+
+
+@pytest.mark.parametrize(
+    ("code", "title"),
+    [
+        pytest.param("submission-rejected", "Unprocessable Content", id="422"),
+        pytest.param("too-large", "Content Too Large", id="413"),
+        pytest.param("not-found", "Not Found", id="404"),
+    ],
+)
+def test_titles_are_the_same_with_every_version_of_python(code: str, title: str) -> None:
+    assert ERRORS[code].example().document().title == title
 
 
 @pytest.mark.parametrize("path", ["/sign-in", f"/api/v1{SUBMISSIONS}"])

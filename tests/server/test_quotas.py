@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from sqlalchemy import func, select
 
 from reverie_eval.schemas.organising import NewGrant
+from reverie_eval.schemas.service import WINDOWS
 from reverie_eval.server.errors import (
     BytesSpentError,
     MalformedError,
@@ -22,7 +23,6 @@ from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.quotas import (
-    WINDOWS,
     QuotaUsage,
     grant,
     list_grants,
@@ -295,7 +295,7 @@ def test_a_third_upload_in_a_day_waits_until_the_first_is_24_hours_old(narrow: S
     problem = refused.json()
     assert problem["code"] == "quota-spent"
     assert problem["detail"].startswith(
-        "no submission is left; the next is possible from 2026-03-03T12:00:00+00:00"
+        "no submissions left; next possible at 2026-03-03T12:00:00+00:00"
     )
     assert problem["quota"]["next_at"] == "2026-03-03T12:00:00Z"
     assert problem["quota"]["seconds_to_next"] == 23 * 3600
@@ -442,7 +442,7 @@ def some_grant(**changes: Any) -> NewGrant:
         pytest.param(
             {"split": "elsewhere"},
             NotFoundError,
-            f"there is no split 'elsewhere'; there are: {PRIVATE}, {OPEN}",
+            f"there is no split 'elsewhere' here; choose one of: {PRIVATE}, {OPEN}",
             id="no such split",
         ),
         pytest.param(
@@ -524,7 +524,7 @@ def test_bytes_of_a_day(
             usage_of(session, ada, NOON).check_bytes(round(size * 2**20), 10, NOON)
     used = sum(mebibytes for _, mebibytes in sent)
     assert refused.value.seconds == seconds
-    assert f"has sent {used}.0 MiB; this one has {size:.1f} MiB" in str(refused.value)
+    assert f"has sent {used}.0 MiB; this one is {size:.1f} MiB" in str(refused.value)
     assert "may send 10 MiB" in str(refused.value)
 
 

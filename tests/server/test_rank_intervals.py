@@ -80,14 +80,15 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
 
     def compute(_: int) -> Mapping[str, RankInterval]:
         with state.database.reading() as session:
-            return intervals.compute(session, state.board(OPEN), "rgspl", rows)
+            (found,) = intervals.compute(session, [(state.board(OPEN), "rgspl", rows)])
+            return found
 
     monkeypatch.setattr(rank_intervals, "_computed", computing)
     lock: Any = WatchedLock(came)
     intervals = RankIntervals(_lock=lock)
     with state.database.reading() as session:
-        found = EntriesCache(state.schedules).entries(session, state.board(OPEN), three.clock())
-    rows = [Row(rank, entry) for rank, entry in enumerate(found.entries, 1)]
+        read = EntriesCache(state.schedules).entries(session, state.board(OPEN), three.clock())
+    rows = [Row(rank, entry) for rank, entry in enumerate(read.entries, 1)]
     with ThreadPoolExecutor(2) as pool:
         first, second = pool.map(compute, range(2))
     assert first is second

@@ -295,7 +295,9 @@ REFUSED = [
         "there is no metric 'goal_progress'; choose one of: " + ", ".join(REVERIE.metrics),
     ),
     pytest.param(
-        {"split": "tset"}, "there is no split 'tset'; there are: r2r-val_unseen, ndh-test, " + OPEN
+        {"split": "ndh-tset"},
+        "there is no split 'ndh-tset' here; did you mean ndh-test? "
+        f"Choose one of: r2r-val_unseen, ndh-test, {OPEN}",
     ),
 ]
 
@@ -483,7 +485,9 @@ def test_a_file_of_another_task_names_the_split_without_it(sqlite: Database) -> 
         report = imported(transaction, text, split="r2r-val_unseen", rates="percent")
         with pytest.raises(TableError, match="not a metric of this split"):
             imported(transaction, "team,RGS\nBlue,5\n", split="r2r-val_unseen")
-        with pytest.raises(NotFoundError, match=r"^there is no split 'train'; there are: r2r-"):
+        with pytest.raises(
+            NotFoundError, match=r"^there is no split 'train' here; choose one of: r2r-"
+        ):
             imported(transaction, text, split="train")
         fractions = imported(transaction, "team,SR\nRed,0.5\n", rates="fraction")
     assert [each.scores for each in report.added] == [{"success": 0.5}]

@@ -221,7 +221,7 @@ def test_rates_that_look_like_fractions_are_one_problem_of_the_file() -> None:
     (problem,) = read_results("team,SR,TL\na,1,5\nb,0.5,7\n", "test", "percent").problems
     assert (problem.code, str(problem)) == (
         "fractions",
-        "all rates: none is above 1 %; if these are fractions, choose fractions (rates: fraction)",
+        "all rates: no rate is above 1 %; if they are fractions, set rates to fraction",
     )
 
 

@@ -377,7 +377,7 @@ def test_a_submission_is_scored_again_or_it_is_said_why_not(server: Serving) -> 
         "its upload was deleted on 2026-03-02 (keep_uploads_days)"
     )
     assert score(job._replace(sha256="0" * 64)) == (
-        "its upload is missing; run `reverie-eval server doctor`"
+        f"the upload {'0' * 64} is missing; run `reverie-eval server doctor`"
     )
     uploads.put("1" * 64, BROKEN)
     with pytest.raises(SubmissionError) as rejected:
@@ -425,7 +425,10 @@ def count_outdated_on(server: Serving, further: str) -> int:
     """Count outdated results on a leaderboard of the open split."""
     own = server.state.boards[OPEN]
     with server.state.database.reading() as session:
-        return count_outdated(session, own.also[further] if further else own)
+        board = own.also[further] if further else own
+        alone = count_outdated(session, [board])[board.path]
+        assert count_outdated(session, server.state.leaderboards)[board.path] == alone
+        return alone
 
 
 def test_a_correction_and_each_new_result_are_logged(corrected: Serving) -> None:
@@ -646,7 +649,9 @@ def test_the_check_says_what_a_new_bundle_does(server: Serving, folder: Path) ->
     [
         pytest.param([OPEN], 2, "give a --reason, or --dry-run", id="no reason"),
         pytest.param([OPEN, "--reason", " "], 2, "reason: ", id="an empty reason"),
-        pytest.param(["tset", "--reason", WHY], 2, "there is no split 'tset'", id="split"),
+        pytest.param(
+            ["tset", "--reason", WHY], 2, "no split 'tset' here; did you mean test?", id="split"
+        ),
         pytest.param(
             ["tset", "--dry-run", "--bundle", "x.npz"], 2, "there is no split", id="and bundle"
         ),

@@ -8,7 +8,7 @@ from threading import Event
 import pytest
 from sqlalchemy import select
 
-from reverie_eval.server.http.repeated import repeatedly
+from reverie_eval.server.http.background import repeatedly
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.rescoring import Scorer, outdated

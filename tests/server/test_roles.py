@@ -260,7 +260,9 @@ def test_who_may_read_what(row: str, stocked: Stocked) -> None:
 
 @pytest.mark.parametrize("row", [row for row in ROWS if not row.startswith("GET")])
 def test_who_may_change_what(row: str, copied: Serving, stocked: Stocked) -> None:
+    before = len(copied.actors())
     assert statuses(row, copied, stocked) == dict(zip(ROLES, ROWS[row], strict=True))
+    assert {actor.partition(":")[0] for actor in copied.actors()[before:]} <= {"person"}
 
 
 def test_every_route_has_its_row(stocked: Stocked) -> None:

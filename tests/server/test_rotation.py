@@ -229,7 +229,9 @@ def test_a_key_is_revoked_since_a_time_before_its_end(sqlite: Database) -> None:
         FIRST.key_id,
     )
     until = "2026-03-02T13:00:00+00:00"
-    assert logged.details == {"until": until, "signed_again": 0, "reason": "stolen"}
+    before = {"until": "2026-03-02T14:00:00+00:00", "reason": "the yearly change"}
+    after = {"until": until, "signed_again": 0, "reason": "stolen"}
+    assert logged.details == {"before": before, **after}
 
 
 def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: Serving) -> None:

@@ -212,7 +212,7 @@ def test_a_transaction_sees_what_it_has_set(server: Serving) -> None:
         }
         with pytest.raises(NotFoundError) as missing:
             schedules.of(transaction.session, "none")
-    told = "there is no split 'none' here; there are: test, val_seen, val_unseen"
+    told = "there is no split 'none' here; choose one of: test, val_seen, val_unseen"
     assert str(missing.value) == told
 
 
@@ -248,6 +248,42 @@ PHASES = (
     Phase(name="new", opens=NOON, closes=NOON + HOUR),
     Phase(name="to come", opens=NOON + HOUR),
 )
+
+
+@pytest.mark.parametrize(
+    ("names", "paused", "paused_server", "expected"),
+    [
+        pytest.param(["over", "open", "to come"], False, False, "open", id="a phase is open"),
+        pytest.param(["over", "open", "to come"], True, False, "paused", id="the split is paused"),
+        pytest.param(["over", "open", "to come"], False, True, "paused", id="all are paused"),
+        pytest.param(["over", "to come"], False, False, "not open yet", id="between phases"),
+        pytest.param(["to come"], True, True, "not open yet", id="paused before a phase"),
+        pytest.param(["over"], False, False, "closed", id="all phases are over"),
+        pytest.param(["over"], True, True, "closed", id="paused after all phases"),
+    ],
+)
+def test_whether_a_split_accepts_submissions(
+    names: list[str], expected: str, *, paused: bool, paused_server: bool
+) -> None:
+    phases = tuple(phase for phase in PHASES if phase.name in names)
+    schedule = Schedule(phases=phases, paused=paused)
+    assert schedule.status(NOON, paused_server=paused_server) == expected
+
+
+@pytest.mark.parametrize(
+    ("opens", "closes", "expected"),
+    [
+        pytest.param(NOON, None, "open", id="its first moment"),
+        pytest.param(NOON + timedelta(microseconds=1), None, "not open yet", id="just before it"),
+        pytest.param(None, NOON, "open", id="its last second"),
+        pytest.param(None, NOON - timedelta(seconds=1), "closed", id="just after it"),
+    ],
+)
+def test_the_status_of_a_phase(
+    opens: datetime | None, closes: datetime | None, expected: str
+) -> None:
+    phase = Phase(name="a", opens=opens, closes=closes)
+    assert phase.status(NOON, is_paused=False) == expected
 
 
 def test_to_close_ends_the_open_phases_with_this_second() -> None:

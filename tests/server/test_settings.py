@@ -6,18 +6,22 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
 from sqlalchemy import make_url
 
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.schemas.service import Phase, Schedule
-from reverie_eval.server.operations.checks import check_sound
+from reverie_eval.server.operations.checks import check_folder, check_sound
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
+    Also,
+    Limits,
     Metadata,
     Quota,
     Settings,
     SettingsError,
     Split,
+    Webhook,
     load_settings,
 )
 from tests.support.acting import NOON
@@ -31,8 +35,13 @@ from tests.support.serving import (
     settings_of,
 )
 
-UNKNOWN = ": is not a setting; check its spelling"
 SPLIT = '[splits.test]\nbundle = "bundles/test.npz"\n'
+
+
+def unknown(key: str, section: type[BaseModel] = Settings, guess: str = "") -> str:
+    """Return what is said of an unknown setting."""
+    hint = f"did you mean {guess}? Choose" if guess else "choose"
+    return f"{key}: is not a setting; {hint} one of: {', '.join(section.model_fields)}"
 
 
 @pytest.fixture(autouse=True)
@@ -67,6 +76,11 @@ def test_one_split_is_enough(tmp_path: Path) -> None:
     assert (settings.paused, settings.banner, settings.required_metadata) == (False, "", ())
 
 
+def test_a_check_shows_where_uploads_are_stored(folder: Path) -> None:
+    (found,) = [each for each in check_folder(folder) if each.check == "uploads"]
+    assert (found.kind, found.what) == ("ok", str(folder.resolve() / "uploads"))
+
+
 def test_the_template_is_sound_and_says_what_would_be_anyway(folder: Path) -> None:
     template = load_settings(folder)
     assert list(template.splits) == ["test", "val_seen", "val_unseen"]
@@ -87,17 +101,39 @@ def test_the_template_names_every_setting(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        pytest.param(f"titel = 'x'\n{SPLIT}", [f"titel{UNKNOWN}"], id="unknown"),
+        pytest.param(f"titel = 'x'\n{SPLIT}", [unknown("titel", guess="title")], id="unknown"),
         pytest.param(
-            f"{SPLIT}quotas = {{}}\n", [f"splits.test.quotas{UNKNOWN}"], id="unknown in a split"
+            f"{SPLIT}quotas = {{}}\n",
+            [unknown("splits.test.quotas", Split, "quota")],
+            id="unknown in a split",
         ),
         pytest.param(
             f"{SPLIT}quota = {{ week = 3 }}\n",
-            [f"splits.test.quota.week{UNKNOWN}"],
+            [unknown("splits.test.quota.week", Quota)],
             id="unknown window",
         ),
-        pytest.param(f"folder = '/'\n{SPLIT}", [f"folder{UNKNOWN}"], id="the folder"),
-        pytest.param(f"_env_file = 'x'\n{SPLIT}", [f"_env_file{UNKNOWN}"], id="the library's own"),
+        pytest.param(
+            f"{SPLIT}phases = [{{ name = 'a', closed = 2027-01-01T00:00:00Z }}]\n",
+            [unknown("splits.test.phases.0.closed", Phase, "closes")],
+            id="unknown in a phase",
+        ),
+        pytest.param(
+            f"{SPLIT}also.strict.protocoll = 'paper'\n",
+            [unknown("splits.test.also.strict.protocoll", Also, "protocol")],
+            id="unknown in a further leaderboard",
+        ),
+        pytest.param(
+            f"{SPLIT}[limits]\nupload_megabytes = 1\n",
+            [unknown("limits.upload_megabytes", Limits, "upload_mebibytes")],
+            id="unknown limit",
+        ),
+        pytest.param(
+            f"{SPLIT}[webhook]\nurl = 'https://example.org'\nevent = []\n",
+            [unknown("webhook.event", Webhook, "events")],
+            id="unknown in an optional section",
+        ),
+        pytest.param(f"folder = '/'\n{SPLIT}", [unknown("folder")], id="the folder"),
+        pytest.param(f"_env_file = 'x'\n{SPLIT}", [unknown("_env_file")], id="the library's own"),
         pytest.param("title = 'x'\n", ["splits: field required"], id="no split"),
         pytest.param(
             "splits = 3\n",
@@ -189,7 +225,7 @@ def test_the_template_names_every_setting(folder: Path) -> None:
             [
                 "database: must be a valid string",
                 "banner: got 3; must be a valid string",
-                f"x{UNKNOWN}",
+                unknown("x"),
             ],
             id="everything at once, and no database's address",
         ),
@@ -202,9 +238,10 @@ def test_a_wrong_setting_is_told_with_its_key(
 
 
 def test_an_unknown_protocol_is_told_with_those_that_are_known(tmp_path: Path) -> None:
-    (problem,) = problems(tmp_path, f"{SPLIT}protocol = 'mine'\n")
-    assert problem.startswith("splits.test.protocol: got 'mine'; ")
-    assert "official-v1" in problem
+    (problem,) = problems(tmp_path, f"{SPLIT}protocol = 'offical-v1'\n")
+    assert problem.startswith(
+        "splits.test.protocol: unknown protocol 'offical-v1'; did you mean official-v1? "
+    )
 
 
 def test_an_alias_of_a_protocol_is_what_it_stands_for(tmp_path: Path) -> None:

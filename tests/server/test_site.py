@@ -382,7 +382,7 @@ def test_its_description_follows_the_specification(lab: Lab) -> None:
     root = crate.root_dataset
     assert crate.metadata["conformsTo"] == "https://w3id.org/ro/crate/1.1"
     assert root.id == "./"
-    assert root["name"] == "Leaderboards of REVERIE at <our> lab"
+    assert root["name"] == "REVERIE at <our> lab: leaderboards"
     assert root["datePublished"] == DATE.isoformat()
     assert root["license"]  # may be a text, and must be there
     assert ADDRESS in root["description"]

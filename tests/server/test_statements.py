@@ -1,19 +1,56 @@
-"""How often a request asks the database: once for everything, and no more than it needs."""
+"""How often a request asks the database: once for everything, and no more than it needs.
 
+Each GET request of the API and of the pages is counted: pages by their examples, reads of the API
+by :data:`READS`. A route without an example fails.
+"""
+
+import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from sqlalchemy import event
 
-from tests.support.entries import entered
-from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving, submission_for
+from reverie_eval.agents import run_agent
+from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder
+from reverie_eval.server.service.entries import EntriesCache
+from reverie_eval.server.service.rank_intervals import RankIntervals
+from reverie_eval.server.settings import Split
+from reverie_eval.tasks import BUILT_IN, name_on_server
+from tests.support.acting import review
+from tests.support.demo_site import BOLD, ENDLESS, Site
+from tests.support.description import API, Description
+from tests.support.entries import entered, report_result
+from tests.support.page_routes import EXAMPLES, FILES, Example
+from tests.support.serving import (
+    GROUNDING,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PEOPLE,
+    PRIVATE,
+    OpenServer,
+    Serving,
+)
 from tests.support.visiting import Visitor, signed_in
 
 PAGE, READ, UPLOAD = 8, 6, 14
 """The most statements of a page, of a read of the API, and of an upload that is scored."""
+RENEWAL = 8
+"""The most that the first request after a change takes besides, however many leaderboards it shows:
+schedules, and what leaderboards show, is then read again and kept until the next change."""
+PUBLICATION = 9
+"""The most of publishing a submission, besides looking up who does: intervals are computed between
+two transactions. It is the same with further leaderboards."""
+FORM = 3
+"""The most that a file sent by the form of the desk takes besides: who is signed in, who sent it,
+and the page with the reply."""
 
 
 @contextmanager
@@ -37,90 +74,121 @@ def counting(server: Serving) -> Iterator[Counter[str]]:
     event.remove(engine, "begin", on_begin)
 
 
-@pytest.fixture
-def busy(server: Serving) -> Serving:
-    """Return a server with something on every page."""
-    for split in (OPEN, PRIVATE):
-        submission = server.upload(OWNER, submission_for(split), split).json()["submission"]
-        path = f"/submissions/{submission['id']}"
-        assert server.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
-    server.ask(ORGANISER, "PUT", "/organiser/notice", json={"banner": "Hello"})
-    return server
+def forget(server: Serving) -> None:
+    """Let the next request find nothing of leaderboards, as after a change of all of them."""
+    server.state.entries = EntriesCache(server.state.schedules)
+    server.state.rank_intervals = RankIntervals()
 
 
-PAGES = {
-    "the first page": (None, "/"),
-    "the board": (None, "/boards/{split}"),
-    "the board, signed in": (OWNER, "/boards/{split}"),
-    "the chart": (None, "/boards/{split}/chart"),
-    "a publication": (None, "/submissions/{submission_id}"),
-    "a submission": (OWNER, "/submissions/{submission_id}"),
-    "the team": (OWNER, "/team"),
-    "the form": (OWNER, "/submit"),
-    "the episodes": (OWNER, "/episodes"),
-    "an episode": (OWNER, "/episodes/{split}/1196_0_0?submission={submission_id}"),
-    "the guide": (OWNER, "/guide"),
-    "the desk": (ORGANISER, "/desk"),
-    "people": (ORGANISER, "/desk/people"),
-    "quotas": (ORGANISER, "/desk/quotas"),
-    "snapshots": (ORGANISER, "/desk/snapshots"),
-    "phases": (ORGANISER, "/desk/phases"),
-    "reviews": (ORGANISER, "/desk/reviews?submission={submission_id}"),
-    "reported results": (ORGANISER, "/desk/reported"),
-    "the notice": (ORGANISER, "/desk/notice"),
-    "uploads": (ORGANISER, "/desk/uploads"),
-    "the audit log": (ORGANISER, "/desk/audit"),
-    "not found": (OWNER, "/submissions/none"),
-}
+@dataclass(frozen=True)
+class Busy:
+    """A server with something on every page, and the browsers of its people."""
+
+    server: Serving
+    site: Site
+    visitors: dict[str | None, Visitor]
+
+    def get(self, who: str | None, path: str) -> tuple[httpx.Response, Counter[str]]:
+        """Request something, and count."""
+        with counting(self.server) as counts:
+            reply = self.visitors[who].get(path)
+        return reply, counts
 
 
-REFUSED = {"/submissions/none": 404}
+@pytest.fixture(scope="module")
+def busy(shared: Serving) -> Busy:
+    """Fill a server whose splits have further leaderboards; tests only read from it."""
+    ids = {
+        (OPEN, "Walker"): entered(shared),
+        (OPEN, BOLD): entered(shared, who=OTHER),
+        (OPEN, ENDLESS): entered(shared, who=OTHER),
+        (PRIVATE, "Shortest paths"): entered(shared, split=PRIVATE),
+        (PRIVATE, "Random walker"): entered(shared, who=OTHER, split=PRIVATE),
+    }
+    report_result(shared, "FAST", rgspl=0.25)
+    with shared.acting(ORGANISER) as transaction:
+        review(transaction, ids[OPEN, "Walker"], "verified")
+    for method, path, content in (
+        ("PUT", "/organiser/notice", {"banner": "Hello"}),
+        ("POST", "/organiser/news", {"text": "We moved."}),
+        ("POST", "/organiser/snapshots", {"split": OPEN, "title": "The first month"}),
+    ):
+        assert shared.ask(ORGANISER, method, path, json=content).is_success
+    shared.upload(OWNER, b"[]")
+    visitors: dict[str | None, Visitor] = {None: Visitor(shared)}
+    visitors |= {who: signed_in(shared, who) for who in PEOPLE}
+    site = Site("", Path(), shared.tokens, ids)
+    return Busy(shared, site, visitors)
 
 
-@pytest.mark.parametrize(("who", "path"), PAGES.values(), ids=PAGES)
-def test_a_page_is_one_snapshot_of_the_database(who: str | None, path: str, busy: Serving) -> None:
-    visitor = signed_in(busy, who) if who else Visitor(busy)
-    place = path.format(**parts(busy))
-    visitor.get(place)  # what boards show is kept until something changes
-    with counting(busy) as counts:
-        reply = visitor.get(place)
-    assert reply.status_code == REFUSED.get(path, 200)
+PAGES = (*EXAMPLES, *FILES)
+REFUSED = {"/boards/{split}/also/{further}/compare": (400, 2), "/no-such-page": (404, 1)}
+"""Pages that say why there is no page: status and transactions."""
+
+
+def visitors_of(example: Example) -> Sequence[str | None]:
+    """Return who looks at an example: who is signed in has more to look up."""
+    return [example.who if example.who in PEOPLE else OTHER] if example.who else [None, ORGANISER]
+
+
+@pytest.mark.parametrize("example", PAGES, ids=[each.name for each in PAGES])
+def test_a_page_is_one_snapshot_of_the_database(example: Example, busy: Busy) -> None:
+    status, transactions = REFUSED.get(example.route, (200, 1))
+    path = example.path(busy.site)
+    for who in visitors_of(example):
+        busy.get(who, path)  # what boards show is kept until something changes
+        reply, warm = busy.get(who, path)
+        assert reply.status_code == status, who
+        assert 0 < warm["statements"] <= PAGE, who
+        assert warm["transactions"] == transactions, who
+        forget(busy.server)
+        reply, cold = busy.get(who, path)
+        assert reply.status_code == status, who
+        assert cold["statements"] <= warm["statements"] + RENEWAL, who
+        assert cold["transactions"] == transactions, who
+
+
+def test_a_page_that_is_not_there_looks_up_its_visitor_once(busy: Busy) -> None:
+    reply, counts = busy.get(OWNER, "/submissions/none")
+    assert reply.status_code == 404
     assert 0 < counts["statements"] <= PAGE
-    assert counts["transactions"] == 1 + (path in REFUSED)  # the second for the page that says so
+    assert counts["transactions"] == 2  # the second for the page that says so
 
 
-def test_a_comparison_is_one_snapshot_of_the_database(busy: Serving) -> None:
-    ids = (parts(busy)["submission_id"], entered(busy, who=OTHER))
-    visitor, place = signed_in(busy, OWNER), "/boards/{}/compare?result={}&result={}"
-    visitor.get(place.format(OPEN, *ids))
-    with counting(busy) as counts:
-        assert visitor.get(place.format(OPEN, *ids)).status_code == 200
-    assert 0 < counts["statements"] <= PAGE
-    assert counts["transactions"] == 1
-
-
-def test_a_page_that_is_not_allowed_looks_up_its_visitor_once(busy: Serving) -> None:
-    visitor = signed_in(busy, OWNER)
-    with counting(busy) as counts:
-        assert visitor.get("/desk/people").status_code == 403
+def test_a_page_that_is_not_allowed_looks_up_its_visitor_once(busy: Busy) -> None:
+    reply, counts = busy.get(OWNER, "/desk/people")
+    assert reply.status_code == 403
     assert counts["statements"] == 2  # who it is, and the banner
     assert counts["transactions"] == 2
 
 
 READS = (
     "/me",
+    "/session",
     "/server",
+    "/news",
+    "/keys",
     "/splits",
     "/splits/{split}",
     "/splits/{split}/leaderboard",
     "/splits/{split}/leaderboard.csv",
+    "/splits/{split}/also/{further}/leaderboard",
+    "/splits/{split}/also/{further}/leaderboard.csv",
+    "/splits/{split}/snapshots",
+    "/splits/{split}/snapshots/{number}",
+    "/splits/{split}/snapshots/{number}.csv",
     "/submissions",
     "/submissions/{submission_id}",
     "/submissions/{submission_id}/receipt",
     "/submissions/{submission_id}/receipt/envelope",
+    "/submissions/{submission_id}/also/{further}/receipt",
+    "/submissions/{submission_id}/also/{further}/receipt/envelope",
     "/submissions/{submission_id}/file",
+    "/submissions/{submission_id}/episodes",
     "/organiser/teams",
     "/organiser/people",
+    "/organiser/people/{person_id}",
+    "/organiser/requests",
     "/organiser/tokens",
     "/organiser/grants",
     "/organiser/reviews",
@@ -129,33 +197,162 @@ READS = (
     "/organiser/schedules",
     "/organiser/attempts",
     "/organiser/audit",
+    "/organiser/splits/{split}/evidence",
+    "/organiser/splits/{split}/submissions.tar",
 )
+ASKS_NOTHING = {"/key", "/metrics"}
+"""Reads that do not ask the database."""
+TRIES_EVERYTHING = {"/healthz"}
+"""Reads that use the database to see whether it works, at most once in some seconds."""
+
+
+def test_every_read_of_the_api_is_counted(busy: Busy) -> None:
+    described = {name for name, _ in Description(busy.server).operations()}
+    counted = {*READS, *ASKS_NOTHING, *TRIES_EVERYTHING}
+    assert {name for name in described if name.startswith("GET ")} == {
+        f"GET {path}" for path in counted
+    }
 
 
 @pytest.mark.parametrize("path", READS)
-def test_a_read_is_one_snapshot_of_the_database(path: str, busy: Serving) -> None:
-    place = path.format(**parts(busy))
-    busy.ask(ORGANISER, "GET", place)
-    with counting(busy) as counts:
-        assert busy.ask(ORGANISER, "GET", place).status_code == 200
-    assert counts["statements"] <= READ
-    assert counts["transactions"] == 1
+def test_a_read_is_one_snapshot_of_the_database(path: str, busy: Busy) -> None:
+    ids = busy.site.ids
+    place = f"{API}{path}".format(
+        split=OPEN, further=GROUNDING, number=1, person_id=1, submission_id=ids[OPEN, "Walker"]
+    )
+    busy.get(ORGANISER, place)
+    reply, warm = busy.get(ORGANISER, place)
+    forget(busy.server)
+    again, cold = busy.get(ORGANISER, place)
+    assert reply.status_code == again.status_code == 200
+    assert 0 < warm["statements"] <= READ
+    assert cold["statements"] <= warm["statements"] + RENEWAL
+    assert warm["transactions"] == cold["transactions"] == 1
+
+
+@pytest.mark.parametrize("path", sorted(ASKS_NOTHING))
+def test_what_is_no_secret_of_the_database_does_not_ask_it(path: str, busy: Busy) -> None:
+    _, counts = busy.get(None, f"{API}{path}" if path == "/key" else path)
+    assert counts["statements"] == counts["transactions"] == 0
+
+
+@pytest.mark.parametrize(
+    ("path", "most"),
+    [
+        pytest.param(f"{API}/organiser/splits/{OPEN}/evidence", READ, id="read"),
+        pytest.param(f"/desk/evidence?split={OPEN}", PAGE, id="page"),
+    ],
+)
+def test_what_was_read_for_evidence_is_stored_after_the_snapshot(
+    path: str, most: int, server: Serving
+) -> None:
+    visitor, numbers = signed_in(server, ORGANISER), []
+    for who in (OWNER, OTHER, ORGANISER):
+        server.upload(who, server.distinct())
+        server.upload(who, server.distinct())
+        with counting(server) as unread:
+            assert visitor.get(path).status_code == 200
+        with counting(server) as known:
+            assert visitor.get(path).status_code == 200
+        assert known["statements"] <= most
+        assert known["transactions"] == 1
+        assert unread["statements"] == known["statements"] + 2  # of all files together
+        assert unread["transactions"] == 2
+        numbers.append(known["statements"])
+    assert numbers == [numbers[1] - 1, numbers[1], numbers[1]]  # no pair in one team's files
 
 
 @pytest.mark.parametrize("key", [None, "mine"], ids=["an upload", "an upload with a key"])
-def test_an_upload_asks_no_more_than_it_needs(key: str | None, busy: Serving) -> None:
-    with counting(busy) as counts:
-        assert busy.upload(OWNER, busy.distinct(), key=key).status_code == 201
+def test_an_upload_asks_no_more_than_it_needs(key: str | None, server: Serving) -> None:
+    server.upload(OWNER, server.distinct())
+    with counting(server) as counts:
+        assert server.upload(OWNER, server.distinct(), key=key).status_code == 201
     assert counts["statements"] <= UPLOAD
     assert counts["transactions"] == 4  # who sends it; before; after it was scored; its outcome
 
 
 def test_further_leaderboards_take_no_statement_more(several: Serving) -> None:
     with counting(several) as counts:
-        assert several.upload(OWNER).status_code == 201
+        reply = several.upload(OWNER)
+    assert reply.status_code == 201
     assert counts["statements"] <= UPLOAD
+    path = f"/submissions/{reply.json()['submission']['id']}"
+    with counting(several) as counts:
+        assert several.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
+    assert counts["statements"] <= 1 + PUBLICATION
+    assert counts["transactions"] == 3  # who it is; before; after the intervals were computed
 
 
-def parts(server: Serving) -> dict[str, str]:
-    listed = server.ask(OWNER, "GET", "/submissions").json()
-    return {"split": OPEN, "submission_id": next(e["id"] for e in listed if e["split"] == OPEN)}
+@pytest.mark.parametrize(
+    ("more", "statements", "transactions"),
+    [
+        pytest.param({}, UPLOAD, 5, id="stored"),
+        pytest.param({"publish": "true"}, UPLOAD + PUBLICATION, 7, id="published"),
+    ],
+)
+def test_a_file_of_somebody_else_is_an_upload_and_a_publication(
+    more: dict[str, str], statements: int, transactions: int, several: Serving
+) -> None:
+    about = {"split": OPEN, "received_at": several.clock().isoformat(), "name": "Walker", **more}
+    sender = {"team": PEOPLE[OWNER], "person": OWNER}
+    with counting(several) as counts:
+        reply = several.ask(
+            ORGANISER,
+            "POST",
+            "/organiser/submissions",
+            content=several.distinct(),
+            params={**about, **sender},
+        )
+    assert reply.status_code == 201
+    assert counts["statements"] <= statements
+    assert counts["transactions"] == transactions
+    desk = signed_in(several, ORGANISER)
+    csrf_token, person = desk.csrf_token(), {"person": str(several.person(OWNER).id)}
+    with counting(several) as counts:
+        reply = desk.send(
+            "/desk/emailed-files",
+            {**about, **person},
+            file=several.distinct(),
+            csrf_token=csrf_token,
+        )
+    assert "was scored on" in reply.text
+    assert counts["statements"] <= statements + FORM
+    assert counts["transactions"] == transactions + 2
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/", "/episodes", "/feed.atom", "/desk", "/desk/corrections", "/desk/phases", "/desk/quotas"],
+)
+def test_more_splits_take_no_statement_more(
+    path: str, server: Serving, open_server: OpenServer
+) -> None:
+    for who in (OWNER, OTHER):
+        entered(server, who=who)
+    few = server.state.settings
+    more = {
+        name_on_server(task, split): Split(bundle=bundle, visibility="open", task=task)
+        for task in BUILT_IN
+        for split in ("train", "val_seen", "val_unseen")
+        if (bundle := bundle_folder(DEMO_BUNDLES, task) / f"{split}.npz").is_file()
+    }
+    settings = few.model_copy(update={"splits": {**more, **few.splits}})
+    many = open_server(settings, server.tokens)
+    assert len(many.state.boards) > 4 * len(server.state.boards)
+    for name in ("r2r-val_seen", "r2r-val_unseen"):
+        for seed, who in enumerate((OWNER, OTHER)):
+            records = run_agent("random", many.state.boards[name].truth, seed)
+            sent = many.upload(who, json.dumps(records).encode(), name).json()["submission"]
+            shown = {"published": True, "shows_episodes": True}
+            assert many.ask(who, "PATCH", f"/submissions/{sent['id']}", json=shown).is_success
+    numbers = []
+    for each in (server, many):
+        visitor = signed_in(each, ORGANISER)
+        assert visitor.get(path).status_code == 200
+        with counting(each) as warm:
+            visitor.get(path)
+        forget(each)
+        with counting(each) as cold:
+            visitor.get(path)
+        numbers.append((warm, cold))
+    assert numbers[0] == numbers[1]

@@ -29,6 +29,8 @@ from reverie_eval.server.service.submissions import (
     all_submissions,
     check_metadata,
     list_submissions,
+    newest_of_each,
+    public_episodes_of_each,
     public_team,
     publication,
     result_on,
@@ -102,13 +104,13 @@ def test_lists_begin_with_the_latest_and_then_with_the_largest_id(server: Servin
     late = sent(server, MATE, PRIVATE)
     both, blue, red = (sorted(ids, reverse=True) for ids in ([*early, *others], early, others))
 
-    def listed(who: str, split: str | None = None) -> list[str]:
+    def listed(who: str) -> list[str]:
         """Read pages of two."""
         with server.state.database.reading() as session:
             person, cursor, ids = server.person(who), None, []
             view = server.state.submissions.view(session, NOON)
             for _ in range(4):
-                found = list_submissions(session, person, Page(2, cursor), view, split)
+                found = list_submissions(session, person, Page(2, cursor), view)
                 ids += [row.id for row in found.rows]
                 cursor = found.next_cursor
                 if cursor is None:
@@ -118,7 +120,20 @@ def test_lists_begin_with_the_latest_and_then_with_the_largest_id(server: Servin
     assert listed(ORGANISER) == [late, *both]
     assert listed(OWNER) == [late, *blue]
     assert listed(OTHER) == red
-    assert (listed(OWNER, OPEN), listed(MATE, PRIVATE)) == (blue, [late])
+    splits = (OPEN, PRIVATE)
+    with server.state.database.reading() as session:
+        first = {
+            who: {
+                split: [each.id for each in rows]
+                for split, rows in newest_of_each(session, server.person(who), splits, 3).items()
+            }
+            for who in (ORGANISER, OWNER, OTHER)
+        }
+    assert first == {
+        ORGANISER: {OPEN: both[:3], PRIVATE: [late]},
+        OWNER: {OPEN: blue[:3], PRIVATE: [late]},
+        OTHER: {OPEN: red, PRIVATE: []},
+    }
     with server.state.database.reading() as session:
         found = {
             (split, team): [each.id for each in all_submissions(session, split=split, team=team)]
@@ -172,7 +187,11 @@ def test_episodes_for_everyone_are_of_baselines_and_of_teams_that_show_them(
         review(transaction, verified, "verified")
     with server.state.database.reading() as session:
         found = [each.id for each in session.scalars(with_public_episodes(OPEN))]
+        first = public_episodes_of_each(session, [PRIVATE, OPEN], 3)
+        assert public_episodes_of_each(session, [], 3) == {}
     assert found == [*late[::-1], *sorted([*shown, baseline])]
+    assert [each.id for each in first[OPEN]] == found[:3]
+    assert [each.id for each in first[PRIVATE]] == [private]
 
 
 # One submission.
@@ -322,8 +341,8 @@ def test_episodes_that_cannot_be_shown_are_refused_with_the_reason(several: Serv
     result = mine.also[STRICT].model_copy(update={"report": old})
     changed = mine.model_copy(update={"also": {**mine.also, STRICT: result}})
     gone = (
-        "the file was deleted on 2026-03-02: this server keeps files of unpublished submissions "
-        "only for some time; scores and receipt stay"
+        "the file was deleted on 2026-03-02: this server deletes the files of unpublished "
+        "submissions after a while; scores and receipt stay"
     )
     other = (
         f"the ground truth or protocol of {OPEN}, {STRICT} has changed since this submission; "
@@ -359,10 +378,18 @@ def test_a_change_is_logged_with_who_made_it_and_what_was_said(server: Serving) 
     assert hidden == known(server, submission)
     assert hidden.anonymous_until == datetime(2026, 4, 1, tzinfo=UTC)
     change(server, submission, anonymous_until=None)
+    change(server, submission, anonymous_until=None, published=False)  # as it was
     row = f"submission:{submission}"
+    before = {
+        "method": {"name": "Walker", "code": None},
+        "anonymous_until": None,
+        "shows_episodes": False,
+    }
+    hidden_until = {"anonymous_until": said["anonymous_until"]}
+    named = {"before": hidden_until, "after": {"anonymous_until": None}}
     assert logged(server)[-2:] == [
-        (ORGANISER, "changed", row, submission, said),
-        (OWNER, "changed", row, submission, {"anonymous_until": None}),
+        (ORGANISER, "changed", row, submission, {"before": before, "after": said}),
+        (OWNER, "changed", row, submission, named),
     ]
     stored = known(server, submission)
     assert stored.method == Method(name="Runner", code="https://example.org/code")
@@ -448,10 +475,11 @@ def test_results_that_are_replaced_are_logged_and_no_others(
     for each in (first, second):
         change(server, each, published=True)
     assert {known(server, each).published_at for each in (withdrawn, *others)} == {NOON}
+    published = {"before": {"published": False}, "after": {"published": True}}
     assert [(subject, details) for *_, subject, details in logged(server)[-3:]] == [
-        (first, {"published": True}),
-        (second, {"published": True}),
-        (first, {"published": False}),
+        (first, published),
+        (second, published),
+        (first, {"before": published["after"], "after": published["before"]}),
     ]
     assert {action for _, action, *_ in logged(server)[-3:]} == {"changed"}
 

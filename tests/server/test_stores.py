@@ -18,6 +18,8 @@ from reverie_eval.server.store.uploads import (
     UploadsError,
     name_of,
     open_uploads,
+    stored_pieces,
+    stored_upload,
 )
 from tests.support.waiting import PATIENCE, WatchedLock
 
@@ -100,6 +102,21 @@ def test_a_damaged_file_is_an_error_of_reading(length: int, tmp_path: Path) -> N
     file.write_bytes(file.read_bytes()[:length] + b"?" * (length > 5))
     with pytest.raises(OSError, match=r"."):
         store.get(SHA256)
+    told = f"the upload {SHA256} cannot be read .*; run `reverie-eval server doctor`"
+    with pytest.raises(UploadsError, match=told):
+        stored_upload(store, SHA256)
+    with pytest.raises(UploadsError, match=told):
+        list(stored_pieces(store, SHA256))
+
+
+def test_another_file_in_place_of_an_upload_is_an_error_of_reading(uploads: Uploads) -> None:
+    uploads.put(SHA256, b"other")
+    pieces = stored_pieces(uploads, SHA256)
+    assert next(pieces) == b"other"
+    with pytest.raises(UploadsError, match=f"{SHA256} is not the file that was uploaded; run"):
+        next(pieces)
+    with pytest.raises(UploadsError, match=f"{OTHER_SHA256} is missing; run"):
+        next(stored_pieces(uploads, OTHER_SHA256))
 
 
 def test_what_was_never_put_is_not_found(uploads: Uploads) -> None:

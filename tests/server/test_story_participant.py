@@ -94,7 +94,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
     outcome = installed("submit", "best.json", "--split", "test")
     assert (outcome.status, outcome.out) == (2, "")
     assert re.fullmatch(
-        rf"reverie-eval: no submission is left; the next is possible at {TIME} .*\. "
+        rf"reverie-eval: no submissions left; next possible at {TIME} .*\. "
         "Nothing was scored\n",
         outcome.err,
     )

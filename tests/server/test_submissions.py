@@ -212,7 +212,8 @@ def test_an_accepted_file_is_logged_and_announced(open_server: OpenServer, folde
         told = session.scalars(select(Message)).one()
     digest = hashlib.sha256(GOOD).hexdigest()
     assert (logged.action, logged.subject) == ("submitted", number)
-    assert logged.details == {"split": OPEN, "sha256": digest}
+    method = {"name": "Walker"}
+    assert logged.details == {"split": OPEN, "sha256": digest, "method": method}
     assert (told.event, told.path) == ("submission", f"/submissions/{number}")
     assert told.text == f"Blue ({OWNER}) submitted Walker to {OPEN}"
 

@@ -33,11 +33,12 @@ from reverie_eval.server.service.tokens import (
     revoke_token,
     revoke_tokens_of_person,
     revoke_tokens_of_team,
+    token_state,
     valid_token,
 )
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import BrowserSession
+from reverie_eval.server.store.tables import BrowserSession, Token
 from tests.support.acting import NOON, acting, add_person, add_team, create_token
 
 SECOND = timedelta(seconds=1)
@@ -129,6 +130,24 @@ def test_what_is_said_of_a_token_that_does_not_count(
     with pytest.raises(NotSignedInError) as refused:
         valid_token(change.session, text, kind, now)
     assert str(refused.value) == f"{told}; ask the organiser for another"
+
+
+@pytest.mark.parametrize(
+    ("kind", "revoked_at", "expires_at", "expected"),
+    [
+        pytest.param("access", None, None, "valid", id="without an end"),
+        pytest.param("access", None, NOON + SECOND, "valid", id="before its end"),
+        pytest.param("access", None, NOON, "expired", id="at its end"),
+        pytest.param("access", NOON, None, "revoked", id="revoked"),
+        pytest.param("access", NOON - HOUR, NOON, "revoked", id="revoked before its end"),
+        pytest.param("invite", NOON, None, "used or revoked", id="an invitation"),
+    ],
+)
+def test_the_state_of_a_token(
+    kind: Any, revoked_at: datetime | None, expires_at: datetime | None, expected: str
+) -> None:
+    token = Token(kind=kind, revoked_at=revoked_at, expires_at=expires_at)
+    assert token_state(token, NOON) == expected
 
 
 def test_a_token_is_revoked_by_its_first_characters(change: Transaction) -> None:

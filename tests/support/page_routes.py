@@ -134,6 +134,10 @@ NO_PAGES = frozenset(
     }
 )
 """What leads elsewhere or is a file."""
+FILES = tuple(
+    Example(route, ORGANISER if route.startswith("/desk") else None) for route in sorted(NO_PAGES)
+)
+"""The same as somebody downloads it."""
 
 
 def page_routes(app: FastAPI) -> Iterator[tuple[str, str]]:

@@ -11,7 +11,7 @@ import os
 import shutil
 import ssl
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -47,6 +47,7 @@ from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.pages import add_pages
 from reverie_eval.server.service import boards
+from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.boards import Board, load_board
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.transactions import Transaction
@@ -155,6 +156,11 @@ class Serving:
         """Return who has this name, with their team."""
         with self.state.database.reading() as session:
             return person_named(session, name)
+
+    def actors(self) -> Sequence[str]:
+        """Return who acted, as the audit log has it, by entry: ``person:3``."""
+        with self.state.database.reading() as session:
+            return [entry.actor for entry in entries(session)]
 
 
 _routes: list[BaseRoute] = []

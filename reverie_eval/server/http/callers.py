@@ -12,21 +12,36 @@ from datetime import datetime, timedelta
 from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
-from fastapi import Depends, Request, Response
+from fastapi import Depends, Path, Request, Response
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import Role
+from reverie_eval.schemas.wire import EXAMPLE_TOKEN
 from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
 from reverie_eval.server.service.embargo import View
-from reverie_eval.server.service.tokens import check_organiser_left, valid_token
+from reverie_eval.server.service.tokens import (
+    HINT_LENGTH,
+    PREFIX,
+    check_organiser_left,
+    valid_token,
+)
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import BrowserSession, Person
 
 Given = ParamSpec("Given")
 Report = TypeVar("Report")
+
+TokenHint = Annotated[
+    str,
+    Path(
+        pattern=rf"^{PREFIX}[\w-]{{{HINT_LENGTH - len(PREFIX)}}}$",
+        examples=[EXAMPLE_TOKEN[:HINT_LENGTH]],
+    ),
+]
+"""The first characters of a token, in a path."""
 
 COOKIE = "reverie_eval_session"
 CSRF_HEADER = "X-CSRF-Token"
@@ -100,9 +115,9 @@ class Call:
             browser, caller = self._sender(session)
             snapshot = Snapshot(self.request, session, self.server.clock(), browser, caller)
             if self.required is not None:
-                role = snapshot.person.role
-                if self.required == "organiser" and role != "organiser":
-                    raise NotAllowedError("only the organiser may do this")
+                person = snapshot.person
+                if self.required == "organiser" and not person.is_organiser:
+                    raise NotAllowedError("only organisers may do this")
             yield snapshot
 
     def person(self) -> Person:
@@ -121,7 +136,8 @@ class Call:
         Raises
         ------
         ConflictError
-            If no organiser could sign in after an organiser's action.
+            If no organiser could sign in after an organiser's action, which only commands may do
+            (see :func:`check_organiser_left`).
         """
         with self.server.transactions.begin(self.person()) as transaction:
             report = action(transaction, *given, **named)
@@ -171,7 +187,7 @@ def is_of_another_site(request: Request) -> bool:
 def own_page(request: Request) -> None:
     """Refuse forms that other sites send: they could sign a visitor in as another person."""
     if is_of_another_site(request):
-        raise NotAllowedError("another site may not do this for you; use this server's own pages")
+        raise NotAllowedError("this request came from another site; use this server's own pages")
 
 
 def session_id_of(request: Request, cookie: str | None) -> str | None:

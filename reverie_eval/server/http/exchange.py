@@ -72,13 +72,19 @@ def exchange_of(scope: Scope) -> Exchange:
 
 
 def route_of(scope: Scope) -> str:
-    """Return the template of the route that a request matched: ``/api/v1/splits/{split}``."""
+    """Return the template of the route that a request matched: ``/api/v1/splits/{split}``.
+
+    Of a mounted application, such as the static files, this is the path that it is mounted at.
+    FastAPI leaves out the prefix with which a router was included, but not the router's own: so
+    ours are included without one.
+    """
     template: str | None = getattr(scope.get("route"), "path", None)
-    if template is None:
-        return UNMATCHED
-    # Later versions of FastAPI give the path relative to the router that includes the route.
-    is_below = scope["path"].startswith(f"{API}/") and not template.startswith(API)
-    return f"{API}{template}" if is_below else template
+    if template is not None:
+        return template
+    if "app_root_path" in scope:  # only mounting sets it
+        mounted_at: str = scope["root_path"]
+        return mounted_at.removeprefix(scope["app_root_path"])
+    return UNMATCHED
 
 
 def method_of(scope: Scope) -> str:

@@ -85,7 +85,7 @@ def _parts(body: bytes, mark: bytes) -> Iterator[tuple[bytes, bytes]]:
         begin = blank + 4
         end = _find(body, b"\r\n" + mark, begin)
         if end < 0:
-            raise _malformed("its end is missing")
+            raise _malformed("the closing boundary is missing")
         yield body[line + 2 : blank], body[begin:end]
         at = end + 2 + len(mark)
 

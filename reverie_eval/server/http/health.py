@@ -32,6 +32,7 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import current_key
 from reverie_eval.server.service.outbox import announce_fault
 from reverie_eval.server.service.rules import LastRules, different, rules_of
+from reverie_eval.server.service.transactions import SERVER
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
 
@@ -97,7 +98,7 @@ class Health:
         """Notify the organiser, unless the fault prevents it."""
         with (
             suppress(SQLAlchemyError, RequestError),
-            self._server.transactions.begin("server") as transaction,
+            self._server.transactions.begin(SERVER) as transaction,
         ):
             announce_fault(transaction, f"the server is unhealthy: {', '.join(failed)}")
 

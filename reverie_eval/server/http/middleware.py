@@ -12,6 +12,7 @@ import hashlib
 import ipaddress
 import logging
 import math
+import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -25,7 +26,14 @@ from python_multipart.multipart import parse_options_header
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from reverie_eval.server.errors import MalformedError, TooLargeError, TooManyError, TooSlowError
+from reverie_eval.server.errors import (
+    MalformedError,
+    NotSignedInError,
+    TooLargeError,
+    TooManyError,
+    TooSlowError,
+)
+from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.exchange import address_of, exchange_of, session_of, token_of
 
 SMALL = 256 << 10
@@ -54,8 +62,8 @@ cached by browsers."""
 Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 _PROXY_LOGGER = logging.getLogger("reverie_eval.server.proxies")
-_NOT_SIGNED_IN = 401
 _IPV6_SITE = 64
+_OWN_COOKIE = re.compile(rb"%b=[\w.-]*" % COOKIE.encode())
 """Prefix length of the network that a provider assigns to one customer."""
 
 ALWAYS = {
@@ -154,7 +162,7 @@ class RateLimits(Middleware):
 
         async def watching(message: Message) -> None:
             nonlocal is_throttled
-            if message.get("status") == _NOT_SIGNED_IN and attempts:
+            if message.get("status") == NotSignedInError.status and attempts:
                 self._counts.hit(self._failed_limit, "wrong token", token)
                 is_throttled = not self._counts.hit(self._failed_limit, "failed", address)
             if not is_throttled:
@@ -172,6 +180,28 @@ class RateLimits(Middleware):
 def _digest(shown: str) -> str:
     """Return the key for counting requests with a token or session; empty without one."""
     return hashlib.sha256(shown.encode()).hexdigest() if shown else ""
+
+
+class OwnCookies(Middleware):
+    """Passes on the server's own cookies only, and only if they are not quoted, as they never are.
+
+    Python 3.11 needs a time that grows with the square of its length to read a quoted value:
+    seconds on the event loop for the 64 KiB that a request's headers may have (CVE-2024-7592,
+    https://nvd.nist.gov/vuln/detail/CVE-2024-7592).
+    """
+
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        scope["headers"] = [
+            (name, _own_cookies(value) if name == b"cookie" else value)
+            for name, value in scope["headers"]
+        ]
+        await self.app(scope, receive, send)
+
+
+def _own_cookies(header: bytes) -> bytes:
+    cookies = (cookie.strip() for cookie in header.split(b";"))
+    return b"; ".join(cookie for cookie in cookies if _OWN_COOKIE.fullmatch(cookie))
 
 
 class PathPrefix(Middleware):

@@ -21,6 +21,7 @@ from reverie_eval.server.errors import (
     MalformedError,
     StorageFullError,
     TooManyError,
+    phrase_of,
 )
 from reverie_eval.server.http.callers import CSRF_HEADER
 from reverie_eval.server.http.examples import example_of
@@ -50,7 +51,7 @@ def problems(*codes: str) -> dict[int | str, Document]:
     for code in codes:
         status = ERRORS[code].status
         content = {"schema": {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}, "examples": {}}
-        empty = {"description": status.phrase, "content": {MEDIA_TYPE: content}}
+        empty = {"description": phrase_of(status), "content": {MEDIA_TYPE: content}}
         reply = declared.setdefault(status.value, empty)
         reply["content"][MEDIA_TYPE]["examples"][code] = {
             "value": ERRORS[code].example().document().model_dump(mode="json")
@@ -99,15 +100,9 @@ def describe(app: FastAPI, path_prefix: str) -> None:
                 _illustrate(operation, models)
         return document
 
+    @app.get(f"{API}/openapi.json", dependencies=[Depends(known_query)], include_in_schema=False)
     def show_description() -> JSONResponse:
         return JSONResponse(description())
-
-    app.add_api_route(
-        f"{API}/openapi.json",
-        show_description,
-        dependencies=[Depends(known_query)],
-        include_in_schema=False,
-    )
 
 
 def _complete(method: str, operation: Document) -> None:

@@ -125,7 +125,7 @@ class _Team:
         self.waiting = 0
 
 
-class Joining:
+class JoinLimit:
     """Counts requests to join by address, so that one sender cannot fill the list of open ones.
 
     An address is kept as a keyed digest, for 24 hours from its first request.
@@ -159,7 +159,7 @@ class RuntimeState:
 
     admission: Admission
     counts: Storage
-    joining: Joining
+    joining: JoinLimit
     metrics: Metrics
     health: Health
 
@@ -175,7 +175,7 @@ class RuntimeState:
             metrics.uploads_waiting.set,
         )
         counts = workers.counts()
-        joining = Joining(counts, server.signer.secret_for("requests to join"))
+        joining = JoinLimit(counts, server.signer.secret_for("requests to join"))
         return cls(admission, counts, joining, metrics, Health(server))
 
 

@@ -22,6 +22,7 @@ from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from reverie_eval.server.errors import NotSignedInError, TooManyError
 from reverie_eval.server.http.exchange import (
     OK,
     Exchange,
@@ -44,7 +45,7 @@ HUNG_UP = "hung-up"
 """The outcome of a request whose client disconnected before the reply."""
 
 _LOGGER = logging.getLogger("reverie_eval.server.requests")
-_TRACED = frozenset({401, 429})
+_TRACED = frozenset({NotSignedInError.status, TooManyError.status})
 """Statuses of guessed tokens and floods of requests; the log has the address of these."""
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 

@@ -57,7 +57,7 @@ _LATER_VERSION = f"was made by a later version than {__version__}; install the l
 class FolderError(RejectedError):
     """A server cannot start from its folder; ``problems`` lists why, with remedies."""
 
-    subject = "server's folder"
+    subject = "server folder"
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +158,8 @@ def database_errors() -> Iterator[None]:
     try:
         yield
     except REFUSALS as error:
+        if is_damaged(error):
+            raise FolderError([Problem("unsound", "database", reason_of(error))]) from None
         raise ReverieEvalError(f"database error: {reason_of(error)}") from None
 
 
@@ -229,7 +231,8 @@ def reason_of(error: Exception) -> str:
 
 def damaged_file(what: str) -> str:
     """Return that SQLite's file is damaged and what was found, and what to do."""
-    return f"the file is damaged ({what}); restore the last backup"
+    remedy = "`reverie-eval server restore BACKUP FOLDER`"
+    return f"the file is damaged ({what}); restore the last backup to another folder: {remedy}"
 
 
 def said_by(error: Exception) -> str:
@@ -428,14 +431,14 @@ def _at_several(session: Session, board: Board) -> Iterator[Finding]:
 
 
 def _at_outdated(session: Session, board: Board, folder: Path) -> Iterator[Finding]:
-    number = count_outdated(session, board)
+    number = count_outdated(session, [board])[board.path]
     if not number:
         return
     sent, command = count_text(number, "submission"), f"reverie-eval server rescore {folder}"
+    have = "has" if number == 1 else "have"
     message = (
-        f"{sent} to {board.name} not ranked on its further leaderboard {board.further}, for lack "
-        f"of a result under the current ground truth and rules; score them with "
-        f"`{command} {board.name}`"
+        f"{sent} to {board.name} {have} no result on {board.further} under the current ground "
+        f"truth and rules; score them with `{command} {board.name}`"
         if board.further
         else f"{sent} to {board.name} not ranked, because the ground truth or the rules have "
         f"changed since; score them again with `{command} {board.name}`"
@@ -444,6 +447,8 @@ def _at_outdated(session: Session, board: Board, folder: Path) -> Iterator[Findi
 
 
 def _at_uploads(settings: Settings) -> Iterator[Finding]:
+    is_s3 = settings.uploads.startswith("s3://")
+    place = settings.uploads if is_s3 else str(settings.path(settings.uploads))
     try:
         open_uploads(settings.uploads, settings.folder).try_out()
     except UploadsError as error:
@@ -451,7 +456,7 @@ def _at_uploads(settings: Settings) -> Iterator[Finding]:
     except OSError as error:
         is_space = is_full(error)
         remedy = "free some space" if is_space else "choose a folder that the server can write to"
-        message = f"{settings.uploads}: {error.strerror}; {remedy}"
+        message = f"{place}: {error.strerror}; {remedy}"
         yield Finding("uploads", "fault", message)
     else:
-        yield Finding("uploads", "ok", settings.uploads)
+        yield Finding("uploads", "ok", place)

@@ -14,7 +14,7 @@ from typing import Any, Self
 from urllib.parse import quote
 
 from reverie_eval.server.state import ServerState
-from reverie_eval.tasks import DEFAULT_TASK, Task
+from reverie_eval.tasks import Task
 from reverie_eval.version import __version__
 
 METADATA = "ro-crate-metadata.json"
@@ -29,12 +29,6 @@ _KINDS = {
     "application/json": "Data for programs",
     "application/atom+xml": "Feed of news and results",
     "text/plain": "Text for papers and tools",
-}
-_REVERIE = {
-    "@id": "https://arxiv.org/abs/1904.10151",
-    "@type": "ScholarlyArticle",
-    "name": "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor Environments",
-    "datePublished": "2020",
 }
 
 
@@ -104,7 +98,7 @@ class Crate:
         yield {
             "@id": "./",
             "@type": "Dataset",
-            "name": f"Leaderboards of {self.title}",
+            "name": f"{self.title}: leaderboards",
             "description": f"{self.contents} of an evaluation server of the {self._benchmarks}"
             f"{f', {self.address},' if self.address else ''} as they were on "
             f"{self.date:%Y-%m-%d %H:%M} UTC: leaderboards, submissions and rules.",
@@ -143,8 +137,13 @@ class Crate:
 
 def _benchmark(task: Task) -> Mapping[str, Any]:
     """Return what to cite for a task."""
-    if task.name == DEFAULT_TASK:
-        return _REVERIE
+    if task.paper is not None:
+        return {
+            "@id": task.paper.url,
+            "@type": "ScholarlyArticle",
+            "name": task.paper.title,
+            "datePublished": task.paper.year,
+        }
     return {"@id": f"https://{task.source}", "@type": "CreativeWork", "name": task.citation}
 
 

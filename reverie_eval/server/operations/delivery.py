@@ -17,7 +17,7 @@ import httpx
 import msgspec
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.server.http.repeated import repeatedly
+from reverie_eval.server.http.background import repeatedly
 from reverie_eval.server.service.outbox import announce_ends, claim, is_any_due, settle, untold_ends
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.settings import Mail, Settings, Webhook

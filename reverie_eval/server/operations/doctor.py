@@ -59,7 +59,7 @@ def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Fi
     try:
         state = ServerState.open(load_settings(folder))
     except (ReverieEvalError, *REFUSALS):
-        message = "the stored data was not checked; fix the faults above first"
+        message = "not checked; fix the faults above first"
         yield Finding("stored data", "note", message)
         return
     with closing(state.database), state.database.reading() as session:
@@ -180,7 +180,8 @@ def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
     if strays:
         message = (
             f"{count_text(len(strays), 'file')} without a submission: {first_few(strays)}; left by "
-            "a crash, or being accepted now. You can delete them while the server is stopped"
+            "a crash, or part of an upload in progress. You can delete them while the server is "
+            "stopped"
         )
         yield Finding("uploads", "note", message)
 
@@ -210,8 +211,8 @@ class _Reports:
             fingerprint = result.report.fingerprint
             if f"|data:{fingerprint[:12]}|" not in result.report.signature:
                 message = (
-                    f"{submission.id}: its signature names another ground truth than its report; "
-                    "restore the last backup"
+                    f"{submission.id}: its signature names a different ground truth from its "
+                    "report; restore the last backup"
                 )
                 yield Finding("reports", "fault", message)
             self._current += board is not None and board.truth.fingerprint == fingerprint
@@ -221,7 +222,9 @@ class _Reports:
     def sum_up(self) -> Iterator[Finding]:
         for split, number in self._without_board.items():
             sent = count_text(number, "submission")
-            yield Finding("reports", "note", f"{sent} to {split}, which the settings do not name")
+            yield Finding(
+                "reports", "note", f"{sent} to {split}, which is not a split in the settings"
+            )
         scored = f"{count_text(self._current, 'report')} scored with the current ground truth"
         yield Finding("reports", "ok", scored)
 

@@ -15,7 +15,7 @@ from typing import Any, Literal, Self, TypeVar
 import httpx
 from pydantic import BaseModel, ConfigDict, PositiveInt, TypeAdapter, ValidationError
 
-from reverie_eval.client._sending import USER_AGENT, http_client, reason_of
+from reverie_eval.client._sending import USER_AGENT, http_client, reason_of, retry_after_of
 from reverie_eval.errors import Problem, ReverieEvalError, SubmissionError
 from reverie_eval.server.settings import EvalAI
 from reverie_eval.text import printable
@@ -230,7 +230,7 @@ class EvalAIClient:
                 f"others), and that it is of a host of challenge {self.settings.challenge}"
             )
         if reply.is_server_error or reply.status_code in _BUSY:
-            raise UnavailableError(said, _retry_after(reply))
+            raise UnavailableError(said, retry_after_of(reply))
         raise MismatchError(said)
 
     def _read(self, model: type[M], content: Any) -> M:
@@ -265,8 +265,3 @@ def _quote(reply: httpx.Response) -> str:
     fields = document if isinstance(document, Mapping) else {}
     reason = fields.get("error") or fields.get("detail") or document
     return f": {printable(str(reason))[:_LONGEST_QUOTE]}"
-
-
-def _retry_after(reply: httpx.Response) -> float | None:
-    seconds = reply.headers.get("retry-after", "")
-    return float(seconds) if seconds.isdecimal() else None

@@ -122,21 +122,23 @@ class EvalAIWorker:
             return False
         try:
             if message.submission is None:
-                _LOGGER.warning("a message names no submission, and is removed")
+                _LOGGER.warning("message without a submission removed")
             else:
                 self._handle(message.submission)
             self.client.remove(message)
         except MismatchError as error:
             fields = {"submission": message.submission, "reason": str(error)}
-            _LOGGER.warning("a message stays in the queue", extra={"fields": fields})
+            _LOGGER.warning("message left in the queue", extra={"fields": fields})
         return True
 
     def _handle(self, number: int) -> None:
         """Finish a submission, whatever state an earlier worker left it in."""
         submission = self.client.submission(number)
-        if submission is None or submission.is_over:
-            why = "does not exist" if submission is None else submission.status
-            _log("a submission needs nothing", number, status=why)
+        if submission is None:
+            _log("submission does not exist", number)
+            return
+        if submission.is_over:
+            _log("submission already finished", number, status=submission.status)
             return
         board = self._board(submission)
         if submission.status != "running":
@@ -144,10 +146,10 @@ class EvalAIWorker:
         end = self._evaluate(submission, board)
         latest = self.client.submission(number)
         if latest is None or latest.is_over:  # cancelled meanwhile, or another worker was faster
-            _log("a submission has ended meanwhile", number)
+            _log("submission finished elsewhere", number)
             return
         self.client.report_end(submission, end)
-        _log("a submission has ended", number, status=end.submission_status)
+        _log("submission finished", number, status=end.submission_status)
 
     def _board(self, submission: EvalAISubmission) -> Board:
         split = self.client.settings.phases.get(submission.challenge_phase)
@@ -172,7 +174,7 @@ class EvalAIWorker:
         except UnavailableError:
             raise
         except Exception:
-            _LOGGER.exception("a submission could not be scored")
+            _LOGGER.exception("submission could not be scored")
             return End("FAILED", stderr=_FAULT)
 
 
@@ -205,7 +207,7 @@ def _log(event: str, submission: int, **fields: str) -> None:
 def _tell(attempt: Any) -> None:
     """Log why EvalAI is tried again; ``attempt`` is tenacity's ``RetryCallState``."""
     fields = {"reason": str(attempt.outcome.exception()), "seconds": attempt.upcoming_sleep}
-    _LOGGER.warning("EvalAI is tried again", extra={"fields": fields})
+    _LOGGER.warning("retrying EvalAI", extra={"fields": fields})
 
 
 def pause_after(attempt: Any) -> float:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from jinja2 import Environment
 
-from reverie_eval.errors import Problem
+from reverie_eval.errors import Problem, RejectedError
 from reverie_eval.files import staged_folder
 from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder, bundle_name
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
@@ -26,7 +26,7 @@ from reverie_eval.server.operations.checks import acting, check_known
 from reverie_eval.server.service.people import add_person, add_team
 from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.service.tokens import create_token
-from reverie_eval.server.settings import SETTINGS_FILE, Settings, SettingsError, load_settings
+from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.tasks.reverie import TASK as REVERIE
@@ -39,6 +39,18 @@ _OWNER_ONLY = 0o600
 _BUNDLES = Path("bundles")
 
 
+class FolderTakenError(RejectedError):
+    """The folder for a new server is not empty."""
+
+    subject = "folder"
+
+
+class DatabaseTakenError(RejectedError):
+    """The database for a new server is not empty."""
+
+    subject = "database"
+
+
 def make_server(
     folder: Path, *, now: datetime, actor: str, tasks: Sequence[str] = (DEFAULT_TASK,)
 ) -> str:
@@ -46,7 +58,7 @@ def make_server(
 
     Raises
     ------
-    SettingsError
+    FolderTakenError, DatabaseTakenError
         If the folder, or the database that an environment variable names, is not empty.
     ProtocolError
         If there is no such task.
@@ -101,11 +113,11 @@ def _add_first_organiser(folder: Path, *, now: datetime, actor: str) -> str:
 
 
 def check_empty(settings: Settings) -> None:
-    """Check that a database is empty. Raises SettingsError if it is not."""
+    """Check that a database is empty. Raises DatabaseTakenError if it is not."""
     with closing(Database(settings.database_url)) as database:
         if database.revision() is not None:
             remedy = "is not empty; create a new one and set REVERIE_EVAL_DATABASE to its URL"
-            raise SettingsError([Problem("database-taken", "database", remedy)])
+            raise DatabaseTakenError([Problem("database-taken", "database", remedy)])
 
 
 @contextmanager
@@ -114,7 +126,7 @@ def building(folder: Path) -> Iterator[Path]:
 
     Raises
     ------
-    SettingsError
+    FolderTakenError
         If the folder is not empty.
     """
     place = folder.absolute()
@@ -122,7 +134,7 @@ def building(folder: Path) -> Iterator[Path]:
         is_server = (place / SETTINGS_FILE).exists()
         kind = "already contains a server" if is_server else "is not empty"
         remedy = f"{kind}; choose a new or an empty folder"
-        raise SettingsError([Problem("folder-taken", str(folder), remedy)])
+        raise FolderTakenError([Problem("folder-taken", str(folder), remedy)])
     # The settings file is written last: a folder that has it is a server's.
     with staged_folder(folder, mode=0o700, last=SETTINGS_FILE) as aside:
         yield aside

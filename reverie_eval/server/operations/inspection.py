@@ -8,9 +8,9 @@ from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.operations.checks import opened_server
-from reverie_eval.server.service.audit import INSPECTED
 from reverie_eval.server.service.results import submission_report
 from reverie_eval.server.service.reviews import any_submission
+from reverie_eval.server.service.submissions import record_inspection
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.uploads import stored_upload
 
@@ -54,6 +54,5 @@ def inspect(
                 f"server doctor {settings.folder}`"
             )
         with state.transactions.begin(actor) as transaction:
-            row = any_submission(transaction.session, submission_id)
-            transaction.record(INSPECTED, row, submission_id)
+            record_inspection(transaction, submission_id)
     return known, scores

@@ -56,6 +56,8 @@ def replace_lost_key(settings: Settings, actor: str, reason: str) -> KeyReport:
             raise ReverieEvalError(f"{path} is the key in use, so it is not lost; omit --lost")
         if path.exists():
             raise ReverieEvalError(f"{path} is not the key in use; move it to another place first")
+        # `Transactions.begin` would refuse both keys: the lost one cannot sign the entry, and the
+        # new one is not in use before this transaction has ended.
         with database.writing() as session:
             new = _make_pending(settings)
             transaction = Transaction(session, actor, utc_now(), AuditLog(new))

@@ -11,7 +11,7 @@ from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.processes import map_in_processes
 from reverie_eval.schemas.organising import ResultChange
-from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.errors import no_split
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.boards import Board, load_board, load_boards
 from reverie_eval.server.service.rescoring import Job, Outcome, Scorer, changes, outdated
@@ -142,8 +142,6 @@ def install_bundle(settings: Settings, split: str, bundle: Path) -> Path:
 def _with_bundle(settings: Settings, split: str, bundle: Path) -> Settings:
     """Return settings with another bundle for a split."""
     if split not in settings.splits:
-        raise NotFoundError(
-            f"there is no split {split!r} here; there are: {', '.join(settings.splits)}"
-        )
+        raise no_split(split, settings.splits)
     changed = settings.splits[split].model_copy(update={"bundle": bundle.absolute()})
     return settings.model_copy(update={"splits": {**settings.splits, split: changed}})

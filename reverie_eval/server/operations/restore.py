@@ -60,7 +60,7 @@ def restore_backup(archive: Path, folder: Path) -> Manifest:
     ------
     BackupError
         If the archive is damaged or of a later version.
-    SettingsError
+    FolderTakenError, DatabaseTakenError
         If the folder or the database is not empty.
     """
     with archive.open("rb"), building(folder) as aside:

@@ -15,8 +15,8 @@ from starlette.types import ASGIApp
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.server.app import create_app
-from reverie_eval.server.http.patience import PatientProtocol
 from reverie_eval.server.http.telemetry import COUNTING_TOGETHER
+from reverie_eval.server.http.timeouts import TimeoutProtocol
 from reverie_eval.server.http.workers import Workers
 from reverie_eval.server.operations.checks import database_errors
 from reverie_eval.server.operations.delivery import delivering
@@ -136,7 +136,7 @@ def configuration(app: ASGIApp | Callable[[], ASGIApp], *, workers: int = 1) -> 
         factory=workers > 1,
         workers=workers,
         timeout_worker_healthcheck=SECONDS_TO_ANSWER,
-        http=PatientProtocol,
+        http=TimeoutProtocol,
         ws="none",
         log_config=LOGGING,
         access_log=False,

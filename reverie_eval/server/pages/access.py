@@ -9,6 +9,7 @@ from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import MOST_PEOPLE, NewJoinRequest
 from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.wire import LONGEST_SECRET
 from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http.callers import (
     Call,
@@ -41,7 +42,7 @@ def show_sign_in(visitor: Visitor, back: str = "/team") -> Response:
 @router.post("/sign-in", dependencies=[Depends(own_page)])
 def sign_in(
     visitor: Visitor,
-    token: Annotated[str, Form(max_length=200)] = "",
+    token: Annotated[str, Form(max_length=LONGEST_SECRET)] = "",
     back: Annotated[str, Form()] = "/team",
 ) -> Response:
     """Begin a session, or show why the token is refused."""
@@ -50,7 +51,7 @@ def sign_in(
         with server.database.writing() as session:
             begun = server.sessions.begin(session, token.strip(), now)
     except NotSignedInError as error:
-        return _draw_sign_in(visitor, own_path(back), 401, wrong="token", fault=str(error))
+        return _draw_sign_in(visitor, own_path(back), "token", error)
     reply = see_other(own_path(back))
     set_cookie(visitor.request, reply, begun.cookie, begun.session.expires_at - now)
     return reply
@@ -59,7 +60,7 @@ def sign_in(
 @router.post("/sign-in/invitation", dependencies=[Depends(own_page)])
 def use_invitation(
     visitor: Visitor,
-    invitation: Annotated[str, Form(max_length=200)] = "",
+    invitation: Annotated[str, Form(max_length=LONGEST_SECRET)] = "",
     back: Annotated[str, Form()] = "/team",
 ) -> Response:
     """Exchange an invitation for a token, show it once, and begin a session with it.
@@ -76,7 +77,7 @@ def use_invitation(
             own = Snapshot(request, session, now, begun.session, begun.session.token.person)
             reply = page(own, "welcome.html", token=token, back=own_path(back))
     except NotSignedInError as error:
-        return _draw_sign_in(visitor, own_path(back), 401, wrong="invitation", fault=str(error))
+        return _draw_sign_in(visitor, own_path(back), "invitation", error)
     set_cookie(request, reply, begun.cookie, begun.session.expires_at - now)
     return reply
 
@@ -98,14 +99,14 @@ def own_path(path: str) -> str:
 
 
 def _draw_sign_in(
-    visitor: Call, back: str, status: int = 200, *, wrong: str = "", fault: str | None = None
+    visitor: Call, back: str, wrong: str = "", refused: NotSignedInError | None = None
 ) -> Response:
     with visitor.snapshot() as snapshot:
         return page(
             snapshot,
             "sign-in.html",
-            status=status,
-            fault=fault,
+            status=None if refused is None else refused.status,
+            fault=refused,
             wrong=wrong,
             back=back,
             accepts_requests=visitor.server.settings.accept_requests_to_join,
@@ -114,7 +115,7 @@ def _draw_sign_in(
 
 @router.get("/join")
 def show_join(visitor: Visitor) -> Response:
-    """Show the form, or that this server accepts no requests."""
+    """Show the form, or that this server does not accept requests."""
     return _draw_join(visitor, {})
 
 

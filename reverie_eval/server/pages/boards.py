@@ -1,16 +1,16 @@
 """The leaderboards, their charts and feeds, comparing two results, and export for papers."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import ceil, inf
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 from urllib.parse import urlencode
 
 import msgspec
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse, Response
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
@@ -18,7 +18,8 @@ from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._comparison import signed
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.reporting._submission import headline_of
-from reverie_eval.server.errors import MalformedError
+from reverie_eval.schemas.report import ProblemReport
+from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import ScoringSlot
@@ -33,6 +34,7 @@ from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
 from reverie_eval.server.state import ServerState
 from reverie_eval.tasks import DEFAULT_TASK
+from reverie_eval.text import did_you_mean
 
 PER_PAGE = 60
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
@@ -45,20 +47,18 @@ _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
 """REVERIE's metrics of navigation in the order of its paper's tables; the others follow."""
 
 router = APIRouter()
-of_board = APIRouter()
-"""What every leaderboard has."""
 
+Endpoint = TypeVar("Endpoint", bound=Callable[..., Response])
 FlagFilter = Literal["", "with", "without"]
 
 
-def _known(key: str) -> str:
-    if key and key not in METRICS:
-        raise ValueError(f"there is no such metric; choose one of: {', '.join(METRICS)}")
-    return key
-
-
-MetricKey = Annotated[str, AfterValidator(_known)]
+MetricKey = Annotated[str, Field(max_length=100)]
+"""Whether the leaderboard has the metric is checked by :meth:`BoardQuery.on`."""
 Day = Annotated[date | None, BeforeValidator(lambda value: value or None)]
+
+
+LONGEST_SOUGHT = 100
+"""Characters of a part of a name that a leaderboard is searched for."""
 
 
 class BoardQuery(BaseModel):
@@ -75,7 +75,7 @@ class BoardQuery(BaseModel):
     human: FlagFilter = ""
     since: Day = None
     until: Day = None
-    text: Annotated[str, Field(max_length=100)] = ""
+    text: Annotated[str, Field(max_length=LONGEST_SOUGHT)] = ""
     columns: Literal["", "all"] = ""
     x: MetricKey = ""
     y: MetricKey = ""
@@ -94,11 +94,17 @@ class BoardQuery(BaseModel):
         known, primary = board.task.metrics, board.primary.key
         usual = {"metric": primary, "x": "success", "y": "rgs" if "rgs" in known else primary}
         asked = {name: getattr(self, name) or key for name, key in usual.items()}
-        for key in asked.values():
-            if key not in known:
-                raise MalformedError(
-                    f"{board.task.title} has no metric {key!r}; choose one of: {', '.join(known)}"
-                )
+        unknown = [
+            ProblemReport(
+                code="wrong-value",
+                where=name,
+                message=f"{board.task.title} has no metric {key!r}{did_you_mean(key, known)}",
+            )
+            for name, key in asked.items()
+            if key not in known
+        ]
+        if unknown:
+            raise MalformedError(WRONG_FORM, unknown)
         resolved = self.model_copy(update=asked)
         resolved._usual = usual  # noqa: SLF001  # of this class
         return resolved
@@ -159,7 +165,7 @@ Ranked = Annotated[Ranking, Depends(ranked)]
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class BoardPage:
     """The rows of one page of a leaderboard."""
 
     rows: Sequence[Row]
@@ -198,7 +204,22 @@ class Packed(Response):
         await GZipMiddleware(super().__call__, compresslevel=5)(scope, receive, send)
 
 
-@of_board.get("")
+def of_every_board(path: str) -> Callable[[Endpoint], Endpoint]:
+    """Add a route below the path of a split's own leaderboard, and of the further ones.
+
+    Not by a router that is included with a prefix, as the log and the metrics would then have the
+    route's path without it.
+    """
+
+    def add(endpoint: Endpoint) -> Endpoint:
+        for board in PATHS:
+            router.get(f"{board}{path}")(endpoint)
+        return endpoint
+
+    return add
+
+
+@of_every_board("")
 def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
     """Show the published results, ranked."""
     query = query.on(board)
@@ -236,10 +257,11 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             chart=chart_of(ranking, charted, query.x, query.y) if is_copy else None,
             counts=_counts(ranking, apart),
             numbers=_numbers(part.number, part.pages),
+            longest_sought=LONGEST_SOUGHT,
         )
 
 
-@of_board.get("/chart")
+@of_every_board("/chart")
 def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
     query = query.on(ranking.board)
@@ -248,26 +270,26 @@ def show_chart(ranking: Ranked, query: Shown) -> Response:
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
-@of_board.get("/latex")
+@of_every_board("/latex")
 def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
     query = query.on(ranking.board)
-    rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
+    rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
     scored = {key for row in rows for key in row.entry.scores}
     metrics = [metric for metric in _columns(ranking.board, query, rows) if metric.key in scored]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
 
 
-@of_board.get("/bibtex")
+@of_every_board("/bibtex")
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
     query = query.on(ranking.board)
-    rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
+    rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
     title, site = server.settings.title, address_of_site(request)
     return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
 
 
-@of_board.get("/compare")
+@of_every_board("/compare")
 def show_comparison(
     board: NamedBoard,
     visitor: Visitor,
@@ -299,27 +321,23 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
 @router.get("/feed.atom")
 def show_feed(request: Request, server: Server) -> Response:
     """Return the Atom feed (RFC 4287) of all splits, with the scores on their own leaderboards."""
-    return _feed(request, server, server.boards.values(), "", server.settings.title)
+    return _feed(request, server, [*server.boards.values()], "", server.settings.title)
 
 
-@of_board.get("/feed.atom")
+@of_every_board("/feed.atom")
 def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> Response:
     """Return the feed of a leaderboard."""
     title = f"{board.label} leaderboard, {server.settings.title}"
     return _feed(request, server, [board], f"/boards/{board.path}", title)
 
 
-for path in PATHS:
-    router.include_router(of_board, prefix=path)
-
-
 def _feed(
-    request: Request, server: ServerState, boards: Iterable[Board], path: str, title: str
+    request: Request, server: ServerState, boards: Sequence[Board], path: str, title: str
 ) -> Response:
     with server.database.reading() as session:
         items = [*items_of_news(latest_news(session, MOST_ITEMS))]
-        for board in boards:
-            items += items_of(server.ranking(session, board))
+        for ranking in server.rankings(session, boards):
+            items += items_of(ranking)
     shown = latest(items)
     xml = render(
         "feed.atom",
@@ -337,9 +355,10 @@ def _feed(
 def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
     """Count what a leaderboard has, and the rows that are shown as not ranked.
 
-    Teams that hide are not counted: their number could tell whether a team that is named hides.
+    Anonymous teams are not counted: the count could reveal whether a named team also has anonymous
+    results.
     """
-    scored = [row.entry for row in ranking.rows if row.entry.standing == "ranked"]
+    scored = [row.entry for row in ranking.rows if row.entry.is_ranked]
     return {
         "all": len(ranking.rows),
         "scored": len(scored),
@@ -349,13 +368,13 @@ def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
     }
 
 
-def _part(ranking: Ranking, query: BoardQuery) -> Part:
+def _part(ranking: Ranking, query: BoardQuery) -> BoardPage:
     """Return the requested page, or the last one."""
     shown = _sorted(query.shown.of(ranking.rows, ranking), query)
     pages = max(1, ceil(len(shown) / PER_PAGE))
     number = min(query.page, pages)
     first = PER_PAGE * (number - 1)
-    return Part(shown[first : first + PER_PAGE], first, len(shown), number, pages)
+    return BoardPage(shown[first : first + PER_PAGE], first, len(shown), number, pages)
 
 
 def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:

@@ -19,11 +19,14 @@ from reverie_eval.server.http.callers import Call, Snapshot, Visitor
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.episodes import Browsing, EpisodeFilter, Run
+from reverie_eval.server.service.leaderboard import make_distinct
 from reverie_eval.text import category_text
 
 router = APIRouter()
 
 PER_PAGE = 50
+MOST_CHOICES = 12
+"""Submissions of a split that the list of splits shows."""
 MOST_STEPS = 200
 """The longest list of steps that a page shows."""
 
@@ -51,7 +54,7 @@ Selected = Annotated[Selection, Depends()]
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class OutcomeCount:
     """An outcome and its number of episodes."""
 
     name: str
@@ -101,11 +104,9 @@ def show_splits(visitor: Visitor) -> Response:
     """List the open splits."""
     episodes = visitor.server.episodes
     with visitor.snapshot() as snapshot:
-        splits = [
-            (board, episodes.choices(snapshot.session, snapshot.caller, board.name))
-            for board in episodes.boards
-        ]
-        return page(snapshot, "episodes.html", splits=splits)
+        choices = episodes.choices(snapshot.session, snapshot.caller, episodes.boards)
+        splits = [(board, choices[board.name]) for board in episodes.boards]
+        return page(snapshot, "episodes.html", splits=splits, most=MOST_CHOICES)
 
 
 @router.get("/episodes/{split}")
@@ -136,7 +137,7 @@ def show_episodes(
             pages=pages,
             funnels=[modes.funnel for modes in failures],
             parts=[
-                Part(name, meaning, [modes.counts[name] for modes in failures])
+                OutcomeCount(name, meaning, [modes.counts[name] for modes in failures])
                 for name, meaning in BEST_OUTCOME_FIRST.items()
                 if failures
             ],
@@ -204,10 +205,8 @@ def _answers(episode: Episode, walked: Mapping[str, Episode]) -> Sequence[Answer
 
 def _names(runs: Sequence[Run]) -> Sequence[str]:
     """Name submissions by their methods, with their ids if the methods have the same name."""
-    methods = [run.choice.method for run in runs]
-    if len(set(methods)) == len(methods):
-        return methods
-    return [f"{name} ({run.choice.id})" for name, run in zip(methods, runs, strict=True)]
+    choices = [run.choice for run in runs]
+    return make_distinct([each.method for each in choices], [each.id for each in choices])
 
 
 def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neighbours:

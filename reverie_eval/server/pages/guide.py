@@ -15,6 +15,8 @@ from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.attempts import DAYS_KEPT
 from reverie_eval.server.service.keys import list_keys
+from reverie_eval.server.service.rank_intervals import MOST_COMPARED
+from reverie_eval.server.service.reviews import VERDICTS
 from reverie_eval.server.service.tokens import LIFETIME
 from reverie_eval.submissions import submission_schema
 from reverie_eval.tasks import Task
@@ -74,6 +76,7 @@ def show_metrics(visitor: Visitor, task: str = "") -> Response:
         task=shown,
         headline=shown.headline_metrics(METRICS),
         further=further,
+        most_compared=MOST_COMPARED,
     )
 
 
@@ -111,6 +114,7 @@ def show_rules(visitor: Visitor) -> Response:
             boards=server.boards,
             schedules=server.schedules.in_effect(snapshot.session),
             required=server.settings.required_metadata,
+            verdicts=VERDICTS,
         )
 
 

@@ -30,8 +30,6 @@ from reverie_eval.tasks import DEFAULT_TASK
 router = APIRouter()
 
 MOST_LEADERS = 5
-_PAPER_PAGE = "https://arxiv.org/abs/1904.10151"
-"""Of REVERIE, unless the settings have a link that is called ``Paper``."""
 _MOST_COLUMNS = 3
 """Besides the primary metric."""
 _OF_REVERIE = ("success", "spl", "rgs")
@@ -74,7 +72,7 @@ def show_home(visitor: Visitor) -> Response:
             example=_example(server.episodes),
             # A link in the settings comes before what is known of the task.
             data=links.get("data", f"https://{task.source}"),
-            paper_page=links.get("paper", _PAPER_PAGE if task.name == DEFAULT_TASK else ""),
+            paper_page=links.get("paper", task.paper.url if task.paper else ""),
             papers="\n".join(map(paper_of, server.tasks)),
             news=latest_news(snapshot.session, NEWS_SHOWN),
         )
@@ -112,13 +110,12 @@ def _leaders(server: ServerState, snapshot: Snapshot) -> Mapping[str, Sequence[L
     """Return the first rows of every leaderboard, by the title of its task."""
     schedules = server.schedules.in_effect(snapshot.session)
     found: dict[str, list[Leaders]] = {task.title: [] for task in server.tasks}
-    for name, board in server.boards.items():
-        ranking = server.ranking(snapshot.session, board)
-        rows = ranking.rows[:MOST_LEADERS]
-        has_results = any(row.entry.standing == "ranked" for row in ranking.rows)
+    for ranking in server.rankings(snapshot.session, [*server.boards.values()]):
+        board, rows = ranking.board, ranking.rows[:MOST_LEADERS]
+        has_results = any(row.entry.is_ranked for row in ranking.rows)
         references = {} if has_results else server.episodes.references(board)
         scale = Scale.of(rows, board.primary.key)
         found[board.task.title].append(
-            Leaders(board, ranking, schedules[name], rows, references, scale)
+            Leaders(board, ranking, schedules[board.name], rows, references, scale)
         )
     return found

@@ -1,6 +1,6 @@
 """``/play``: a person walks an episode of an open split and sees how it is scored.
 
-The address has the episode's number in a sample, as its id in REVERIE has that of the target.
+The URL has the episode's number in the sample, because a REVERIE id contains the target's id.
 """
 
 from dataclasses import dataclass

@@ -21,16 +21,32 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from reverie_eval.metrics import METRICS
+from reverie_eval.metrics.uncertainty import CONFIDENCE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS, OBJECT_FLAGS
-from reverie_eval.reporting._submission import headline_of, known_task
+from reverie_eval.reporting._submission import WINDOW_LENGTHS, headline_of, known_task
 from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument
-from reverie_eval.schemas.wire import LONGEST_LINE, LONGEST_LINK, LONGEST_NAME, LONGEST_TEXT
-from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
+from reverie_eval.schemas.wire import (
+    LONGEST_EMAIL,
+    LONGEST_ID,
+    LONGEST_LINE,
+    LONGEST_LINK,
+    LONGEST_NAME,
+    LONGEST_SECRET,
+    LONGEST_TEXT,
+)
+from reverie_eval.server.errors import (
+    ERRORS,
+    ForgedError,
+    MalformedError,
+    NotSignedInError,
+    QuotaSpentError,
+    RejectedFileError,
+)
 from reverie_eval.server.http.callers import Snapshot, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
-from reverie_eval.server.service.tokens import TOKEN_NAMES
+from reverie_eval.server.service.tokens import TOKEN_NAMES, token_state
 from reverie_eval.server.store.tables import Person
 from reverie_eval.tasks import DEFAULT_TASK, Task
 from reverie_eval.text import category_text, count_text
@@ -193,7 +209,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     episodes = [] if is_copy else [Place("Episodes", "/episodes")]
     # Anyone may look for the way in: who is not signed in is led to how to get an account.
     submit = [] if is_copy else [Place("Submit", "/submit")]
-    desk = [Place("Desk", "/desk")] if person is not None and person.role == "organiser" else []
+    desk = [Place("Desk", "/desk")] if person is not None and person.is_organiser else []
     return Site(
         title=server.settings.title,
         banner=notice.banner,
@@ -222,15 +238,21 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.globals |= {
+        # Errors that templates show in a way of their own, by the names of their classes.
+        **{kind.__name__: kind for kind in (ForgedError, QuotaSpentError, RejectedFileError)},
         "called": TOKEN_NAMES,
+        "confidence": f"{100 * CONFIDENCE:g}",  # in percent
         "flags": METHOD_FLAGS,
         "flag_meanings": {flag: Method.model_fields[flag].description for flag in METHOD_FLAGS},
         "short_flags": {flag: short for flag, (short, _) in _SHORT_FLAGS.items()},
         "brief_flags": {flag: brief for flag, (_, brief) in _SHORT_FLAGS.items()},
         "longest": {
-            "name": LONGEST_NAME,
+            "email": LONGEST_EMAIL,
+            "id": LONGEST_ID,
             "line": LONGEST_LINE,
             "link": LONGEST_LINK,
+            "name": LONGEST_NAME,
+            "secret": LONGEST_SECRET,
             "text": LONGEST_TEXT,
         },
         "flags_of": flags_of,
@@ -239,6 +261,8 @@ def _environment() -> Environment:
         "metrics": METRICS,
         "most_extra": MOST_EXTRA,
         "static": static_url,
+        "token_state": token_state,
+        "window_lengths": WINDOW_LENGTHS,
     }
     environment.filters |= {
         "attributes": attributes,
@@ -377,12 +401,12 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
 
 
 def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument) -> Response:
-    way_on = Place("To the first page", "/")
+    way_on = Place("Home", "/")
     # To the same leaderboard if only its query was invalid.
     if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
         split, further = (request.path_params.get(name, "") for name in ("split", "further"))
         url = f"/boards/{quote(split)}" + (f"/also/{quote(further)}" if further else "")
-        way_on = Place(f"To the whole {split} leaderboard", url)
+        way_on = Place(f"Back to the {split} leaderboard", url)
     about = {"problem": problem, "way_on": way_on}
     return _page(request, snapshot, "fault.html", problem.status, **about)
 

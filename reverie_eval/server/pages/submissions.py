@@ -22,8 +22,9 @@ from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
 from reverie_eval.server.service.audit import history
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.entries import is_anonymous
 from reverie_eval.server.service.leaderboard import ranks
-from reverie_eval.server.service.reviews import standing_reviews
+from reverie_eval.server.service.reviews import is_disqualified, standing_reviews
 from reverie_eval.server.service.submissions import Publication, publication, submission_of
 from reverie_eval.server.state import ServerState
 
@@ -84,6 +85,7 @@ def _own_page(
     shown = submission_of(session, person, submission_id, snapshot.view)
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
+    reviews = standing_reviews(session, shown.id)
     return page(
         snapshot,
         "submission.html",
@@ -94,7 +96,9 @@ def _own_page(
         has_episodes=_has_episodes(visit, shown),
         one_per_team=board is not None and board.split.one_per_team,
         events=history(session, shown.id),
-        reviews=standing_reviews(session, shown.id),
+        reviews=reviews,
+        is_disqualified=is_disqualified(reviews),
+        is_anonymous=is_anonymous(shown, snapshot.now),
         typed={**_texts(shown.method), **typed},
         also=_further_boards(visit, shown.split),
         required=server.settings.required_metadata,

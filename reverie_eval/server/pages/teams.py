@@ -11,7 +11,7 @@ from fastapi.responses import Response
 
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._submission import known_task
-from reverie_eval.schemas.service import QuotaReport, SubmissionReport
+from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
 from reverie_eval.server.http.callers import Member, Snapshot
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.boards import Board
@@ -90,13 +90,7 @@ class SplitQuota:
 
     board: Board
     quota: QuotaReport
-    is_open: bool
-    is_paused: bool
-    """Whether submissions to this split are paused."""
-    opens_at: datetime | None
-    """When the next phase begins, or None."""
-    closes_at: datetime | None
-    """When the current phase ends; None if no phase is open, or it has no end."""
+    schedule: Schedule
 
 
 def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota]:
@@ -104,13 +98,5 @@ def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota
     quotas = server.intake.quotas(snapshot.session, snapshot.person)
     schedules = server.schedules.in_effect(snapshot.session)
     return [
-        SplitQuota(
-            board=board,
-            quota=quotas[name],
-            is_open=schedules[name].is_open(snapshot.now),
-            is_paused=schedules[name].paused,
-            opens_at=schedules[name].opens_at(snapshot.now),
-            closes_at=schedules[name].closes_at(snapshot.now),
-        )
-        for name, board in server.boards.items()
+        SplitQuota(board, quotas[name], schedules[name]) for name, board in server.boards.items()
     ]

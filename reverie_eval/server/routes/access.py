@@ -24,6 +24,7 @@ from reverie_eval.server.http.callers import (
     own_page,
     set_cookie,
 )
+from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import file_reply, problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.service.keys import list_keys
@@ -32,7 +33,7 @@ from reverie_eval.server.service.tokens import accept_invitation
 from reverie_eval.server.store.tables import BrowserSession, Person
 from reverie_eval.version import __version__
 
-router = APIRouter(tags=["access"])
+router = APIRouter(prefix=API, tags=["access"])
 
 
 @router.get("/server")

@@ -14,6 +14,7 @@ from reverie_eval.schemas.joining import (
     Rejection,
 )
 from reverie_eval.server.http.callers import Organiser, Server
+from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.runtime import Runtime
@@ -21,13 +22,15 @@ from reverie_eval.server.service import joining, people_files
 
 router = APIRouter()
 organising = APIRouter(
-    prefix="/organiser", tags=["organiser"], responses=problems("not-signed-in", "not-allowed")
+    prefix=f"{API}/organiser",
+    tags=["organiser"],
+    responses=problems("not-signed-in", "not-allowed"),
 )
 _REFUSALS = problems("not-found", "conflict")
 
 
 @router.post(
-    "/join", status_code=202, tags=["access"], responses=problems("not-allowed", "conflict")
+    f"{API}/join", status_code=202, tags=["access"], responses=problems("not-allowed", "conflict")
 )
 def ask_to_join(
     request: Request, new: NewJoinRequest, server: Server, runtime: Runtime

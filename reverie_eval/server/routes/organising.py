@@ -10,7 +10,8 @@ from reverie_eval.schemas.evidence import EvidenceReport
 from reverie_eval.schemas.personal_data import PersonalData
 from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
-from reverie_eval.server.http.callers import Organiser
+from reverie_eval.server.http.callers import Organiser, TokenHint
+from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import BINARY, file_reply, problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
@@ -24,6 +25,7 @@ from reverie_eval.server.http.uploads import (
     method_from,
     parameters_of,
 )
+from reverie_eval.server.routes.splits import SplitName
 from reverie_eval.server.service import (
     attempts,
     audit,
@@ -39,14 +41,12 @@ from reverie_eval.server.service import (
 from reverie_eval.server.service.bulk import archive_of
 
 router = APIRouter(
-    prefix="/organiser",
+    prefix=f"{API}/organiser",
     tags=["organiser"],
     responses=problems("not-signed-in", "not-allowed"),
 )
 
 Team = Annotated[str | None, Query(max_length=LONGEST_NAME, examples=["Blue"])]
-Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
-SplitName = Annotated[str, Path(examples=["test"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 
@@ -153,7 +153,7 @@ def create_token(new: schemas.NewToken, organiser: Organiser) -> schemas.NewToke
 
 
 @router.delete("/tokens/{hint}", responses=problems("not-found", "conflict"))
-def revoke_token(hint: Hint, organiser: Organiser) -> schemas.TokenReport:
+def revoke_token(hint: TokenHint, organiser: Organiser) -> schemas.TokenReport:
     """Revoke a token, with the browser sessions that began with it."""
     return organiser.perform(tokens.revoke_token, hint)
 
@@ -302,8 +302,11 @@ def show_evidence(
     With a team, also list its submissions. Each request reads a hundred more submissions;
     `left` says how many remain. `server evidence` reads all.
     """
-    organiser.person()
-    return organiser.server.evidence.report(split, team)
+    evidence = organiser.server.evidence
+    with organiser.snapshot() as snapshot:
+        report, read = evidence.report(snapshot.session, split, team)
+    evidence.keep(split, read)
+    return report
 
 
 @router.get(

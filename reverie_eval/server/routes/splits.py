@@ -8,6 +8,7 @@ from fastapi import APIRouter, Header, Path, Query, Response, status
 from fastapi.responses import PlainTextResponse
 
 from reverie_eval.metrics import METRICS
+from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
@@ -21,6 +22,7 @@ from reverie_eval.schemas.service import (
     SplitReport,
 )
 from reverie_eval.server.http.callers import Anybody, Call, Server
+from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import TEXT, file_reply, problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.uploads import (
@@ -36,10 +38,11 @@ from reverie_eval.server.http.uploads import (
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import list_snapshots
-from reverie_eval.server.service.leaderboard import as_csv, as_json, csv_of
+from reverie_eval.server.service.leaderboard import Ranking, as_csv, as_json, csv_of
 from reverie_eval.server.service.snapshots import snapshot_of
+from reverie_eval.server.state import ServerState
 
-router = APIRouter(prefix="/splits", tags=["splits"])
+router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 
 SplitName = Annotated[str, Path(examples=["test"])]
 FurtherName = Annotated[str, Path(examples=["grounding"])]
@@ -128,8 +131,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
     Reported results are among the others, without a rank. Results that are disqualified, on another
     version of the dataset, or scored under other rules are in `apart`.
     """
-    with server.database.reading() as session:
-        ranking = server.ranking(session, server.board(split), metric)
+    ranking = _ranking(server, metric, split)
     return Response(as_json(ranking), media_type="application/json")
 
 
@@ -140,8 +142,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
 )
 def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
     """Return the leaderboard as CSV."""
-    with server.database.reading() as session:
-        ranking = server.ranking(session, server.board(split), metric)
+    ranking = _ranking(server, metric, split)
     return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 
@@ -154,8 +155,7 @@ def show_further_leaderboard(
     split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
 ) -> Response:
     """Rank the submissions on a further leaderboard of the split."""
-    with server.database.reading() as session:
-        ranking = server.ranking(session, server.board(split, further), metric)
+    ranking = _ranking(server, metric, split, further)
     return Response(as_json(ranking), media_type="application/json")
 
 
@@ -168,8 +168,7 @@ def download_further_leaderboard(
     split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
 ) -> Response:
     """Return a further leaderboard of the split as CSV."""
-    with server.database.reading() as session:
-        ranking = server.ranking(session, server.board(split, further), metric)
+    ranking = _ranking(server, metric, split, further)
     return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 
@@ -188,8 +187,7 @@ def list_split_snapshots(split: SplitName, server: Server, paging: Paging) -> li
 )
 def download_snapshot(split: SplitName, number: Number, server: Server) -> Response:
     """Return a snapshot as CSV; its signature is that of the JSON."""
-    with server.database.reading() as session:
-        snapshot = snapshot_of(session, split, number)
+    snapshot = show_snapshot(split, number, server)
     text = csv_of(snapshot.leaderboard.model_dump(mode="json"))
     return PlainTextResponse(text, media_type="text/csv")
 
@@ -201,6 +199,12 @@ def show_snapshot(split: SplitName, number: Number, server: Server) -> Snapshot:
         return snapshot_of(session, split, number)
 
 
+def _ranking(server: ServerState, metric: str | None, split: str, further: str = "") -> Ranking:
+    """Rank a leaderboard. Who asks makes no difference, so a token that ended is not refused."""
+    with server.database.reading() as session:
+        return server.ranking(session, server.board(split, further), metric)
+
+
 def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
     with call.snapshot() as snapshot:
         names = [board.name for board in boards]
@@ -210,14 +214,19 @@ def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
             else {}
         )
         schedules = call.server.schedules.in_effect(snapshot.session)
+        notice = call.server.notices.current(snapshot.session)
         return [
-            _report(board, schedules[board.name], quotas.get(board.name), snapshot.now)
+            _report(board, schedules[board.name], notice, quotas.get(board.name), snapshot.now)
             for board in boards
         ]
 
 
 def _report(
-    board: Board, schedule: Schedule, quota: QuotaReport | None, now: datetime
+    board: Board,
+    schedule: Schedule,
+    notice: NoticeReport,
+    quota: QuotaReport | None,
+    now: datetime,
 ) -> SplitReport:
     phases = [PhaseReport(**dict(phase), is_open=phase.is_open(now)) for phase in schedule.phases]
     return SplitReport(
@@ -232,7 +241,7 @@ def _report(
         public_fingerprint=board.public_fingerprint,
         phases=phases,
         release_scores=schedule.release_scores,
-        paused=schedule.paused,
+        paused=schedule.is_paused_on(paused_server=notice.paused),
         one_per_team=board.split.one_per_team,
         also={
             name: FurtherBoard(protocol=each.split.protocol, track=each.split.track)

@@ -10,13 +10,14 @@ from reverie_eval.reporting._scores import write_episodes
 from reverie_eval.schemas.service import Envelope, Receipt, SubmissionChange, SubmissionReport
 from reverie_eval.server.http.callers import Caller
 from reverie_eval.server.http.examples import SUBMISSION
+from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import TEXT, file_reply, problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.routes.splits import FurtherName
 from reverie_eval.server.service.submissions import list_submissions, result_on, submission_of
 
-router = APIRouter(prefix="/submissions", tags=["submissions"])
+router = APIRouter(prefix=f"{API}/submissions", tags=["submissions"])
 
 SubmissionId = Annotated[str, Path(examples=["5f2b0c9a4d7e1f36"])]
 _REFUSALS = ("not-signed-in", "not-found")

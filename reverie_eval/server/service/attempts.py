@@ -96,7 +96,7 @@ class Attempts:
                 before, last = attempt.at - timedelta(days=DAYS_KEPT), attempt.id - MOST_KEPT
                 session.execute(_DELETE_OLD, {"before": before, "last": last})
         except Exception:
-            _LOGGER.exception("an upload was handled, but not recorded")
+            _LOGGER.exception("upload not recorded")
 
 
 def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[AttemptReport]:

@@ -91,7 +91,7 @@ _SWITCHES = {
     ("withdrawn", True): "withdrawn",
     ("withdrawn", False): "restored",
     ("published", True): "published",
-    ("published", False): "taken off the leaderboard",
+    ("published", False): "unpublished",
     ("shows_episodes", True): "episodes shown to everyone",
     ("shows_episodes", False): "episodes shown to the team only",
 }
@@ -290,7 +290,9 @@ def history(session: Session, submission_id: str) -> Sequence[Event]:
 
 
 def _event(entry: AuditEntry, actor: str) -> Event:
-    changes = list(_changes(entry.details)) if entry.action == "changed" else []
+    changes: Sequence[str] = ()
+    if entry.action == "changed":  # version 0.1.0 recorded the new values alone
+        changes = list(_changes(entry.details.get("after", entry.details)))
     what = "; ".join(changes) or entry.action.replace("submitted", "received and scored")
     if entry.action == "review lifted":
         what = f"no longer {entry.details.get('verdict', 'reviewed')}"

@@ -16,6 +16,7 @@ from urllib.parse import quote
 import numpy as np
 
 from reverie_eval.errors import GroundTruthError, Problem, ProtocolError, SubmissionError
+from reverie_eval.files import is_private
 from reverie_eval.ground_truth import Bundle, GroundTruth
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.schemas.report import ScoreReport
@@ -29,7 +30,7 @@ from reverie_eval.scoring import (
     signature_of,
     why_not,
 )
-from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.errors import NotFoundError, no_split
 from reverie_eval.server.settings import Settings, SettingsError, Split
 from reverie_eval.submissions import parse_predictions
 from reverie_eval.submissions._document import check_value_count
@@ -40,7 +41,6 @@ MAX_VALUES = 5_000_000
 """JSON values in an upload, at most: about thirty times as many as in a usual file for the largest
 split, and a sixth of the limit outside the server."""
 
-_OTHERS_MAY_READ = 0o077
 _RELEASED = {"signature", "split", "protocol", "dataset", "fingerprint", "version", "episodes"}
 """The fields of a private split's report, besides its scores and notes."""
 
@@ -91,10 +91,16 @@ class Board:
     @property
     def title(self) -> str:
         """Its heading: ``Val unseen leaderboard``, or ``R2R test leaderboard: strict``."""
-        benchmark = "" if self.task.name == DEFAULT_TASK else f"{self.task.title} "
-        name = benchmark + self.truth.split.replace("_", " ")
+        title = self.full_title
+        if self.task.name == DEFAULT_TASK:
+            title = title.removeprefix(f"{self.task.title} ")
+        return title[:1].upper() + title[1:]
+
+    @property
+    def full_title(self) -> str:
+        """Its title where the benchmark must be named: ``REVERIE val unseen leaderboard``."""
         further = f": {self.further}" if self.further else ""
-        return f"{name[:1].upper()}{name[1:]} leaderboard{further}"
+        return f"{self.task.title} {self.truth.split.replace('_', ' ')} leaderboard{further}"
 
     @property
     def is_private(self) -> bool:
@@ -346,7 +352,7 @@ def board_named(boards: Mapping[str, Board], split: str, further: str = "") -> B
     """
     board = boards.get(split)
     if board is None:
-        raise NotFoundError(f"there is no split {split!r} here; there are: {', '.join(boards)}")
+        raise no_split(split, boards)
     if not further:
         return board
     if further not in board.also:
@@ -378,8 +384,7 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     known = name_on_server(split.task, truth.split)
     if known != name:
         raise GroundTruthError(f"this is the ground truth of {known}, not of {name}")
-    mode = path.stat().st_mode
-    if split.visibility == "private" and mode & _OTHERS_MAY_READ:
+    if split.visibility == "private" and not is_private(path):
         raise GroundTruthError(f"others can read these answers; run `chmod 600 {path}`")
     public_fingerprint = bundle.public().header.fingerprint
     board = _board(name, split, replace(truth, origin=name), public_fingerprint)

@@ -21,7 +21,7 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
     and the best reported result of a method. ``progress`` contains the results that were better
     than all earlier ones by the metric of the ranking, in the order of publication.
     """
-    scored = [row for row in rows if row.entry.standing == "ranked"]
+    scored = [row for row in rows if row.entry.is_ranked]
     reported = [row for row in rows if row.entry.standing == "reported"]
     points = _points(ranking, scored, x, y)
     is_ordered = "neither" not in {METRICS[key].better for key in (x, y)}

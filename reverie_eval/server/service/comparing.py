@@ -88,9 +88,7 @@ def compare_results(
     """
     if len(set(ids)) != _COMPARED:
         raise MalformedError(f"tick two results to compare, not {len(set(ids))}")
-    ranked = {
-        row.entry.submission_id: row for row in ranking.rows if row.entry.standing == "ranked"
-    }
+    ranked = {row.entry.submission_id: row for row in ranking.rows if row.entry.is_ranked}
     ids = list(dict.fromkeys(ids))
     for each in ids:
         if each not in ranked:

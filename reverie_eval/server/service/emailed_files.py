@@ -33,7 +33,7 @@ class EmailedFiles:
         """Score a file as if its sender had uploaded it when it was received.
 
         This is possible during a pause. A file that was submitted before gets its earlier result.
-        The reply names the file, if it has a name.
+        The reply names the file, if it has a name, and says how many submissions are left today.
 
         Raises
         ------
@@ -76,6 +76,10 @@ class EmailedFiles:
             change = SubmissionChange(published=True)
             published = self.submissions.change(sender, accepted.submission.id, change, organiser)
             accepted = accepted.model_copy(update={"submission": published})
+        with self.intake.transactions.database.reading() as session:
+            today = self.intake.quotas(session, sender, file.split)[file.split]
+        # The receipt has the quota of the time at which the file was received.
+        accepted = accepted.model_copy(update={"quota": today})
         reply = _letter(file, f"{about} scored on {file.split}.", *_result(accepted))
         return EmailedFileReport(**dict(accepted), reply=reply)
 

@@ -9,23 +9,24 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from functools import partial
 from threading import Lock
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
-from sqlalchemy import Text, cast, exists, func, literal, select
+from sqlalchemy import Text, and_, cast, func, literal, select
 from sqlalchemy.orm import Session, load_only
 
-from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing
+from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing, SubmissionReport
 from reverie_eval.server.service.boards import Board, without_version
-from reverie_eval.server.service.paging import Listed, Page, all_pages, list_page
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import PublishedReview, is_disqualified, reviews_of
 from reverie_eval.server.service.schedules import Schedules, Timetable
 from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
     IS_SHOWN,
+    SUBMITTED,
+    TEAM_MERGED,
     AuditEntry,
     Correction,
     StoredSnapshot,
@@ -33,19 +34,21 @@ from reverie_eval.server.store.tables import (
     Team,
 )
 
-_SUBMITTED = literal("submitted", literal_execute=True)
+_SUBMITTED = literal(SUBMITTED, literal_execute=True)
 """The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
 into the statements, so that databases recognise the index that has all other actions."""
 _NUMBERS = "last recorded"
 """Where a session that only reads keeps what :func:`_last_recorded` returns."""
-_WITHOUT_CONTENT = load_only(
-    StoredSnapshot.split,
-    StoredSnapshot.number,
-    StoredSnapshot.title,
-    StoredSnapshot.as_of,
-    raiseload=True,
+_SNAPSHOTS = select(StoredSnapshot).options(
+    load_only(
+        StoredSnapshot.split,
+        StoredSnapshot.number,
+        StoredSnapshot.title,
+        StoredSnapshot.as_of,
+        raiseload=True,
+    )
 )
-"""The fields of a snapshot that lists show: its content is a whole leaderboard."""
+"""Without the content, which is the whole leaderboard."""
 _LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
 """Standings of the entries that are sorted by a metric together."""
 
@@ -79,6 +82,11 @@ class Entry:
     reviews: Sequence[PublishedReview] = ()
 
     @property
+    def is_ranked(self) -> bool:
+        """Whether it is a result of this server that is ranked, if it has a value."""
+        return self.standing == "ranked"
+
+    @property
     def date(self) -> str:
         """When it was published here, or reported elsewhere; empty if that is not known.
 
@@ -89,7 +97,7 @@ class Entry:
         return f"{self.published_at:%Y-%m-%d}"
 
 
-def is_anonymous(result: Submission | Entry, now: datetime) -> bool:
+def is_anonymous(result: Submission | SubmissionReport | Entry, now: datetime) -> bool:
     """Whether a published result still hides its team, which chose to be anonymous for a time."""
     return result.anonymous_until is not None and result.anonymous_until > now
 
@@ -150,6 +158,10 @@ class BoardEntries:
         return self.held_until is not None and now.replace(microsecond=0) > self.held_until
 
 
+_Counts: TypeAlias = Mapping[str, Counter[int]]
+"""The submissions of each team, by split."""
+
+
 class EntriesCache:
     """The entries of every leaderboard, always as recent as the last commit."""
 
@@ -157,21 +169,34 @@ class EntriesCache:
         self._schedules = schedules
         self._cached: dict[str, BoardEntries] = {}
         """By the path of the leaderboard."""
-        self._counts: tuple[int, Mapping[str, Counter[int]]] = (0, {})
-        """As of an entry of the audit log: the submissions of each team, by split."""
+        self._counts: tuple[int, _Counts] = (0, {})
+        """As of an entry of the audit log."""
         self._lock = Lock()
         """Makes concurrent requests read the entries only once."""
 
     def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
         """Return the entries of a leaderboard."""
+        (found,) = self.entries_of_all(session, [board], now)
+        return found
+
+    def entries_of_all(
+        self, session: Session, boards: Sequence[Board], now: datetime
+    ) -> Sequence[BoardEntries]:
+        """Return the entries of leaderboards of several splits, all with the same name.
+
+        Reading those that have changed takes as many statements as reading one of them.
+        """
         number, _ = _last_recorded(session)
         with self._lock:
-            cached = self._cached.get(board.path)
-            if cached is None or cached.number < number or cached.is_over(now):
-                timetable = self._schedules.read(session)[board.name]
-                cached = _read_entries(session, board, timetable, number, now)
-                self._cached[board.path] = cached
-            return cached
+            changed = [board for board in boards if self._is_old(board, number, now)]
+            if changed:
+                timetables = self._schedules.read(session)
+                self._cached |= _read_entries(session, changed, timetables, number, now)
+            return [self._cached[board.path] for board in boards]
+
+    def _is_old(self, board: Board, number: int, now: datetime) -> bool:
+        cached = self._cached.get(board.path)
+        return cached is None or cached.number < number or cached.is_over(now)
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
         """Count the submissions of each team to a split, published or not.
@@ -181,71 +206,117 @@ class EntriesCache:
         """
         _, number = _last_recorded(session)
         known, counts = self._counts
-        if known and known < number and _were_teams_merged(session, known):
-            known, counts = 0, {}
         if known < number:
-            # For all splits: for a single one, SQLite would read all of its submissions.
-            chosen = select(Submission.split, Submission.team_id, func.count())
-            chosen = chosen.where(Submission.repeat == "")
-            counts = defaultdict(Counter, {each: Counter(of) for each, of in counts.items()})
-            if known:
-                new = select(AuditEntry.subject).where(
-                    AuditEntry.id > known, AuditEntry.action == _SUBMITTED
-                )
-                chosen = chosen.where(Submission.id.in_(new))
-            grouped = chosen.group_by(Submission.split, Submission.team_id)
-            for of_split, team_id, submissions in session.execute(grouped):
-                counts[of_split][team_id] += submissions
+            counts = _counts_since(session, known, counts) if known else _all_counts(session)
             self._counts = number, counts
         return counts.get(split, {})
 
 
-def _were_teams_merged(session: Session, since: int) -> bool:
-    merged = exists().where(AuditEntry.id > since, AuditEntry.action == "team merged")
-    return bool(session.scalar(select(merged)))
+def _all_counts(session: Session) -> _Counts:
+    # For all splits: for a single one, SQLite would read all of its submissions.
+    chosen = select(Submission.split, Submission.team_id, func.count())
+    chosen = chosen.where(Submission.repeat == "")
+    counts: defaultdict[str, Counter[int]] = defaultdict(Counter)
+    for split, team_id, submissions in session.execute(
+        chosen.group_by(Submission.split, Submission.team_id)
+    ):
+        counts[split][team_id] = submissions
+    return counts
+
+
+def _counts_since(session: Session, known: int, earlier: _Counts) -> _Counts:
+    """Return counts with the submissions after an entry of the audit log, or count all again."""
+    columns = (AuditEntry.action, Submission.split, Submission.team_id)
+    new = (
+        select(*columns, func.count())
+        .outerjoin(Submission, and_(Submission.id == AuditEntry.subject, Submission.repeat == ""))
+        .where(AuditEntry.id > known, AuditEntry.action.in_([_SUBMITTED, TEAM_MERGED]))
+        .group_by(*columns)
+    )
+    counts = defaultdict(Counter, {split: Counter(of) for split, of in earlier.items()})
+    for action, split, team_id, submissions in session.execute(new):
+        if action == TEAM_MERGED:
+            return _all_counts(session)
+        if split is not None:
+            counts[split][team_id] += submissions
+    return counts
 
 
 def _read_entries(
-    session: Session, board: Board, timetable: Timetable, number: int, now: datetime
-) -> BoardEntries:
+    session: Session,
+    boards: Sequence[Board],
+    timetables: Mapping[str, Timetable],
+    number: int,
+    now: datetime,
+) -> Mapping[str, BoardEntries]:
+    """Read the entries of leaderboards by their paths; all have the same name."""
+    scored = _scored(session, boards, timetables, now)
+    corrections = _corrections_of_all(session, boards)
     # Results in papers are assumed to be under the split's own rules.
-    reported = [] if board.further else _reported(session, board)
-    entries = [*_scored(session, board, timetable, now), *reported]
+    own = [board for board in boards if not board.further]
+    reported = _reported(session, own) if own else {}
+    snapshots = _snapshots_of_all(session, own) if own else []
+    return {
+        board.path: _entries_of(
+            number,
+            [*scored[board.name], *reported.get(board.name, ())],
+            corrections[board.name],
+            [snapshot for snapshot in snapshots if snapshot.split == board.name],
+        )
+        for board in boards
+    }
+
+
+def _entries_of(
+    number: int,
+    entries: Sequence[Entry],
+    corrections: Sequence[CorrectionReport],
+    snapshots: Sequence[SnapshotEntry],
+) -> BoardEntries:
     listed = [entry for entry in entries if entry.standing in _LISTED]
-    apart = [Row(None, entry) for entry in entries if entry.standing not in _LISTED]
-    metrics = frozenset(key for entry in listed for key in entry.scores)
     held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
     return BoardEntries(
         number,
         listed,
-        apart,
-        metrics,
-        corrections=corrections_of(session, board),
-        snapshots=[] if board.further else _snapshots_of(session, board.name),
+        apart=[Row(None, entry) for entry in entries if entry.standing not in _LISTED],
+        metrics=frozenset(key for entry in listed for key in entry.scores),
+        corrections=corrections,
+        snapshots=snapshots,
         held_until=min(held, default=None),
     )
 
 
 def corrections_of(session: Session, board: Board) -> Sequence[CorrectionReport]:
     """Return the corrections of a leaderboard, the latest first."""
+    return _corrections_of_all(session, [board])[board.name]
+
+
+def _corrections_of_all(
+    session: Session, boards: Sequence[Board]
+) -> Mapping[str, Sequence[CorrectionReport]]:
     chosen = select(Correction).where(
-        Correction.split == board.name, Correction.board == board.further
+        Correction.split.in_([board.name for board in boards]),
+        Correction.board.in_({board.further for board in boards}),
     )
-    latest = session.scalars(chosen.order_by(Correction.id.desc()))
-    return [CorrectionReport.model_validate(row) for row in latest]
+    found: defaultdict[str, list[CorrectionReport]] = defaultdict(list)
+    for row in session.scalars(chosen.order_by(Correction.id.desc())):
+        found[row.split].append(CorrectionReport.model_validate(row))
+    return found
 
 
 def list_snapshots(session: Session, page: Page, split: str | None = None) -> Listed[SnapshotEntry]:
     """List the snapshots of a split, or of all; the latest first."""
-    rows, key = select(StoredSnapshot).options(_WITHOUT_CONTENT), StoredSnapshot.id
+    rows, key = _SNAPSHOTS, StoredSnapshot.id
     if split is not None:
         # Numbers rise like ids, and the index has them by split.
         rows, key = rows.where(StoredSnapshot.split == split), StoredSnapshot.number
     return list_page(session, rows, key, page, SnapshotEntry.model_validate, newest_first=True)
 
 
-def _snapshots_of(session: Session, split: str) -> Sequence[SnapshotEntry]:
-    return list(all_pages(partial(list_snapshots, session, split=split)))
+def _snapshots_of_all(session: Session, boards: Sequence[Board]) -> Sequence[SnapshotEntry]:
+    chosen = _SNAPSHOTS.where(StoredSnapshot.split.in_([board.name for board in boards]))
+    latest = session.scalars(chosen.order_by(StoredSnapshot.id.desc()))
+    return [SnapshotEntry.model_validate(row) for row in latest]
 
 
 def _last_recorded(session: Session) -> tuple[int, int]:
@@ -261,35 +332,42 @@ def _last_recorded(session: Session) -> tuple[int, int]:
     return numbers
 
 
-def _scored(session: Session, board: Board, timetable: Timetable, now: datetime) -> Sequence[Entry]:
+def _scored(
+    session: Session, boards: Sequence[Board], timetables: Mapping[str, Timetable], now: datetime
+) -> Mapping[str, Sequence[Entry]]:
+    """Return the published submissions by split, each split's in the order of publication."""
+    of_split = {board.name: board for board in boards}
+    is_further = any(board.further for board in boards)
     chosen = (
         select(
             Submission.id,
+            Submission.split,
             Submission.team_id,
             Team.name.label("team"),
             cast(Submission.method, Text).label("method"),
-            cast(Submission.also if board.further else Submission.report, Text).label("stored"),
+            cast(Submission.also if is_further else Submission.report, Text).label("stored"),
             Submission.published_at,
             Submission.received_at,
             Submission.anonymous_until,
         )
         .join(Team, Submission.team_id == Team.id)
-        .where(Submission.split == board.name, IS_SHOWN)
+        .where(Submission.split.in_(of_split), IS_SHOWN)
         .order_by(Submission.published_at, Submission.id)
     )
     reviews = {
         submission: [
             PublishedReview(row.verdict, row.reason, row.reviewer, row.created_at) for row in rows
         ]
-        for submission, rows in reviews_of(session, board.name).items()
+        for submission, rows in reviews_of(session, *of_split).items()
     }
-    found = []
+    found: defaultdict[str, list[Entry]] = defaultdict(list)
     for row in session.execute(chosen):
+        board = of_split[row.split]
         report = _report_on(board, row.stored)
         if report is None:
             continue
         of_row = reviews.get(row.id, ())
-        held_until = timetable.held_until(row.received_at, now)
+        held_until = timetables[board.name].held_until(row.received_at, now)
         drawn = {} if report.intervals is None else report.intervals.intervals
         entry = Entry(
             submission_id=row.id,
@@ -305,7 +383,7 @@ def _scored(session: Session, board: Board, timetable: Timetable, now: datetime)
             standing=_standing(report, of_row, board),
             reviews=of_row,
         )
-        found.append(entry)
+        found[board.name].append(entry)
     return found
 
 
@@ -324,9 +402,12 @@ def _standing(report: _Report, reviews: Sequence[PublishedReview], board: Board)
     return "ranked" if is_current else "other-rules"
 
 
-def _reported(session: Session, board: Board) -> Sequence[Entry]:
-    return [
-        Entry(
+def _reported(session: Session, boards: Sequence[Board]) -> Mapping[str, Sequence[Entry]]:
+    of_split = {board.name: board for board in boards}
+    found: defaultdict[str, list[Entry]] = defaultdict(list)
+    for row in reported_of(session, *of_split):
+        is_comparable = of_split[row.split].is_on(row.dataset)
+        entry = Entry(
             submission_id=None,
             team_id=None,
             team=row.team,
@@ -334,11 +415,11 @@ def _reported(session: Session, board: Board) -> Sequence[Entry]:
             published_at=row.created_at,
             anonymous_until=None,
             scores=row.scores,
-            standing="reported" if board.is_on(row.dataset) else "other-dataset",
+            standing="reported" if is_comparable else "other-dataset",
             source=row.source,
             reported_date=row.date,
             dataset=row.dataset,
             entered_by=row.added_by,
         )
-        for row in reported_of(session, board.name)
-    ]
+        found[row.split].append(entry)
+    return found

@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.agents import AGENTS, run_agent
@@ -33,11 +34,11 @@ from reverie_eval.scoring import (
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.service.boards import Board, load_board, tasks_of
 from reverie_eval.server.service.embargo import View
-from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.results import submission_report
 from reverie_eval.server.service.submissions import (
     SubmissionService,
-    list_submissions,
+    newest_of_each,
+    public_episodes_of_each,
     public_team,
     submission_of,
     with_public_episodes,
@@ -236,29 +237,38 @@ class EpisodeService:
             If nobody is signed in, and not everyone may look at a submission.
         """
         board = self._board(split)
-        runs = [self._run(session, person, split, submission) for submission in submissions]
-        choices = self.choices(session, person, split)
+        runs = self._runs(session, person, split, submissions)
+        choices = self.choices(session, person, [board])[split]
         return Browsing(board, self._annotations(split), runs, choices)
 
-    def choices(self, session: Session, person: Person | None, split: str) -> Sequence[Choice]:
-        """Return what a person may look at on an open split.
+    def choices(
+        self, session: Session, person: Person | None, boards: Sequence[Board]
+    ) -> Mapping[str, Sequence[Choice]]:
+        """Return what a person may look at on open splits, by split.
 
         Their own submissions first, then those that everyone may see, each the newest first; then
         the reference agents.
         """
-        own: Sequence[Choice] = []
-        if person is not None:
-            rows = list_submissions(session, person, Page(MOST_LISTED), self._view(session), split)
-            own = [_own(report) for report in rows.rows]
-        known, board = {choice.id for choice in own}, self._board(split)
-        public = session.scalars(with_public_episodes(split).limit(MOST_LISTED))
+        splits = [board.name for board in boards]
+        own = newest_of_each(session, person, splits, MOST_LISTED) if person else {}
+        public = public_episodes_of_each(session, splits, MOST_LISTED)
+        return {
+            board.name: self._choices(board, own.get(board.name, ()), public[board.name])
+            for board in boards
+        }
+
+    def _choices(
+        self, board: Board, own: Sequence[Submission], public: Sequence[Submission]
+    ) -> Sequence[Choice]:
+        known = {row.id for row in own}
         others = [
             self._public(row)
             for row in public
             if row.id not in known
             and board.is_current(row.report["signature"], row.report["fingerprint"])
         ]
-        return [*own, *others, *map(_agent, AGENTS)]
+        theirs = [_own(row, row.team.name, row.method["name"]) for row in own]
+        return [*theirs, *others, *map(_agent, AGENTS)]
 
     def _view(self, session: Session) -> View:
         return self._submissions.view(session, self._submissions.transactions.clock())
@@ -272,19 +282,42 @@ class EpisodeService:
             )
         return board
 
-    def _run(self, session: Session, person: Person | None, split: str, chosen: str) -> Run:
+    def _runs(
+        self, session: Session, person: Person | None, split: str, chosen: Sequence[str]
+    ) -> Sequence[Run]:
+        # All at once, so that looking up each takes no statement.
+        named = [each for each in chosen if each.isalnum() and each not in AGENTS]
+        ids = Submission.id.in_(named)
+        rows = session.scalars(select(Submission).where(ids)) if named else ()
+        known = {row.id: row for row in rows}
+        public = with_public_episodes(split).where(ids).with_only_columns(Submission.id)
+        shown = set(session.scalars(public)) if known else set()
+        return [
+            self._run(session, person, split, each, known[each] if each in shown else None)
+            for each in chosen
+        ]
+
+    def _run(
+        self,
+        session: Session,
+        person: Person | None,
+        split: str,
+        chosen: str,
+        public: Submission | None,
+    ) -> Run:
+        """Return a submission or an agent; ``public`` is its row if everyone may look at it."""
         if chosen in AGENTS:
             return Run(_agent(chosen), self._walked(split, chosen))
-        public = with_public_episodes(split).where(Submission.id == chosen)
-        row = session.scalars(public).one_or_none()
-        if row is not None and (person is None or row.team_id != person.team_id):
-            return Run(self._public(row), self._submissions.episodes(submission_report(row)))
+        if public is not None and (person is None or public.team_id != person.team_id):
+            return Run(self._public(public), self._submissions.episodes(submission_report(public)))
         if person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
         report = submission_of(session, person, chosen, self._view(session))
         if report.split != split:
             raise NotFoundError(f"your team has no submission {chosen!r}")
-        return Run(_own(report), self._submissions.episodes(report))
+        return Run(
+            _own(report, report.team, report.method.name), self._submissions.episodes(report)
+        )
 
     def _public(self, row: Submission) -> Choice:
         team = public_team(row, self._submissions.transactions.clock())
@@ -300,14 +333,8 @@ def _demo_board(task: Task) -> Board | None:
     return load_board(name_on_server(task.name, "val_unseen"), split, bundle)
 
 
-def _own(report: SubmissionReport) -> Choice:
-    return Choice(
-        report.id,
-        report.method.name,
-        team=report.team,
-        at=report.received_at,
-        status=report.status,
-    )
+def _own(found: Submission | SubmissionReport, team: str, method: str) -> Choice:
+    return Choice(found.id, method, team=team, at=found.received_at, status=found.status)
 
 
 def _agent(name: str) -> Choice:

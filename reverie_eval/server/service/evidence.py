@@ -7,16 +7,15 @@ these numbers, or which half of the episodes is secret, could work around them.
 import hashlib
 import hmac
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 from math import inf
-from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from sqlalchemy import select
+from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import (
@@ -69,6 +68,19 @@ class _Sent(NamedTuple):
         return NamedSubmission(id=self.id, team=self.team, method=self.method["name"])
 
 
+_Known: TypeAlias = tuple[_Sent, Fingerprint]
+_Loaded: TypeAlias = Mapping[str, Fingerprint]
+"""By the SHA-256 of the upload."""
+
+
+class Evidence(NamedTuple):
+    """The evidence about a split, and what it was made from."""
+
+    report: EvidenceReport
+    read: Mapping[str, bytes]
+    """Fingerprints that are not stored yet, by the SHA-256 of the upload."""
+
+
 @dataclass(frozen=True, slots=True)
 class EvidenceService:
     """Gathers the evidence about the submissions to a split."""
@@ -78,63 +90,91 @@ class EvidenceService:
     uploads: Uploads
     signer: Signer
 
-    def report(
-        self, split: str, team: str | None = None, *, most: int | None = AT_ONCE
-    ) -> EvidenceReport:
-        """Report the evidence about a split, after reading at most ``most`` further submissions.
+    def report(self, session: Session, split: str, team: str | None = None) -> Evidence:
+        """Report the evidence about a split, after reading some submissions if any are unread.
 
-        If a team is given, the report also covers each of its submissions.
+        If a team is given, the report also covers each of its submissions. What was read has to be
+        stored after the session's snapshot, by :meth:`keep`.
 
         Raises
         ------
         NotFoundError
             If the server has no such split, or the split no submission of this team.
         """
-        board = board_named(self.boards, split)
-        fingerprints = Fingerprints(board, self.database, self.uploads)
+        fingerprints = self._fingerprints(split)
+        sent, missing = _sent_and_missing(session, fingerprints, team)
+        read = fingerprints.read(missing, AT_ONCE)
+        unread = set(missing) - read.contents.keys()
+        known = fingerprints.of_each(session, _submissions_to(split), read.contents)
+        examined = _Examined.of(fingerprints.board, self.signer)
+        report = EvidenceReport(
+            split=split,
+            submissions=len(sent),
+            left=sum(each.sha256 in unread - read.unreadable.keys() for each in sent),
+            unreadable={
+                each.id: read.unreadable[each.sha256]
+                for each in sent
+                if each.sha256 in read.unreadable
+            },
+            same_files=_same_files(sent),
+            **examined.compare(
+                ((_Sent(*row), fingerprint) for row, fingerprint in known),
+                lambda digests: fingerprints.load(session, digests, read.contents),
+                team,
+            ),
+        )
+        return Evidence(report, read.contents)
+
+    def keep(self, split: str, read: Mapping[str, bytes]) -> None:
+        """Store what was read of submissions to a split, so that it is not read again."""
+        self._fingerprints(split).store(read)
+
+    def report_on_all(self, split: str, team: str | None = None) -> EvidenceReport:
+        """Do what :meth:`report` does, after reading all submissions; few are in memory at a time.
+
+        What was read is stored as it goes, so the next run continues an interrupted one.
+        """
+        fingerprints = self._fingerprints(split)
         with self.database.reading() as session:
-            sent = _all_sent(session, split)
-            missing = fingerprints.missing(session, [each.sha256 for each in sent])
-        if team is not None and team not in {each.team for each in sent}:
-            raise NotFoundError(f"there is no team {team!r} with submissions to {split}")
-        unread, unreadable, read = set(missing), {}, 0
-        for sha256 in missing:
-            if read == most:
-                break
-            reason = fingerprints.compute(sha256)
-            if reason:
-                unreadable[sha256] = reason
-            else:
-                unread.discard(sha256)
-                read += 1
-        examined = _Examined.of(board, self.signer)
+            _, missing = _sent_and_missing(session, fingerprints, team)
+        for first in range(0, len(missing), AT_ONCE):
+            batch = missing[first : first + AT_ONCE]
+            fingerprints.store(fingerprints.read(batch, AT_ONCE).contents)
         with self.database.reading() as session:
-            known = [each for each in sent if each.sha256 not in unread]
-            return EvidenceReport(
-                split=split,
-                submissions=len(sent),
-                left=sum(each.sha256 in unread - unreadable.keys() for each in sent),
-                unreadable={
-                    each.id: unreadable[each.sha256] for each in sent if each.sha256 in unreadable
-                },
-                same_files=_same_files(sent),
-                **examined.compare(session, fingerprints, known, team),
-            )
+            evidence = self.report(session, split, team)
+        self.keep(split, evidence.read)
+        return evidence.report
+
+    def _fingerprints(self, split: str) -> Fingerprints:
+        return Fingerprints(board_named(self.boards, split), self.database, self.uploads)
 
 
-def _all_sent(session: Session, split: str) -> Sequence[_Sent]:
-    """Return all submissions to a split whose files are kept, by team, the earliest first."""
+def _sent_and_missing(
+    session: Session, fingerprints: Fingerprints, team: str | None
+) -> tuple[Sequence[_Sent], Sequence[str]]:
+    """Return all submissions to a split, and the uploads without a fingerprint.
+
+    Raises NotFoundError if none is of the team.
+    """
+    split = fingerprints.board.name
+    sent = [_Sent(*row) for row in session.execute(_submissions_to(split))]
+    if team is not None and team not in {each.team for each in sent}:
+        raise NotFoundError(f"there is no team {team!r} with submissions to {split}")
+    return sent, fingerprints.missing(session, [each.sha256 for each in sent])
+
+
+def _submissions_to(split: str) -> Select[*tuple[Any, ...]]:
+    """Select all submissions to a split whose files are kept, by team, the earliest first."""
     columns = (
         *(Team.name, Submission.id, Submission.sha256, Submission.received_at),
         Submission.method,
     )
     chosen = (
         select(*columns)
-        .join(Team)
+        .join(Team, Submission.team_id == Team.id)
         .where(Submission.split == split, Submission.upload_deleted_at.is_(None))
     )
-    ordered = chosen.order_by(Submission.team_id, Submission.received_at, Submission.id)
-    return [_Sent(*row) for row in session.execute(ordered)]
+    return chosen.order_by(Submission.team_id, Submission.received_at, Submission.id)
 
 
 def _same_files(sent: Sequence[_Sent]) -> list[SameFile]:
@@ -169,15 +209,19 @@ class _Examined:
         return cls(board, cluster, np.array([digest[0] < 128 for digest in digests])[index])
 
     def compare(
-        self, session: Session, fingerprints: Fingerprints, sent: Sequence[_Sent], team: str | None
+        self, known: Iterable[_Known], load: Callable[[Collection[str]], _Loaded], team: str | None
     ) -> Mapping[str, Any]:
-        """Return the parts of the report that need the files, reading one team's at a time."""
+        """Return the parts of the report that need the files, with one team's in memory at a time.
+
+        ``load`` returns the fingerprints of the most similar ones again.
+        """
         episodes = len(self.cluster)
         sample = np.random.default_rng(0).permutation(episodes)[:SAMPLED_EPISODES]
         sampled, teams, history = [], [], []
-        for name, files in groupby(sent, itemgetter(0)):
-            own = list(files)
-            loaded = fingerprints.load(session, [each.sha256 for each in own])
+        sent: list[_Sent] = []
+        for name, files in groupby(known, lambda each: each[0].team):
+            own, loaded = zip(*files, strict=True)
+            sent += own
             codes = np.array([each.codes for each in loaded])
             sampled.append(codes[:, sample])
             nearest, changed = nearest_earlier(codes)
@@ -191,12 +235,11 @@ class _Examined:
         sizes = [len(each) for each in sampled]
         group = row_of(offsets_of(np.array(sizes, dtype=np.int64)))
         found = most_similar(np.concatenate(sampled), group, PAIRS) if sampled else None
+        pairs = [(sent[pair.first], sent[pair.second]) for pair in (found.pairs if found else ())]
+        again = load({each.sha256 for pair in pairs for each in pair}) if pairs else {}
         return {
             "usual_similarity": None if found is None else round(found.median, 4),
-            "similar": [
-                _pair(session, fingerprints, sent[pair.first], sent[pair.second])
-                for pair in (found.pairs if found else ())
-            ],
+            "similar": [_pair(again, *pair) for pair in pairs],
             "teams": sorted(teams, key=lambda each: each.spread.p_value if each.spread else inf),
             "history": history,
         }
@@ -270,8 +313,8 @@ def _difference(values: Sequence[FloatArray | None]) -> FloatArray:
     return latest - first[0] if first else latest
 
 
-def _pair(session: Session, fingerprints: Fingerprints, first: _Sent, second: _Sent) -> SimilarPair:
-    one, other = fingerprints.load(session, [first.sha256, second.sha256])
+def _pair(loaded: _Loaded, first: _Sent, second: _Sent) -> SimilarPair:
+    one, other = loaded[first.sha256], loaded[second.sha256]
     return SimilarPair(
         first=first.named,
         second=second.named,

@@ -6,14 +6,15 @@ needed, so they do not make uploads slower.
 
 import gzip
 import zlib
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from types import MappingProxyType
+from typing import Any, NamedTuple, Self
 
 import msgspec
 import numpy as np
 from isal import igzip
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, Select, and_, delete, insert, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.arrays import Array, FloatArray, IntArray, last_of, row_of
@@ -23,6 +24,7 @@ from reverie_eval.scoring import Lookups, PreparedSubmission
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Fingerprint as Row
+from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
 from reverie_eval.submissions import AlignedSubmission
 
@@ -38,6 +40,9 @@ _EPISODE = np.dtype(
 )
 _MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
 """An odd number whose bits have no pattern: 2^64 divided by the golden ratio."""
+_LOADED_AT_ONCE = 100
+"""Rows in memory while those of all submissions are read."""
+_NONE: Mapping[str, bytes] = MappingProxyType({})
 
 
 class Walks(NamedTuple):
@@ -150,6 +155,15 @@ def _walks(aligned: AlignedSubmission, lookups: Lookups) -> Walks:
     )
 
 
+class Read(NamedTuple):
+    """What was read of some uploads."""
+
+    contents: Mapping[str, bytes]
+    """Packed fingerprints, by the SHA-256 of the upload."""
+    unreadable: Mapping[str, str]
+    """Why others have none."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fingerprints:
     """The stored fingerprints of a split."""
@@ -173,24 +187,66 @@ class Fingerprints:
         )
         return [sha256 for sha256 in dict.fromkeys(digests) if sha256 not in known]
 
-    def compute(self, sha256: str) -> str:
-        """Compute and store the fingerprint of an upload; return why that failed, or empty text."""
-        try:
-            content = Fingerprint.of(self.board, stored_upload(self.uploads, sha256)).to_bytes()
-        except SubmissionError as error:
-            return f"rejected: {error.problems[0]}"
-        except UploadsError as error:
-            return str(error)
-        with self.database.writing() as session:
-            session.merge(
-                Row(split=self.board.name, sha256=sha256, basis=self.basis, content=content)
-            )
-        return ""
+    def read(self, digests: Sequence[str], most: int) -> "Read":
+        """Compute the fingerprints of uploads; of ``most`` uploads, at most."""
+        contents: dict[str, bytes] = {}
+        unreadable: dict[str, str] = {}
+        for sha256 in digests:
+            if len(contents) == most:
+                break
+            try:
+                found = Fingerprint.of(self.board, stored_upload(self.uploads, sha256))
+            except SubmissionError as error:
+                unreadable[sha256] = f"rejected: {error.problems[0]}"
+            except UploadsError as error:
+                unreadable[sha256] = str(error)
+            else:
+                contents[sha256] = found.to_bytes()
+        return Read(contents, unreadable)
 
-    def load(self, session: Session, digests: Sequence[str]) -> Sequence[Fingerprint]:
-        """Return the fingerprints of uploads that are not missing, in their order."""
-        chosen = select(Row.sha256, Row.content).where(
-            Row.split == self.board.name, Row.sha256.in_(digests)
+    def store(self, contents: Mapping[str, bytes]) -> None:
+        """Store fingerprints that were computed, in one transaction.
+
+        It is not that of a request's snapshot, which only reads, and it comes after that: to wait
+        for the turn to write with a connection in hand could stop all other requests.
+        """
+        if not contents:
+            return
+        known = {"split": self.board.name, "basis": self.basis}
+        rows = [
+            {**known, "sha256": sha256, "content": content} for sha256, content in contents.items()
+        ]
+        with self.database.writing() as session:
+            # Of another bundle, or of a request that computed them at the same time.
+            session.execute(delete(Row).where(self._is_of(contents)))
+            session.execute(insert(Row), rows)
+
+    def of_each(
+        self, session: Session, submissions: Select[*tuple[Any, ...]], read: Mapping[str, bytes]
+    ) -> Iterator[tuple[Any, Fingerprint]]:
+        """Yield the submissions whose uploads have a fingerprint, in their order, each with it.
+
+        ``read`` are those that the request has computed. The others are loaded by one statement,
+        few at a time.
+        """
+        is_current = and_(
+            Row.split == Submission.split,
+            Row.sha256 == Submission.sha256,
+            Row.basis == self.basis,
         )
-        contents = {row.sha256: row.content for row in session.execute(chosen)}
-        return [Fingerprint.from_bytes(contents[sha256]) for sha256 in digests]
+        rows = submissions.outerjoin(Row, is_current).add_columns(Row.content)
+        for row in session.execute(rows.execution_options(yield_per=_LOADED_AT_ONCE)):
+            content = read.get(row.sha256, row.content)
+            if content is not None:
+                yield row[:-1], Fingerprint.from_bytes(content)
+
+    def load(
+        self, session: Session, digests: Collection[str], read: Mapping[str, bytes] = _NONE
+    ) -> Mapping[str, Fingerprint]:
+        """Return the fingerprints of a few uploads; ``read`` is as in :meth:`of_each`."""
+        stored = session.execute(select(Row.sha256, Row.content).where(self._is_of(digests)))
+        contents = {**{row.sha256: row.content for row in stored}, **read}
+        return {sha256: Fingerprint.from_bytes(contents[sha256]) for sha256 in digests}
+
+    def _is_of(self, digests: Collection[str]) -> ColumnElement[bool]:
+        return and_(Row.split == self.board.name, Row.sha256.in_(digests))

@@ -37,7 +37,7 @@ from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.submissions import check_metadata
 from reverie_eval.server.service.transactions import Actor, Transactions
 from reverie_eval.server.settings import Settings
-from reverie_eval.server.store.tables import Person, Submission
+from reverie_eval.server.store.tables import SUBMITTED, Person, Submission
 from reverie_eval.server.store.uploads import Uploads
 from reverie_eval.submissions import check_navigation_only
 from reverie_eval.submissions._sources import unpack
@@ -191,7 +191,10 @@ class Intake:
             for further, report in reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))
-            transaction.record("submitted", row, row.id, split=row.split, sha256=row.sha256)
+            described = method.model_dump(mode="json", exclude_defaults=True)
+            transaction.record(
+                SUBMITTED, row, row.id, split=row.split, sha256=row.sha256, method=described
+            )
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
             announce(transaction, "submission", said, f"/submissions/{row.id}")
             keep()

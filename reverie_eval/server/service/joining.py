@@ -53,12 +53,14 @@ def receive_request(
     Raises
     ------
     NotAllowedError
-        If this server accepts no requests.
+        If this server does not accept requests.
     ConflictError
         If too many wait for an answer.
     """
     if not are_accepted:
-        raise NotAllowedError("this server accepts no requests to join; write to the organiser")
+        raise NotAllowedError(
+            "this server does not accept requests to join; write to the organiser"
+        )
     content = new.model_dump()
     digest = hashlib.sha256(msgspec.json.encode(content)).hexdigest()
     with transactions.begin(_STRANGER) as transaction:

@@ -23,7 +23,7 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import csv_text
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row, is_anonymous
 from reverie_eval.server.service.rank_intervals import RankInterval
-from reverie_eval.tasks import DEFAULT_TASK, Task
+from reverie_eval.tasks import Task
 
 _OF_RANK = ("rank_low", "rank_high", "group")
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
@@ -31,16 +31,6 @@ _OF_METHOD = tuple(name for name in Method.model_fields if name != "description"
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
-_PAPER = r"""@inproceedings{qi2020reverie,
-  author = {Qi, Yuankai and Wu, Qi and Anderson, Peter and Wang, Xin and Wang, William Yang and
-            Shen, Chunhua and van den Hengel, Anton},
-  title = {{REVERIE}: Remote Embodied Visual Referring Expression in Real Indoor Environments},
-  booktitle = {IEEE/CVF Conference on Computer Vision and Pattern Recognition (CVPR)},
-  year = {2020},
-  url = {https://arxiv.org/abs/1904.10151},
-}
-"""
-"""What to cite for REVERIE, in BibTeX."""
 ANONYMOUS = "Anonymous"
 """Used in place of a team's name where a name is needed."""
 
@@ -157,9 +147,7 @@ def leaderboard(
 
 def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:
     """Sort entries, and rank those that this server has scored."""
-    scored = [
-        entry.scores.get(metric.key) if entry.standing == "ranked" else None for entry in entries
-    ]
+    scored = [entry.scores.get(metric.key) if entry.is_ranked else None for entry in entries]
     rows = map(Row, ranks(scored, metric), entries)
     return sorted(rows, key=lambda row: _cost(row.entry.scores.get(metric.key), metric))
 
@@ -270,18 +258,19 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
         name: [row.entry.scores]
         for name, row in zip(method_names(ranking, rows), rows, strict=True)
     }
-    caption = f"Leaderboard of {board.label}: {board.signature}. {address}"
+    caption = f"{board.full_title}: {board.signature}. {address}"
     return methods_table(methods, [board.label], metrics, caption).to_latex() + "\n"
 
 
 def method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
     """Return distinct names: the method, with its team and then its id added if necessary."""
     methods = [row.entry.method["name"] for row in rows]
-    named = _made_distinct(methods, [ranking.team(row.entry) or ANONYMOUS.lower() for row in rows])
-    return _made_distinct(named, [row.entry.submission_id or str(row.rank) for row in rows])
+    named = make_distinct(methods, [ranking.team(row.entry) or ANONYMOUS.lower() for row in rows])
+    return make_distinct(named, [row.entry.submission_id or str(row.rank) for row in rows])
 
 
-def _made_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
+def make_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
+    """Return the names, with a further text in brackets behind each that occurs more than once."""
     counts = Counter(names)
     return [
         f"{name} ({more})" if counts[name] > 1 else name
@@ -300,7 +289,7 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
     of_board = _bibtex_entry(
         f"{task.name}-{board.label.removeprefix(f'{task.name}-')}-{today:%Y-%m-%d}",
         author=title,
-        title=f"Leaderboard of {board.label}",
+        title=board.full_title,
         address=address,
         at=today,
         note=f"{board.signature}, as of {today:%Y-%m-%d}",
@@ -322,8 +311,8 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
 
 def paper_of(task: Task) -> str:
     """Return what to cite for a task's dataset, in BibTeX."""
-    if task.name == DEFAULT_TASK:
-        return _PAPER
+    if task.paper is not None:
+        return task.paper.bibtex
     lines = [
         f"@misc{{{_bibtex_key(task.name)},",
         f"  title = {{{{{_bibtex_text(task.title)}}}}},",

@@ -1,7 +1,11 @@
 """Merging two teams, as if they had always been one.
 
-A team that was merged stays as a row, because receipts and the audit log have its name.
+A team that was merged stays as a row, because receipts and the audit log have its name. The audit
+log also has the ids of all rows that moved; of a great many, their number and digest.
 """
+
+import hashlib
+from collections.abc import Mapping, Sequence
 
 from sqlalchemy import Update, select, update
 from sqlalchemy.orm import Session, aliased
@@ -10,8 +14,12 @@ from reverie_eval.schemas.organising import MergeReport, NewMerge
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.people import team_named
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.store.database import count_rows
-from reverie_eval.server.store.tables import Grant, Person, Submission, Team
+from reverie_eval.server.store.tables import TEAM_MERGED, Grant, Person, Submission, Team
+
+_MOVED = (Person, Submission, Grant)
+"""The tables whose rows belong to a team."""
+MOST_LISTED = 200
+"""Rows of a table that the entry of a merge lists, at most."""
 
 
 def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
@@ -32,19 +40,41 @@ def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
     if team is into:
         raise ConflictError("a team cannot be merged into itself; name two teams")
     _check_names(team, into)
+    ids = {
+        table.__tablename__: session.scalars(
+            select(table.id).where(table.team_id == team.id).order_by(table.id)
+        ).all()
+        for table in _MOVED
+    }
+    marked = _mark_repeats(session, team, into)
     report = MergeReport(
         team=team.name,
         into=into.name,
         people=sum(person.deleted_at is None for person in team.people),
-        submissions=count_rows(session, Submission, Submission.team_id == team.id),
-        repeats=_mark_repeats(session, team, into),
+        submissions=len(ids[Submission.__tablename__]),
+        repeats=len(marked),
     )
-    for table in (Person, Submission, Grant):
+    for table in _MOVED:
         _run(session, update(table).where(table.team_id == team.id).values(team_id=into.id))
     session.expire_all()
     team.merged_into, team.merged_at = into, transaction.now
-    transaction.record("team merged", team, report.team, **report.model_dump(exclude={"team"}))
+    transaction.record(
+        TEAM_MERGED,
+        team,
+        report.team,
+        **report.model_dump(exclude={"team"}),
+        moved={name: _listed(rows) for name, rows in ids.items() if rows},
+        marked=_listed(marked),
+    )
     return report
+
+
+def _listed(ids: Sequence[object]) -> Sequence[object] | Mapping[str, object]:
+    """Return ids for the audit log: all, or the number and the digest of very many."""
+    if len(ids) <= MOST_LISTED:
+        return ids
+    digest = hashlib.sha256("\n".join(map(str, ids)).encode()).hexdigest()
+    return {"number": len(ids), "sha256": digest}
 
 
 def _check_names(team: Team, into: Team) -> None:
@@ -54,8 +84,8 @@ def _check_names(team: Team, into: Team) -> None:
         raise ConflictError(f"both teams have a person called {names}; rename one of them first")
 
 
-def _mark_repeats(session: Session, team: Team, into: Team) -> int:
-    """Mark the later of two submissions of the same file; return how many files both have."""
+def _mark_repeats(session: Session, team: Team, into: Team) -> Sequence[str]:
+    """Mark the later of two submissions of each file that both teams have; return the marked."""
     first, second = aliased(Submission), aliased(Submission)
     pairs = session.execute(
         select(first.id, first.received_at, second.id, second.received_at)
@@ -63,10 +93,13 @@ def _mark_repeats(session: Session, team: Team, into: Team) -> int:
         .where(first.team_id == into.id, first.repeat == "")
         .where(second.team_id == team.id, second.repeat == "")
     ).all()
-    for known, known_at, brought, brought_at in pairs:
-        later = brought if known_at <= brought_at else known
+    marked = sorted(
+        brought if known_at <= brought_at else known
+        for known, known_at, brought, brought_at in pairs
+    )
+    for later in marked:
         _run(session, update(Submission).where(Submission.id == later).values(repeat=later))
-    return len(pairs)
+    return marked
 
 
 def _run(session: Session, statement: Update) -> None:

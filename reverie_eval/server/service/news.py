@@ -9,7 +9,7 @@ from reverie_eval.schemas.organising import NewNews
 from reverie_eval.schemas.service import NewsReport
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.paging import Listed, Page, list_page
-from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.service.transactions import SERVER, Transaction
 from reverie_eval.server.store.tables import News
 
 _STANDING = select(News).where(News.removed_at.is_(None))
@@ -18,7 +18,7 @@ _STANDING = select(News).where(News.removed_at.is_(None))
 def add_news(transaction: Transaction, new: NewNews) -> NewsReport:
     """Post an entry; it is public at once."""
     row = News(text=new.text, posted_by=transaction.actor, created_at=transaction.now)
-    transaction.record("news added", row, "server", text=row.text)
+    transaction.record("news added", row, SERVER, text=row.text)
     return NewsReport.model_validate(row)
 
 
@@ -28,7 +28,7 @@ def remove_news(transaction: Transaction, news_id: int) -> NewsReport:
     if row is None or row.removed_at is not None:
         raise NotFoundError(f"there is no news entry {news_id}; `news list` shows all")
     row.removed_at = transaction.now
-    transaction.record("news removed", row, "server", text=row.text)
+    transaction.record("news removed", row, SERVER, text=row.text)
     return NewsReport.model_validate(row)
 
 

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewNotice, NoticeReport
-from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.service.transactions import SERVER, Transaction
 from reverie_eval.server.store.tables import Notice
 
 
@@ -28,7 +28,7 @@ class Notices:
         posted = latest_notice(session, moment)
         if posted is None:
             return self.of_settings
-        new = NewNotice(banner=posted.banner, paused=posted.paused)
+        new = NewNotice.model_validate(posted)
         return self.if_posted(new, posted.posted_by, posted.created_at)
 
     def if_posted(self, new: NewNotice, actor: str, at: datetime) -> NoticeReport:
@@ -43,8 +43,14 @@ class Notices:
     def post(self, transaction: Transaction, new: NewNotice) -> NoticeReport:
         """Post a notice: set or remove the banner, pause or resume submissions."""
         posted = Notice(**new.model_dump(), posted_by=transaction.actor, created_at=transaction.now)
-        transaction.record("notice posted", posted, "server", **new.model_dump())
+        transaction.record("notice posted", posted, SERVER, **new.model_dump())
         return self.if_posted(new, posted.posted_by, posted.created_at)
+
+    def change(self, transaction: Transaction, **changes: object) -> NoticeReport:
+        """Post the latest notice again with some fields changed, as :meth:`post` does."""
+        posted = latest_notice(transaction.session)
+        latest = NewNotice.model_validate(posted) if posted else NewNotice()
+        return self.post(transaction, latest.model_copy(update=changes))
 
 
 def latest_notice(session: Session, until: datetime | None = None) -> Notice | None:

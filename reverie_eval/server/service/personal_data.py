@@ -5,7 +5,7 @@ finds the log unbroken. Results, and the log of what the person did, stay under 
 """
 
 from sqlalchemy import delete, or_, select, update
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, lazyload
 
 from reverie_eval.schemas.organising import PersonReport
 from reverie_eval.schemas.personal_data import PersonalData, SessionRecord, SubmissionRecord
@@ -42,11 +42,18 @@ _SIGNATURES = (
 
 def personal_data(session: Session, person_id: int) -> PersonalData:
     """Return everything stored about a person; raise NotFoundError if there is no such person."""
-    person = find_person(session, person_id)
-    tokens = session.scalars(
-        select(Token).where(Token.person_id == person.id).order_by(Token.id)
+    rows = session.execute(
+        select(Person, Token, BrowserSession)
+        .outerjoin(Token, Token.person_id == Person.id)
+        .outerjoin(BrowserSession, BrowserSession.token_id == Token.id)
+        .where(Person.id == person_id)
+        .order_by(Token.id)
+        # The rows have both already, so reading them takes no statement.
+        .options(lazyload(Token.person), lazyload(BrowserSession.token))
     ).all()
-    sessions = select(BrowserSession).where(BrowserSession.token_id.in_([t.id for t in tokens]))
+    person = find_person(session, person_id)
+    tokens = dict.fromkeys(row.Token for row in rows if row.Token is not None)
+    sessions = [row.BrowserSession for row in rows if row.BrowserSession is not None]
     submissions = select(Submission).where(Submission.person_id == person.id)
     attempts = select(Attempt).where(Attempt.person_id == person.id).order_by(Attempt.id)
     name = row_name(person)
@@ -56,7 +63,7 @@ def personal_data(session: Session, person_id: int) -> PersonalData:
         tokens=list(map(token_report, tokens)),
         sessions=[
             SessionRecord.model_validate(row)
-            for row in session.scalars(sessions.order_by(BrowserSession.created_at))
+            for row in sorted(sessions, key=lambda each: each.created_at)
         ],
         submissions=[
             _submission_record(row)

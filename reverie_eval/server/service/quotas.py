@@ -6,9 +6,9 @@ or adding people gains nothing. Withdrawn submissions count; rejected files do n
 """
 
 from bisect import bisect_right
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import datetime
 from heapq import merge
 from math import ceil
 from typing import Any
@@ -17,20 +17,13 @@ from sqlalchemy import Row, bindparam, literal, null, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import GrantReport, NewGrant
-from reverie_eval.schemas.service import QuotaReport, QuotaWindow, WindowName
-from reverie_eval.server.errors import BytesSpentError, MalformedError, NotFoundError
+from reverie_eval.schemas.service import WINDOWS, QuotaReport, QuotaWindow, WindowName
+from reverie_eval.server.errors import BytesSpentError, MalformedError, no_split
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.people import team_named
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Quota
 from reverie_eval.server.store.tables import Grant, Person, Submission
-
-WINDOWS: Mapping[WindowName, timedelta] = {
-    "day": timedelta(hours=24),
-    "month": timedelta(days=30),
-    "year": timedelta(days=365),
-}
-
 
 # For all splits, or SQLite would read everybody's submissions to the requested one. In one
 # statement, because each upload runs it twice, and many pages once. Built here, because building it
@@ -217,7 +210,7 @@ def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> G
     if new.expires_at <= transaction.now:
         raise MalformedError("the expiry time is in the past; choose a later time")
     if new.split not in splits:
-        raise NotFoundError(f"there is no split {new.split!r}; there are: {', '.join(splits)}")
+        raise no_split(new.split, splits)
     row = Grant(
         team=team_named(transaction.session, new.team),
         created_at=transaction.now,

@@ -8,7 +8,7 @@ used, and the number of tasks, which is known from the public instructions.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from sqlalchemy import select
@@ -43,8 +43,17 @@ class RankInterval:
     significantly worse than it."""
 
 
-_Compared: TypeAlias = tuple[Sequence[tuple[str, float]], Mapping[str, RankInterval]]
-"""Values by submission, and the rank intervals that they have."""
+class _Compared(NamedTuple):
+    """Results of a leaderboard that are compared by a metric."""
+
+    board: Board
+    metric: Metric
+    values: Sequence[tuple[str, float]]
+    """By submission; empty if they are not compared."""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        return self.board.path, self.metric.key
 
 
 def cluster_sums(scores: Scores) -> Sums:
@@ -59,41 +68,62 @@ def cluster_sums(scores: Scores) -> Sums:
     }
 
 
-def store_sums(session: Session, submission_id: str, board: Board, sums: Sums) -> None:
-    """Store the sums by which a published result is compared on a leaderboard."""
-    session.merge(ClusterSums(submission_id=submission_id, board=board.further, sums=sums))
+def store_sums(session: Session, submission_id: str, sums: Mapping[str, Sums]) -> None:
+    """Store the sums by which a published result is compared, by the names of leaderboards."""
+    if not sums:
+        return
+    chosen = select(ClusterSums).where(ClusterSums.submission_id == submission_id)
+    with session.no_autoflush:  # what else was changed is written with them
+        known = {row.board: row for row in session.scalars(chosen)}
+    for further, of_board in sums.items():
+        if further in known:
+            known[further].sums = of_board
+        else:
+            row = ClusterSums(submission_id=submission_id, board=further, sums=of_board)
+            session.add(row)
 
 
 @dataclass(frozen=True)
 class RankIntervals:
     """The rank intervals of all results, computed again only when the results have changed."""
 
-    _cached: dict[tuple[str, str], _Compared] = field(default_factory=dict)
-    """By leaderboard and metric: the values that were compared, and their intervals."""
+    _values: dict[tuple[str, str], Sequence[tuple[str, float]]] = field(default_factory=dict)
+    """By leaderboard and metric: the values that were compared."""
+    _found: dict[tuple[str, str], Mapping[str, RankInterval]] = field(default_factory=dict)
+    """The intervals that they have."""
     _lock: Lock = field(default_factory=Lock)
     """Makes concurrent requests compute them only once."""
 
     def compute(
-        self, session: Session, board: Board, metric: str, rows: Iterable[Row]
-    ) -> Mapping[str, RankInterval]:
-        """Return the intervals of ranked results by their ids; empty if they are not compared.
+        self, session: Session, rankings: Iterable[tuple[Board, str, Iterable[Row]]]
+    ) -> Sequence[Mapping[str, RankInterval]]:
+        """Return the intervals of the ranked results of leaderboards, each ranked by a metric.
 
-        A result without stored sums has none, and may have any rank.
+        They are by the ids of the results; empty if these are not compared. A result without
+        stored sums has none, and may have any rank. One statement reads the sums of all.
         """
-        ranked = [
-            (row.entry.submission_id, row.entry.scores[metric])
-            for row in rows
-            if row.rank is not None and row.entry.submission_id is not None
-        ]
-        is_compared = _is_compared(board, METRICS[metric])
-        if not is_compared or not _FEWEST_COMPARED <= len(ranked) <= MOST_COMPARED:
-            return {}
+        wanted = [_compared(*ranking) for ranking in rankings]
         with self._lock:
-            known, found = self._cached.get((board.path, metric), ((), {}))
-            if known != ranked:
-                found = _computed(session, board, METRICS[metric], ranked)
-                self._cached[board.path, metric] = ranked, found
-            return found
+            changed = [
+                each for each in wanted if each.values and self._values.get(each.key) != each.values
+            ]
+            sums = _stored_sums(session, [each for each in changed if not each.board.is_private])
+            for each in changed:
+                self._found[each.key] = _computed(each, sums)
+                self._values[each.key] = each.values
+            return [self._found[each.key] if each.values else {} for each in wanted]
+
+
+def _compared(board: Board, metric: str, rows: Iterable[Row]) -> _Compared:
+    """Return what is compared of a leaderboard."""
+    ranked = [
+        (row.entry.submission_id, row.entry.scores[metric])
+        for row in rows
+        if row.rank is not None and row.entry.submission_id is not None
+    ]
+    is_compared = _is_compared(board, METRICS[metric])
+    is_compared &= _FEWEST_COMPARED <= len(ranked) <= MOST_COMPARED
+    return _Compared(board, METRICS[metric], ranked if is_compared else ())
 
 
 def _is_compared(board: Board, metric: Metric) -> bool:
@@ -108,20 +138,32 @@ def _is_compared(board: Board, metric: Metric) -> bool:
     )
 
 
+def _stored_sums(
+    session: Session, compared: Sequence[_Compared]
+) -> Mapping[tuple[str, str], Mapping[str, Sequence[float]]]:
+    """Return stored sums by submission and name of the leaderboard."""
+    if not compared:
+        return {}
+    names = [name for each in compared for name, _ in each.values]
+    chosen = select(ClusterSums).where(
+        ClusterSums.submission_id.in_(names),
+        ClusterSums.board.in_({each.board.further for each in compared}),
+    )
+    return {(row.submission_id, row.board): row.sums for row in session.scalars(chosen)}
+
+
 def _computed(
-    session: Session, board: Board, metric: Metric, ranked: Sequence[tuple[str, float]]
+    compared: _Compared, stored: Mapping[tuple[str, str], Mapping[str, Sequence[float]]]
 ) -> Mapping[str, RankInterval]:
+    board, metric, ranked = compared
     means = dict(ranked)
     if board.is_private:
         covariance, n_clusters = _of_shown_means(board, np.array([*means.values()])), np.inf
     else:
-        chosen = select(ClusterSums).where(
-            ClusterSums.submission_id.in_(means), ClusterSums.board == board.further
-        )
         sums = {
-            row.submission_id: row.sums[metric.key]
-            for row in session.scalars(chosen)
-            if metric.key in row.sums
+            name: own[metric.key]
+            for name in means
+            if metric.key in (own := stored.get((name, board.further), {}))
         }
         means = {name: mean for name, mean in means.items() if name in sums}
         _, sizes = np.unique(clusters_of(board.truth, "target"), return_counts=True)

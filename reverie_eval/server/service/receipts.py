@@ -18,6 +18,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from reverie_eval import receipts
+from reverie_eval.files import is_private
 from reverie_eval.receipts import (
     PAYLOAD_TYPE,
     ReceiptError,
@@ -129,7 +130,7 @@ def load_key(path: Path) -> Ed25519PrivateKey:
     Raises ReceiptError if the file is missing or holds no such key, or if other users can read it.
     """
     try:
-        if path.stat().st_mode & 0o077:
+        if not is_private(path):
             raise ReceiptError(f"other users can read {path}; run `chmod 600 {path}`")
         key = load_pem_private_key(path.read_bytes(), password=None)
     except FileNotFoundError:

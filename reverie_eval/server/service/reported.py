@@ -22,10 +22,16 @@ from reverie_eval.schemas.organising import (
     ReportedChange,
     ReportedEntry,
 )
-from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError, TableError
+from reverie_eval.server.errors import (
+    ConflictError,
+    MalformedError,
+    NotFoundError,
+    TableError,
+    no_split,
+)
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.reported_files import FileRow, read_results
-from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.service.transactions import Transaction, difference
 from reverie_eval.server.store.tables import ReportedResult
 from reverie_eval.server.wrong_values import wrong_value
 from reverie_eval.tasks import Task, name_on_server
@@ -89,8 +95,8 @@ def change_reported(
     _check_scores(after["scores"], [*METRICS] if task is None else task.metrics)
     new = NewReported.model_validate(after)
     _check_is_only(transaction.session, new, result_id)
-    details = {"before": _only_different(before, after), "after": _only_different(after, before)}
-    if any(details.values()):
+    details = difference(before, after)
+    if details:
         for name, value in after.items():
             setattr(result, name, value)
         transaction.record("reported result changed", result, old.method.name, **details)
@@ -171,9 +177,9 @@ def find_reported(session: Session, result_id: int) -> ReportedEntry:
     return ReportedEntry.model_validate(_result_of(session, result_id))
 
 
-def reported_of(session: Session, split: str) -> Sequence[ReportedResult]:
-    """Return the reported results of a split, in the order in which they were added."""
-    chosen = select(ReportedResult).where(ReportedResult.split == split)
+def reported_of(session: Session, *splits: str) -> Sequence[ReportedResult]:
+    """Return the reported results of splits, in the order in which they were added."""
+    chosen = select(ReportedResult).where(ReportedResult.split.in_(splits))
     current = chosen.where(ReportedResult.removed_at.is_(None))
     return session.scalars(current.order_by(ReportedResult.id)).all()
 
@@ -214,18 +220,9 @@ def _merged(before: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, 
     }
 
 
-def _only_different(values: Mapping[str, Any], others: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values that differ from others, also inside mappings."""
-    return {
-        name: _only_different(value, others[name]) if isinstance(value, dict) else value
-        for name, value in values.items()
-        if name not in others or value != others[name]
-    }
-
-
 def _task_of(split: str, tasks: Mapping[str, Task]) -> Task:
     if split not in tasks:
-        raise NotFoundError(f"there is no split {split!r}; there are: {', '.join(tasks)}")
+        raise no_split(split, tasks)
     return tasks[split]
 
 

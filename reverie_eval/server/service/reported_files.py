@@ -214,7 +214,7 @@ def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
         if METRICS[key].unit == "fraction"
     ]
     if any(values) and max(values) <= 1 / _PER_CENT:
-        message = "none is above 1 %; if these are fractions, choose fractions (rates: fraction)"
+        message = "no rate is above 1 %; if they are fractions, set rates to fraction"
         yield Problem("fractions", "all rates", message)
 
 

@@ -165,7 +165,7 @@ class Rescoring:
         store_result(row, board.further, result)
         row.rescored_at = transaction.now
         if rescored.sums is not None:
-            store_sums(transaction.session, row.id, board, rescored.sums)
+            store_sums(transaction.session, row.id, {board.further: rescored.sums})
         transaction.record(
             "scored again",
             row,
@@ -191,7 +191,7 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
         select(
             Submission.id,
             Submission.sha256,
-            *_signature_and_fingerprint(board),
+            *_signature_and_fingerprint(board.further),
             Submission.published_at,
             Submission.upload_deleted_at,
         )
@@ -211,23 +211,43 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
     ]
 
 
-def count_outdated(session: Session, board: Board) -> int:
-    """Count the submissions that :func:`outdated` returns."""
-    scored_by = select(*_signature_and_fingerprint(board)).where(Submission.split == board.name)
-    signatures, fingerprints = scored_by.subquery().columns
-    counted = select(signatures, fingerprints, func.count()).group_by(signatures, fingerprints)
-    return sum(
-        number
-        for signature, fingerprint, number in session.execute(counted)
-        if not board.is_current(signature or "", fingerprint or "")
+def count_outdated(session: Session, boards: Collection[Board]) -> Mapping[str, int]:
+    """Count the submissions that :func:`outdated` returns, by the path of the leaderboard.
+
+    One statement counts those of all leaderboards.
+    """
+    furthers = dict.fromkeys(board.further for board in boards)
+    # A submission is counted on all leaderboards of its split at once.
+    names = {further: f"board_{number}" for number, further in enumerate(furthers)}
+    columns = [
+        column.label(f"{name}_{field}")
+        for further, name in names.items()
+        for field, column in _signature_and_fingerprint(further)._asdict().items()
+    ]
+    of_splits = Submission.split.in_({board.name for board in boards})
+    scored_by = select(Submission.split, *columns).where(of_splits).subquery()
+    counted = select(*scored_by.columns, func.count().label("number"))
+    outdated_on = dict.fromkeys([board.path for board in boards], 0)
+    for row in session.execute(counted.group_by(*scored_by.columns)).mappings():
+        for board in (board for board in boards if board.name == row["split"]):
+            scored = (row[f"{names[board.further]}_{field}"] or "" for field in _ScoredBy._fields)
+            if not board.is_current(*scored):
+                outdated_on[board.path] += row["number"]
+    return outdated_on
+
+
+class _ScoredBy(NamedTuple):
+    """What a result was scored by, as columns of a statement."""
+
+    signature: ColumnElement[str | None]
+    fingerprint: ColumnElement[str | None]
+
+
+def _signature_and_fingerprint(further: str) -> _ScoredBy:
+    """Return columns of the reports on a leaderboard; NULL without a result."""
+    return _ScoredBy(
+        stored_in_report(further, "signature"), stored_in_report(further, "fingerprint")
     )
-
-
-def _signature_and_fingerprint(
-    board: Board,
-) -> tuple[ColumnElement[str | None], ColumnElement[str | None]]:
-    signature = stored_in_report(board.further, "signature").label("signature")
-    return signature, stored_in_report(board.further, "fingerprint").label("fingerprint")
 
 
 def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:

@@ -19,6 +19,14 @@ from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Review, Submission
 
+VERDICTS: Mapping[Verdict, str] = {
+    "verified": "The organiser has checked the result, and the reason says how.",
+    "baseline": "A reference for comparison, not a competitor.",
+    "flagged": "Something about the result is doubtful; it stays ranked.",
+    "disqualified": "The result broke the rules. It is not ranked, but stays visible with the "
+    "reason; its team cannot unpublish it.",
+}
+"""What each verdict means, as the guide and the desk say it."""
 JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified"})
 """Verdicts that replace each other."""
 
@@ -78,12 +86,12 @@ def is_disqualified(reviews: Iterable[Review | PublishedReview]) -> bool:
     return any(review.verdict == "disqualified" for review in reviews)
 
 
-def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
-    """Return the current reviews of a split's submissions by id, the earliest first."""
+def reviews_of(session: Session, *splits: str) -> Mapping[str, Sequence[Review]]:
+    """Return the current reviews of the submissions to splits by id, the earliest first."""
     # Not a join, for which databases may read all submissions first: there are few reviews.
     its_split = select(Submission.split).where(Submission.id == Review.submission_id)
-    chosen = select(Review).where(Review.lifted_at.is_(None), its_split.scalar_subquery() == split)
-    chosen = chosen.order_by(Review.id)
+    is_of_split = its_split.scalar_subquery().in_(splits)
+    chosen = select(Review).where(Review.lifted_at.is_(None), is_of_split).order_by(Review.id)
     by_submission: defaultdict[str, list[Review]] = defaultdict(list)
     for row in session.scalars(chosen):
         by_submission[row.submission_id].append(row)

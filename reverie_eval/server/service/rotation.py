@@ -82,6 +82,7 @@ def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation)
             f"signatures of {key_id} are valid only until {key.valid_until.isoformat()}; give an "
             "earlier time"
         )
+    before = {"until": key.valid_until.isoformat(), "reason": key.reason}
     key.valid_until, key.revoked_at, key.reason = since, transaction.now, revocation.reason
     signed = 0
     chosen = select(Submission).where(Submission.received_at > since)
@@ -98,6 +99,7 @@ def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation)
         "signing key revoked",
         key,
         key_id,
+        before=before,
         until=since.isoformat(),
         signed_again=signed,
         reason=revocation.reason,

@@ -12,10 +12,8 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.audit import RULES
 from reverie_eval.server.service.boards import Board, leaderboards, without_version
-from reverie_eval.server.service.transactions import Transactions
+from reverie_eval.server.service.transactions import SERVER, Transactions
 from reverie_eval.server.store.tables import AuditEntry
-
-_ACTOR = "server"
 
 
 def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
@@ -28,14 +26,14 @@ def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:
     with transactions.database.reading() as session:
         if LastRules().read(session) == rules:
             return
-    with transactions.begin(_ACTOR) as transaction:
+    with transactions.begin(SERVER) as transaction:
         transaction.audit_log.append(
             transaction.session,
             transaction.now,
             transaction.actor,
             RULES,
-            row=_ACTOR,
-            subject=_ACTOR,
+            row=SERVER,
+            subject=SERVER,
             splits=dict(rules),
         )
 

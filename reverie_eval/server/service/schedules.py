@@ -7,18 +7,18 @@ shown stay visible.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewSchedule, ScheduleReport
 from reverie_eval.schemas.service import Phase, ReleaseScores, Schedule
-from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.errors import ConflictError, no_split
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import SetSchedule, Submission
@@ -91,6 +91,21 @@ class Timetable:
         return Schedule.model_validate(row)
 
 
+Change: TypeAlias = Callable[[Timetable, datetime], NewSchedule]
+"""Returns what to set, given the schedules that a split has had and the time."""
+
+
+class Effect(NamedTuple):
+    """What a change of a split's schedule does."""
+
+    new: NewSchedule
+    before: Schedule
+    """The schedule that applied before the change."""
+    after: Schedule
+    shown: int
+    """The number of submissions whose scores were held back and are then shown."""
+
+
 class Schedules:
     """The schedules of all splits."""
 
@@ -123,8 +138,7 @@ class Schedules:
         """Return the timetable of a split. Raises NotFoundError if the server has no such split."""
         timetable = self.read(session).get(split)
         if timetable is None:
-            known = ", ".join(self._splits)
-            raise NotFoundError(f"there is no split {split!r} here; there are: {known}")
+            raise no_split(split, self._splits)
         return timetable
 
     def set(self, transaction: Transaction, split: str, new: NewSchedule) -> ScheduleReport:
@@ -142,6 +156,19 @@ class Schedules:
         del transaction.session.info[_ROWS]
         transaction.record("schedule set", row, split, **new.model_dump(mode="json"))
         return timetable.with_one_more(row).report(split)
+
+    def change(self, transaction: Transaction, split: str, change: Change) -> Effect:
+        """Set what a change makes of the latest schedule; raises the errors of :meth:`set`."""
+        effect = self.if_changed(transaction.session, split, change, transaction.now)
+        self.set(transaction, split, effect.new)
+        return effect
+
+    def if_changed(self, session: Session, split: str, change: Change, now: datetime) -> Effect:
+        """Return what a change would do. Raises the errors of :meth:`set`."""
+        timetable = self.of(session, split)
+        new = change(timetable, now)
+        after, shown = self.if_set(session, split, new, now)
+        return Effect(new, timetable.latest, after, shown)
 
     def if_set(
         self, session: Session, split: str, new: NewSchedule, now: datetime
@@ -202,6 +229,26 @@ def with_phase(
         "release_scores": release_scores or schedule.release_scores,
         "paused": schedule.paused,
     }
+
+
+def pause(timetable: Timetable, _: datetime) -> NewSchedule:
+    """Accept no submissions, whatever the phases say."""
+    return timetable.desk.model_copy(update={"paused": True})
+
+
+def resume(timetable: Timetable, _: datetime) -> NewSchedule:
+    """Accept submissions again."""
+    return timetable.desk.model_copy(update={"paused": False})
+
+
+def reset(timetable: Timetable, _: datetime) -> NewSchedule:
+    """Use the phases and the release of scores of the settings again."""
+    return timetable.desk.model_copy(update={"phases": None, "release_scores": None})
+
+
+def close(timetable: Timetable, now: datetime) -> NewSchedule:
+    """End the open phases; raises the error of :func:`closed`."""
+    return closed(timetable.latest, now)
 
 
 def closed(schedule: Schedule, now: datetime) -> NewSchedule:

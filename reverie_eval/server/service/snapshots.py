@@ -20,13 +20,17 @@ from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.leaderboard import as_json, leaderboard
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.transactions import Transaction, Transactions
-from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
+from reverie_eval.server.service.transactions import SERVER, Transaction, Transactions
+from reverie_eval.server.store.tables import (
+    SNAPSHOT_TAKEN,
+    SUBMITTED,
+    AuditEntry,
+    StoredSnapshot,
+    Submission,
+)
 
-SERVER = "server"
-"""The actor who takes a snapshot when a phase has ended."""
 _SECOND = timedelta(seconds=1)
-_CHANGES_NOTHING = ("submitted", "snapshot taken")
+_CHANGES_NOTHING = (SUBMITTED, SNAPSHOT_TAKEN)
 """Actions that do not change what leaderboards show."""
 
 
@@ -126,7 +130,7 @@ class Snapshots:
             created_at=transaction.now,
         )
         transaction.record(
-            "snapshot taken", row, split, number=row.number, title=title, as_of=as_of.isoformat()
+            SNAPSHOT_TAKEN, row, split, number=row.number, title=title, as_of=as_of.isoformat()
         )
         return SnapshotEntry.model_validate(row)
 

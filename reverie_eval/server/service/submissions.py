@@ -3,14 +3,16 @@
 Teams see all of their own submissions; everyone sees published ones.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import lru_cache
+from itertools import chain
 from types import MappingProxyType
+from typing import Any, TypeAlias, cast
 
-from sqlalchemy import Select, exists, select, tuple_
-from sqlalchemy.orm import Session
+from sqlalchemy import Select, SQLColumnExpression, exists, select, tuple_, union_all
+from sqlalchemy.orm import Session, aliased
 
 from reverie_eval.analysis import Comparison
 from reverie_eval.schemas.report import IntervalReport, ScoreReport
@@ -24,35 +26,41 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
+from reverie_eval.server.service.audit import INSPECTED
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.entries import is_anonymous
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.service.results import results_of, store_result, submission_report
-from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
+from reverie_eval.server.service.reviews import (
+    any_submission,
+    find_submission,
+    is_disqualified,
+    standing_reviews,
+)
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
+from reverie_eval.server.service.transactions import Actor, Transaction, Transactions, difference
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission
-from reverie_eval.server.store.uploads import Uploads
+from reverie_eval.server.store.uploads import Uploads, stored_pieces, stored_upload
 
 RECENT = 8
 """Submissions whose episodes are cached, because people look at one episode after the other."""
 
 
+_Order: TypeAlias = Callable[[type[Submission]], Iterable[SQLColumnExpression[Any]]]
+"""Columns of submissions by which they are sorted."""
+
+
 def list_submissions(
-    session: Session, person: Person, page: Page, view: View, split: str | None = None
+    session: Session, person: Person, page: Page, view: View
 ) -> Listed[SubmissionReport]:
     """List the submissions of a person's team, the newest first; the organiser sees all teams'.
 
-    If a split is given, only those to it. MalformedError if the cursor is invalid.
+    MalformedError if the cursor is invalid.
     """
-    rows = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
-    if split is not None:
-        rows = rows.where(Submission.split == split)
-    if person.role != "organiser":
-        rows = rows.where(Submission.team_id == person.team_id)
+    rows = _own(person)
     if page.cursor is not None:
         try:
             last = _row_of(session, person, page.cursor)
@@ -64,11 +72,58 @@ def list_submissions(
     return cut(found, page, view.report, lambda row: row.id)
 
 
+def newest_of_each(
+    session: Session, person: Person, splits: Sequence[str], limit: int
+) -> Mapping[str, Sequence[Submission]]:
+    """Return a team's newest submissions to each split; for the organiser, those of all teams."""
+    own = _own(person)
+    chosen = {split: own.where(Submission.split == split).limit(limit) for split in splits}
+    return _rows_of_each(session, chosen, _newest_first)
+
+
+def public_episodes_of_each(
+    session: Session, splits: Sequence[str], limit: int
+) -> Mapping[str, Sequence[Submission]]:
+    """Return the first of :func:`with_public_episodes` of each split."""
+    chosen = {split: with_public_episodes(split).limit(limit) for split in splits}
+    return _rows_of_each(session, chosen, _published_last_first)
+
+
+def _own(person: Person) -> Select[Submission]:
+    rows = select(Submission).order_by(*_newest_first(Submission))
+    if not person.is_organiser:
+        rows = rows.where(Submission.team_id == person.team_id)
+    return rows
+
+
+def _rows_of_each(
+    session: Session, chosen: Mapping[str, Select[Submission]], order: _Order
+) -> Mapping[str, Sequence[Submission]]:
+    """Return the submissions chosen of each split, by one statement for all splits."""
+    if not chosen:
+        return {}
+    # Each part has its own limit, so databases read no more than that of an index.
+    parts = union_all(*(select(each.subquery()) for each in chosen.values()))
+    rows = aliased(Submission, parts.subquery())
+    found: dict[str, list[Submission]] = {split: [] for split in chosen}
+    for row in session.scalars(select(rows).order_by(*order(rows))):
+        found[row.split].append(row)
+    return found
+
+
+def _newest_first(rows: type[Submission]) -> Sequence[SQLColumnExpression[Any]]:
+    return rows.received_at.desc(), rows.id.desc()
+
+
+def _published_last_first(rows: type[Submission]) -> Sequence[SQLColumnExpression[Any]]:
+    return rows.published_at.desc(), rows.id
+
+
 def all_submissions(
     session: Session, *, split: str | None, team: str | None
 ) -> Iterator[Submission]:
     """Yield all submissions, the latest first; only those to a split or of a team, if given."""
-    rows = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
+    rows = select(Submission).order_by(*_newest_first(Submission))
     if split is not None:
         rows = rows.where(Submission.split == split)
     if team is not None:
@@ -87,6 +142,15 @@ def submission_of(
         If it does not exist or belongs to another team; the error does not reveal which.
     """
     return view.report(_row_of(session, person, submission_id))
+
+
+def record_inspection(transaction: Transaction, submission_id: str) -> None:
+    """Record that somebody is shown the values of single episodes, which may be private.
+
+    Raises NotFoundError if there is no such submission.
+    """
+    row = any_submission(transaction.session, submission_id)
+    transaction.record(INSPECTED, row, row.id)
 
 
 def result_on(further: str, submission: SubmissionReport) -> BoardResult:
@@ -133,7 +197,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         If it does not exist, is not published or is withdrawn; the error does not reveal which.
     """
     row = find_submission(session, submission_id)
-    if row is None or row.published_at is None or row.withdrawn_at is not None:
+    if row is None or row.status != "published":
         raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
     held_until = view.held_until(row)
     reviews = standing_reviews(session, row.id)
@@ -144,7 +208,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         method=Method.model_validate(row.method),
         report=view.score_report(row),
         scores_held_until=held_until,
-        published_at=row.published_at,
+        published_at=cast("datetime", row.published_at),  # or it would not be published
         shows_episodes=row.shows_episodes or "baseline" in {each.verdict for each in reviews},
         reviews=reviews,
         earlier=[] if held_until else list(map(EarlierResult.model_validate, row.earlier)),
@@ -170,7 +234,7 @@ def with_public_episodes(split: str) -> Select[Submission]:
     return (
         select(Submission)
         .where(Submission.split == split, IS_SHOWN, Submission.shows_episodes | is_baseline)
-        .order_by(Submission.published_at.desc(), Submission.id)
+        .order_by(*_published_last_first(Submission))
     )
 
 
@@ -209,10 +273,16 @@ class SubmissionService:
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces.
 
-        Raises NotFoundError if it was deleted.
+        Raises
+        ------
+        NotFoundError
+            If it was deleted.
+        UploadsError
+            If the stored file is missing or damaged, at the latest after the last piece.
         """
         _check_upload(submission)
-        return self.uploads.pieces(submission.sha256)
+        pieces = stored_pieces(self.uploads, submission.sha256)
+        return chain([next(pieces)], pieces)
 
     def episodes(self, submission: SubmissionReport, further: str = "") -> Scores:
         """Return the scores of every episode, computed again from the upload.
@@ -246,7 +316,7 @@ class SubmissionService:
         The result does not refer to the data it was computed from, which may be 100 times as large.
         """
         board = board_named(self.boards, split, further)
-        scores = board.score(board.read(self.uploads.get(sha256)))
+        scores = board.score(board.read(stored_upload(self.uploads, sha256)))
         return replace(scores, episodes=MappingProxyType(dict(scores.episodes)))
 
     def compare(self, board: Board, named: Mapping[str, SubmissionReport]) -> Comparison:
@@ -304,28 +374,32 @@ class SubmissionService:
                     "the organiser has disqualified this submission; until the review is lifted, "
                     "it cannot be unpublished or withdrawn"
                 )
-            results = results_of(row)
-            for further, (intervals, sums) in drawn.items():
+            results, before = results_of(row), _editable(row)
+            for further, (intervals, _) in drawn.items():
                 report = results[further].report.model_copy(update={"intervals": intervals})
                 store_result(row, further, results[further].model_copy(update={"report": report}))
-                board = board_named(self.boards, row.split, further)
-                store_sums(transaction.session, row.id, board, sums)
-            if change.method is not None:
-                row.method = self._edited(row, change.method).model_dump(mode="json")
-            if change.withdrawn is not None:
-                row.withdrawn_at = (row.withdrawn_at or now) if change.withdrawn else None
-            if change.published is not None:
-                row.published_at = (row.published_at or now) if change.published else None
-            if "anonymous_until" in change.model_fields_set:
-                row.anonymous_until = change.anonymous_until
-            if change.shows_episodes is not None:
-                row.shows_episodes = self._may_show(row, wanted=change.shows_episodes)
-            if change.published and row.withdrawn_at is not None:
-                raise ConflictError("a withdrawn submission cannot be published; restore it first")
-            changed = change.model_dump(mode="json", exclude_unset=True)
-            transaction.record("changed", row, row.id, **changed)
+            sums = {further: of_board for further, (_, of_board) in drawn.items()}
+            store_sums(transaction.session, row.id, sums)
+            self._apply(change, row, now)
+            details = difference(before, _editable(row))
+            if details or drawn:
+                transaction.record("changed", row, row.id, **details)
             self._replace_earlier(transaction, row, change)
             return self.view(transaction.session, now).report(row)
+
+    def _apply(self, change: SubmissionChange, row: Submission, now: datetime) -> None:
+        if change.method is not None:
+            row.method = self._edited(row, change.method).model_dump(mode="json")
+        if change.withdrawn is not None:
+            row.withdrawn_at = (row.withdrawn_at or now) if change.withdrawn else None
+        if change.published is not None:
+            row.published_at = (row.published_at or now) if change.published else None
+        if "anonymous_until" in change.model_fields_set:
+            row.anonymous_until = change.anonymous_until
+        if change.shows_episodes is not None:
+            row.shows_episodes = self._may_show(row, wanted=change.shows_episodes)
+        if change.published and row.withdrawn_at is not None:
+            raise ConflictError("a withdrawn submission cannot be published; restore it first")
 
     def _may_show(self, row: Submission, *, wanted: bool) -> bool:
         board = self.boards.get(row.split)
@@ -352,8 +426,10 @@ class SubmissionService:
         )
         for earlier in transaction.session.scalars(chosen).all():
             if not is_disqualified(standing_reviews(transaction.session, earlier.id)):
+                before = _editable(earlier)
                 earlier.published_at = None
-                transaction.record("changed", earlier, earlier.id, published=False)
+                details = difference(before, _editable(earlier))
+                transaction.record("changed", earlier, earlier.id, **details)
 
     def _edited(self, row: Submission, change: MethodChange) -> Method:
         edited = change.model_dump(mode="json", exclude_unset=True)
@@ -382,7 +458,7 @@ class SubmissionService:
         ]
         if own.is_private or known.upload_deleted_at is not None or not waiting:
             return {}
-        content = self.uploads.get(known.sha256)
+        content = stored_upload(self.uploads, known.sha256)
         found = {board.further: board.scored(content, has_intervals=True) for board in waiting}
         return {
             further: (report.intervals, cluster_sums(scores))
@@ -391,17 +467,29 @@ class SubmissionService:
         }
 
 
+def _editable(row: Submission) -> Mapping[str, Any]:
+    """Return what a team may change of a submission, as the audit log has it."""
+    state = SubmissionChange(
+        published=row.published_at is not None,
+        withdrawn=row.withdrawn_at is not None,
+        anonymous_until=row.anonymous_until,
+        shows_episodes=row.shows_episodes,
+    )
+    method = Method.model_validate(row.method).model_dump(mode="json")
+    return {**state.model_dump(mode="json"), "method": method}
+
+
 def _check_upload(submission: SubmissionReport) -> None:
     if submission.upload_deleted_at is not None:
         day = f"{submission.upload_deleted_at:%Y-%m-%d}"
         raise NotFoundError(
-            f"the file was deleted on {day}: this server keeps files of unpublished "
-            "submissions only for some time; scores and receipt stay"
+            f"the file was deleted on {day}: this server deletes the files of unpublished "
+            "submissions after a while; scores and receipt stay"
         )
 
 
 def _row_of(session: Session, person: Person, submission_id: str) -> Submission:
     row = find_submission(session, submission_id)
-    if row is None or (person.role != "organiser" and row.team_id != person.team_id):
+    if row is None or (not person.is_organiser and row.team_id != person.team_id):
         raise NotFoundError(f"your team has no submission {submission_id!r}")
     return row

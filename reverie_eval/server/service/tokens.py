@@ -13,6 +13,7 @@ import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Literal, TypeAlias
 
 from itsdangerous import BadSignature, Signer
 from sqlalchemy import ColumnElement, delete, select
@@ -37,6 +38,7 @@ PREFIX = "rv_"
 HINT_LENGTH = len(PREFIX) + 8
 """The public beginning of a token: enough to identify it; 35 random characters stay secret."""
 
+TokenState: TypeAlias = Literal["valid", "expired", "revoked", "used or revoked"]
 TOKEN_NAMES: Mapping[TokenKind, str] = {"access": "token", "invite": "invitation"}
 """Names for people, by kind."""
 
@@ -114,12 +116,17 @@ def has_organiser(session: Session, now: datetime) -> bool:
     """Whether an organiser has a valid token."""
     is_valid = Token.revoked_at.is_(None) & (Token.expires_at.is_(None) | (Token.expires_at > now))
     tokens = select(Token.id).join(Person)
-    tokens = tokens.where(Person.role == "organiser", Token.kind == "access", is_valid)
+    tokens = tokens.where(Person.is_organiser, Token.kind == "access", is_valid)
     return session.scalar(select(tokens.exists())) or False
 
 
 def check_organiser_left(transaction: Transaction) -> None:
-    """Make sure that an organiser can sign in. Raises ConflictError if none has a valid token."""
+    """Make sure that an organiser can sign in. Raises ConflictError if none has a valid token.
+
+    An action over HTTP is followed by this check: otherwise nobody could undo it over HTTP. It is
+    not part of the actions, because commands must be able to revoke the last token, if it was
+    stolen for example. On the server's machine, `server token add` can always create another.
+    """
     if not has_organiser(transaction.session, transaction.now):
         raise ConflictError(
             "this would leave no organiser with a valid token; first create a token for an "
@@ -160,12 +167,19 @@ def check_valid(token: Token, now: datetime) -> None:
 
     NotSignedInError says why it is refused.
     """
-    this = f"this {TOKEN_NAMES[token.kind]}"
+    state = token_state(token, now)
+    if state != "valid":
+        ended = "has expired" if state == "expired" else f"was {state}"
+        raise NotSignedInError(
+            f"this {TOKEN_NAMES[token.kind]} {ended}; ask the organiser for another"
+        )
+
+
+def token_state(token: Token | TokenReport, now: datetime) -> TokenState:
+    """Return whether a token is valid, and if not, why."""
     if token.revoked_at is not None:
-        ended = {"access": "was revoked", "invite": "was used or revoked"}[token.kind]
-        raise NotSignedInError(f"{this} {ended}; ask the organiser for another")
-    if token.expires_at is not None and token.expires_at <= now:
-        raise NotSignedInError(f"{this} has expired; ask the organiser for another")
+        return "used or revoked" if token.kind == "invite" else "revoked"
+    return "expired" if token.expires_at is not None and token.expires_at <= now else "valid"
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,8 @@ from reverie_eval.server.store.tables import Base, Person
 
 Actor: TypeAlias = Person | str
 """Who makes a change: a person, or the name of a user of the machine or of a program."""
+SERVER = "server"
+"""The server itself: who makes changes that nobody asks for, and what some changes are about."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +99,27 @@ class Transactions:
             transaction = Transaction(session, actor, now, self.audit_log, self.channels)
             self.begins(transaction)
             yield transaction
+
+
+def difference(before: Mapping[str, Any], after: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the values that a change made different, as the details of its entry.
+
+    Those of mappings are compared one by one. Empty if nothing is different.
+
+    >>> difference({"paused": True, "banner": "Hello"}, {"paused": False, "banner": "Hello"})
+    {'before': {'paused': True}, 'after': {'paused': False}}
+    """
+    details = {"before": _only_different(before, after), "after": _only_different(after, before)}
+    return details if any(details.values()) else {}
+
+
+def _only_different(values: Mapping[str, Any], others: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values that differ from others, also inside mappings."""
+    return {
+        name: _only_different(value, others[name]) if isinstance(value, dict) else value
+        for name, value in values.items()
+        if name not in others or value != others[name]
+    }
 
 
 def _logged(name: Person | str) -> str:

@@ -5,6 +5,7 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel
 from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator, text
+from sqlalchemy.ext.hybrid import hybrid_property
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from reverie_eval.schemas.organising import TokenKind
@@ -82,6 +83,11 @@ class Person(Base):
     deleted_at: Mapped[datetime | None]
     """When the person's name and address were removed; what they did stays."""
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
+
+    @hybrid_property
+    def is_organiser(self) -> bool:
+        """Whether the person sees and manages everything; also a condition in statements."""
+        return self.role == "organiser"
 
 
 Decision = Literal["request accepted", "request rejected"]
@@ -260,7 +266,9 @@ class Grant(Base):
     team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
 
 
-_CHANGES = text("action <> 'submitted'")
+SUBMITTED, TEAM_MERGED, SNAPSHOT_TAKEN = "submitted", "team merged", "snapshot taken"
+"""Actions in the audit log that the leaderboards' cache and snapshots look for."""
+_CHANGES = text(f"action <> '{SUBMITTED}'")
 
 
 class AuditEntry(Base):

@@ -6,6 +6,7 @@ before it is committed. A crash between the two leaves an unused file, never a r
 """
 
 import gzip
+import hashlib
 import os
 import secrets
 import zlib
@@ -77,14 +78,38 @@ def stored_upload(uploads: Uploads, sha256: str) -> bytes:
 
     Raises UploadsError if it is missing or cannot be read.
     """
-    try:
+    with _named(sha256):
         return uploads.get(sha256)
+
+
+def stored_pieces(uploads: Uploads, sha256: str) -> Iterator[bytes]:
+    """Yield an upload that a row refers to in pieces.
+
+    Raises UploadsError, at the latest after the last piece, if it is missing, cannot be read, or
+    is not the file that was uploaded.
+    """
+    digest = hashlib.sha256()
+    with _named(sha256):
+        for piece in uploads.pieces(sha256):
+            digest.update(piece)
+            yield piece
+    if digest.hexdigest() != sha256:
+        raise _unusable(sha256, "is not the file that was uploaded")
+
+
+@contextmanager
+def _named(sha256: str) -> Iterator[None]:
+    """Turn errors of reading an upload into one that names it, and says what to do."""
+    try:
+        yield
     except FileNotFoundError:
-        raise UploadsError("its upload is missing; run `reverie-eval server doctor`") from None
+        raise _unusable(sha256, "is missing") from None
     except (OSError, UploadsError) as error:
-        raise UploadsError(
-            f"its upload cannot be read ({error}); run `reverie-eval server doctor`"
-        ) from error
+        raise _unusable(sha256, f"cannot be read ({error})") from error
+
+
+def _unusable(sha256: str, why: str) -> UploadsError:
+    return UploadsError(f"the upload {sha256} {why}; run `reverie-eval server doctor`")
 
 
 def name_of(sha256: str) -> str:
@@ -113,8 +138,13 @@ def _unpack_pieces(packed: Iterator[bytes]) -> Iterator[bytes]:
     for piece in packed:
         left = piece
         while left:
-            yield stream.decompress(left, PIECE)
+            try:
+                yield stream.decompress(left, PIECE)
+            except zlib.error as error:
+                raise gzip.BadGzipFile(str(error)) from error
             left = stream.unconsumed_tail
+    if not stream.eof:
+        raise gzip.BadGzipFile("the file is cut off")
 
 
 class FolderUploads:

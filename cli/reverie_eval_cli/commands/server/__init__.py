@@ -34,6 +34,7 @@ server = LazyGroup(
         },
         "Phases": {
             "phase": "phase:phase",
+            "notice": "notice:notice",
             "diff": "phase:diff",
             "snapshot": "phase:snapshot",
         },

@@ -63,7 +63,7 @@ def evidence(
     submissions". The first run reads all uploads to SPLIT, later ones only new uploads.
     """
     with folder.open() as state:
-        report = state.evidence.report(split, team, most=None)
+        report = state.evidence.report_on_all(split, team)
     for submission, reason in report.unreadable.items():
         note(f"{submission} is left out: {reason}")
     match layout:

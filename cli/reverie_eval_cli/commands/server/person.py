@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import get_args
 
 import click
 
@@ -32,7 +33,7 @@ def person() -> None:
 @click.option("--team", required=True, help="Their team; add it first with `server team add`.")
 @options.with_default(
     "--role",
-    type=options.Choice(["participant", "organiser"]),
+    type=options.Choice(get_args(Role)),
     default="participant",
     help="Organisers see the submissions of all teams.",
 )
@@ -91,8 +92,8 @@ def edit(
 def import_people(*, folder: Folder, file: Path, invite: bool, dry_run: bool) -> None:
     """Add the people of a file, and their teams.
 
-    FILE is CSV with the columns team, person, email and role; the last two may be left out. People
-    who are there already stay as they are.
+    FILE is CSV with the columns team, person, email and role; the last two may be left out.
+    Existing people are left unchanged.
 
     Exit status: 0 done, 1 file rejected and nobody added, 2 usage or system error.
     """

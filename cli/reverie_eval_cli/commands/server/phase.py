@@ -1,20 +1,19 @@
 """``reverie-eval server phase set|close|reset|pause|resume``, ``diff`` and ``snapshot``."""
 
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import click
 
 from reverie_eval.schemas.organising import NewSchedule, NewSnapshot, NoticeReport
 from reverie_eval.schemas.service import ReleaseScores, Schedule
 from reverie_eval_cli import options
+from reverie_eval_cli.commands.server.notice import notice_text
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from reverie_eval.server.service.schedules import Timetable
+    from reverie_eval.server.service.schedules import Change, Timetable
 
 split = click.argument("split")
 
@@ -39,11 +38,11 @@ def phase() -> None:
 @click.option(
     "--closes",
     type=options.DayOrTime(),
-    help="Its last second: 2027-06-01T23:59:59Z, or a day in UTC, which counts as a whole.",
+    help="Its last second: 2027-06-01T23:59:59Z, or a date in UTC, which means the whole day.",
 )
 @click.option(
     "--release-scores",
-    type=options.Choice(["at-once", "phase-end"]),
+    type=options.Choice(get_args(ReleaseScores)),
     help="When scores of the split are shown. Those that are shown already stay visible.",
 )
 def set_phase(
@@ -66,7 +65,7 @@ def set_phase(
         fields = with_phase(timetable.latest, name, opens, closes, release_scores)
         return options.checked(NewSchedule, **fields)
 
-    _set(folder, split, change)
+    _change(folder, split, change)
 
 
 @phase.command()
@@ -74,9 +73,9 @@ def set_phase(
 @split
 def close(*, folder: Folder, split: str) -> None:
     """End the open phases of a split now."""
-    from reverie_eval.server.service.schedules import closed
+    from reverie_eval.server.service import schedules
 
-    _set(folder, split, lambda timetable, now: closed(timetable.latest, now))
+    _change(folder, split, schedules.close)
 
 
 @phase.command()
@@ -84,8 +83,9 @@ def close(*, folder: Folder, split: str) -> None:
 @split
 def reset(*, folder: Folder, split: str) -> None:
     """Use the phases and `release_scores` of the settings file again."""
-    unset = {"phases": None, "release_scores": None}
-    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update=unset))
+    from reverie_eval.server.service import schedules
+
+    _change(folder, split, schedules.reset)
 
 
 @phase.command()
@@ -93,7 +93,9 @@ def reset(*, folder: Folder, split: str) -> None:
 @split
 def pause(*, folder: Folder, split: str) -> None:
     """Accept no submissions to a split, whatever its phases say."""
-    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update={"paused": True}))
+    from reverie_eval.server.service import schedules
+
+    _change(folder, split, schedules.pause)
 
 
 @phase.command()
@@ -101,24 +103,20 @@ def pause(*, folder: Folder, split: str) -> None:
 @split
 def resume(*, folder: Folder, split: str) -> None:
     """Accept submissions to a split again."""
-    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update={"paused": False}))
+    from reverie_eval.server.service import schedules
+
+    _change(folder, split, schedules.resume)
 
 
-def _set(
-    folder: Folder, split: str, change: "Callable[[Timetable, datetime], NewSchedule]"
-) -> None:
+def _change(folder: Folder, split: str, change: "Change") -> None:
     """Change the schedule of a split, and print what applies now."""
     from reverie_eval.server.service.schedules import Schedules
 
-    schedules = Schedules(folder.settings.splits)
     with folder.acting() as transaction:
-        timetable = schedules.of(transaction.session, split)
-        new = change(timetable, transaction.now)
-        _, shown = schedules.if_set(transaction.session, split, new, transaction.now)
-        report = schedules.set(transaction, split, new)
-    print(f"{split}: {_text(report.in_effect)}")
-    if shown:
-        print(f"{split}: scores held back until now are shown: {shown}")
+        effect = Schedules(folder.settings.splits).change(transaction, split, change)
+    print(f"{split}: {_text(effect.after)}")
+    if effect.shown:
+        print(f"{split}: scores held back until now are shown: {effect.shown}")
 
 
 @click.command()
@@ -146,10 +144,7 @@ def diff(*, folder: Folder) -> None:
 
 
 def _of_server(notice: NoticeReport | None) -> str:
-    if notice is None:
-        return "-"
-    banner = f"; banner: {notice.banner}" if notice.banner else ""
-    return f"{'paused' if notice.paused else 'not paused'}{banner}"
+    return "-" if notice is None else notice_text(notice)
 
 
 def _time(instant: datetime) -> str:
@@ -185,7 +180,8 @@ def _text(schedule: "Schedule | NewSchedule | None") -> str:
 def snapshot(*, folder: Folder, split: str, title: str) -> None:
     """Take a signed snapshot of a leaderboard.
 
-    It is public at once and never changes. When a phase has ended, the server takes one by itself.
+    It is public at once and never changes. When a phase has ended, the server takes one
+    automatically.
     """
     new = options.checked(NewSnapshot, split=split, title=title)
     with folder.open() as state, state.transactions.begin(actor()) as transaction:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import get_args
 
 import click
 
@@ -34,7 +35,7 @@ from reverie_eval_cli.output import note
 )
 @options.with_default(
     "--rates",
-    type=options.Choice(["percent", "fraction"]),
+    type=options.Choice(get_args(Rates)),
     default="percent",
     help="How FILE gives rates, such as SR: as 59.6 or as 0.596.",
 )
@@ -52,7 +53,7 @@ def import_results(
     """Import results that a paper or another leaderboard reports.
 
     FILE is CSV with a heading for each column (team, method, date, SR, SPL, ...), or JSON. Results
-    that are on the leaderboard already stay as they are.
+    that are already on the leaderboard are left unchanged.
 
     Exit status: 0 done, 1 file rejected and nothing added, 2 usage or system error.
     """

@@ -1,11 +1,10 @@
 """``reverie-eval server token add|list|revoke FOLDER``, and ``server invite``."""
 
 import sys
-from typing import Literal
 
 import click
 
-from reverie_eval.schemas.organising import NewToken, TokenReport
+from reverie_eval.schemas.organising import NewToken, TokenKind
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import (
@@ -42,7 +41,7 @@ def list_tokens(*, folder: Folder) -> None:
     """List tokens and invitations by their first characters."""
     from reverie_eval.server.service import tokens
 
-    known = folder.all_of(tokens.list_tokens)
+    known, at = folder.all_of(tokens.list_tokens), now()
     rows = [
         (
             each.hint,
@@ -51,17 +50,11 @@ def list_tokens(*, folder: Folder) -> None:
             each.team,
             minute(each.created_at),
             minute(each.expires_at) or "never",
-            _state(each),
+            tokens.token_state(each, at),
         )
         for each in known
     ]
     print_list(("begins", "kind", "person", "team", "made (UTC)", "expires (UTC)", "state"), rows)
-
-
-def _state(each: TokenReport) -> str:
-    if each.revoked_at is not None:
-        return "used" if each.kind == "invite" else "revoked"
-    return "expired" if each.expires_at is not None and each.expires_at <= now() else "valid"
 
 
 @token.command("revoke")
@@ -96,7 +89,7 @@ def _create(
     folder: Folder,
     name: str,
     team: str | None,
-    kind: Literal["access", "invite"],
+    kind: TokenKind,
     expires_days: int | None,
 ) -> None:
     """Print a token alone, for scripts; on standard error whose it is."""

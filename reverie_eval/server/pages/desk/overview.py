@@ -11,6 +11,7 @@ from reverie_eval.server.http.callers import Desk
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.attempts import (
+    DAYS_KEPT,
     FAILURES,
     counts_of_splits,
     last_day,
@@ -25,7 +26,8 @@ router = APIRouter()
 A_FEW, ON_A_PAGE = 8, 50
 ALL_OUTCOMES = ("scored", "repeat", *(kind.code for kind in FAILURES))
 Cursor = Annotated[str | None, Query(max_length=200)]
-Sought = Annotated[str, Query(max_length=200)]
+LONGEST_SOUGHT = 200
+Sought = Annotated[str, Query(max_length=LONGEST_SOUGHT)]
 
 
 async def examined(runtime: Runtime) -> HealthReport:
@@ -65,6 +67,7 @@ def show_uploads(desk: Desk, cursor: Cursor = None, outcome: Sought = "") -> Res
             is_first=cursor is None,
             outcome=chosen,
             outcomes=ALL_OUTCOMES,
+            days=DAYS_KEPT,
         )
 
 
@@ -94,6 +97,7 @@ def show_audit(
             broken=list(altered),
             is_whole=bool(whole),
             unprovable=sum(audit_log.unprovable(session).values()),
+            longest_sought=LONGEST_SOUGHT,
         )
 
 

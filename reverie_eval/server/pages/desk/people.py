@@ -3,18 +3,25 @@
 ``/desk/requests``: requests to join, several of which can be answered at once.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import partial
-from typing import Annotated
+from typing import Annotated, get_args
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import NewPeopleImport, Rejection
-from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, NewToken, PersonChange
-from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.organising import (
+    NewMerge,
+    NewPerson,
+    NewTeam,
+    NewToken,
+    PersonChange,
+    TokenKind,
+)
+from reverie_eval.schemas.service import ProblemDocument, Role
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot, TokenHint
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
@@ -29,9 +36,10 @@ from reverie_eval.server.service import (
 )
 
 router = APIRouter()
-Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
 
 PAGE, REQUESTS = "/desk/people", "/desk/requests"
+_TOKEN_USERS: Mapping[TokenKind, str] = {"invite": "people", "access": "scripts"}
+"""In the order of the form."""
 
 
 @forms.shown_at(router, PAGE, "people.html")
@@ -42,11 +50,14 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     return {
         "teams": people.list_teams(session, forms.page_at(desk, "teams")),
         "team_names": people.names_of_teams(session),
-        "everybody": everybody,
         "known": {(person.team, person.name): person for person in everybody},
         "person_names": {str(person.id): f"{person.name}, {person.team}" for person in everybody},
         "tokens": tokens.list_tokens(session, forms.page_at(desk, "tokens")),
         "own": browser and browser.token.hint,
+        "roles": get_args(Role),
+        "token_kinds": {
+            kind: f"{tokens.TOKEN_NAMES[kind]}, for {users}" for kind, users in _TOKEN_USERS.items()
+        },
     }
 
 
@@ -113,7 +124,7 @@ def create_token(desk: Desk, form: Posted) -> Response:
 
 
 @router.post(f"{PAGE}/tokens/{{hint}}/revoke")
-def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
+def revoke_token(hint: TokenHint, desk: Desk, form: Posted) -> Response:
     """Revoke a token."""
     forms.show_faults(desk, {}, draw)
     if not forms.is_confirmed(form):

@@ -2,14 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
-from reverie_eval.schemas.organising import NewImport, NewReported, ReportedChange, ReportedEntry
+from reverie_eval.schemas.organising import (
+    NewImport,
+    NewReported,
+    Rates,
+    ReportedChange,
+    ReportedEntry,
+)
 from reverie_eval.schemas.service import MethodDescription, ProblemDocument
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
@@ -40,7 +46,7 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
 @forms.shown_at(router, f"{PAGE}/import", "reported-import.html")
 def draw_import(desk: Call, _snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the form to import a file."""
-    return {"splits": list(desk.server.boards)}
+    return {"splits": list(desk.server.boards), "rates": get_args(Rates)}
 
 
 def draw_result(

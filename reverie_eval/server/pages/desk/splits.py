@@ -6,28 +6,43 @@ show scores. ``/desk/snapshots``: signed states of leaderboards, which never cha
 """
 
 import re
+from collections.abc import Mapping
 from datetime import datetime
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewCorrection, NewGrant, NewSchedule, NewSnapshot
+from reverie_eval.schemas.service import ReleaseScores
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.desk import forms
-from reverie_eval.server.service import people, quotas, rescoring
+from reverie_eval.server.service import people, quotas, rescoring, schedules
 from reverie_eval.server.service.entries import list_snapshots
-from reverie_eval.server.service.schedules import Timetable, closed
+from reverie_eval.server.service.schedules import Timetable
 
 router = APIRouter()
 
 QUOTAS, PHASES = "/desk/quotas", "/desk/phases"
 SNAPSHOTS, CORRECTIONS = "/desk/snapshots", "/desk/corrections"
+_RELEASES: Mapping[ReleaseScores, str] = {
+    "at-once": "at once",
+    "phase-end": "when the phase ends",
+}
+"""When scores are shown, in words."""
 _FIELDS = ("name", "opens", "closes")
 _NAME = re.compile(r"name-([0-9]{1,3})")
 """The form has a row of fields for each phase."""
+_CHANGES: Mapping[str, schedules.Change] = {
+    "pause": schedules.pause,
+    "resume": schedules.resume,
+    "close": schedules.close,
+    "reset": schedules.reset,
+}
+"""Of the buttons on the page."""
 
 
 @forms.shown_at(router, QUOTAS, "quotas.html")
@@ -61,6 +76,7 @@ def draw_phases(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Sho
     return {
         "reports": [timetable.report(name) for name, timetable in timetables.items()],
         "split": split,
+        "releases": _RELEASES,
         "is_private": desk.server.board(split).is_private,
         "typed": {**_written(timetables[split]), **typed},
     }
@@ -78,42 +94,18 @@ def show_phases(
 def set_phases(desk: Desk, form: Posted) -> Response:
     """Show what a change would do; make it if it was confirmed."""
     typed = forms.typed_by(desk, form, draw_phases)
-    schedules, split = desk.server.schedules, typed.get("split", "")
-    with desk.snapshot() as snapshot:
-        timetable = schedules.of(snapshot.session, split)
-        new = _asked(timetable, typed, snapshot.now)
-        after, shown = schedules.if_set(snapshot.session, split, new, snapshot.now)
+    split = typed.get("split", "")
+    change = _CHANGES.get(typed.get("what", "")) or partial(_typed_schedule, typed)
     if not forms.is_confirmed(form):
-        return forms.ask(
-            desk,
-            typed,
-            "phases-preview.html",
-            split=split,
-            before=timetable.latest,
-            after=after,
-            new=new,
-            shown=shown,
-        )
-    desk.perform(schedules.set, split, new)
+        with desk.snapshot() as snapshot:
+            effect = desk.server.schedules.if_changed(snapshot.session, split, change, snapshot.now)
+        return forms.ask(desk, typed, "phases-preview.html", split=split, **effect._asdict())
+    desk.perform(desk.server.schedules.change, split, change)
     return forms.done(PHASES, "set")
 
 
-def _asked(timetable: Timetable, typed: forms.Typed, now: datetime) -> NewSchedule:
-    """Return what one of the forms on the page asks for."""
-    match typed.get("what"):
-        case "close":
-            return closed(timetable.latest, now)
-        case "pause":
-            return timetable.desk.model_copy(update={"paused": True})
-        case "resume":
-            return timetable.desk.model_copy(update={"paused": False})
-        case "reset":
-            return timetable.desk.model_copy(update={"phases": None, "release_scores": None})
-        case _:
-            return _typed_schedule(typed, paused=timetable.latest.paused)
-
-
-def _typed_schedule(typed: forms.Typed, *, paused: bool) -> NewSchedule:
+def _typed_schedule(typed: forms.Typed, timetable: Timetable, _: datetime) -> NewSchedule:
+    """Return the phases and the release of scores that were typed; a pause stays."""
     numbers = sorted(int(found[1]) for found in map(_NAME.fullmatch, typed) if found)
     rows = [
         {field: value for field in _FIELDS if (value := typed.get(f"{field}-{number}"))}
@@ -121,7 +113,7 @@ def _typed_schedule(typed: forms.Typed, *, paused: bool) -> NewSchedule:
     ]
     phases = [row for row in rows if row]
     release_scores = typed.get("release_scores", "at-once")
-    fields = {"phases": phases, "release_scores": release_scores, "paused": paused}
+    fields = {"phases": phases, "release_scores": release_scores, "paused": timetable.latest.paused}
     return read_model(NewSchedule, fields)
 
 
@@ -164,12 +156,13 @@ def take_snapshot(desk: Desk, form: Posted) -> Response:
 @forms.shown_at(router, CORRECTIONS, "corrections.html")
 def draw_corrections(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the splits with submissions to score again, and all corrections."""
-    session = snapshot.session
+    session, server = snapshot.session, desk.server
+    counts = rescoring.count_outdated(session, server.leaderboards)
     return {
         "outdated": {
             split: number
-            for split, own in desk.server.boards.items()
-            if (number := sum(rescoring.count_outdated(session, board) for board in own.all))
+            for split, own in server.boards.items()
+            if (number := sum(counts[board.path] for board in own.all))
         },
         "corrections": rescoring.list_corrections(session, forms.page_at(desk, "corrections")),
         "at_once": rescoring.AT_ONCE,
@@ -181,6 +174,6 @@ def rescore(desk: Desk, form: Posted, _: ScoringSlot) -> Response:
     """Score the next submissions to a split again."""
     typed = forms.typed_by(desk, form, draw_corrections)
     new = read_model(NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")})
-    report = desk.server.rescoring.rescore(desk.person().name, new)
+    report = desk.server.rescoring.rescore(desk.person(), new)
     outcome = "rejected" if report.rejected else "more" if report.left else "scored"
     return forms.done(CORRECTIONS, outcome)

@@ -18,8 +18,11 @@ from reverie_eval.reporting._evidence import (
     same_files_table,
     teams_table,
 )
+from reverie_eval.reporting._table import Table
+from reverie_eval.schemas.evidence import EvidenceReport
 from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport, NewReview
 from reverie_eval.schemas.service import Method, ProblemDocument
+from reverie_eval.schemas.wire import LONGEST_ID
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Server, Snapshot
 from reverie_eval.server.http.paging import Number
@@ -31,18 +34,13 @@ from reverie_eval.server.pages.desk.overview import Sought
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.submitting import NOTHING, check_form
 from reverie_eval.server.service import people, reviews
+from reverie_eval.server.service.entries import is_anonymous
 from reverie_eval.server.store.tables import Submission
 
 router = APIRouter()
 
 REVIEWS, EMAILED_FILES = "/desk/reviews", "/desk/emailed-files"
 A_FEW = 30
-VERDICTS: Mapping[str, str] = {
-    "verified": "You have checked it: its code was run, or its files were compared.",
-    "baseline": "A reference for comparison.",
-    "flagged": "Something is doubtful. It keeps its rank.",
-    "disqualified": "It broke the rules. It loses its rank and stays visible.",
-}
 _HARMFUL = frozenset({"flagged", "disqualified"})
 
 
@@ -57,15 +55,16 @@ def draw_reviews(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Sh
         "lifted": reviews.review_rows(session, lifted, standing=False),
         "latest": reviews.latest_submissions(session, A_FEW),
         "chosen": chosen,
+        "is_anonymous": chosen is not None and is_anonymous(chosen, snapshot.now),
         "report": None if chosen is None else snapshot.view.score_report(chosen),
-        "verdicts": VERDICTS,
+        "verdicts": reviews.VERDICTS,
     }
 
 
 @router.get(REVIEWS)
 def show_reviews(
     desk: Desk,
-    submission: Annotated[str, Query(max_length=32)] = "",
+    submission: Annotated[str, Query(max_length=LONGEST_ID)] = "",
     done: forms.Done = "",
 ) -> Response:
     """Show the reviews; the query can select a submission to review."""
@@ -80,7 +79,7 @@ def review(desk: Desk, form: Posted) -> Response:
     if new.verdict in _HARMFUL and not forms.is_confirmed(form):
         with desk.snapshot() as snapshot:
             row = reviews.any_submission(snapshot.session, new.submission_id)
-        about = {"row": row, "verdict": new.verdict, "effect": VERDICTS[new.verdict]}
+        about = {"row": row, "verdict": new.verdict, "effect": reviews.VERDICTS[new.verdict]}
         return forms.ask(desk, typed, "confirm-review.html", **about)
     desk.perform(reviews.review, new)
     return forms.done(REVIEWS, new.verdict)
@@ -169,23 +168,29 @@ def submit_emailed_file(desk: Desk, upload: PostedFile) -> Response:
 @router.get("/desk/evidence")
 def show_evidence(desk: Desk, _: ScoringSlot, split: Sought = "", team: Sought = "") -> Response:
     """Show the evidence about a split, and about the submissions of a team to it."""
-    desk.person()  # others may not have uploads read
-    boards = list(desk.server.boards)
-    report = desk.server.evidence.report(split, team or None) if split else None
-    tables = {}
-    if report is not None:
-        tables["The same file from several teams"] = same_files_table(report.same_files)
-        tables["Most similar files of two teams"] = pairs_table(report)
-        tables["Files of each team"] = teams_table(report.teams)
-        if team:
-            tables[f"Submissions of {team}"] = history_table(report.history)
-    with desk.snapshot() as snapshot:
-        return page(
+    service, evidence = desk.server.evidence, None
+    with desk.snapshot() as snapshot:  # others than organisers may not have uploads read
+        if split:
+            evidence = service.report(snapshot.session, split, team or None)
+        reply = page(
             snapshot,
             "desk/evidence.html",
-            report=report,
-            tables=tables,
-            splits=boards,
+            report=evidence and evidence.report,
+            tables=_tables(evidence.report, team) if evidence else {},
+            splits=list(desk.server.boards),
             split=split,
             team=team,
         )
+    if evidence:
+        service.keep(split, evidence.read)
+    return reply
+
+
+def _tables(report: EvidenceReport, team: str) -> Mapping[str, Table]:
+    """Return the tables of the page by their headings."""
+    return {
+        "The same file from several teams": same_files_table(report.same_files),
+        "Most similar files of two teams": pairs_table(report),
+        "Files of each team": teams_table(report.teams),
+        **({f"Submissions of {team}": history_table(report.history)} if team else {}),
+    }

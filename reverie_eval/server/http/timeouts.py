@@ -16,7 +16,7 @@ SECONDS_FOR_REPLY = 60
 """Time for a reply, or a piece of a file, to leave the server."""
 
 
-class PatientProtocol(H11Protocol):
+class TimeoutProtocol(H11Protocol):
     """HTTP/1.1 with timeouts."""
 
     def __init__(self, *given: Any, **named: Any) -> None:

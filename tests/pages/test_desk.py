@@ -9,6 +9,7 @@ from typing import Any
 import httpx
 import pytest
 from sqlalchemy import update
+from starlette.datastructures import UploadFile
 
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.schemas.organising import NewSchedule
@@ -16,6 +17,7 @@ from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.callers import Call
 from reverie_eval.server.http.health import Canary, UnhealthyError
 from reverie_eval.server.operations.keys import replace_lost_key
+from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import list_attempts
 from reverie_eval.server.service.audit import entries, row_name
@@ -25,7 +27,7 @@ from reverie_eval.server.service.quotas import list_grants
 from reverie_eval.server.service.reported import list_reported
 from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.service.tokens import list_tokens
-from reverie_eval.server.store.tables import AuditEntry
+from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
 from tests.support.acting import NOON
 from tests.support.serving import (
     BROKEN,
@@ -471,6 +473,46 @@ def test_a_token_is_revoked_once_it_was_asked_twice(desk: Visitor) -> None:
     assert desk.server.ask(OWNER, "GET", "/me").status_code == 401
     nobodys = "/desk/people/tokens/rv_12345678/revoke"
     assert sending(desk, nobodys, **YES).status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("csrf_token", "status"),
+    [pytest.param(None, 200, id="read"), pytest.param("x", 403, id="refused")],
+)
+def test_the_file_of_a_form_is_closed(
+    csrf_token: str | None, status: int, desk: Visitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = []
+    close = UploadFile.close
+
+    async def note(file: UploadFile) -> None:
+        closed.append(file.filename)
+        await close(file)
+
+    monkeypatch.setattr(UploadFile, "close", note)
+    people = b"team,person\nGreen,Dora\n"
+    reply = desk.send("/desk/people/import", {}, csrf_token=csrf_token, file=people)
+    assert (reply.status_code, closed) == (status, ["answers.json"])
+
+
+def test_snapshots_are_paged(desk: Visitor) -> None:
+    with desk.server.acting() as transaction:
+        for number in range(1, forms.ON_A_PAGE + 2):
+            snapshot = StoredSnapshot(
+                split=OPEN,
+                number=number,
+                title=f"State {number}",
+                as_of=NOON,
+                content={},
+                created_at=NOON,
+            )
+            transaction.session.add(snapshot)
+    first = desk.get("/desk/snapshots")
+    assert first.text.count(">State ") == forms.ON_A_PAGE
+    (following,) = re.findall(r'rel="next" href="([^"]+)"', first.text)
+    second = desk.get(f"/desk/snapshots{following}")
+    assert re.findall(r">(State \d+)<", second.text) == ["State 1"]
+    assert 'rel="next"' not in second.text
 
 
 def test_more_is_given_with_the_reason_on_record(desk: Visitor) -> None:

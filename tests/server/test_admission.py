@@ -33,7 +33,7 @@ from tests.support.waiting import PATIENCE
 
 MANY = 30
 """More places than any one team has."""
-BLUE, RED = 1, 2
+BLUE, RED, GREEN = 1, 2, 3
 
 Around = Callable[[ASGIApp, Admission], ASGIApp]
 
@@ -173,6 +173,25 @@ def test_who_has_their_share_waits_and_nobody_else() -> None:
             assert not third.done()
         await third
         assert admission.waiting == 0
+
+    asyncio.run(scenario())
+
+
+def test_a_full_queue_is_full_for_every_team() -> None:
+    admission = Admission(at_once=1, waiting=1, seconds=PATIENCE)
+
+    async def upload(team: int) -> None:
+        async with admission.hold(team):
+            pass
+
+    async def scenario() -> None:
+        async with admission.hold(BLUE):
+            second, third = (asyncio.create_task(upload(team)) for team in (RED, GREEN))
+            await asyncio.sleep(0)
+            assert admission.waiting == 1
+            assert third.done()
+            assert isinstance(third.exception(), BusyError)
+        await second
 
     asyncio.run(scenario())
 

@@ -20,7 +20,7 @@ from reverie_eval.server.store import database as database_module
 from reverie_eval.server.store.database import MIGRATIONS, Database
 from reverie_eval.server.store.tables import Base, Person, Team
 from tests.support.acting import NOON, acting, add_person, add_team, create_token
-from tests.support.waiting import PATIENCE
+from tests.support.waiting import PATIENCE, WatchedLock
 
 
 def test_every_connection_to_sqlite_is_durable_and_strict(tmp_path: Path) -> None:
@@ -118,6 +118,34 @@ def test_writers_of_two_processes_take_turns(opened: Database) -> None:
     thread.join()
     other.close()
     assert seen == ["Blue", "Red"]
+
+
+def test_writers_of_a_process_queue_before_they_come_to_the_database(
+    sqlite: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite would let the one that waited longest come last."""
+    came = threading.Event()
+    monkeypatch.setattr(sqlite, "_write_lock", WatchedLock(came))
+    begun: list[str] = []
+
+    @event.listens_for(sqlite.engine, "before_cursor_execute")
+    def note(_: object, __: object, statement: str, *___: object) -> None:
+        if statement == "BEGIN IMMEDIATE":
+            begun.append(threading.current_thread().name)
+            came.set()
+
+    def second() -> None:
+        with sqlite.writing():
+            pass
+
+    thread = threading.Thread(target=second, name="second")
+    with sqlite.writing():
+        came.clear()
+        thread.start()
+        assert came.wait(PATIENCE)
+        assert begun == [threading.current_thread().name]
+    thread.join()
+    assert begun == [threading.current_thread().name, "second"]
 
 
 def test_readers_do_not_wait_for_a_writer(opened: Database) -> None:

@@ -1,11 +1,15 @@
 """The entries of leaderboards: read once, until something that they show has changed."""
 
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from threading import Event
+from typing import Any
 
 import pytest
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewMerge, NewSnapshot
+from reverie_eval.server.service import entries as entries_module
 from reverie_eval.server.service.entries import (
     BoardEntries,
     EntriesCache,
@@ -13,11 +17,13 @@ from reverie_eval.server.service.entries import (
     list_snapshots,
 )
 from reverie_eval.server.service.merging import merge_teams
+from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.reviews import PublishedReview, lift_review
 from reverie_eval.server.store.tables import Correction, Submission
 from tests.support.acting import NOON, review
 from tests.support.entries import entered, report_result
 from tests.support.serving import GROUNDING, OPEN, OTHER, OWNER, PRIVATE, STRICT, Serving
+from tests.support.waiting import PATIENCE, WatchedLock
 
 HEADLINE = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
 SECOND = timedelta(seconds=1)
@@ -57,6 +63,28 @@ def test_an_entry_has_what_is_published_and_nothing_else(several: Serving) -> No
             PublishedReview("verified", "run again", "Olga", NOON + SECOND),
             PublishedReview("baseline", "ours", "Olga", NOON + SECOND),
         ]
+
+
+def test_entries_are_read_once_for_all_who_ask_meanwhile(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entered(server, {"rgspl": 0.5})
+    cache, came, calls = EntriesCache(server.state.schedules), Event(), []
+    read_entries = entries_module._read_entries  # noqa: SLF001
+
+    def reading(*about: Any) -> Any:
+        calls.append(about)
+        if len(calls) > 1:
+            came.set()
+        assert came.wait(PATIENCE)
+        return read_entries(*about)
+
+    monkeypatch.setattr(cache, "_lock", WatchedLock(came))
+    monkeypatch.setattr(entries_module, "_read_entries", reading)
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(lambda _: read(server, cache=cache), range(2))
+    assert first is second
+    assert len(calls) == 1
 
 
 def test_a_disqualified_result_is_apart_with_what_it_scored(server: Serving) -> None:
@@ -178,6 +206,7 @@ def test_corrections_and_snapshots_are_those_of_the_leaderboard(several: Serving
     with several.state.database.reading() as session:
         private = several.state.board(PRIVATE)
         assert [each.reason for each in corrections_of(session, private)] == ["private"]
-        assert [each.title for each in list_snapshots(session)] == ["three", "two", "one"]
+        every = list_snapshots(session, Page())
+        assert [each.title for each in every.rows] == ["three", "two", "one"]
         shown = several.state.ranking(session, several.state.board(OPEN))
     assert (shown.corrections, shown.snapshots) == (own.corrections, own.snapshots)

@@ -89,6 +89,14 @@ def test_of_files_that_arrived_at_once_that_of_the_team_that_stays_counts(server
     assert repeats == {first: "", second: second, third: third}
 
 
+def test_a_file_that_counted_as_a_repeat_before_is_not_counted_again(server: Serving) -> None:
+    content = server.distinct()
+    for who in (OWNER, OTHER, ORGANISER):
+        server.upload(who, content)
+    assert merge(server).json()["repeats"] == 1  # Blue now has the file twice
+    assert merge(server, team="Blue", into="Organisers").json()["repeats"] == 1
+
+
 def test_a_merge_is_logged_with_what_went_over(server: Serving) -> None:
     content, early = server.distinct(), server.distinct()
     server.upload(OWNER, content)

@@ -1,14 +1,16 @@
 """Lists come page by page; no page is too large, and all pages together are the list."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from sqlalchemy import event, select
 
-from reverie_eval.schemas.organising import NewReported
+from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
+from reverie_eval.server.service.news import add_news
 from reverie_eval.server.service.paging import (
     LONGEST,
     Listed,
@@ -21,7 +23,16 @@ from reverie_eval.server.service.people import list_teams
 from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Team
-from tests.support.acting import NOON, acting, add_person, add_team, create_token, review
+from tests.support.acting import (
+    NOON,
+    acting,
+    add_person,
+    add_team,
+    ask_to_join,
+    create_token,
+    review,
+)
+from tests.support.description import Description
 from tests.support.serving import OPEN, ORGANISER, OWNER, Serving
 
 ROWS = 7
@@ -44,6 +55,9 @@ def full(server: Serving) -> Serving:
             about: dict[str, Any] = {"split": OPEN, "team": "They", "source": "https://example.org"}
             tasks = server.state.settings.tasks
             add_reported(transaction, NewReported.model_validate(new | about), tasks)
+            add_news(transaction, NewNews(text=f"News {number}"))
+            snapshot = NewSnapshot(split=OPEN, title=f"Snapshot {number}")
+            server.state.snapshots.take(transaction, snapshot)
     for number in range(ROWS):
         expires_at = NOON.replace(year=2027).isoformat()
         given: dict[str, Any] = {
@@ -53,13 +67,17 @@ def full(server: Serving) -> Serving:
             "reason": f"reason {number}",
         }
         server.ask(ORGANISER, "POST", "/organiser/grants", json=given | {"expires_at": expires_at})
+        ask_to_join(server.state.transactions, f"New team {number}")
     return server
 
 
 LISTS = (
+    "/news",
     "/submissions",
+    f"/splits/{OPEN}/snapshots",
     "/organiser/teams",
     "/organiser/people",
+    "/organiser/requests",
     "/organiser/tokens",
     "/organiser/grants",
     "/organiser/reviews",
@@ -67,6 +85,35 @@ LISTS = (
     "/organiser/attempts",
     "/organiser/audit",
 )
+WHOLE = {"/keys", "/splits", "/organiser/schedules"}
+"""Lists that the settings or the organiser keep short."""
+
+
+def test_every_list_comes_in_pages_or_is_known_to_be_short(server: Serving) -> None:
+    replies = {
+        path.replace("{split}", OPEN): operation["responses"].get("200", {}).get("content", {})
+        for name, operation in Description(server).operations()
+        for method, path in [name.split()]
+        if method == "GET"
+    }
+    lists = {
+        path
+        for path, content in replies.items()
+        if content.get("application/json", {}).get("schema", {}).get("type") == "array"
+    }
+    assert lists == {*LISTS, *WHOLE}
+
+
+def test_a_page_has_a_hundred_rows_and_at_most_a_thousand(server: Serving) -> None:
+    limits = [
+        parameter["schema"]
+        for _, operation in Description(server).operations()
+        for parameter in operation.get("parameters", ())
+        if parameter["name"] == "limit"
+    ]
+    bounds = {(each["minimum"], each["maximum"], each["default"]) for each in limits}
+    assert len(limits) == len(LISTS)
+    assert bounds == {(1, 1000, 100)}
 
 
 @pytest.mark.parametrize("path", LISTS)
@@ -204,6 +251,24 @@ def test_a_parameter_that_a_route_does_not_have_is_refused(
     reply = server.ask(ORGANISER, "GET", path)
     assert reply.status_code == 400
     assert told in reply.json()["problems"][0]["message"]
+
+
+def test_every_address_of_the_api_refuses_unknown_parameters(server: Serving) -> None:
+    of_monitors = {"GET /healthz", "GET /metrics"}
+    operations = {name for name, _ in Description(server).operations()} - of_monitors
+    assert len(operations) > 60
+    replies = {}
+    for name in {*operations, "GET /openapi.json"}:
+        method, path = re.sub(r"{\w+}", "1", name).split()
+        reply = server.ask(None, method, path, params={"zzz": "1"})
+        replies[name] = reply.status_code, [each["where"] for each in reply.json()["problems"]]
+    assert replies == dict.fromkeys(replies, (400, ["zzz"]))
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/metrics", "/"])
+def test_monitors_and_links_may_add_parameters(path: str, server: Serving) -> None:
+    reply = server.client.get(path)
+    assert server.client.get(f"{path}?zzz=1").status_code == reply.status_code
 
 
 def test_the_lists_of_commands_are_whole(full: Serving, monkeypatch: pytest.MonkeyPatch) -> None:

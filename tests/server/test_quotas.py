@@ -496,6 +496,8 @@ def test_grants_are_listed_with_the_latest_first(narrow: Serving) -> None:
         pytest.param([(1, 3), (5, 3)], 8, 23 * 3600, id="both have to leave, and the later does"),
         pytest.param([(23.9999, 10)], 1, 1, id="a part of a second is a second"),
         pytest.param([(24, 10)], 10, 0, id="a day old to the tick"),
+        pytest.param([(-24, 10)], 10, 0, id="a day later to the tick"),
+        pytest.param([(-23, 10)], 1, 47 * 3600, id="by a clock that ran back"),
     ],
 )
 def test_bytes_of_a_day(
@@ -504,9 +506,14 @@ def test_bytes_of_a_day(
     """With a limit of 10 MiB; sizes are in MiB, ages in hours."""
     with counted.reading() as session:  # and nothing is kept
         ada, carl = (person_named(session, name) for name in (OWNER, OTHER))
-        for person, uploads in ((ada, sent), (carl, [(2, 10)])):
+        of_others = [(2, 10)]  # by Carl, and by Ada when she was in his team
+        for team, person, uploads in (
+            (ada.team_id, ada, sent),
+            (carl.team_id, carl, of_others),
+            (carl.team_id, ada, of_others),
+        ):
             for hours, mebibytes in uploads:
-                (row,) = submitted(person.team_id, person.id, [0])
+                (row,) = submitted(team, person.id, [0])
                 row.received_at = NOON - timedelta(hours=hours)
                 row.size = mebibytes << 20
                 session.add(row)
@@ -540,6 +547,7 @@ def test_a_clock_that_runs_back_gives_nothing(narrow: Serving) -> None:
 @example([5.0, 20.0], 0.0)
 @example([-23.0, 23.0], 0.0)
 @example([24.0, 48.0], 0.0)
+@example([-1.0, -24.0], 0.0)  # a full window that begins just after it
 def test_a_file_of_the_past_keeps_every_window_within_its_limit(
     hours: Sequence[float], then: float
 ) -> None:

@@ -3,7 +3,10 @@
 import csv
 import json
 import re
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,8 @@ from reverie_eval import evaluate
 from reverie_eval.agents import run_agent
 from reverie_eval.schemas.organising import NewCorrection
 from reverie_eval.server.service import rank_intervals
+from reverie_eval.server.service.entries import EntriesCache, Row
+from reverie_eval.server.service.rank_intervals import RankInterval, RankIntervals
 from reverie_eval.server.store.tables import ClusterSums
 from tests.support.entries import entered, get, named, tables
 from tests.support.serving import (
@@ -29,6 +34,7 @@ from tests.support.serving import (
     adjusted,
     settings_of,
 )
+from tests.support.waiting import PATIENCE, WatchedLock
 
 
 def publish(server: Serving, content: bytes, name: str, who: str = OWNER, split: str = OPEN) -> str:
@@ -57,6 +63,37 @@ def three(server: Serving) -> Serving:
     far = run_agent("random", server.state.boards[OPEN].truth)
     publish(server, json.dumps(far).encode(), "Random")
     return server
+
+
+def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
+    three: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, came, calls = three.state, Event(), []
+    computed = rank_intervals._computed  # noqa: SLF001
+
+    def computing(*about: Any) -> Any:
+        calls.append(about)
+        if len(calls) > 1:
+            came.set()
+        assert came.wait(PATIENCE)
+        return computed(*about)
+
+    def compute(_: int) -> Mapping[str, RankInterval]:
+        with state.database.reading() as session:
+            (found,) = intervals.compute(session, [(state.board(OPEN), "rgspl", rows)])
+            return found
+
+    monkeypatch.setattr(rank_intervals, "_computed", computing)
+    lock: Any = WatchedLock(came)
+    intervals = RankIntervals(_lock=lock)
+    with state.database.reading() as session:
+        read = EntriesCache(state.schedules).entries(session, state.board(OPEN), three.clock())
+    rows = [Row(rank, entry) for rank, entry in enumerate(read.entries, 1)]
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(compute, range(2))
+    assert first is second
+    assert len(calls) == 1
+    assert len(first) == 3
 
 
 EXPECTED = [("Good", [1, 2], 1), ("Nearly", [1, 2], 1), ("Random", [3, 3], 2)]

@@ -193,6 +193,12 @@ def test_health_may_be_asked_always(limited: Callable[..., Serving]) -> None:
     assert set(asked) == {200}
 
 
+def test_metrics_may_be_asked_for_so_often(limited: Callable[..., Serving]) -> None:
+    server = limited()
+    asked = [server.client.get("/metrics").status_code for _ in range(PER_MINUTE + 1)]
+    assert asked == [401] * PER_MINUTE + [429]
+
+
 @pytest.mark.parametrize(
     ("proxies", "forwarded", "is_believed"),
     [

@@ -1,7 +1,6 @@
 """Files of old submissions that are not published: deleted by rule, and what knows of it."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
@@ -29,6 +28,7 @@ from tests.support.serving import (
     settings_of,
 )
 from tests.support.visiting import said, signed_in
+from tests.support.waiting import PATIENCE, wait_until
 
 DAYS = 30
 
@@ -217,7 +217,7 @@ def test_repeated_work_is_done_at_once_and_again_even_if_it_fails() -> None:
         done.set()
 
     with repeatedly(work, seconds=0.01):
-        assert done.wait(60)
+        assert done.wait(PATIENCE)
 
 
 @pytest.mark.server
@@ -225,13 +225,4 @@ def test_a_running_server_deletes_by_itself(server: Serving) -> None:
     sent(server)
     with running(server.state.settings.folder):
         # Killed between deleting a file and recording that, it would record it the next time.
-        wait_for(lambda: files(server) == 0 and faults(server) == [])
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    """Wait until a condition holds, a minute at most."""
-    for _ in range(600):
-        if condition():
-            return
-        time.sleep(0.1)
-    raise AssertionError("it never came to pass")
+        wait_until(lambda: files(server) == 0 and faults(server) == [])

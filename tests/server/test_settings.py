@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from sqlalchemy import make_url
 
 from reverie_eval.ground_truth import Bundle
-from reverie_eval.schemas.service import Phase
+from reverie_eval.schemas.service import Phase, Schedule
 from reverie_eval.server.operations.checks import check_folder, check_sound
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -455,6 +455,21 @@ def test_when_a_phase_is_open(
     opens: datetime | None, closes: datetime | None, *, is_open: bool
 ) -> None:
     assert Phase(name="a", opens=opens, closes=closes).is_open(NOON) is is_open
+
+
+@pytest.mark.parametrize(
+    ("ends", "closes_at"),
+    [
+        pytest.param([NOON + HOUR, NOON + 2 * HOUR], NOON + 2 * HOUR, id="with the last one"),
+        pytest.param([NOON + 2 * HOUR, NOON + HOUR], NOON + 2 * HOUR, id="in any order"),
+        pytest.param([PAST, NOON + HOUR], NOON + HOUR, id="not with one that is over"),
+        pytest.param([NOON + HOUR, None], None, id="never"),
+        pytest.param([PAST], None, id="it is closed"),
+    ],
+)
+def test_when_a_split_closes(ends: Sequence[datetime | None], closes_at: datetime | None) -> None:
+    phases = [Phase(name=f"phase {number}", closes=end) for number, end in enumerate(ends)]
+    assert Schedule(phases=tuple(phases)).closes_at(NOON) == closes_at
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import delete, select
+from sqlalchemy import delete, event, select
 
 from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
 from reverie_eval.schemas.organising import KeyRevocation, NewSchedule
@@ -73,6 +73,21 @@ def closing_settings(folder: Path) -> Settings:
 
 
 # The organiser's.
+
+
+@pytest.mark.parametrize("path", [f"/api/v1/splits/{OPEN}/snapshots", f"/boards/{OPEN}"])
+def test_a_list_of_snapshots_reads_no_leaderboard(path: str, server: Serving) -> None:
+    take(server)
+    statements: list[str] = []
+    event.listen(
+        server.state.database.engine,
+        "before_cursor_execute",
+        lambda *about: statements.append(about[2]),
+    )
+    reply = server.client.get(path)
+    assert TITLE in reply.text
+    assert any("FROM snapshot" in each for each in statements)
+    assert not any("snapshot.content" in each for each in statements)
 
 
 def test_a_snapshot_stays_as_it_is(server_on: Serving) -> None:

@@ -5,9 +5,11 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from threading import Event
 
 import pytest
 
+from reverie_eval.server.store import uploads as uploads_module
 from reverie_eval.server.store.uploads import (
     PIECE,
     FolderUploads,
@@ -19,6 +21,7 @@ from reverie_eval.server.store.uploads import (
     stored_pieces,
     stored_upload,
 )
+from tests.support.waiting import PATIENCE, WatchedLock
 
 CONTENT = b'[{"instr_id": "7_1_0"}]'
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -245,3 +248,30 @@ def test_a_file_and_every_new_folder_is_written_through(
     done.clear()
     uploads.put(SHA256, CONTENT)  # another's name may not be on the disk yet
     assert done[1:] == [named, folder]
+
+
+def test_a_new_folder_is_written_through_before_another_upload_uses_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a power cut could take the folder with an upload that has been answered."""
+    folder, made, came = FolderUploads(tmp_path / "uploads"), Event(), Event()
+    sync_folder = uploads_module._sync_folder  # noqa: SLF001
+
+    def sync(path: Path) -> None:
+        if path == folder.folder and not made.is_set():
+            made.set()
+            assert came.wait(PATIENCE)
+        sync_folder(path)
+
+    monkeypatch.setattr(folder, "_making", WatchedLock(came))
+    monkeypatch.setattr(uploads_module, "_sync_folder", sync)
+    beside = SHA256[:2] + OTHER_SHA256[2:]  # in the same folder
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(folder.put, SHA256, CONTENT)
+        assert made.wait(PATIENCE)
+        second = pool.submit(folder.put, beside, b"other")
+        second.add_done_callback(lambda _: came.set())
+        assert came.wait(PATIENCE)
+        is_early = second.done() and not first.done()
+    assert not is_early
+    assert sorted(folder.names()) == sorted([name_of(SHA256), name_of(beside)])

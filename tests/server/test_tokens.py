@@ -161,6 +161,13 @@ def test_a_token_is_revoked_by_its_first_characters(change: Transaction) -> None
     assert str(missing.value) == told
 
 
+def test_a_token_stays_revoked_since_the_first_time(change: Transaction) -> None:
+    made = create_token(change, "Ben")
+    revoke_token(change, made.hint)
+    later = Transaction(change.session, "test", NOON + HOUR, change.audit_log)
+    assert revoke_token(later, made.hint).revoked_at == NOON
+
+
 Revoke = Callable[[Transaction], Any]
 
 

@@ -2,6 +2,8 @@
 
 import time
 from collections.abc import Callable
+from threading import Event, Lock
+from typing import Self
 
 PATIENCE = 300
 """Seconds after which a test takes it that nothing will come any more."""
@@ -13,3 +15,26 @@ def wait_until(condition: Callable[[], object]) -> None:
     while not condition():
         assert time.monotonic() < end, "it does not come true"
         time.sleep(0.02)
+
+
+class WatchedLock:
+    """A lock that tells when a thread has to wait for it.
+
+    So the thread that holds it need not guess how long others take to come. If the lock is not
+    taken, nobody waits for it: whoever comes through has to set the event too.
+    """
+
+    def __init__(self, awaited: Event) -> None:
+        self._awaited = awaited
+        self._lock = Lock()
+
+    def __enter__(self) -> Self:
+        """Take the lock; set the event if another thread has it."""
+        if not self._lock.acquire(blocking=False):
+            self._awaited.set()
+            self._lock.acquire()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give the lock back."""
+        self._lock.release()

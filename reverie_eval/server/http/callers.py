@@ -5,7 +5,7 @@ site, so a cookie is only accepted from this server's own pages, and every reque
 something needs the session's CSRF token as well. The API accepts both; pages accept only cookies.
 """
 
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -249,8 +249,8 @@ async def visitor(request: Request) -> Call:
     return visit_of(request)
 
 
-async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
-    """Return the fields of a form that one of this server's own pages sent.
+async def posted(visit: Annotated[Call, Depends(visitor)]) -> AsyncIterator[FormData]:
+    """Return the fields of a form that one of this server's own pages sent; close its files later.
 
     Raises
     ------
@@ -261,12 +261,12 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
     """
     if visit.session_id is None:
         raise NotSignedInError("sign in to see this page")
-    form = await visit.request.form()
-    csrf_token: Any = form.get("csrf_token", "")
-    if not isinstance(csrf_token, str):
-        raise ForgedError("csrf_token must be text, not a file")
-    visit.server.sessions.check_csrf_token(visit.session_id, csrf_token)
-    return form
+    async with visit.request.form() as form:
+        csrf_token: Any = form.get("csrf_token", "")
+        if not isinstance(csrf_token, str):
+            raise ForgedError("csrf_token must be text, not a file")
+        visit.server.sessions.check_csrf_token(visit.session_id, csrf_token)
+        yield form
 
 
 Visitor = Annotated[Call, Depends(visitor)]

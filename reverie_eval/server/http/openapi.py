@@ -7,7 +7,7 @@ operation can return, and that a cookie needs the CSRF token as well.
 from functools import cache
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
 
@@ -26,6 +26,7 @@ from reverie_eval.server.errors import (
 from reverie_eval.server.http.callers import CSRF_HEADER
 from reverie_eval.server.http.examples import example_of
 from reverie_eval.server.http.exchange import API
+from reverie_eval.server.http.paging import known_query
 
 Document = dict[str, Any]
 
@@ -99,7 +100,7 @@ def describe(app: FastAPI, path_prefix: str) -> None:
                 _illustrate(operation, models)
         return document
 
-    @app.get(f"{API}/openapi.json", include_in_schema=False)
+    @app.get(f"{API}/openapi.json", dependencies=[Depends(known_query)], include_in_schema=False)
     def show_description() -> JSONResponse:
         return JSONResponse(description())
 

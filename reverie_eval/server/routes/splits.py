@@ -24,7 +24,7 @@ from reverie_eval.schemas.service import (
 from reverie_eval.server.http.callers import Anybody, Call, Server
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import TEXT, file_reply, problems
-from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.uploads import (
     FILE_BODY,
     METHOD_PARAMETERS,
@@ -173,10 +173,11 @@ def download_further_leaderboard(
 
 
 @router.get("/{split}/snapshots", responses=problems("not-found"))
-def list_split_snapshots(split: SplitName, server: Server) -> list[SnapshotEntry]:
+def list_split_snapshots(split: SplitName, server: Server, paging: Paging) -> list[SnapshotEntry]:
     """List the snapshots of the leaderboard, the latest first."""
+    name = server.board(split).name
     with server.database.reading() as session:
-        return list(list_snapshots(session, server.board(split).name))
+        return paging.reply(list_snapshots(session, paging.page, name))
 
 
 @router.get(

@@ -14,10 +14,11 @@ from typing import Any, TypeAlias
 
 import msgspec
 from sqlalchemy import Text, and_, cast, func, literal, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, load_only
 
 from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing, SubmissionReport
 from reverie_eval.server.service.boards import Board, without_version
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import PublishedReview, is_disqualified, reviews_of
 from reverie_eval.server.service.schedules import Schedules, Timetable
@@ -38,6 +39,16 @@ _SUBMITTED = literal(SUBMITTED, literal_execute=True)
 into the statements, so that databases recognise the index that has all other actions."""
 _NUMBERS = "last recorded"
 """Where a session that only reads keeps what :func:`_last_recorded` returns."""
+_SNAPSHOTS = select(StoredSnapshot).options(
+    load_only(
+        StoredSnapshot.split,
+        StoredSnapshot.number,
+        StoredSnapshot.title,
+        StoredSnapshot.as_of,
+        raiseload=True,
+    )
+)
+"""Without the content, which is the whole leaderboard."""
 _LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
 """Standings of the entries that are sorted by a metric together."""
 
@@ -244,7 +255,7 @@ def _read_entries(
     # Results in papers are assumed to be under the split's own rules.
     own = [board for board in boards if not board.further]
     reported = _reported(session, own) if own else {}
-    snapshots = list_snapshots(session, *(board.name for board in own)) if own else []
+    snapshots = _snapshots_of_all(session, own) if own else []
     return {
         board.path: _entries_of(
             number,
@@ -293,14 +304,19 @@ def _corrections_of_all(
     return found
 
 
-def list_snapshots(session: Session, *splits: str) -> Sequence[SnapshotEntry]:
-    """List the snapshots of splits, or of all; the latest first."""
-    # Not the content, which is the whole leaderboard.
-    columns = [getattr(StoredSnapshot, name) for name in SnapshotEntry.model_fields]
-    chosen = select(*columns).order_by(StoredSnapshot.id.desc())
-    if splits:
-        chosen = chosen.where(StoredSnapshot.split.in_(splits))
-    return [SnapshotEntry.model_validate(row) for row in session.execute(chosen)]
+def list_snapshots(session: Session, page: Page, split: str | None = None) -> Listed[SnapshotEntry]:
+    """List the snapshots of a split, or of all; the latest first."""
+    rows, key = _SNAPSHOTS, StoredSnapshot.id
+    if split is not None:
+        # Numbers rise like ids, and the index has them by split.
+        rows, key = rows.where(StoredSnapshot.split == split), StoredSnapshot.number
+    return list_page(session, rows, key, page, SnapshotEntry.model_validate, newest_first=True)
+
+
+def _snapshots_of_all(session: Session, boards: Sequence[Board]) -> Sequence[SnapshotEntry]:
+    chosen = _SNAPSHOTS.where(StoredSnapshot.split.in_([board.name for board in boards]))
+    latest = session.scalars(chosen.order_by(StoredSnapshot.id.desc()))
+    return [SnapshotEntry.model_validate(row) for row in latest]
 
 
 def _last_recorded(session: Session) -> tuple[int, int]:

@@ -132,7 +132,7 @@ def _written(timetable: Timetable) -> forms.Typed:
 def draw_snapshots(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show all snapshots, and the form to take one."""
     return {
-        "snapshots": list_snapshots(snapshot.session),
+        "snapshots": list_snapshots(snapshot.session, forms.page_at(desk, "snapshots")),
         "splits": list(desk.server.boards),
     }
 

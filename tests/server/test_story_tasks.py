@@ -101,6 +101,20 @@ def test_a_leaderboard_of_another_task(task: str, lab: Serving, laptop: Laptop) 
     assert "fault" not in laptop.run("server", "doctor", "lab").out
 
 
+def test_a_result_without_a_value_for_a_metric(lab: Serving, laptop: Laptop) -> None:
+    """An agent that stays where it starts detects no target, so no direction has an error."""
+    for split, board in lab.state.boards.items():
+        content = json.dumps(run_agent("stop", board.truth)).encode()
+        sent = lab.upload(OWNER, content, split).json()["submission"]
+        path = f"/submissions/{sent['id']}"
+        assert lab.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
+        (row,) = lab.ask(None, "GET", f"/splits/{split}/leaderboard").json()["rows"]
+        assert row["scores"] == sent["report"]["scores"]
+        for page in ("/", f"/boards/{split}", f"/boards/{split}/feed.atom", "/feed.atom", path):
+            assert signed_in(lab, OWNER).get(page).status_code == 200, page
+    assert "fault" not in laptop.run("server", "doctor", "lab").out
+
+
 def refuse_others(lab: Serving, board: Board) -> None:
     """Send a file of REVERIE, and one of another split of the task."""
     refused = lab.upload(OWNER, GOOD, board.name)

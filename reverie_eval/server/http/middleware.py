@@ -63,8 +63,8 @@ Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 _PROXY_LOGGER = logging.getLogger("reverie_eval.server.proxies")
 _IPV6_SITE = 64
-_OWN_COOKIE = re.compile(rb"%b=[\w.-]*" % COOKIE.encode())
 """Prefix length of the network that a provider assigns to one customer."""
+_OWN_COOKIE = re.compile(rb"%b=[\w.=-]*" % COOKIE.encode())
 
 ALWAYS = {
     "X-Content-Type-Options": "nosniff",

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from math import isnan
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -267,11 +268,11 @@ class Board:
         field by field, so fields that are added to reports later are not released by default.
         """
         if not self.is_private:
-            return scores.to_report()
+            return _with_values(scores.to_report())
         # Other metrics are not computed either: path fidelity takes longer than all the rest.
         shown = {metric.key: scores.episodes[metric.key] for metric in scores.headline}
         report = replace(scores, episodes=MappingProxyType(shown)).to_report()
-        return _rounded(report, reading.validation().notes)
+        return _rounded(_with_values(report), reading.validation().notes)
 
     def may_keep(self, report: ScoreReport) -> bool:
         """Whether a stored report contains no more than :meth:`report` would return.
@@ -279,6 +280,15 @@ class Board:
         A report on a private split may: it was scored while the split was still open.
         """
         return not self.is_private or report == _rounded(report, report.notes)
+
+
+def _with_values(report: ScoreReport) -> ScoreReport:
+    """Leave out metrics without a value, as JSON has no NaN.
+
+    In SOON, the error of a direction is a mean over detected targets, and there may be none.
+    """
+    scores = {key: value for key, value in report.scores.items() if not isnan(value)}
+    return report.model_copy(update={"scores": scores})
 
 
 def _rounded(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:

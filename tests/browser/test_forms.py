@@ -53,7 +53,7 @@ def make_token(page: Page, site: Site) -> None:
 
 def flag(page: Page, site: Site) -> None:
     page.get_by_role("radio", name="Flagged").check()
-    page.get_by_label("Reason").fill(ENDLESS * 4)
+    page.get_by_role("textbox", name="Reason").fill(ENDLESS * 4)
     page.get_by_role("button", name="Publish the review").click()
 
 

@@ -21,7 +21,7 @@ class WatchedLock:
     """A lock that tells when a thread has to wait for it.
 
     So the thread that holds it need not guess how long others take to come. If the lock is not
-    taken, nobody waits for it: whoever comes through has to set the event too.
+    taken, nobody waits for it: a thread that comes through has to set the event too.
     """
 
     def __init__(self, awaited: Event) -> None:

@@ -171,9 +171,10 @@ class AuditLog:
         """Return the keys of all entries, and where the log itself proves that some were lost."""
         keys = _Keys(audit_keys(session, self.signer), 0)
         replacements = entries(session, AuditEntry.action == _REPLACED)
-        losses = [each.id for each in replacements if each.details.get("lost")]
-        proven = [each.id for each in replacements if each.id in losses and keys.accept(each)]
-        return keys._replace(last_loss=max(proven, default=0))
+        losses = [
+            each.id for each in replacements if each.details.get("lost") and keys.accept(each)
+        ]
+        return keys._replace(last_loss=max(losses, default=0))
 
 
 class _Keys(NamedTuple):

@@ -109,14 +109,14 @@ def test_each_file_is_scored_and_answered(office: Office, mailed: Path) -> None:
     first, second, third = replies
     assert f"Your file first.json, received 2026-03-02 12:00:00 UTC, was scored on {OPEN}." in first
     assert "RGSPL" in first
-    assert "submissions left on val_unseen: " in first
+    assert "submissions left on val_unseen: 200" in first
     assert "The signed receipt is attached." in first
     assert outcome.err.splitlines() == [
         f"note: attach {mailed / name}.receipt.json" for name in ("first.json", "third.json")
     ]
     assert "was not scored, and no submission was used" in second
     assert "[1]" in second
-    assert "submissions left on val_unseen: " in third
+    assert "submissions left on val_unseen: 200" in third
     found = office.submissions()
     assert {(each["team"], each["person"], each["status"]) for each in found} == {
         (TEAM, OWNER, "published")

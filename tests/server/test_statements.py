@@ -48,9 +48,6 @@ schedules, and what leaderboards show, is then read again and kept until the nex
 PUBLICATION = 9
 """The most of publishing a submission, besides looking up who does: intervals are computed between
 two transactions. It is the same with further leaderboards."""
-TODAY = 1
-"""Transactions, of a statement each, that a file sent for somebody else takes besides: the reply
-has today's quota, and the receipt that of the time when it was received."""
 FORM = 3
 """The most that a file sent by the form of the desk takes besides: who is signed in, who sent it,
 and the page with the reply."""
@@ -289,8 +286,8 @@ def test_further_leaderboards_take_no_statement_more(several: Serving) -> None:
 @pytest.mark.parametrize(
     ("more", "statements", "transactions"),
     [
-        pytest.param({}, UPLOAD + TODAY, 5 + TODAY, id="stored"),
-        pytest.param({"publish": "true"}, UPLOAD + TODAY + PUBLICATION, 7 + TODAY, id="published"),
+        pytest.param({}, UPLOAD, 5, id="stored"),
+        pytest.param({"publish": "true"}, UPLOAD + PUBLICATION, 7, id="published"),
     ],
 )
 def test_a_file_of_somebody_else_is_an_upload_and_a_publication(

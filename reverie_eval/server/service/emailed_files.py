@@ -76,10 +76,6 @@ class EmailedFiles:
             change = SubmissionChange(published=True)
             published = self.submissions.change(sender, accepted.submission.id, change, organiser)
             accepted = accepted.model_copy(update={"submission": published})
-        with self.intake.transactions.database.reading() as session:
-            today = self.intake.quotas(session, sender, file.split)[file.split]
-        # The receipt has the quota of the time at which the file was received.
-        accepted = accepted.model_copy(update={"quota": today})
         reply = _letter(file, f"{about} scored on {file.split}.", *_result(accepted))
         return EmailedFileReport(**dict(accepted), reply=reply)
 

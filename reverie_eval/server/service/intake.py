@@ -185,7 +185,8 @@ class Intake:
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
             usage = self._check_quota(session, row, person, board, in_the_past=bool(organiser))
-            quota = usage.with_one_more(row.received_at).state(row.received_at)
+            usage = usage.with_one_more(row.received_at)
+            quota = usage.state(row.received_at)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
             for further, report in reports.items():
@@ -198,7 +199,9 @@ class Intake:
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
             announce(transaction, "submission", said, f"/submissions/{row.id}")
             keep()
-            return Accepted(submission=self._worded(session, row), quota=quota, is_repeat=False)
+            # The receipt has the quota of the time at which a file was received, also long ago.
+            left = usage.state(transaction.now) if organiser else quota
+            return Accepted(submission=self._worded(session, row), quota=left, is_repeat=False)
 
     def _earlier(self, session: Session, new: Submission, person: Person) -> Submission | None:
         """Return the earlier submission that a new one repeats, or None."""

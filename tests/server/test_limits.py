@@ -298,14 +298,22 @@ def test_what_is_no_http_is_told_so(small: Small) -> None:
         assert reply_on(connection)[0] == 400
 
 
-@pytest.mark.parametrize("path", ["/api/v1/splits/val_unseen/submissions?name=x", "/sign-in"])
-def test_a_broken_form_is_not_quoted_in_the_log(path: str, small: Small) -> None:
+@pytest.mark.parametrize(
+    ("path", "reply"),
+    [
+        ("/api/v1/splits/val_unseen/submissions?name=x", (400, "malformed-request")),
+        ("/sign-in", (400, "")),
+    ],
+)
+def test_a_broken_form_is_not_quoted_in_the_log(
+    path: str, reply: tuple[int, str], small: Small
+) -> None:
     """Our parser reads a form with a file, the framework's all others."""
     body = b"1999999937 is in no part of the form"
     headers = (f"{FORM}; boundary=1999999937", f"Content-Length: {len(body)}")
     with small.connect() as connection:
         connection.sendall(small.head(path, *headers) + body)
-        assert reply_on(connection)[0] == 400
+        assert reply_on(connection) == reply
     assert {line["logger"] for line in small.logged()} <= {
         "reverie_eval.server.requests",
         "reverie_eval.server.proxies",
@@ -381,15 +389,10 @@ def test_nobody_waits_for_the_slow_longer_than_they_may_take(hasty: Small) -> No
         slow.sendall(GOOD[:1])
         patient.sendall(head + GOOD)
         assert reply_on(slow) == (408, "too-slow")
-        assert reply_on(patient)[0] in {200, 201, 408, 503}
-
-    def status_later() -> int:
-        with hasty.connect() as later:
-            later.sendall(head + GOOD)
-            return reply_on(later)[0]
-
-    # On a slow machine, the server may be too late for the second that it gives to an upload.
-    wait_until(lambda: status_later() in {200, 201})
+        assert reply_on(patient)[0] in {200, 201, 503}
+    with hasty.connect() as later:
+        later.sendall(head + GOOD)
+        assert reply_on(later)[0] in {200, 201}
 
 
 def test_whoever_hangs_up_leaves_the_place_to_others(small: Small) -> None:

@@ -264,7 +264,6 @@ def private_texts(server: Serving) -> set[str]:
     """Return all texts in the database that a visitor may not see."""
     signer = server.state.signer
     public = {"Walkers", ORGANISER, server.state.settings.title, signer.key_id, signer.public_pem}
-    public.add("Walker")  # in examples of the guide; every method here was sent under this name
     everything: set[str] = set()
     for table, row in dump(server.state.database):
         is_shown = (

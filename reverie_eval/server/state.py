@@ -130,7 +130,7 @@ class ServerState:
         """
         now = self.clock()
         self.entries.entries_of_all(session, boards, now)  # each is in the cache then
-        found = [
+        return [
             leaderboard(
                 session,
                 self.entries,
@@ -140,13 +140,15 @@ class ServerState:
             )
             for board in boards
         ]
-        intervals = self.rank_intervals.compute(
-            session, [(ranking.board, ranking.metric, ranking.rows) for ranking in found]
+
+    def with_details(self, session: Session, ranking: Ranking) -> Ranking:
+        """Add how often each team has submitted, and which ranks each result may have."""
+        board, metric, rows = ranking.board, ranking.metric, ranking.rows
+        return replace(
+            ranking,
+            counts=self.entries.submissions_of_teams(session, board.name),
+            rank_intervals=self.rank_intervals.compute(session, board, metric, rows),
         )
-        return [
-            replace(ranking, rank_intervals=of_ranking)
-            for ranking, of_ranking in zip(found, intervals, strict=True)
-        ]
 
 
 def signer_of(settings: Settings, database: Database) -> Signer:

@@ -12,7 +12,13 @@ import pytest
 
 from reverie_eval.schemas.service import CorrectionReport, NewsReport
 from reverie_eval.server.service.entries import Row
-from reverie_eval.server.service.feed import Item, items_of, items_of_news, latest
+from reverie_eval.server.service.feed import (
+    Item,
+    items_of,
+    items_of_corrections,
+    items_of_news,
+    latest,
+)
 from reverie_eval.server.service.reviews import PublishedReview
 from tests.support.acting import NOON, review
 from tests.support.entries import demo_board, entry, ranking_of
@@ -187,8 +193,8 @@ def test_what_the_organiser_did_is_of_the_organiser() -> None:
     judged = entry(reviews=[flagged, disqualified])
     corrected = CorrectionReport(split=OPEN, created_at=at, reason="Targets.", signature="new")
     strict = replace(demo_board(), further="strict")
-    ranking = ranking_of(apart=[Row(None, judged)], corrections=[corrected], board=strict)
-    assert list(items_of(ranking))[1:] == [
+    _, *items = items_of(ranking_of(apart=[Row(None, judged)], board=strict))
+    assert [*items, *items_of_corrections(strict, [corrected])] == [
         Item(
             id=urn("disqualified/walker/strict/2026-03-02T12:00:01+00:00"),
             at=at,

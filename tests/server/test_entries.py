@@ -6,20 +6,13 @@ from threading import Event
 from typing import Any
 
 import pytest
-from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.organising import NewMerge, NewSnapshot
+from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.service import entries as entries_module
-from reverie_eval.server.service.entries import (
-    BoardEntries,
-    EntriesCache,
-    corrections_of,
-    list_snapshots,
-)
+from reverie_eval.server.service.entries import BoardEntries, EntriesCache
 from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.reviews import PublishedReview, lift_review
-from reverie_eval.server.store.tables import Correction, Submission
+from reverie_eval.server.store.tables import Submission
 from tests.support.acting import NOON, review
 from tests.support.entries import entered, report_result
 from tests.support.serving import GROUNDING, OPEN, OTHER, OWNER, PRIVATE, STRICT, Serving
@@ -178,35 +171,3 @@ def test_submissions_of_teams_are_counted_on(server: Serving) -> None:
     assert counts(PRIVATE) == {blue: 1}
     server.upload(OWNER, server.distinct())
     assert counts() == {blue: 3}
-
-
-def corrected(session: Session, split: str, board: str, reason: str) -> None:
-    about = {"split": split, "board": board, "reason": reason, "signature": "s"}
-    session.add(Correction(**about, created_at=NOON))
-    session.flush()
-
-
-def test_corrections_and_snapshots_are_those_of_the_leaderboard(several: Serving) -> None:
-    with several.state.database.writing() as session:
-        for split, further, reason in (
-            (OPEN, "", "first"),
-            (OPEN, STRICT, "strict"),
-            (PRIVATE, "", "private"),
-            (OPEN, "", "second"),
-        ):
-            corrected(session, split, further, reason)
-    for split, title in ((OPEN, "one"), (PRIVATE, "two"), (OPEN, "three")):
-        with several.acting() as transaction:
-            several.state.snapshots.take(transaction, NewSnapshot(split=split, title=title))
-    own, strict = read(several), read(several, STRICT)
-    assert [each.reason for each in own.corrections] == ["second", "first"]
-    assert [each.reason for each in strict.corrections] == ["strict"]
-    assert [each.title for each in own.snapshots] == ["three", "one"]
-    assert strict.snapshots == []
-    with several.state.database.reading() as session:
-        private = several.state.board(PRIVATE)
-        assert [each.reason for each in corrections_of(session, private)] == ["private"]
-        every = list_snapshots(session, Page())
-        assert [each.title for each in every.rows] == ["three", "two", "one"]
-        shown = several.state.ranking(session, several.state.board(OPEN))
-    assert (shown.corrections, shown.snapshots) == (own.corrections, own.snapshots)

@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from sqlalchemy import select
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
 
 from reverie_eval import evaluate
 from reverie_eval.server.service.boards import Board, load_board
@@ -140,10 +142,12 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
         server.upload(OWNER, content).json()["submission"]["sha256"] for content in (GOOD, DRAWN)
     )
     asked = [drawn, good, drawn]
+    submissions = select(Submission.sha256).order_by(Submission.size.desc())
 
-    def missing(service: Fingerprints = service) -> list[str]:
-        with state.database.reading() as session:
-            return [*service.missing(session, asked)]
+    def missing(session: Session | None = None, service: Fingerprints = service) -> list[str]:
+        with nullcontext(session) if session else state.database.reading() as read:
+            marked = service.marked(read, submissions)
+            return [sha256 for (sha256,), is_known in marked if not is_known]
 
     assert missing() == [drawn, good]
     for sha256, left in ((good, [drawn]), (drawn, [])):
@@ -158,13 +162,15 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
     for sha256, content in ((drawn, DRAWN), (good, GOOD)):
         assert np.array_equal(loaded[sha256].episodes, Fingerprint.of(board, content).episodes)
     private = Fingerprints(state.boards[PRIVATE], state.database, state.uploads)
-    assert missing(private) == [drawn, good]
+    with state.database.trying() as session:
+        session.execute(update(Submission).values(split=PRIVATE))
+        assert missing(session) == missing(session, private) == [drawn, good]
     with state.database.writing() as session:
         session.get_one(Row, (OPEN, good)).basis = "another"
         session.add(Row(split=PRIVATE, sha256=good, basis=service.basis, content=b"another's"))
     assert missing() == [good]
     with state.database.reading() as before:
-        assert service.missing(before, asked) == [good]
+        assert missing(before) == [good]
         contents = service.read([good], 1).contents
         service.store(contents)
         (seen,) = service.load(before, [good], contents).values()

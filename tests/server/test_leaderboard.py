@@ -290,7 +290,6 @@ def full() -> Ranking:
     """Return a leaderboard with a result, a reported one, and one that is apart."""
     review = PublishedReview("disqualified", "trained on it", "Olga", NOON)
     again = PublishedReview("baseline", "ours", "Olga", NOON)
-    corrected = CorrectionReport(split=OPEN, created_at=NOON, reason="Targets.", signature="new")
     first = entry(scores={"spl": 0.5}, intervals={"spl": (0.25, 0.75)}, signature="sig")
     paper = reported("Paper", "2020")
     return ranking_of(
@@ -308,13 +307,13 @@ def full() -> Ranking:
                 ),
             )
         ],
-        corrections=[corrected],
         rank_intervals={"walker": RankInterval(best=1, worst=2, group=1)},
     )
 
 
 def test_a_leaderboard_as_json() -> None:
     board = demo_board()
+    corrected = CorrectionReport(split=OPEN, created_at=NOON, reason="Targets.", signature="new")
     at = "2026-03-02T12:00:00Z"
     same: dict[str, Any] = {
         "rank_interval": None,
@@ -327,7 +326,7 @@ def test_a_leaderboard_as_json() -> None:
         "dataset": "",
         "reviews": [],
     }
-    assert msgspec.json.decode(as_json(full())) == {
+    assert msgspec.json.decode(as_json(full(), [corrected])) == {
         "split": OPEN,
         "board": "",
         "protocol": "official-v1",

@@ -80,8 +80,7 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
 
     def compute(_: int) -> Mapping[str, RankInterval]:
         with state.database.reading() as session:
-            (found,) = intervals.compute(session, [(state.board(OPEN), "rgspl", rows)])
-            return found
+            return intervals.compute(session, state.board(OPEN), "rgspl", rows)
 
     monkeypatch.setattr(rank_intervals, "_computed", computing)
     lock: Any = WatchedLock(came)

@@ -14,6 +14,7 @@ from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.operations.crate import METADATA, Crate, File
+from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import write_csv
 from reverie_eval.server.service.leaderboard import as_json
@@ -94,7 +95,9 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
     corrections: list[Row] = []
     with state.database.reading() as session:
         for board in state.leaderboards:
-            shown = json.loads(as_json(state.ranking(session, board)))
+            ranking = state.with_details(session, state.ranking(session, board))
+            told = corrections_of(session, [board])[board.name]
+            shown = json.loads(as_json(ranking, told))
             boards.append({name: shown[name] for name in _BOARD})
             corrections += shown["corrections"]
             for row in (*shown["rows"], *shown["apart"]):

@@ -24,11 +24,18 @@ from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import address_of_site, page, render
+from reverie_eval.server.service.announcements import announcements, corrections_of
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.comparing import compare_results
 from reverie_eval.server.service.entries import Row
-from reverie_eval.server.service.feed import MOST_ITEMS, items_of, items_of_news, latest
+from reverie_eval.server.service.feed import (
+    MOST_ITEMS,
+    items_of,
+    items_of_corrections,
+    items_of_news,
+    latest,
+)
 from reverie_eval.server.service.leaderboard import Filter, Ranking, as_bibtex, as_latex
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
@@ -224,7 +231,9 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
     """Show the published results, ranked."""
     query = query.on(board)
     with visitor.snapshot() as snapshot:
-        ranking = visitor.server.ranking(snapshot.session, board, query.ranked_by(board))
+        session, server = snapshot.session, visitor.server
+        ranking = server.ranking(session, board, query.ranked_by(board))
+        ranking = server.with_details(session, ranking)
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
         charted = query.shown.of(ranking.rows, ranking)
         is_copy = visitor.request.app.state.is_copy
@@ -232,13 +241,13 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             snapshot,
             "board.html",
             board=board,
-            of_split=visitor.server.board(board.name).all,
+            of_split=server.board(board.name).all,
             ranking=ranking,
             query=query,
             groups=_groups(ranking.board, query, [*part.rows, *apart]),
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
             scale=Scale.of(part.rows, query.metric),
-            schedule=visitor.server.schedules.in_effect(snapshot.session)[board.name],
+            schedule=server.schedules.in_effect(session)[board.name],
             own_team=snapshot.caller and snapshot.caller.team_id,
             axes={
                 metric.key: f"{metric.label}: {metric.name}"
@@ -249,7 +258,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             part=part,
             rows=part.rows,
             apart=apart[:PER_PAGE],
-            news=latest_news(snapshot.session, NEWS_SHOWN),
+            announced=announcements(session, board, NEWS_SHOWN),
             reviewed=[row for row in part.rows if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
             has_charts=bool(charted),
@@ -336,8 +345,11 @@ def _feed(
 ) -> Response:
     with server.database.reading() as session:
         items = [*items_of_news(latest_news(session, MOST_ITEMS))]
+        corrections = corrections_of(session, boards)
         for ranking in server.rankings(session, boards):
             items += items_of(ranking)
+        for board in boards:
+            items += items_of_corrections(board, corrections[board.name])
     shown = latest(items)
     xml = render(
         "feed.atom",

@@ -36,10 +36,10 @@ from reverie_eval.server.http.uploads import (
     Sender,
     SentMethod,
 )
+from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.entries import list_snapshots
-from reverie_eval.server.service.leaderboard import Ranking, as_csv, as_json, csv_of
-from reverie_eval.server.service.snapshots import snapshot_of
+from reverie_eval.server.service.leaderboard import as_csv, as_json, csv_of
+from reverie_eval.server.service.snapshots import list_snapshots, snapshot_of
 from reverie_eval.server.state import ServerState
 
 router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
@@ -131,8 +131,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
     Reported results are among the others, without a rank. Results that are disqualified, on another
     version of the dataset, or scored under other rules are in `apart`.
     """
-    ranking = _ranking(server, metric, split)
-    return Response(as_json(ranking), media_type="application/json")
+    return _as_json(server, metric, split)
 
 
 @router.get(
@@ -142,8 +141,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
 )
 def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
     """Return the leaderboard as CSV."""
-    ranking = _ranking(server, metric, split)
-    return PlainTextResponse(as_csv(ranking), media_type="text/csv")
+    return _as_csv(server, metric, split)
 
 
 @router.get(
@@ -155,8 +153,7 @@ def show_further_leaderboard(
     split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
 ) -> Response:
     """Rank the submissions on a further leaderboard of the split."""
-    ranking = _ranking(server, metric, split, further)
-    return Response(as_json(ranking), media_type="application/json")
+    return _as_json(server, metric, split, further)
 
 
 @router.get(
@@ -168,8 +165,7 @@ def download_further_leaderboard(
     split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
 ) -> Response:
     """Return a further leaderboard of the split as CSV."""
-    ranking = _ranking(server, metric, split, further)
-    return PlainTextResponse(as_csv(ranking), media_type="text/csv")
+    return _as_csv(server, metric, split, further)
 
 
 @router.get("/{split}/snapshots", responses=problems("not-found"))
@@ -199,10 +195,20 @@ def show_snapshot(split: SplitName, number: Number, server: Server) -> Snapshot:
         return snapshot_of(session, split, number)
 
 
-def _ranking(server: ServerState, metric: str | None, split: str, further: str = "") -> Ranking:
-    """Rank a leaderboard. Who asks makes no difference, so a token that ended is not refused."""
+# Who asks for a leaderboard makes no difference, so a token that ended is not refused.
+def _as_json(server: ServerState, metric: str | None, split: str, further: str = "") -> Response:
+    board = server.board(split, further)
     with server.database.reading() as session:
-        return server.ranking(session, server.board(split, further), metric)
+        ranking = server.with_details(session, server.ranking(session, board, metric))
+        corrections = corrections_of(session, [board])[board.name]
+    return Response(as_json(ranking, corrections), media_type="application/json")
+
+
+def _as_csv(server: ServerState, metric: str | None, split: str, further: str = "") -> Response:
+    board = server.board(split, further)
+    with server.database.reading() as session:
+        ranking = server.with_details(session, server.ranking(session, board, metric))
+    return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 
 def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:

@@ -9,18 +9,28 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import groupby
 from threading import Lock
 from typing import Any, TypeAlias
 
 import msgspec
-from sqlalchemy import Text, and_, cast, func, literal, select
-from sqlalchemy.orm import Session, load_only
+from sqlalchemy import (
+    CompoundSelect,
+    Select,
+    Text,
+    and_,
+    cast,
+    func,
+    literal,
+    null,
+    select,
+    union_all,
+)
+from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing, SubmissionReport
+from reverie_eval.schemas.service import Standing, SubmissionReport
 from reverie_eval.server.service.boards import Board, without_version
-from reverie_eval.server.service.paging import Listed, Page, list_page
-from reverie_eval.server.service.reported import reported_of
-from reverie_eval.server.service.reviews import PublishedReview, is_disqualified, reviews_of
+from reverie_eval.server.service.reviews import PublishedReview, is_disqualified
 from reverie_eval.server.service.schedules import Schedules, Timetable
 from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
@@ -28,8 +38,8 @@ from reverie_eval.server.store.tables import (
     SUBMITTED,
     TEAM_MERGED,
     AuditEntry,
-    Correction,
-    StoredSnapshot,
+    ReportedResult,
+    Review,
     Submission,
     Team,
 )
@@ -39,16 +49,16 @@ _SUBMITTED = literal(SUBMITTED, literal_execute=True)
 into the statements, so that databases recognise the index that has all other actions."""
 _NUMBERS = "last recorded"
 """Where a session that only reads keeps what :func:`_last_recorded` returns."""
-_SNAPSHOTS = select(StoredSnapshot).options(
-    load_only(
-        StoredSnapshot.split,
-        StoredSnapshot.number,
-        StoredSnapshot.title,
-        StoredSnapshot.as_of,
-        raiseload=True,
-    )
+_KEY = ("split", "number", "id")
+"""Columns that tell results apart: the number is that of a reported one, the id of a submission."""
+_COLUMNS = (
+    *_KEY,
+    *("team", "method", "stored", "at"),
+    *("team_id", "received_at", "anonymous_until"),
+    *("review", "verdict", "reason", "reviewer", "reviewed_at"),
+    *("source", "date", "dataset", "added_by"),
 )
-"""Without the content, which is the whole leaderboard."""
+"""Columns of both kinds of results, then only of submissions, then only of reported ones."""
 _LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
 """Standings of the entries that are sorted by a metric together."""
 
@@ -121,6 +131,7 @@ class _Result(msgspec.Struct):
 _REPORT = msgspec.json.Decoder(_Report)
 _FURTHER = msgspec.json.Decoder(dict[str, _Result])
 _METHOD = msgspec.json.Decoder(dict[str, Any])
+_SCORES = msgspec.json.Decoder(dict[str, float])
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +155,6 @@ class BoardEntries:
     """The entries that are not comparable with the others, or disqualified."""
     metrics: frozenset[str]
     """All metrics of the entries that are not apart."""
-    corrections: Sequence[CorrectionReport] = ()
-    """The latest first."""
-    snapshots: Sequence[SnapshotEntry] = ()
-    """The latest first."""
     held_until: datetime | None = None
     """When scores are released next, if any are held back."""
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
@@ -250,29 +257,22 @@ def _read_entries(
     now: datetime,
 ) -> Mapping[str, BoardEntries]:
     """Read the entries of leaderboards by their paths; all have the same name."""
-    scored = _scored(session, boards, timetables, now)
-    corrections = _corrections_of_all(session, boards)
-    # Results in papers are assumed to be under the split's own rules.
-    own = [board for board in boards if not board.further]
-    reported = _reported(session, own) if own else {}
-    snapshots = _snapshots_of_all(session, own) if own else []
-    return {
-        board.path: _entries_of(
-            number,
-            [*scored[board.name], *reported.get(board.name, ())],
-            corrections[board.name],
-            [snapshot for snapshot in snapshots if snapshot.split == board.name],
+    of_split = {board.name: board for board in boards}
+    found: defaultdict[str, list[Entry]] = defaultdict(list)
+    results = session.execute(_results(boards))
+    for (split, _, submission_id), group in groupby(results, lambda row: row[: len(_KEY)]):
+        board, rows = of_split[split], list(group)
+        entry = (
+            _reported(board, rows[0])
+            if submission_id is None
+            else _scored(board, rows, timetables[split], now)
         )
-        for board in boards
-    }
+        if entry is not None:
+            found[split].append(entry)
+    return {board.path: _entries_of(number, found[board.name]) for board in boards}
 
 
-def _entries_of(
-    number: int,
-    entries: Sequence[Entry],
-    corrections: Sequence[CorrectionReport],
-    snapshots: Sequence[SnapshotEntry],
-) -> BoardEntries:
+def _entries_of(number: int, entries: Sequence[Entry]) -> BoardEntries:
     listed = [entry for entry in entries if entry.standing in _LISTED]
     held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
     return BoardEntries(
@@ -280,43 +280,60 @@ def _entries_of(
         listed,
         apart=[Row(None, entry) for entry in entries if entry.standing not in _LISTED],
         metrics=frozenset(key for entry in listed for key in entry.scores),
-        corrections=corrections,
-        snapshots=snapshots,
         held_until=min(held, default=None),
     )
 
 
-def corrections_of(session: Session, board: Board) -> Sequence[CorrectionReport]:
-    """Return the corrections of a leaderboard, the latest first."""
-    return _corrections_of_all(session, [board])[board.name]
+def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
+    """Select what leaderboards show: submissions as they were published, then reported results.
 
-
-def _corrections_of_all(
-    session: Session, boards: Sequence[Board]
-) -> Mapping[str, Sequence[CorrectionReport]]:
-    chosen = select(Correction).where(
-        Correction.split.in_([board.name for board in boards]),
-        Correction.board.in_({board.further for board in boards}),
+    A submission has a row for each of its current reviews, the earliest first, but at least one.
+    """
+    splits = [board.name for board in boards]
+    is_further = any(board.further for board in boards)
+    is_current = and_(Review.submission_id == Submission.id, Review.lifted_at.is_(None))
+    scored = (
+        _as_result(
+            split=Submission.split,
+            number=literal(0),
+            id=Submission.id,
+            team_id=Submission.team_id,
+            team=Team.name,
+            method=cast(Submission.method, Text),
+            stored=cast(Submission.also if is_further else Submission.report, Text),
+            at=Submission.published_at,
+            received_at=Submission.received_at,
+            anonymous_until=Submission.anonymous_until,
+            review=Review.id,
+            verdict=Review.verdict,
+            reason=Review.reason,
+            reviewer=Review.reviewer,
+            reviewed_at=Review.created_at,
+        )
+        .join(Team, Submission.team_id == Team.id)
+        .outerjoin(Review, is_current)
+        .where(Submission.split.in_(splits), IS_SHOWN)
     )
-    found: defaultdict[str, list[CorrectionReport]] = defaultdict(list)
-    for row in session.scalars(chosen.order_by(Correction.id.desc())):
-        found[row.split].append(CorrectionReport.model_validate(row))
-    return found
+    reported = _as_result(
+        split=ReportedResult.split,
+        number=ReportedResult.id,
+        team=ReportedResult.team,
+        method=cast(ReportedResult.method, Text),
+        stored=cast(ReportedResult.scores, Text),
+        at=ReportedResult.created_at,
+        source=ReportedResult.source,
+        date=ReportedResult.date,
+        dataset=ReportedResult.dataset,
+        added_by=ReportedResult.added_by,
+    ).where(ReportedResult.split.in_(splits), ReportedResult.removed_at.is_(None))
+    # Results in papers are assumed to be under the split's own rules.
+    shown = [scored] if is_further else [scored, reported]
+    return union_all(*shown).order_by("number", "at", "id", "review")
 
 
-def list_snapshots(session: Session, page: Page, split: str | None = None) -> Listed[SnapshotEntry]:
-    """List the snapshots of a split, or of all; the latest first."""
-    rows, key = _SNAPSHOTS, StoredSnapshot.id
-    if split is not None:
-        # Numbers rise like ids, and the index has them by split.
-        rows, key = rows.where(StoredSnapshot.split == split), StoredSnapshot.number
-    return list_page(session, rows, key, page, SnapshotEntry.model_validate, newest_first=True)
-
-
-def _snapshots_of_all(session: Session, boards: Sequence[Board]) -> Sequence[SnapshotEntry]:
-    chosen = _SNAPSHOTS.where(StoredSnapshot.split.in_([board.name for board in boards]))
-    latest = session.scalars(chosen.order_by(StoredSnapshot.id.desc()))
-    return [SnapshotEntry.model_validate(row) for row in latest]
+def _as_result(**columns: Any) -> Select[*tuple[Any, ...]]:
+    """Select columns of one of the two kinds of results; it has no others of :data:`_COLUMNS`."""
+    return select(*(columns.get(name, null()).label(name) for name in _COLUMNS))
 
 
 def _last_recorded(session: Session) -> tuple[int, int]:
@@ -332,59 +349,33 @@ def _last_recorded(session: Session) -> tuple[int, int]:
     return numbers
 
 
-def _scored(
-    session: Session, boards: Sequence[Board], timetables: Mapping[str, Timetable], now: datetime
-) -> Mapping[str, Sequence[Entry]]:
-    """Return the published submissions by split, each split's in the order of publication."""
-    of_split = {board.name: board for board in boards}
-    is_further = any(board.further for board in boards)
-    chosen = (
-        select(
-            Submission.id,
-            Submission.split,
-            Submission.team_id,
-            Team.name.label("team"),
-            cast(Submission.method, Text).label("method"),
-            cast(Submission.also if is_further else Submission.report, Text).label("stored"),
-            Submission.published_at,
-            Submission.received_at,
-            Submission.anonymous_until,
-        )
-        .join(Team, Submission.team_id == Team.id)
-        .where(Submission.split.in_(of_split), IS_SHOWN)
-        .order_by(Submission.published_at, Submission.id)
+def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: datetime) -> Entry | None:
+    """Return a submission, given its rows; None if its file is not or cannot be ranked there."""
+    row = rows[0]
+    report = _report_on(board, row.stored)
+    if report is None:
+        return None
+    reviews = [
+        PublishedReview(each.verdict, each.reason, each.reviewer, each.reviewed_at)
+        for each in rows
+        if each.review is not None
+    ]
+    held_until = timetable.held_until(row.received_at, now)
+    drawn = {} if report.intervals is None else report.intervals.intervals
+    return Entry(
+        submission_id=row.id,
+        team_id=row.team_id,
+        team=row.team,
+        method=_METHOD.decode(row.method),
+        published_at=row.at,
+        anonymous_until=row.anonymous_until,
+        scores=report.scores if held_until is None else {},
+        scores_held_until=held_until,
+        intervals={key: drawn[key] for key in board.task.headline if key in drawn},
+        signature=report.signature,
+        standing=_standing(report, reviews, board),
+        reviews=reviews,
     )
-    reviews = {
-        submission: [
-            PublishedReview(row.verdict, row.reason, row.reviewer, row.created_at) for row in rows
-        ]
-        for submission, rows in reviews_of(session, *of_split).items()
-    }
-    found: defaultdict[str, list[Entry]] = defaultdict(list)
-    for row in session.execute(chosen):
-        board = of_split[row.split]
-        report = _report_on(board, row.stored)
-        if report is None:
-            continue
-        of_row = reviews.get(row.id, ())
-        held_until = timetables[board.name].held_until(row.received_at, now)
-        drawn = {} if report.intervals is None else report.intervals.intervals
-        entry = Entry(
-            submission_id=row.id,
-            team_id=row.team_id,
-            team=row.team,
-            method=_METHOD.decode(row.method),
-            published_at=row.published_at,
-            anonymous_until=row.anonymous_until,
-            scores=report.scores if held_until is None else {},
-            scores_held_until=held_until,
-            intervals={key: drawn[key] for key in board.task.headline if key in drawn},
-            signature=report.signature,
-            standing=_standing(report, of_row, board),
-            reviews=of_row,
-        )
-        found[board.name].append(entry)
-    return found
 
 
 def _report_on(board: Board, stored: str) -> _Report | None:
@@ -402,24 +393,19 @@ def _standing(report: _Report, reviews: Sequence[PublishedReview], board: Board)
     return "ranked" if is_current else "other-rules"
 
 
-def _reported(session: Session, boards: Sequence[Board]) -> Mapping[str, Sequence[Entry]]:
-    of_split = {board.name: board for board in boards}
-    found: defaultdict[str, list[Entry]] = defaultdict(list)
-    for row in reported_of(session, *of_split):
-        is_comparable = of_split[row.split].is_on(row.dataset)
-        entry = Entry(
-            submission_id=None,
-            team_id=None,
-            team=row.team,
-            method=row.method,
-            published_at=row.created_at,
-            anonymous_until=None,
-            scores=row.scores,
-            standing="reported" if is_comparable else "other-dataset",
-            source=row.source,
-            reported_date=row.date,
-            dataset=row.dataset,
-            entered_by=row.added_by,
-        )
-        found[row.split].append(entry)
-    return found
+def _reported(board: Board, row: Any) -> Entry:
+    """Return a reported result, given its row."""
+    return Entry(
+        submission_id=None,
+        team_id=None,
+        team=row.team,
+        method=_METHOD.decode(row.method),
+        published_at=row.at,
+        anonymous_until=None,
+        scores=_SCORES.decode(row.stored),
+        standing="reported" if board.is_on(row.dataset) else "other-dataset",
+        source=row.source,
+        reported_date=row.date,
+        dataset=row.dataset,
+        entered_by=row.added_by,
+    )

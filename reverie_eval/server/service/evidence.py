@@ -157,10 +157,12 @@ def _sent_and_missing(
     Raises NotFoundError if none is of the team.
     """
     split = fingerprints.board.name
-    sent = [_Sent(*row) for row in session.execute(_submissions_to(split))]
-    if team is not None and team not in {each.team for each in sent}:
+    marked = fingerprints.marked(session, _submissions_to(split))
+    sent = [(_Sent(*row), is_known) for row, is_known in marked]
+    if team is not None and team not in {each.team for each, _ in sent}:
         raise NotFoundError(f"there is no team {team!r} with submissions to {split}")
-    return sent, fingerprints.missing(session, [each.sha256 for each in sent])
+    missing = dict.fromkeys(each.sha256 for each, is_known in sent if not is_known)
+    return [each for each, _ in sent], [*missing]
 
 
 def _submissions_to(split: str) -> Select[*tuple[Any, ...]]:

@@ -10,7 +10,8 @@ from datetime import datetime
 from heapq import nlargest
 from uuid import NAMESPACE_URL, uuid5
 
-from reverie_eval.schemas.service import NewsReport
+from reverie_eval.schemas.service import CorrectionReport, NewsReport
+from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Entry
 from reverie_eval.server.service.leaderboard import ANONYMOUS, Ranking
 from reverie_eval.server.service.reviews import PublishedReview
@@ -34,8 +35,8 @@ class Item:
 
 
 def items_of(ranking: Ranking) -> Iterator[Item]:
-    """Yield the recent events of a leaderboard, in no particular order."""
-    board, entries = ranking.board, [row.entry for row in (*ranking.rows, *ranking.apart)]
+    """Yield what recently happened to the results of a leaderboard, in no particular order."""
+    entries = [row.entry for row in (*ranking.rows, *ranking.apart)]
     # Only items that a feed may have are formatted: there may be thousands of results.
     published = [entry for entry in entries if entry.submission_id is not None]
     for entry in nlargest(MOST_ITEMS, published, key=lambda entry: entry.published_at):
@@ -48,7 +49,11 @@ def items_of(ranking: Ranking) -> Iterator[Item]:
     ]
     for entry, review in nlargest(MOST_ITEMS, disqualified, key=lambda pair: pair[1].created_at):
         yield _disqualified(entry, review, ranking)
-    for correction in ranking.corrections:
+
+
+def items_of_corrections(board: Board, corrections: Iterable[CorrectionReport]) -> Iterator[Item]:
+    """Yield the corrections of a leaderboard."""
+    for correction in corrections:
         yield Item(
             id=_urn("correction", board.name, board.further, correction.created_at.isoformat()),
             at=correction.created_at,

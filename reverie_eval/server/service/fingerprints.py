@@ -178,14 +178,12 @@ class Fingerprints:
         episodes = len(self.board.truth.episodes.instr_ids)  # protocols may leave some out
         return f"{self.board.split.track}:{self.board.public_fingerprint}:{episodes}"
 
-    def missing(self, session: Session, digests: Sequence[str]) -> Sequence[str]:
-        """Return the uploads without a fingerprint, in their order."""
-        known = set(
-            session.scalars(
-                select(Row.sha256).where(Row.split == self.board.name, Row.basis == self.basis)
-            )
-        )
-        return [sha256 for sha256 in dict.fromkeys(digests) if sha256 not in known]
+    def marked(
+        self, session: Session, submissions: Select[*tuple[Any, ...]]
+    ) -> Iterator[tuple[Any, bool]]:
+        """Yield submissions, in their order, each with whether its upload has a fingerprint."""
+        for row in session.execute(self._joined(submissions).add_columns(Row.sha256.is_not(None))):
+            yield row[:-1], row[-1]
 
     def read(self, digests: Sequence[str], most: int) -> "Read":
         """Compute the fingerprints of uploads; of ``most`` uploads, at most."""
@@ -229,12 +227,7 @@ class Fingerprints:
         ``read`` are those that the request has computed. The others are loaded by one statement,
         few at a time.
         """
-        is_current = and_(
-            Row.split == Submission.split,
-            Row.sha256 == Submission.sha256,
-            Row.basis == self.basis,
-        )
-        rows = submissions.outerjoin(Row, is_current).add_columns(Row.content)
+        rows = self._joined(submissions).add_columns(Row.content)
         for row in session.execute(rows.execution_options(yield_per=_LOADED_AT_ONCE)):
             content = read.get(row.sha256, row.content)
             if content is not None:
@@ -247,6 +240,14 @@ class Fingerprints:
         stored = session.execute(select(Row.sha256, Row.content).where(self._is_of(digests)))
         contents = {**{row.sha256: row.content for row in stored}, **read}
         return {sha256: Fingerprint.from_bytes(contents[sha256]) for sha256 in digests}
+
+    def _joined(self, submissions: Select[*tuple[Any, ...]]) -> Select[*tuple[Any, ...]]:
+        is_current = and_(
+            Row.split == Submission.split,
+            Row.sha256 == Submission.sha256,
+            Row.basis == self.basis,
+        )
+        return submissions.outerjoin(Row, is_current)
 
     def _is_of(self, digests: Collection[str]) -> ColumnElement[bool]:
         return and_(Row.split == self.board.name, Row.sha256.in_(digests))

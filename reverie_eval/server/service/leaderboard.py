@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._results import methods_table
 from reverie_eval.reporting._table import latex_comments, latex_text
-from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, Method, SnapshotEntry
+from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, Method
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import csv_text
@@ -48,14 +48,10 @@ class Ranking:
     metrics: frozenset[str]
     """All metrics of the results that are not apart."""
     now: datetime
-    counts: Mapping[int, int]
-    """Number of submissions to the split, by team."""
-    corrections: Sequence[CorrectionReport] = ()
-    """The latest first."""
-    snapshots: Sequence[SnapshotEntry] = ()
-    """The latest first."""
+    counts: Mapping[int, int] = field(default_factory=dict)
+    """Number of submissions to the split, by team; empty if they were not counted."""
     rank_intervals: Mapping[str, RankInterval] = field(default_factory=dict)
-    """The ranks that results may have, by submission; empty if they are not compared."""
+    """The ranks that results may have, by submission; empty if they were not compared."""
 
     def rank_interval(self, row: Row) -> RankInterval | None:
         """Return the ranks that a result may have, and its group; None if it is not compared."""
@@ -131,7 +127,6 @@ def leaderboard(
     cached = cache.entries(session, board, now)
     if metric not in cached.ranked:
         cached.ranked[metric] = _ranked(cached.entries, METRICS[metric])
-    counts = cache.submissions_of_teams(session, board.name)
     return Ranking(
         board=board,
         metric=metric,
@@ -139,9 +134,6 @@ def leaderboard(
         apart=cached.apart,
         metrics=cached.metrics,
         now=now,
-        counts=counts,
-        corrections=cached.corrections,
-        snapshots=cached.snapshots,
     )
 
 
@@ -168,12 +160,14 @@ def _cost(value: float | None, metric: Metric) -> float:
     return -value if metric.better == "higher" else value
 
 
-def as_json(ranking: Ranking) -> bytes:
+def as_json(ranking: Ranking, corrections: Sequence[CorrectionReport]) -> bytes:
     """Return a leaderboard as JSON, as :class:`~reverie_eval.schemas.service.Leaderboard`."""
-    return msgspec.json.encode(_content(ranking))
+    content = _content(ranking)
+    content["corrections"] = [each.model_dump() for each in corrections]
+    return msgspec.json.encode(content)
 
 
-def _content(ranking: Ranking) -> Mapping[str, Any]:
+def _content(ranking: Ranking) -> dict[str, Any]:
     board = ranking.board
     return {
         "split": board.name,
@@ -184,7 +178,6 @@ def _content(ranking: Ranking) -> Mapping[str, Any]:
         "signature": board.signature,
         "rows": [_row_json(ranking, row) for row in ranking.rows],
         "apart": [_row_json(ranking, row) for row in ranking.apart],
-        "corrections": [each.model_dump() for each in ranking.corrections],
     }
 
 

@@ -8,7 +8,7 @@ used, and the number of tasks, which is known from the public instructions.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from sqlalchemy import select
@@ -28,6 +28,8 @@ _FEWEST_COMPARED = 2
 """Results, and clusters that they are compared on, at least."""
 _DIGITS = 6
 """Digits of the stored sums after the decimal point."""
+_Means: TypeAlias = Mapping[str, float]
+"""The values of results, by submission."""
 Sums: TypeAlias = dict[str, list[float]]
 """Sums of a result over each cluster of episodes, by metric."""
 
@@ -41,19 +43,6 @@ class RankInterval:
     group: int
     """The group's number, from 1. A group is a first result and those that follow it and are not
     significantly worse than it."""
-
-
-class _Compared(NamedTuple):
-    """Results of a leaderboard that are compared by a metric."""
-
-    board: Board
-    metric: Metric
-    values: Sequence[tuple[str, float]]
-    """By submission; empty if they are not compared."""
-
-    @property
-    def key(self) -> tuple[str, str]:
-        return self.board.path, self.metric.key
 
 
 def cluster_sums(scores: Scores) -> Sums:
@@ -87,47 +76,38 @@ def store_sums(session: Session, submission_id: str, sums: Mapping[str, Sums]) -
 class RankIntervals:
     """The rank intervals of all results, computed again only when the results have changed."""
 
-    _values: dict[tuple[str, str], Sequence[tuple[str, float]]] = field(default_factory=dict)
-    """By leaderboard and metric: the values that were compared."""
-    _found: dict[tuple[str, str], Mapping[str, RankInterval]] = field(default_factory=dict)
-    """The intervals that they have."""
+    _found: dict[tuple[str, str], tuple[_Means, Mapping[str, RankInterval]]] = field(
+        default_factory=dict
+    )
+    """By leaderboard and metric: the values that were compared, and their intervals."""
     _lock: Lock = field(default_factory=Lock)
     """Makes concurrent requests compute them only once."""
 
     def compute(
-        self, session: Session, rankings: Iterable[tuple[Board, str, Iterable[Row]]]
-    ) -> Sequence[Mapping[str, RankInterval]]:
-        """Return the intervals of the ranked results of leaderboards, each ranked by a metric.
+        self, session: Session, board: Board, metric: str, rows: Iterable[Row]
+    ) -> Mapping[str, RankInterval]:
+        """Return the intervals of the ranked results of a leaderboard that is ranked by a metric.
 
         They are by the ids of the results; empty if these are not compared. A result without
-        stored sums has none, and may have any rank. One statement reads the sums of all.
+        stored sums has none, and may have any rank.
         """
-        wanted = [_compared(*ranking) for ranking in rankings]
+        means = {
+            row.entry.submission_id: row.entry.scores[metric]
+            for row in rows
+            if row.rank is not None and row.entry.submission_id is not None
+        }
+        if not _is_compared(board, METRICS[metric], len(means)):
+            return {}
         with self._lock:
-            changed = [
-                each for each in wanted if each.values and self._values.get(each.key) != each.values
-            ]
-            sums = _stored_sums(session, [each for each in changed if not each.board.is_private])
-            for each in changed:
-                self._found[each.key] = _computed(each, sums)
-                self._values[each.key] = each.values
-            return [self._found[each.key] if each.values else {} for each in wanted]
+            compared, found = self._found.get((board.path, metric), ({}, {}))
+            if compared != means:
+                found = _computed(session, board, METRICS[metric], means)
+                self._found[board.path, metric] = means, found
+            return found
 
 
-def _compared(board: Board, metric: str, rows: Iterable[Row]) -> _Compared:
-    """Return what is compared of a leaderboard."""
-    ranked = [
-        (row.entry.submission_id, row.entry.scores[metric])
-        for row in rows
-        if row.rank is not None and row.entry.submission_id is not None
-    ]
-    is_compared = _is_compared(board, METRICS[metric])
-    is_compared &= _FEWEST_COMPARED <= len(ranked) <= MOST_COMPARED
-    return _Compared(board, METRICS[metric], ranked if is_compared else ())
-
-
-def _is_compared(board: Board, metric: Metric) -> bool:
-    """Whether results are compared by a metric.
+def _is_compared(board: Board, metric: Metric, results: int) -> bool:
+    """Whether this number of results is compared by a metric.
 
     On a private split, only by rates: a mean in metres does not show how much its values vary.
     """
@@ -135,42 +115,35 @@ def _is_compared(board: Board, metric: Metric) -> bool:
         metric.key in board.task.headline
         and metric.better != "neither"
         and (metric.unit == "fraction" or not board.is_private)
+        and _FEWEST_COMPARED <= results <= MOST_COMPARED
     )
 
 
 def _stored_sums(
-    session: Session, compared: Sequence[_Compared]
-) -> Mapping[tuple[str, str], Mapping[str, Sequence[float]]]:
-    """Return stored sums by submission and name of the leaderboard."""
-    if not compared:
-        return {}
-    names = [name for each in compared for name, _ in each.values]
+    session: Session, board: Board, metric: Metric, means: _Means
+) -> Mapping[str, Sequence[float]]:
+    """Return stored sums of a metric, by submission in the order of their values."""
     chosen = select(ClusterSums).where(
-        ClusterSums.submission_id.in_(names),
-        ClusterSums.board.in_({each.board.further for each in compared}),
+        ClusterSums.submission_id.in_(means), ClusterSums.board == board.further
     )
-    return {(row.submission_id, row.board): row.sums for row in session.scalars(chosen)}
+    stored = {row.submission_id: row.sums for row in session.scalars(chosen)}
+    return {name: stored[name][metric.key] for name in means if metric.key in stored.get(name, {})}
 
 
 def _computed(
-    compared: _Compared, stored: Mapping[tuple[str, str], Mapping[str, Sequence[float]]]
+    session: Session, board: Board, metric: Metric, ranked: _Means
 ) -> Mapping[str, RankInterval]:
-    board, metric, ranked = compared
-    means = dict(ranked)
+    means = ranked
     if board.is_private:
         covariance, n_clusters = _of_shown_means(board, np.array([*means.values()])), np.inf
     else:
-        sums = {
-            name: own[metric.key]
-            for name in means
-            if metric.key in (own := stored.get((name, board.further), {}))
-        }
-        means = {name: mean for name, mean in means.items() if name in sums}
+        sums = _stored_sums(session, board, metric, ranked)
+        means = {name: ranked[name] for name in sums}
         _, sizes = np.unique(clusters_of(board.truth, "target"), return_counts=True)
         n_clusters = len(sizes)
         if len(means) < _FEWEST_COMPARED or n_clusters < _FEWEST_COMPARED:
             return {}
-        table = np.column_stack([sums[name] for name in means])
+        table = np.column_stack([*sums.values()])
         covariance = covariance_of_means(table, sizes.astype(np.float64))
     values = np.array([*means.values()])
     found = rank_intervals(-values if metric.better == "higher" else values, covariance, n_clusters)

@@ -23,8 +23,8 @@ from reverie_eval.schemas.organising import NewCorrection, RescoringReport, Resu
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult
 from reverie_eval.server.errors import ConflictError
+from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board, board_named, without_version
-from reverie_eval.server.service.entries import corrections_of
 from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
@@ -301,7 +301,7 @@ def changes(
 
 def _current_correction(session: Session, board: Board) -> CorrectionReport | None:
     """Return a leaderboard's latest correction, if it led to the current ground truth and rules."""
-    latest = next(iter(corrections_of(session, board)), None)
+    latest = next(iter(corrections_of(session, [board])[board.name]), None)
     if latest is None or without_version(latest.signature) != without_version(board.signature):
         return None
     return latest

@@ -7,18 +7,20 @@ after it had passed: by then, the leaderboard had changed.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 
 from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, load_only
 
 from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.schemas.service import Leaderboard, Snapshot, SnapshotEntry
 from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.leaderboard import as_json, leaderboard
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import SERVER, Transaction, Transactions
 from reverie_eval.server.store.tables import (
@@ -30,6 +32,16 @@ from reverie_eval.server.store.tables import (
 )
 
 _SECOND = timedelta(seconds=1)
+_ENTRIES = select(StoredSnapshot).options(
+    load_only(
+        StoredSnapshot.split,
+        StoredSnapshot.number,
+        StoredSnapshot.title,
+        StoredSnapshot.as_of,
+        raiseload=True,
+    )
+)
+"""Without the content, which is the whole leaderboard."""
 _CHANGES_NOTHING = (SUBMITTED, SNAPSHOT_TAKEN)
 """Actions that do not change what leaderboards show."""
 
@@ -109,16 +121,19 @@ class Snapshots:
         closing: Closing | None = None,
     ) -> SnapshotEntry:
         session, board = transaction.session, board_named(self.boards(), split)
-        ranking = leaderboard(
-            session, EntriesCache(self.schedules), board, board.primary.key, as_of
+        cache = EntriesCache(self.schedules)
+        ranking = replace(
+            leaderboard(session, cache, board, board.primary.key, as_of),
+            counts=cache.submissions_of_teams(session, split),
         )
+        corrections = corrections_of(session, [board])[split]
         last = select(func.max(StoredSnapshot.number)).where(StoredSnapshot.split == split)
         snapshot = transaction.audit_log.signer.sign_snapshot(
             split=split,
             number=(session.scalar(last) or 0) + 1,
             title=title,
             as_of=as_of,
-            leaderboard=Leaderboard.model_validate_json(as_json(ranking)),
+            leaderboard=Leaderboard.model_validate_json(as_json(ranking, corrections)),
         )
         row = StoredSnapshot(
             split=split,
@@ -153,6 +168,15 @@ def _first_received(session: Session) -> Mapping[str, datetime]:
     first = select(Submission.split, func.min(Submission.received_at)).group_by(Submission.split)
     rows = session.execute(first)
     return {split: moment for split, moment in rows}  # noqa: C416  # mypy does not accept rows as pairs
+
+
+def list_snapshots(session: Session, page: Page, split: str | None = None) -> Listed[SnapshotEntry]:
+    """List the snapshots of a split, or of all; the latest first."""
+    rows, key = _ENTRIES, StoredSnapshot.id
+    if split is not None:
+        # Numbers rise like ids, and the index has them by split.
+        rows, key = rows.where(StoredSnapshot.split == split), StoredSnapshot.number
+    return list_page(session, rows, key, page, SnapshotEntry.model_validate, newest_first=True)
 
 
 def snapshot_of(session: Session, split: str, number: int) -> Snapshot:

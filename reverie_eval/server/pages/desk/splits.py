@@ -21,8 +21,8 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import people, quotas, rescoring, schedules
-from reverie_eval.server.service.entries import list_snapshots
 from reverie_eval.server.service.schedules import Timetable
+from reverie_eval.server.service.snapshots import list_snapshots
 
 router = APIRouter()
 

@@ -1,0 +1,90 @@
+"""What the organiser announces on the page of a leaderboard."""
+
+from datetime import timedelta
+
+import pytest
+
+from reverie_eval.schemas.organising import NewNews, NewSnapshot
+from reverie_eval.server.service.announcements import (
+    Announcement,
+    announcements,
+    corrections_of,
+)
+from reverie_eval.server.service.news import add_news, remove_news
+from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.snapshots import list_snapshots
+from reverie_eval.server.store.tables import Correction
+from tests.support.acting import NOON
+from tests.support.serving import OPEN, PRIVATE, STRICT, Serving
+
+SECOND = timedelta(seconds=1)
+
+
+def correct(server: Serving, split: str, board: str, reason: str) -> None:
+    """Announce a correction."""
+    about = {"split": split, "board": board, "reason": reason, "signature": "s"}
+    with server.state.database.writing() as session:
+        session.add(Correction(**about, created_at=server.clock()))
+
+
+@pytest.fixture
+def announced(several: Serving) -> Serving:
+    """Announce something of each kind on three leaderboards, a second apart."""
+    for further, split, text in (
+        ("", OPEN, "first"),
+        (STRICT, OPEN, "strict"),
+        ("", PRIVATE, "private"),
+        ("", OPEN, "second"),
+    ):
+        correct(several, split, further, text)
+        with several.acting() as transaction:
+            if not further:
+                several.state.snapshots.take(transaction, NewSnapshot(split=split, title=text))
+            news = add_news(transaction, NewNews(text=text))
+            if text == "private":
+                remove_news(transaction, news.id)
+        several.clock.turn(seconds=1)
+    return several
+
+
+def test_a_leaderboard_has_its_own_and_the_latest_news_first(announced: Serving) -> None:
+    state = announced.state
+    with state.database.reading() as session:
+        own, strict = (announcements(session, state.board(OPEN, name), 2) for name in ("", STRICT))
+        none = announcements(session, state.board(PRIVATE), 0)
+    news = [Announcement("news", 4, "second", NOON + 3 * SECOND)]
+    news.append(Announcement("news", 2, "strict", NOON + SECOND))
+    assert own == {
+        "news": news,
+        "correction": [
+            Announcement("correction", 4, "second", NOON + 3 * SECOND),
+            Announcement("correction", 1, "first", NOON),
+        ],
+        "snapshot": [
+            Announcement("snapshot", 2, "second", NOON + 3 * SECOND),
+            Announcement("snapshot", 1, "first", NOON),
+        ],
+    }
+    corrections = [Announcement("correction", 2, "strict", NOON + SECOND)]
+    assert strict == {"news": news, "correction": corrections}
+    assert [*none] == ["correction", "snapshot"]
+
+
+def test_corrections_are_those_of_the_leaderboards(announced: Serving) -> None:
+    state = announced.state
+    with state.database.reading() as session:
+        own = corrections_of(session, [*state.boards.values()])
+        strict = corrections_of(session, [state.board(OPEN, STRICT)])
+    assert {split: [each.reason for each in found] for split, found in own.items()} == {
+        OPEN: ["second", "first"],
+        PRIVATE: ["private"],
+    }
+    assert [each.reason for each in strict[OPEN]] == ["strict"]
+
+
+def test_snapshots_of_all_splits_are_listed_the_latest_first(announced: Serving) -> None:
+    with announced.state.database.reading() as session:
+        titles = [each.title for each in list_snapshots(session, Page()).rows]
+        of_split = [each.title for each in list_snapshots(session, Page(), OPEN).rows]
+    assert titles == ["second", "private", "first"]
+    assert of_split == ["second", "first"]

@@ -13,16 +13,14 @@ from sqlalchemy import select
 from reverie_eval.schemas.organising import KeyRevocation, NewTeam
 from reverie_eval.server.service.audit import (
     INSPECTED,
-    Action,
     AuditLog,
     audit_reports,
     entries,
     history,
     list_entries,
     list_reports,
-    mismatches,
-    swapped_names,
 )
+from reverie_eval.server.service.audited_rows import Action, mismatches, swapped_names
 from reverie_eval.server.service.keys import all_keys
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named, rename_team, team_named

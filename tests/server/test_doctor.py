@@ -29,7 +29,8 @@ from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.operations import doctor
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import entries, mismatches, row_name
+from reverie_eval.server.service.audit import entries, row_name
+from reverie_eval.server.service.audited_rows import mismatches
 from reverie_eval.server.service.news import add_news, remove_news
 from reverie_eval.server.service.people import rename_team, team_named
 from reverie_eval.server.service.quotas import grant
@@ -217,6 +218,12 @@ DAMAGES = [
         "audit log",
         "1 entry cannot be verified (2)",
         id="audit entry dated otherwise",
+    ),
+    pytest.param(
+        sql("UPDATE person SET role = 'organiser' WHERE name = 'Ada'"),
+        "audit log",
+        "person:1: role differs from the audit log; compare with a backup",
+        id="role given",
     ),
     pytest.param(
         sql("DELETE FROM audit WHERE id = 2"),

@@ -14,7 +14,7 @@ from reverie_eval.schemas.service import Phase, Receipt
 from reverie_eval.server.operations.checks import acting, check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.export import export
-from reverie_eval.server.service.audit import mismatches
+from reverie_eval.server.service.audited_rows import mismatches
 from reverie_eval.server.service.boards import Board, load_boards
 from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.results import results_of, store_result

@@ -19,7 +19,8 @@ from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import rotate_key
 from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.service.audit import entries, mismatches
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.audited_rows import mismatches
 from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from reverie_eval.schemas.organising import NewMerge, NewTeam
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service import merging
-from reverie_eval.server.service.audit import all_names_of_teams
+from reverie_eval.server.service.audited_rows import all_names_of_teams
 from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.people import person_named, rename_team, team_named
 from reverie_eval.server.store.tables import Submission, Team

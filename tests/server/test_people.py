@@ -62,7 +62,10 @@ def test_a_token_is_long_and_of_a_form_of_its_own(server: Serving) -> None:
 def test_the_log_tells_which_token_was_made(server: Serving) -> None:
     made = created(server)
     last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
-    assert (last["action"], last["details"]) == ("access token created", {"hint": made.token[:11]})
+    assert (last["action"], last["details"]) == (
+        "access token created",
+        {"person_id": 1, "hint": made.token[:11], "expires_at": None},
+    )
 
 
 def test_only_a_token_s_digest_is_kept(server: Serving) -> None:

@@ -12,7 +12,8 @@ from sqlalchemy import delete, select
 from reverie_eval.schemas.joining import Rejection
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import entries, mismatches, swapped_names
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.audited_rows import mismatches, swapped_names
 from reverie_eval.server.service.joining import accept_request, reject_request
 from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.personal_data import delete_person

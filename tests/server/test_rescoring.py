@@ -19,7 +19,8 @@ from reverie_eval.schemas.service import EarlierResult, Phase, Receipt
 from reverie_eval.server.operations import rescoring
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import audit_reports, entries, mismatches
+from reverie_eval.server.service.audit import audit_reports, entries
+from reverie_eval.server.service.audited_rows import mismatches
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.rank_intervals import cluster_sums
 from reverie_eval.server.service.rescoring import (

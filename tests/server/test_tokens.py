@@ -75,7 +75,8 @@ def test_a_token_is_reported_and_logged(change: Transaction) -> None:
         "expires_at": NOON + HOUR,
         "revoked_at": None,
     }
-    assert last_entry(change) == ("test", "invite token created", "Ben", {"hint": made.hint})
+    about = {"person_id": 3, "hint": made.hint, "expires_at": (NOON + HOUR).isoformat()}
+    assert last_entry(change) == ("test", "invite token created", "Ben", about)
 
 
 def test_tokens_are_listed_the_latest_first(change: Transaction) -> None:

@@ -5,6 +5,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
+from itertools import chain
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -29,9 +30,10 @@ from reverie_eval.server.operations.checks import (
     damaged_file,
     said_by,
 )
-from reverie_eval.server.service.audit import (
-    AuditLog,
+from reverie_eval.server.service.audit import AuditLog
+from reverie_eval.server.service.audited_rows import (
     all_names_of_teams,
+    changed_values,
     mismatches,
     swapped_names,
 )
@@ -315,7 +317,7 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
             "lost: nobody can check whether they were changed; compare with an older backup"
         )
         yield Finding("audit log", "note", message)
-    for message in mismatches(session):
+    for message in chain(mismatches(session), changed_values(session)):
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     if not broken:
         verified = count_text(count - sum(unprovable.values()), "entry", "entries")

@@ -188,8 +188,9 @@ def _insert(transaction: Transaction, new: NewReported) -> ReportedResult:
     result = ReportedResult(
         **new.model_dump(mode="json"), added_by=transaction.actor, created_at=transaction.now
     )
-    name = new.method.name
-    transaction.record("reported result added", result, name, split=new.split, source=new.source)
+    # The names of a team may be those of persons.
+    about = new.model_dump(mode="json", exclude={"team"})
+    transaction.record("reported result added", result, new.method.name, **about)
     return result
 
 

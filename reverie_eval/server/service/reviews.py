@@ -51,7 +51,8 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
         if new.verdict == earlier.verdict or {new.verdict, earlier.verdict} <= JUDGEMENTS:
             _lift(transaction, earlier)
     row = Review(**new.model_dump(), reviewer=transaction.actor, created_at=transaction.now)
-    transaction.record(row.verdict, row, submission.id, reason=row.reason)
+    about = {"submission_id": row.submission_id, "reason": row.reason}
+    transaction.record(row.verdict, row, submission.id, **about)
     return ReviewEntry.model_validate(row)
 
 

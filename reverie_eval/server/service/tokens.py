@@ -285,7 +285,9 @@ def _create(
         created_at=transaction.now,
         expires_at=expires_at,
     )
-    transaction.record(f"{kind} token created", token, person, hint=token.hint)
+    until = None if expires_at is None else expires_at.isoformat()
+    about = {"person_id": person.id, "hint": token.hint, "expires_at": until}
+    transaction.record(f"{kind} token created", token, person, **about)
     return NewTokenReport(**token_report(token).model_dump(), token=text)
 
 

@@ -1,0 +1,113 @@
+"""Whether the rows of a database are those that its audit log tells of."""
+
+from collections.abc import Iterator
+from datetime import timedelta
+from typing import Any
+
+from sqlalchemy import Update, update
+
+from reverie_eval.schemas.organising import NewSnapshot
+from reverie_eval.server.service.audited_rows import changed_values, mismatches
+from reverie_eval.server.store.tables import (
+    Base,
+    Correction,
+    Grant,
+    News,
+    Notice,
+    Person,
+    ReportedResult,
+    Review,
+    SetSchedule,
+    StoredSnapshot,
+    Submission,
+    Token,
+)
+from tests.support.acting import NOON, ask_to_join, review
+from tests.support.entries import report_result
+from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PEOPLE, PRIVATE, Serving
+
+LATER = NOON + timedelta(days=400)
+
+
+def do_everything(server: Serving) -> str:
+    """Do what the log tells of with values, some of it twice, and return a submission's id."""
+    sent: str = server.upload(OWNER, description="It+walks.").json()["submission"]["id"]
+    other = server.upload(OTHER, server.distinct()).json()["submission"]["id"]
+    for changed in (
+        {"published": True, "shows_episodes": True, "method": {"paper": "https://example.org/p"}},
+        {"anonymous_until": LATER.isoformat(), "method": {"paper": None}},
+    ):
+        assert server.ask(OWNER, "PATCH", f"/submissions/{sent}", json=changed).is_success
+    report_result(server, "FAST", success=0.5, spl=0.25)
+    number = ask_to_join(server.state.transactions)
+    grant = {"team": PEOPLE[OWNER], "split": OPEN, "extra": 2, "reason": "A fire."}
+    more = {"expires_at": (NOON + timedelta(days=1)).isoformat()}
+    for method, path, content in (
+        ("PATCH", "reported/1", {"scores": {"success": 0.75, "spl": None}}),
+        ("POST", "grants", grant | more),
+        ("PUT", "notice", {"banner": "Hello"}),
+        ("POST", "news", {"text": "We moved."}),
+        ("PUT", f"schedules/{OPEN}", {"paused": True}),
+        ("POST", f"requests/{number}/accept", {}),
+        ("PATCH", f"people/{server.person(OTHER).id}", {"name": "Eva", "team": PEOPLE[OWNER]}),
+        ("POST", "teams/merge", {"team": PEOPLE[OTHER], "into": PEOPLE[OWNER]}),
+    ):
+        reply = server.ask(ORGANISER, method, f"/organiser/{path}", json=content)
+        assert reply.is_success, (path, reply.text)
+    with server.acting() as transaction:
+        review(transaction, sent, "verified", "run again")
+        server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="A month"))
+        row = Correction(split=OPEN, board="", signature="s", reason="Targets.", created_at=NOON)
+        transaction.record("correction announced", row, OPEN, reason=row.reason)
+        # As version 0.1.0 logged a request with fields that are null.
+        old = transaction.session.get_one(Submission, other)
+        transaction.record("changed", old, other, shows_episodes=None, method=None)
+    return sent
+
+
+def changes(server: Serving, sent: str) -> Iterator[tuple[str, Update]]:
+    """Yield changes of rows, each with what is told of it."""
+
+    def changed(told: str, table: type[Base], **values: Any) -> tuple[str, Update]:
+        row, names = told.split(" ", 1)
+        key = row.partition(":")[2]
+        own = table.__table__.primary_key.columns[0]  # type: ignore[attr-defined]
+        statement = update(table).where(own == own.type.python_type(key)).values(values)
+        return f"{row}: {names} differs from the audit log", statement
+
+    person = server.person(OWNER).id
+    yield changed(f"person:{person} role", Person, role="organiser")
+    yield changed("token:1 person_id", Token, person_id=person + 1)
+    yield changed("token:1 expires_at", Token, expires_at=LATER)
+    yield changed("quota_grant:1 expires_at, extra", Grant, extra=100, expires_at=LATER)
+    yield changed("review:1 reason", Review, reason="run again twice")
+    yield changed("news:1 text", News, text="We moved back.")
+    yield changed("notice:1 banner", Notice, banner="Hallo")
+    yield changed("schedule:1 paused", SetSchedule, paused=False)
+    yield changed("snapshot:1 title", StoredSnapshot, title="A year")
+    yield changed("reported_result:1 scores", ReportedResult, scores={"success": 0.5})
+    yield changed("reported_result:1 scores", ReportedResult, scores={"spl": 0.75})
+    yield changed("reported_result:1 method", ReportedResult, method={"name": "SLOW"})
+    yield changed("correction:1 reason", Correction, reason="None.")
+    yield changed(f"submission:{sent} anonymous_until", Submission, anonymous_until=None)
+    yield changed(f"submission:{sent} shows_episodes", Submission, shows_episodes=False)
+    yield changed(f"submission:{sent} sha256", Submission, sha256="0" * 64)
+    yield changed(f"submission:{sent} split", Submission, split=PRIVATE)
+    with server.state.database.reading() as session:
+        method = session.get_one(Submission, sent).method
+    for name, value in (("description", "It runs."), ("paper", "https://example.org/p")):
+        other = {**method, name: value}
+        yield changed(f"submission:{sent} method", Submission, method=other)
+
+
+def test_a_value_that_the_log_does_not_have_is_found(server_on: Serving) -> None:
+    sent = do_everything(server_on)
+    database = server_on.state.database
+    with database.reading() as session:
+        assert list(mismatches(session)) == list(changed_values(session)) == []
+    for told, statement in changes(server_on, sent):
+        with database.trying() as session:
+            session.execute(statement)
+            assert list(changed_values(session)) == [told]
+    with database.reading() as session:
+        assert list(changed_values(session)) == []

@@ -6,6 +6,7 @@ import os
 import re
 import sys
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from glob import glob, has_magic
 from itertools import chain
@@ -216,11 +217,22 @@ def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
 
     Files may be folders and patterns, as for :func:`find_files`. A word that is itself a file,
     folder or pattern, or has no name, gives None.
+
+    Raises
+    ------
+    ProtocolError
+        As :func:`find_files`; or if a file is named twice, or not at all between two commas.
     """
     name, _, files = word.partition("=")
     if not files or not name or "/" in name or has_magic(name) or Path(word).exists():
         return None
-    return name, find_files([files] if Path(files).exists() else files.split(","))
+    named = [files] if Path(files).exists() else files.split(",")
+    if "" in named:
+        raise ProtocolError(f"{word}: a comma has no file before or after it; remove the comma")
+    for file, times in Counter(named).items():
+        if times > 1:
+            raise ProtocolError(f"{word}: {file} is named twice; name each run once")
+    return name, find_files(named)
 
 
 def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[str]:

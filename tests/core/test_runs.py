@@ -238,11 +238,15 @@ def test_methods_are_compared_over_their_runs(seeds: str, run: Run) -> None:
     ("line", "said"),
     [
         (["a={good}", "--split", SPLIT], "1 run given"),
-        (["a={good},{good}", "{good}", "--split", SPLIT], "give NAME=FILES alone"),
+        (["a={good},{good}.gz", "{good}", "--split", SPLIT], "give NAME=FILES alone"),
+        (["a={good},{good}", "--split", SPLIT], "good.json is named twice; name each run once"),
+        (["compare", "a={good},{good}", "{good}", "--split", SPLIT], "is named twice"),
+        (["a={good},,none.json", "--split", SPLIT], "a comma has no file before or after it"),
+        (["a={good},", "--split", SPLIT], "a comma has no file before or after it"),
         (["a={good},none.json", "--split", SPLIT], "none.json: No such file"),
         (["a=*.nothing", "--split", SPLIT], "*.nothing: no submission found"),
         (["compare", "a={good}", "a={good}", "--split", SPLIT], "two methods are named a"),
-        (["a={good},{good}", "--split", SPLIT, "--episodes", "x"], "need a single file"),
+        (["a={good},{good}.gz", "--split", SPLIT, "--episodes", "x"], "need a single file"),
     ],
 )
 def test_what_are_no_runs(line: list[str], said: str, run: Run) -> None:

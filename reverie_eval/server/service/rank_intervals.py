@@ -100,7 +100,7 @@ class RankIntervals:
             return {}
         with self._lock:
             compared, found = self._found.get((board.path, metric), ({}, {}))
-            if compared != means:
+            if [*compared.items()] != [*means.items()]:  # in the same order, too
                 found = _computed(session, board, METRICS[metric], means)
                 self._found[board.path, metric] = means, found
             return found

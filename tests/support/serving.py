@@ -31,9 +31,10 @@ import pytest
 from alembic.script import ScriptDirectory
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
 from limits.storage import memory
 from sqlalchemy import URL, Engine
-from starlette.routing import BaseRoute, Mount, Route
+from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
 
 from fixtures.servers import make_folder
@@ -43,6 +44,7 @@ from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware
+from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.pages import add_pages
@@ -173,16 +175,26 @@ def add_pages_once(app: FastAPI) -> None:
     FastAPI works out what routes take when the first request comes, which takes longer than most
     tests. Nothing of that is one server's.
     """
-    add_pages(app)
-    _routes.extend(app.routes if not _routes else ())
-    app.router.routes[:] = [
-        own if isinstance(own, Route | Mount) else first
-        for own, first in zip(app.routes, _routes, strict=True)
-    ]
+    if not _routes:
+        add_pages(app)
+        _routes.extend(app.routes)
+    app.router.routes[:] = _routes
 
 
 sharing_routes = partial(patch, f"{create_app.__module__}.add_pages", add_pages_once)
 """Let applications share their routes."""
+
+
+_descriptions: dict[str, str] = {}
+"""Of applications, as JSON, by all that they depend on but routes, which applications share."""
+
+
+def describe_once(*, routes: Sequence[BaseRoute], **about: Any) -> Any:
+    """Return the description of an application as FastAPI writes it, which takes long, once."""
+    key = repr(about)
+    if key not in _descriptions:
+        _descriptions[key] = json.dumps(get_openapi(routes=routes, **about))
+    return json.loads(_descriptions[key])
 
 
 @cache
@@ -299,7 +311,10 @@ OpenServer = Callable[..., Serving]
 
 @pytest.fixture(scope="session", autouse=True)
 def _files_are_read_once() -> Iterator[None]:
-    """Let servers share boards, migrations and routes, which take longer than most tests."""
+    """Let servers share boards, migrations, routes and what is said of them.
+
+    Each takes longer than most tests.
+    """
     loaded: dict[tuple[object, ...], Board] = {}
 
     def load(name: str, split: Split, path: Path) -> Board:
@@ -311,8 +326,16 @@ def _files_are_read_once() -> Iterator[None]:
     with (
         patch.object(boards, "load_board", load),
         patch(f"{Database.__module__}.ScriptDirectory", cache(ScriptDirectory)),
+        patch(f"{describe.__module__}.get_openapi", describe_once),
         sharing_routes(),
     ):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _certificates_are_read_once() -> Iterator[None]:
+    """Let clients share whom they trust, which takes longer to read than most replies."""
+    with patch.object(ssl, "create_default_context", cache(ssl.create_default_context)):
         yield
 
 

@@ -636,17 +636,24 @@ def s3_address() -> Iterator[str]:
     store.stop()
 
 
+@pytest.fixture(scope="session")
+def s3_client(s3_address: str) -> Any:
+    """Return a client of the store, as making one takes longer than making a bucket."""
+    import boto3
+
+    shown = {"aws_access_key_id": "test", "aws_secret_access_key": "test"}
+    return boto3.client("s3", endpoint_url=s3_address, region_name="us-east-1", **shown)
+
+
 @pytest.fixture
-def bucket(s3_address: str, monkeypatch: pytest.MonkeyPatch) -> str:
+def bucket(s3_address: str, s3_client: Any, monkeypatch: pytest.MonkeyPatch) -> str:
     """Make an empty bucket where boto3 looks for one, and return its name."""
     monkeypatch.setenv("AWS_ENDPOINT_URL_S3", s3_address)
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "test")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "test")
     monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-    import boto3
-
     name = f"uploads-{uuid4()}"
-    boto3.client("s3").create_bucket(Bucket=name)
+    s3_client.create_bucket(Bucket=name)
     return name
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm, t
+import scipy
 
 from fixtures.clustered_worlds import simulated_power, simulated_power_of_runs
 from reverie_eval.metrics.power import Design
@@ -60,8 +60,8 @@ def test_power_is_how_often_drawn_estimates_are_significant(design: Design, effe
     squares = sum(
         (part**2 / freedom for part, freedom in zip(drawn, freedoms, strict=True)), np.zeros(draws)
     )
-    critical = t.ppf(0.975, total**2 / squares) * np.sqrt(total)
-    power = norm.sf(critical, effect, np.sqrt(sum(variances))).mean()
+    critical = scipy.stats.t.ppf(0.975, total**2 / squares) * np.sqrt(total)
+    power = scipy.stats.norm.sf(critical, effect, np.sqrt(sum(variances))).mean()
     assert design.power(effect) == pytest.approx(power, abs=0.006)
 
 

@@ -4,9 +4,9 @@ from itertools import product
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 from fixtures.clustered_worlds import simulated_coverage, simulated_false_alarms
 from reverie_eval.arrays import FloatArray, IntArray
@@ -56,7 +56,7 @@ def test_standard_errors_equal_scipys_on_cluster_sums() -> None:
     def mean(sums: FloatArray, sizes: IntArray, axis: int) -> FloatArray:
         return np.asarray(sums.sum(axis) / sizes.sum(axis))
 
-    theirs = stats.bootstrap(
+    theirs = scipy.stats.bootstrap(
         (sums, sizes), mean, paired=True, vectorized=True, n_resamples=9000, rng=6
     )
     ours = bootstrap_means(values[:, None], cluster)

@@ -20,7 +20,7 @@ from reverie_eval_cli.main import main
 from tests.support.flat import Outcome, Run, write_flat
 from tests.support.sharing import shared_folder
 
-pytest_plugins = [
+PLUGINS = [
     "tests.support.serving",
     "tests.support.participants",
     "tests.support.kept",
@@ -51,6 +51,17 @@ MARKS_OF_FOLDERS = {
     "pages": ("server",),
     "server": ("server",),
 }
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Import the fixtures that tests share, unless other processes run the tests.
+
+    Those start after this one has imported everything.
+    """
+    is_worker = "PYTEST_XDIST_WORKER" in os.environ
+    if is_worker or not config.getoption("numprocesses", None):
+        for name in PLUGINS:
+            config.pluginmanager.import_plugin(name)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -86,6 +86,16 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
     return [each for each in collectors if not isinstance(each, DoctestModule)]
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish() -> None:
+    """Collect the garbage once: what is left of the tests stays until the process ends.
+
+    Pytest collects five times to hear of what was not closed, and goes over all of it each time.
+    """
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark every test by the folder that it is in and the fixtures that it uses."""

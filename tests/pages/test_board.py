@@ -23,6 +23,7 @@ from tests.support.serving import (
     OTHER,
     OWNER,
     PRIVATE,
+    CopyServer,
     OpenServer,
     Serving,
     adjusted,
@@ -54,15 +55,21 @@ def judge(server: Serving, submission: str, verdict: Verdict, reason: str = "che
         return review(transaction, submission, verdict, reason).id
 
 
-@pytest.fixture
-def five(server: Serving) -> Serving:
+@pytest.fixture(scope="module")
+def five_results(original: Serving) -> Serving:
     """Return a server with five results: two tie, one has no SPL."""
-    entered(server, {"rgspl": 0.25, "spl": 0.5, "path_length": 12.0}, **named("Ant"))
-    entered(server, {"rgspl": 0.5, "spl": 0.25, "path_length": 9.5}, OTHER, **named("Bee"))
-    entered(server, {"rgspl": 0.25, "path_length": 30.25}, **named("Cat"))
-    entered(server, {"rgspl": 0.125, "spl": 0.75, "navigation_error": 4.0}, **named("Dog"))
-    entered(server, {"spl": 0.5, "navigation_error": 2.0}, OTHER, **named("Elk"))
-    return server
+    entered(original, {"rgspl": 0.25, "spl": 0.5, "path_length": 12.0}, **named("Ant"))
+    entered(original, {"rgspl": 0.5, "spl": 0.25, "path_length": 9.5}, OTHER, **named("Bee"))
+    entered(original, {"rgspl": 0.25, "path_length": 30.25}, **named("Cat"))
+    entered(original, {"rgspl": 0.125, "spl": 0.75, "navigation_error": 4.0}, **named("Dog"))
+    entered(original, {"spl": 0.5, "navigation_error": 2.0}, OTHER, **named("Elk"))
+    return original
+
+
+@pytest.fixture
+def five(five_results: Serving, copy_server: CopyServer) -> Serving:
+    """Return a copy of it."""
+    return copy_server(five_results)
 
 
 SORTED = [

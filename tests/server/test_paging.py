@@ -33,19 +33,19 @@ from tests.support.acting import (
     review,
 )
 from tests.support.description import Description
-from tests.support.serving import OPEN, ORGANISER, OWNER, Serving
+from tests.support.serving import OPEN, ORGANISER, OWNER, CopyServer, Serving
 
 ROWS = 7
 
 
-@pytest.fixture
-def full(server: Serving) -> Serving:
+@pytest.fixture(scope="module")
+def filled(original: Serving) -> Serving:
     """Return a server with seven rows or more in every list."""
     ids = []
     for _ in range(ROWS):
-        ids.append(server.upload(OWNER, server.distinct()).json()["submission"]["id"])
-        server.clock.turn(seconds=1)
-    with server.acting(ORGANISER) as transaction:
+        ids.append(original.upload(OWNER, original.distinct()).json()["submission"]["id"])
+        original.clock.turn(seconds=1)
+    with original.acting(ORGANISER) as transaction:
         for number in range(ROWS):
             add_team(transaction, f"Team {number}")
             add_person(transaction, f"Team {number}", f"Person {number}")
@@ -53,11 +53,11 @@ def full(server: Serving) -> Serving:
             review(transaction, ids[number], "baseline")
             new = {"method": MethodDescription(name=f"Method {number}"), "scores": {"spl": 0.5}}
             about: dict[str, Any] = {"split": OPEN, "team": "They", "source": "https://example.org"}
-            tasks = server.state.settings.tasks
+            tasks = original.state.settings.tasks
             add_reported(transaction, NewReported.model_validate(new | about), tasks)
             add_news(transaction, NewNews(text=f"News {number}"))
             snapshot = NewSnapshot(split=OPEN, title=f"Snapshot {number}")
-            server.state.snapshots.take(transaction, snapshot)
+            original.state.snapshots.take(transaction, snapshot)
     for number in range(ROWS):
         expires_at = NOON.replace(year=2027).isoformat()
         given: dict[str, Any] = {
@@ -66,9 +66,17 @@ def full(server: Serving) -> Serving:
             "extra": 1,
             "reason": f"reason {number}",
         }
-        server.ask(ORGANISER, "POST", "/organiser/grants", json=given | {"expires_at": expires_at})
-        ask_to_join(server.state.transactions, f"New team {number}")
-    return server
+        original.ask(
+            ORGANISER, "POST", "/organiser/grants", json=given | {"expires_at": expires_at}
+        )
+        ask_to_join(original.state.transactions, f"New team {number}")
+    return original
+
+
+@pytest.fixture
+def full(filled: Serving, copy_server: CopyServer) -> Serving:
+    """Return a copy of it."""
+    return copy_server(filled)
 
 
 LISTS = (

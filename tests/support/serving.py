@@ -12,8 +12,8 @@ import shutil
 import ssl
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from functools import cache, partial
 from importlib import import_module
@@ -465,6 +465,19 @@ def several(folder: Path, open_server: OpenServer) -> Serving:
 
 
 @pytest.fixture(scope="module")
+def original(
+    made_folder: Path,
+    portal: BlockingPortal,
+    populated: Populated,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Serving]:
+    """Run a server as it is made, which a module fills once; its tests take copies."""
+    folder = Path(shutil.copytree(made_folder, tmp_path_factory.mktemp("original") / "server"))
+    with opening(folder, portal, populated) as open_server:
+        yield open_server()
+
+
+@pytest.fixture(scope="module")
 def shared(
     made_folder: Path,
     portal: BlockingPortal,
@@ -478,14 +491,30 @@ def shared(
         yield open_server()
 
 
+CopyServer = Callable[[Serving], Serving]
+
+
 @pytest.fixture
-def copied(
-    shared: Serving, portal: BlockingPortal, populated: Populated, tmp_path: Path
-) -> Iterator[Serving]:
-    """Run a copy of it, which a test may change."""
-    folder = Path(shutil.copytree(shared.state.settings.folder, tmp_path / "server"))
-    with opening(folder, portal, populated) as open_server:
-        yield open_server(tokens=shared.tokens)
+def copy_server(
+    portal: BlockingPortal, populated: Populated, tmp_path: Path
+) -> Iterator[CopyServer]:
+    """Return what opens a copy of a server, which a test may change, at the time of the other."""
+    with ExitStack() as stack:
+
+        def copy_server(server: Serving) -> Serving:
+            folder = Path(shutil.copytree(server.state.settings.folder, tmp_path / "server"))
+            open_server = stack.enter_context(opening(folder, portal, populated))
+            copy = replace(open_server(tokens=server.tokens), serial=server.serial)
+            copy.clock.now = server.clock.now
+            return copy
+
+        yield copy_server
+
+
+@pytest.fixture
+def copied(shared: Serving, copy_server: CopyServer) -> Serving:
+    """Return a copy of the server that a module shares."""
+    return copy_server(shared)
 
 
 @pytest.fixture

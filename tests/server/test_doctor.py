@@ -45,6 +45,7 @@ from tests.support.serving import (
     OTHER,
     OWNER,
     PRIVATE,
+    CopyServer,
     Populated,
     Serving,
     opening,
@@ -63,12 +64,17 @@ def keep_three(server: Serving) -> None:
         server.clock.turn(hours=1)
 
 
+@pytest.fixture(scope="module")
+def three(original: Serving) -> Serving:
+    """Return a server that has kept three submissions."""
+    keep_three(original)
+    return original
+
+
 @pytest.fixture
-def kept(server: Serving, folder: Path) -> Path:
-    """Return the folder of a server that has kept three submissions, and is stopped."""
-    keep_three(server)
-    server.state.database.close()
-    return folder
+def kept(three: Serving, tmp_path: Path) -> Path:
+    """Return a copy of its folder."""
+    return Path(shutil.copytree(three.state.settings.folder, tmp_path / "server"))
 
 
 def test_a_sound_server_is_well(kept: Path, run: Run) -> None:
@@ -363,10 +369,11 @@ def test_a_log_that_was_cut_off_is_seen_by_what_is_still_there(
     assert len(faults) == len(ACTIONS) - ACTIONS.index(action)
 
 
-def test_a_renamed_team_leaves_everything_whole(server: Serving, kept: Path) -> None:
+def test_a_renamed_team_leaves_everything_whole(three: Serving, copy_server: CopyServer) -> None:
+    server = copy_server(three)
     with server.acting() as transaction:
         rename_team(transaction, "Blue", NewTeam(name="Azure"))
-    assert faults_of(kept) == []
+    assert faults_of(server.state.settings.folder) == []
 
 
 def test_a_team_that_was_renamed_without_an_entry_is_named(kept: Path) -> None:
@@ -387,10 +394,10 @@ def test_persons_whose_names_were_swapped_are_named(kept: Path) -> None:
 
 
 def test_a_chain_that_was_linked_again_without_the_key_is_broken(
-    server: Serving, kept: Path
+    three: Serving, copy_server: CopyServer
 ) -> None:
     """Whoever can write to the database, but does not have the key, cannot cover it up."""
-    stranger = AUDIT_LOG
+    server, stranger = copy_server(three), AUDIT_LOG
     with server.acting() as transaction:
         session = transaction.session
         left = [each for each in entries(session) if each.id > 2]
@@ -400,7 +407,8 @@ def test_a_chain_that_was_linked_again_without_the_key_is_broken(
             stranger.append(
                 session, each.at, each.actor, each.action, row=row_name(team), subject="Blue"
             )
-    assert any(" cannot be verified (2, 3, 4" in fault for fault in faults_of(kept))
+    faults = faults_of(server.state.settings.folder)
+    assert any(" cannot be verified (2, 3, 4" in fault for fault in faults)
 
 
 def faults_of(folder: Path) -> Sequence[str]:

@@ -1,17 +1,30 @@
 """What a server has kept: its rows, what the doctor says of them, and a backup of it all."""
 
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
+from anyio.from_thread import BlockingPortal
 
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import Row, dump
-from tests.support.serving import GOOD, MATE, OTHER, OWNER, PRIVATE, Serving, submission_for
+from tests.support.serving import (
+    GOOD,
+    MATE,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Populated,
+    Serving,
+    opening,
+    submission_for,
+)
 
 
 @contextmanager
@@ -45,15 +58,38 @@ def use(server: Serving) -> None:
     server.ask(OTHER, "PATCH", f"/submissions/{newest['id']}", json=change)
 
 
+class Kept(NamedTuple):
+    """What is made once for all tests of a process; they take copies."""
+
+    folder: Path
+    """Of a server that people have used."""
+    archive: Path
+    """Its backup."""
+
+
+@pytest.fixture(scope="session")
+def kept_once(
+    made_folder: Path,
+    portal: BlockingPortal,
+    populated: Populated,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Kept:
+    """Use a server, and write a backup of it."""
+    made = tmp_path_factory.mktemp("kept")
+    kept = Kept(Path(shutil.copytree(made_folder, made / "server")), made / "backup.tar.gz")
+    with opening(kept.folder, portal, populated) as open_server:
+        use(open_server())
+        write_backup(kept.folder, kept.archive)
+    return kept
+
+
 @pytest.fixture
-def used(server: Serving, folder: Path) -> Path:
+def used(kept_once: Kept, tmp_path: Path) -> Path:
     """Return the folder of a server that people have used."""
-    use(server)
-    return folder
+    return Path(shutil.copytree(kept_once.folder, tmp_path / "server"))
 
 
 @pytest.fixture
-def archive(used: Path, tmp_path: Path) -> Path:
+def archive(kept_once: Kept, tmp_path: Path) -> Path:
     """Return its backup."""
-    write_backup(used, tmp_path / "backup.tar.gz")
-    return tmp_path / "backup.tar.gz"
+    return Path(shutil.copy(kept_once.archive, tmp_path))

@@ -74,11 +74,13 @@ def test_corrections_are_those_of_the_leaderboards(announced: Serving) -> None:
     state = announced.state
     with state.database.reading() as session:
         own = corrections_of(session, [*state.boards.values()])
+        private = corrections_of(session, [state.board(PRIVATE)])
         strict = corrections_of(session, [state.board(OPEN, STRICT)])
     assert {split: [each.reason for each in found] for split, found in own.items()} == {
         OPEN: ["second", "first"],
         PRIVATE: ["private"],
     }
+    assert [*private] == [PRIVATE]
     assert [each.reason for each in strict[OPEN]] == ["strict"]
 
 

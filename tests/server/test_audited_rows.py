@@ -59,8 +59,9 @@ def do_everything(server: Serving) -> str:
         server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="A month"))
         row = Correction(split=OPEN, board="", signature="s", reason="Targets.", created_at=NOON)
         transaction.record("correction announced", row, OPEN, reason=row.reason)
-        # As version 0.1.0 logged a request with fields that are null.
+        # Version 0.1.0 did not log all values at first, and logged fields that were null.
         old = transaction.session.get_one(Submission, other)
+        transaction.record("changed", old, other, before={"shows_episodes": True}, after={})
         transaction.record("changed", old, other, shows_episodes=None, method=None)
     return sent
 

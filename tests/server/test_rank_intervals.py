@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -20,7 +21,7 @@ from reverie_eval.server.service import rank_intervals
 from reverie_eval.server.service.entries import EntriesCache, Row
 from reverie_eval.server.service.rank_intervals import RankInterval, RankIntervals
 from reverie_eval.server.store.tables import ClusterSums
-from tests.support.entries import entered, get, named, tables
+from tests.support.entries import entered, entry, get, named, tables
 from tests.support.serving import (
     GOOD,
     OPEN,
@@ -93,6 +94,20 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
     assert first is second
     assert len(calls) == 1
     assert len(first) == 3
+
+
+def test_what_has_no_rank_is_not_compared(three: Serving) -> None:
+    state = three.state
+    with state.database.reading() as session:
+        ranking = state.ranking(session, state.board(OPEN), "rgspl")
+        walker = entry("Walker")  # has no value
+        more = [*ranking.rows, Row(None, walker), Row(None, replace(walker, submission_id=None))]
+        found = [
+            RankIntervals().compute(session, ranking.board, "rgspl", rows)
+            for rows in (ranking.rows, more)
+        ]
+    assert len(found[0]) == 3
+    assert found[0] == found[1]
 
 
 EXPECTED = [("Good", [1, 2], 1), ("Nearly", [1, 2], 1), ("Random", [3, 3], 2)]

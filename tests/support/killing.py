@@ -7,7 +7,7 @@ import inspect
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -126,8 +126,11 @@ def kill_postgresql(running: Any, part: Part) -> None:
         "the postmaster": [postmaster],
         "all of PostgreSQL": [postmaster, *others],
     }[part]
-    for each in killed:
+    for each in killed[:1]:
         each.kill()
+    for each in killed[1:]:
+        with suppress(ProcessLookupError):  # without the postmaster, it may have ended already
+            os.kill(each.pid, signal.SIGKILL)
     if postmaster in killed:
         for each in (postmaster, *others):
             each.wait(PATIENCE)

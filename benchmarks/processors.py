@@ -11,3 +11,11 @@ def processor_milliseconds(*processes: int) -> float:
         fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
         ticks += int(fields[11]) + int(fields[12])
     return 1000 * ticks / os.sysconf("SC_CLK_TCK")
+
+
+def busy_milliseconds() -> float:
+    """Return the time for which the processors of the machine have been busy so far, together."""
+    total = Path("/proc/stat").read_text().partition("\n")[0].split()[1:]
+    user, nice, system, _, _, *interrupts = map(int, total[:7])  # without idle and waiting
+    ticks = user + nice + system + sum(interrupts)
+    return 1000 * ticks / os.sysconf("SC_CLK_TCK")

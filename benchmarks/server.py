@@ -16,6 +16,7 @@ Needs the published files (see ``fixtures/published.py``).
 import gzip
 import http.client
 import itertools
+import os
 import re
 import statistics
 import subprocess
@@ -32,7 +33,7 @@ from urllib.parse import urlsplit
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.processors import processor_milliseconds
+from benchmarks.processors import busy_milliseconds, processor_milliseconds
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
@@ -110,6 +111,8 @@ class Load(NamedTuple):
     latencies: Sequence[float]
     processor_milliseconds: float
     """Of the server, for all uploads."""
+    busy_milliseconds: float
+    """Of all processes of the machine, the sender's too."""
 
     @property
     def throughput(self) -> float:
@@ -121,6 +124,11 @@ class Load(NamedTuple):
         """Milliseconds of the processors for an upload."""
         return self.processor_milliseconds / len(self.latencies)
 
+    @property
+    def busy(self) -> float:
+        """The number of processors that were busy, on average."""
+        return self.busy_milliseconds / (1000 * self.seconds)
+
 
 class Comparison(NamedTuple):
     """Medians of several rounds of two targets in turn."""
@@ -129,6 +137,7 @@ class Comparison(NamedTuple):
     """Of their throughputs."""
     throughputs: Sequence[float]
     costs: Sequence[float]
+    busy: Sequence[float]
 
 
 def main() -> int:
@@ -173,7 +182,7 @@ def compare(visibility: str, scored: Target, bare: Target, bodies: Iterator[byte
             f"{visibility} split, {concurrency:2} at once: median {median:6.1f} ms, p99 "
             f"{p99:6.1f} ms, of {len(latencies)} uploads"
         )
-    ratio, (ours, theirs), costs = in_turns(scored, bare, bodies)
+    ratio, (ours, theirs), costs, _ = in_turns(scored, bare, bodies)
     verdict = "ok" if ratio >= BAR else "MISSED"
     print(
         f"{visibility} split, {COMPARED_AT} at once: {ours:.1f} uploads/s, bare route "
@@ -190,11 +199,15 @@ def compare_workers(visibility: str, one: Target, crew: Target, bodies: Iterator
     """Print the throughput of several workers against that of one; return the ratio."""
     for target in (one, crew):
         upload(target, itertools.islice(bodies, 32), COMPARED_AT)
-    ratio, (several, single), _ = in_turns(crew, one, bodies, keeps_connections=False)
+    ratio, (several, single), _, busy = in_turns(crew, one, bodies, keeps_connections=False)
     verdict = "ok" if ratio >= BAR_OF_WORKERS else "MISSED"
     print(
         f"{visibility} split, {COMPARED_AT} at once: {WORKERS} workers {several:.1f} uploads/s, "
         f"one {single:.1f}; ratio {ratio:.2f}   at least {BAR_OF_WORKERS}   {verdict}"
+    )
+    print(
+        f"{visibility} split, {COMPARED_AT} at once: with {WORKERS} workers, {busy[0]:.2f} of "
+        f"{os.cpu_count()} processors are busy, with one {busy[1]:.2f}, the sender included"
     )
     return ratio
 
@@ -222,6 +235,7 @@ def in_turns(
             for loads in zip(*rounds, strict=True)
         ],
         [statistics.median(load.cost for load in loads) for loads in zip(*rounds, strict=True)],
+        [statistics.median(load.busy for load in loads) for loads in zip(*rounds, strict=True)],
     )
 
 
@@ -293,10 +307,11 @@ def upload(
 
     prepared = list(bodies)
     with ThreadPoolExecutor(concurrency) as senders:
-        start, spent = time.perf_counter(), processor_milliseconds(target.process)
+        start, busy = time.perf_counter(), busy_milliseconds()
+        spent = processor_milliseconds(target.process)
         latencies = list(senders.map(send, prepared, target.tokens))
-        seconds = time.perf_counter() - start
-        return Load(seconds, latencies, processor_milliseconds(target.process) - spent)
+        seconds, spent = time.perf_counter() - start, processor_milliseconds(target.process) - spent
+        return Load(seconds, latencies, spent, busy_milliseconds() - busy)
 
 
 if __name__ == "__main__":

@@ -206,6 +206,8 @@ class RecordLocation(NamedTuple):
     key: str | None = None
     place: int | None = None
     """Which trajectory of an item it is; None if the record is not one of an item's."""
+    id_key: str = "instr_id"
+    """The field with its id: ``inst_idx`` in NDH."""
 
     def __str__(self) -> str:
         return self.at("")
@@ -217,7 +219,9 @@ class RecordLocation(NamedTuple):
         ('[3].trajectory[5]', '[3].trajectory[2].path[5]')
         """
         record = f"[{self.row}]" if self.key is None else f'["{self.key}"]'
-        if self.place is None or field == ".instr_id":
+        if field == ".instr_id":
+            return f"{record}.{self.id_key}"
+        if self.place is None:
             return f"{record}{field}"
         return f"{record}.trajectory[{self.place}]{field.replace('.trajectory', '.path')}"
 

@@ -126,7 +126,7 @@ def read_records(
         optional |= {*ANSWER_KEYS, *BOX_KEYS}
     found = [
         (location, record)
-        for location, record in _located_records(document, log)
+        for location, record in _located_records(document, log, task)
         if _is_record(location, record, log, task)
     ]
     _check_task([record for _, record in found], task)
@@ -210,9 +210,14 @@ def _without_row_numbers(document: Mapping[str, Any], log: ReadingLog) -> Any:
     return list(document.values())
 
 
-def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLocation, Any]]:
+def _located_records(
+    document: Any, log: ReadingLog, task: Task
+) -> Iterable[tuple[RecordLocation, Any]]:
     if isinstance(document, list | tuple):
-        return [(RecordLocation(row), record) for row, record in enumerate(document)]
+        return [
+            (RecordLocation(row, id_key=_id_key(record, task)), record)
+            for row, record in enumerate(document)
+        ]
     if not isinstance(document, Mapping):
         raise SubmissionError([problems.not_a_list(document)])
     # One record by itself is not a set of keyed records, nor is a report with some sections.
@@ -222,8 +227,17 @@ def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLoc
         log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
     log.differences["keyed"] += len(document)
     return [
-        (RecordLocation(row, key), record) for row, (key, record) in enumerate(document.items())
+        (RecordLocation(row, key, id_key=_id_key(record, task)), record)
+        for row, (key, record) in enumerate(document.items())
     ]
+
+
+def _id_key(record: Any, task: Task) -> str:
+    """Return the field with a record's id, or that in which the task has it."""
+    first, *others = task.id_keys
+    if not others or not isinstance(record, Mapping) or first in record:
+        return first
+    return next((key for key in others if key in record), first)
 
 
 def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Task) -> bool:
@@ -282,7 +296,7 @@ def _with_known_fields(
 
 def _with_id(record: Mapping[str, Any], task: Task) -> Mapping[str, Any]:
     """Return a record with its id as instr_id, whatever the task calls it; a number as text."""
-    key = next((key for key in task.id_keys if key in record), INSTR_ID_KEY)
+    key = _id_key(record, task)
     is_read_as_it_is = key == INSTR_ID_KEY and not task.has_numbers
     if is_read_as_it_is or key not in record:
         return record
@@ -296,7 +310,7 @@ def _read_instr_id(
 ) -> str | None:
     value = record.get("instr_id", location.key)
     if value is None and "instr_id" not in record:
-        log.problems.append(problems.missing_field(location, "instr_id"))
+        log.problems.append(problems.missing_field(location, location.id_key))
         return None
     if not isinstance(value, str):
         log.problems.append(

@@ -262,7 +262,25 @@ def test_ids_may_be_numbers_or_text_under_either_name() -> None:
 def test_what_is_no_number_of_an_episode(value: object) -> None:
     records = [{"inst_idx": value, "trajectory": [["v", 0, 0]]}]
     (problem,) = read_predictions(records, find_task("ndh")).problems
+    assert problem.where == "[0].inst_idx"
     assert problem.message.endswith("expected the number of the episode: 5354")
+
+
+def test_problems_name_the_field_that_a_record_has() -> None:
+    records = json.loads(SAMPLE.read_text())
+    records[1]["inst_idx"] = "none"
+    records[2] = {"instr_id": "none", "trajectory": records[2]["trajectory"]}
+    del records[3]["inst_idx"]
+    again = {**records[0], "trajectory": records[0]["trajectory"][:1]}
+    with pytest.raises(SubmissionError) as refused:
+        evaluate([*records, again], split="val_unseen", task="ndh")
+    found = [str(each).split(";")[0] for each in refused.value.problems if each.where != "file"]
+    assert found == [
+        "[1].inst_idx: 'none' is not an episode of val_unseen",
+        "[2].instr_id: 'none' is not an episode of val_unseen",
+        "[3]: has no inst_idx",
+        f"[{len(records)}].inst_idx: {records[0]['inst_idx']} already has a prediction in [0]",
+    ]
 
 
 def test_converting_writes_the_official_form(run: Run) -> None:

@@ -129,6 +129,9 @@ def test_an_episode_under_both_of_its_ids_is_there_twice() -> None:
     again["trajectory"] = again["trajectory"][:1]
     with pytest.raises(SubmissionError, match=r"\[72\].instr_id: .* already has a prediction in"):
         evaluate([*records, again], split="val_unseen", task="rxr")
+    number = {"instruction_id": int(again["instr_id"]), "trajectory": again["trajectory"]}
+    with pytest.raises(SubmissionError, match=r"\[72\].instruction_id: .* already has a pred"):
+        evaluate([*records, number], split="val_unseen", task="rxr")
 
 
 def test_slices_overlap_and_average_their_own_instructions() -> None:

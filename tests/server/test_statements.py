@@ -18,7 +18,9 @@ from sqlalchemy import event
 
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder
+from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.service.entries import EntriesCache
+from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.rank_intervals import RankIntervals
 from reverie_eval.server.settings import Split
 from reverie_eval.tasks import BUILT_IN, name_on_server
@@ -221,6 +223,34 @@ def test_a_read_is_one_snapshot_of_the_database(path: str, busy: Busy) -> None:
         assert reply.status_code == 200, time
         assert 0 < counts["statements"] <= READ, time
         assert counts["transactions"] == 1, time
+
+
+@pytest.mark.parametrize(
+    ("path", "most"),
+    [
+        pytest.param(f"{API}/splits/{OPEN}/leaderboard", READ, id="read"),
+        pytest.param(f"/boards/{OPEN}", PAGE, id="page"),
+    ],
+)
+def test_neither_an_upload_nor_a_publication_and_a_merge_make_a_leaderboard_take_more(
+    path: str, most: int, server: Serving
+) -> None:
+    visitor = signed_in(server, ORGANISER)
+    for who in (OWNER, OTHER):
+        entered(server, who=who)
+    visitor.get(path)
+    found = []
+    for is_merge in (False, True):
+        if is_merge:
+            entered(server)
+            with server.acting() as transaction:
+                merge_teams(transaction, NewMerge(team=PEOPLE[OTHER], into=PEOPLE[OWNER]))
+        else:
+            server.upload(OWNER, server.distinct())
+        with counting(server) as counts:
+            assert visitor.get(path).status_code == 200
+        found.append(counts["statements"])
+    assert 0 < found[0] < found[1] <= most
 
 
 @pytest.mark.parametrize("path", sorted(ASKS_NOTHING))

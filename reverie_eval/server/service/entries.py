@@ -36,7 +36,6 @@ from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
     IS_SHOWN,
     SUBMITTED,
-    TEAM_MERGED,
     AuditEntry,
     ReportedResult,
     Review,
@@ -208,13 +207,14 @@ class EntriesCache:
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
         """Count the submissions of each team to a split, published or not.
 
-        Submissions are never deleted, so only new ones have to be counted after the first time,
-        unless teams were merged.
+        Submissions are never deleted, so uploads only add to the counts. Anything else may have
+        changed them, as merging teams does; then all are counted again.
         """
-        _, number = _last_recorded(session)
+        change, number = _last_recorded(session)
         known, counts = self._counts
         if known < number:
-            counts = _counts_since(session, known, counts) if known else _all_counts(session)
+            is_changed = known < change or not known
+            counts = _all_counts(session) if is_changed else _counts_since(session, known, counts)
             self._counts = number, counts
         return counts.get(split, {})
 
@@ -232,20 +232,17 @@ def _all_counts(session: Session) -> _Counts:
 
 
 def _counts_since(session: Session, known: int, earlier: _Counts) -> _Counts:
-    """Return counts with the submissions after an entry of the audit log, or count all again."""
-    columns = (AuditEntry.action, Submission.split, Submission.team_id)
+    """Return counts with the uploads after an entry of the audit log."""
+    columns = (Submission.split, Submission.team_id)
     new = (
         select(*columns, func.count())
-        .outerjoin(Submission, and_(Submission.id == AuditEntry.subject, Submission.repeat == ""))
-        .where(AuditEntry.id > known, AuditEntry.action.in_([_SUBMITTED, TEAM_MERGED]))
+        .join(AuditEntry, AuditEntry.subject == Submission.id)
+        .where(AuditEntry.id > known, AuditEntry.action == _SUBMITTED)
         .group_by(*columns)
     )
     counts = defaultdict(Counter, {split: Counter(of) for split, of in earlier.items()})
-    for action, split, team_id, submissions in session.execute(new):
-        if action == TEAM_MERGED:
-            return _all_counts(session)
-        if split is not None:
-            counts[split][team_id] += submissions
+    for split, team_id, submissions in session.execute(new):
+        counts[split][team_id] += submissions
     return counts
 
 

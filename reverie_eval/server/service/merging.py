@@ -14,7 +14,7 @@ from reverie_eval.schemas.organising import MergeReport, NewMerge
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.people import team_named
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.store.tables import TEAM_MERGED, Grant, Person, Submission, Team
+from reverie_eval.server.store.tables import Grant, Person, Submission, Team
 
 _MOVED = (Person, Submission, Grant)
 """The tables whose rows belong to a team."""
@@ -59,7 +59,7 @@ def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
     session.expire_all()
     team.merged_into, team.merged_at = into, transaction.now
     transaction.record(
-        TEAM_MERGED,
+        "team merged",
         team,
         report.team,
         **report.model_dump(exclude={"team"}),

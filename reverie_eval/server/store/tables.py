@@ -266,7 +266,7 @@ class Grant(Base):
     team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
 
 
-SUBMITTED, TEAM_MERGED, SNAPSHOT_TAKEN = "submitted", "team merged", "snapshot taken"
+SUBMITTED, SNAPSHOT_TAKEN = "submitted", "snapshot taken"
 """Actions in the audit log that the leaderboards' cache and snapshots look for."""
 _CHANGES = text(f"action <> '{SUBMITTED}'")
 

@@ -249,11 +249,8 @@ def weight(connection: http.client.HTTPConnection) -> float:
     return whole / 1000
 
 
-IDLE = """async name => {
-    const isDrawn = () => document.getElementById("against").ariaLabel.includes(name);
-    while (!isDrawn()) await new Promise(requestAnimationFrame);
-    await new Promise(done => requestIdleCallback(done));
-}"""
+DRAWN = """name => document.getElementById("against").ariaLabel.includes(name)"""
+IDLE = "() => new Promise(done => requestIdleCallback(() => done()))"
 FETCHED = """() => {
     const fetched = performance.getEntriesByType("resource");
     const chart = fetched.find(it => it.name.includes("/chart?"));
@@ -286,14 +283,20 @@ def _look(page: Page, address: str) -> tuple[float, float, Sequence[int]]:
     """Open a board and redraw it; return milliseconds of both, and the size of the chart's data."""
     start = time.perf_counter()
     page.goto(address)
-    page.evaluate(IDLE, "success rate against trajectory length")
+    _wait_for_chart(page, "remote grounding success against success rate")
     opened = time.perf_counter()
     page.get_by_label("Horizontal axis").select_option("spl")
-    page.evaluate(IDLE, "success rate against success weighted")
+    _wait_for_chart(page, "remote grounding success against success weighted")
     redrawn = time.perf_counter()
     fetched: Sequence[int] = page.evaluate(FETCHED)
     page.close()
     return 1000 * (opened - start), 1000 * (redrawn - opened), fetched
+
+
+def _wait_for_chart(page: Page, name: str) -> None:
+    """Wait until a chart is drawn and the browser has nothing more to do."""
+    page.wait_for_function(DRAWN, arg=name)  # up to half a minute
+    page.evaluate(IDLE)
 
 
 def ask(

@@ -116,10 +116,10 @@ def fill(folder: Path) -> str:
     random, now = Random(0), utc_now()  # noqa: S311  # figures, no secrets
     with state.transactions.begin("benchmark") as transaction:
         session = transaction.session
-        for number in range(TEAMS):
-            name = f"Team {number} of the University"
-            add_team(transaction, NewTeam(name=name))
-            add_person(transaction, NewPerson(team=name, name=f"P {number}"))
+        teams = [f"Team {number} of the University" for number in range(TEAMS)]
+        for number, team in enumerate(teams):
+            add_team(transaction, NewTeam(name=team))
+            add_person(transaction, NewPerson(team=team, name=f"P {number}"))
         people = session.scalars(select(Person)).all()
         rows = [
             _row(number, people[number % TEAMS], _varied(sample, random), receipt)
@@ -127,7 +127,7 @@ def fill(folder: Path) -> str:
             for number in range(ENTRIES)
         ]
         session.execute(insert(Submission), rows)
-        add_person(transaction, NewPerson(team=name, name="Organiser", role="organiser"))
+        add_person(transaction, NewPerson(team=teams[-1], name="Organiser", role="organiser"))
         token = create_token(transaction, NewToken(person="Organiser", kind="access")).token
     state.database.close()
     return token

@@ -85,7 +85,7 @@ def main() -> int:
         token, *_ = make_server(server, "private")
         hold_scores_back(server / "reverie-eval.toml")
         right, wrong = answered(GroundTruth.load(server / f"{SPLIT}.npz"))
-        with running(SERVER, server, 1) as url:
+        with running(SERVER, server, 1) as (url, _):
             client = Client(url, token)
             checked = client.compare(CHECK, 200, right, wrong)
             submitted = client.compare(SUBMIT, 201, right, wrong)

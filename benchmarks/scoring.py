@@ -23,7 +23,7 @@ from importlib.metadata import version
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, RUSAGE_SELF, getrusage
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import orjson
@@ -190,18 +190,18 @@ def many_files(submission: Path, truth: rv.GroundTruth, parser: float) -> Iterat
     yield Figure("1,000 files: speed of two processes / of one", one_wall / two_wall, least=1.8)
 
 
-def as_duet(record: dict[str, object]) -> dict[str, object]:
+def as_duet(record: dict[str, Any]) -> dict[str, Any]:
     """Write a record as DUET does: nested hops, and the object as text."""
     hops = [[viewpoint] for viewpoint, *_ in record["trajectory"]]
     return {**as_hamt(record), "trajectory": hops}
 
 
-def as_hamt(record: dict[str, object]) -> dict[str, object]:
+def as_hamt(record: dict[str, Any]) -> dict[str, Any]:
     """Write a record as HAMT does: the object as text."""
     return {**record, "predObjId": str(record["predObjId"])}
 
 
-def as_navillm(record: dict[str, object]) -> dict[str, object]:
+def as_navillm(record: dict[str, Any]) -> dict[str, Any]:
     """Write a record as NaviLLM does: with fields of its own."""
     return {**record, "pred_objid": str(record["predObjId"]), "pred_obj_direction": None}
 

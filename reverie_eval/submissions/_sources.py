@@ -229,10 +229,12 @@ def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
     named = [files] if Path(files).exists() else files.split(",")
     if "" in named:
         raise ProtocolError(f"{word}: a comma has no file before or after it; remove the comma")
-    for file, times in Counter(named).items():
+    found = [file for each in named for file in find_files([each])]
+    for file, times in Counter(map(os.path.realpath, found)).items():
         if times > 1:
-            raise ProtocolError(f"{word}: {file} is named twice; name each run once")
-    return name, find_files(named)
+            shown = next(each for each in found if os.path.realpath(each) == file)
+            raise ProtocolError(f"{word}: {shown} is named twice; name each run once")
+    return name, found
 
 
 def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[str]:

@@ -242,6 +242,8 @@ def test_methods_are_compared_over_their_runs(seeds: str, run: Run) -> None:
         (["a={good},{good}", "--split", SPLIT], "good.json is named twice; name each run once"),
         (["compare", "a={good},{good}", "{good}", "--split", SPLIT], "is named twice"),
         (["a={good},,none.json", "--split", SPLIT], "a comma has no file before or after it"),
+        (["a={good},{folder}/../submissions/good.json", "--split", SPLIT], "is named twice"),
+        (["a={folder}/goo*.json,{good}", "--split", SPLIT], "good.json is named twice"),
         (["a={good},", "--split", SPLIT], "a comma has no file before or after it"),
         (["a={good},none.json", "--split", SPLIT], "none.json: No such file"),
         (["a=*.nothing", "--split", SPLIT], "*.nothing: no submission found"),
@@ -250,7 +252,9 @@ def test_methods_are_compared_over_their_runs(seeds: str, run: Run) -> None:
     ],
 )
 def test_what_are_no_runs(line: list[str], said: str, run: Run) -> None:
-    status, out, err = run(*(word.format(good=SAMPLES / "good.json") for word in line))
+    status, out, err = run(
+        *(word.format(good=SAMPLES / "good.json", folder=SAMPLES) for word in line)
+    )
     assert (status, out) == (2, "")
     assert said in err
 

@@ -4,11 +4,13 @@ from collections.abc import Iterator
 from datetime import timedelta
 from typing import Any
 
+import pytest
 from sqlalchemy import Update, update
 
 from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.server.service.audited_rows import changed_values, mismatches
 from reverie_eval.server.store.tables import (
+    AuditEntry,
     Base,
     Correction,
     Grant,
@@ -74,13 +76,13 @@ def changes(server: Serving, sent: str) -> Iterator[tuple[str, Update]]:
         key = row.partition(":")[2]
         own = table.__table__.primary_key.columns[0]  # type: ignore[attr-defined]
         statement = update(table).where(own == own.type.python_type(key)).values(values)
-        return f"{row}: {names} differs from the audit log", statement
+        return f"{row} differs from the audit log in {names}", statement
 
     person = server.person(OWNER).id
     yield changed(f"person:{person} role", Person, role="organiser")
     yield changed("token:1 person_id", Token, person_id=person + 1)
     yield changed("token:1 expires_at", Token, expires_at=LATER)
-    yield changed("quota_grant:1 expires_at, extra", Grant, extra=100, expires_at=LATER)
+    yield changed("quota_grant:1 extra, expires_at", Grant, extra=100, expires_at=LATER)
     yield changed("review:1 reason", Review, reason="run again twice")
     yield changed("news:1 text", News, text="We moved back.")
     yield changed("notice:1 banner", Notice, banner="Hallo")
@@ -88,7 +90,10 @@ def changes(server: Serving, sent: str) -> Iterator[tuple[str, Update]]:
     yield changed("snapshot:1 title", StoredSnapshot, title="A year")
     yield changed("reported_result:1 scores", ReportedResult, scores={"success": 0.5})
     yield changed("reported_result:1 scores", ReportedResult, scores={"spl": 0.75})
+    more = {"success": 0.75, "path_length": 9.5}
+    yield changed("reported_result:1 scores", ReportedResult, scores=more)
     yield changed("reported_result:1 method", ReportedResult, method={"name": "SLOW"})
+    yield changed("reported_result:1 team", ReportedResult, team="Nobody")
     yield changed("correction:1 reason", Correction, reason="None.")
     yield changed(f"submission:{sent} anonymous_until", Submission, anonymous_until=None)
     yield changed(f"submission:{sent} shows_episodes", Submission, shows_episodes=False)
@@ -96,7 +101,11 @@ def changes(server: Serving, sent: str) -> Iterator[tuple[str, Update]]:
     yield changed(f"submission:{sent} split", Submission, split=PRIVATE)
     with server.state.database.reading() as session:
         method = session.get_one(Submission, sent).method
-    for name, value in (("description", "It runs."), ("paper", "https://example.org/p")):
+    for name, value in (
+        ("description", "It runs."),
+        ("paper", "https://example.org/p"),
+        ("human", True),
+    ):
         other = {**method, name: value}
         yield changed(f"submission:{sent} method", Submission, method=other)
 
@@ -112,3 +121,28 @@ def test_a_value_that_the_log_does_not_have_is_found(server_on: Serving) -> None
             assert list(changed_values(session)) == [told]
     with database.reading() as session:
         assert list(changed_values(session)) == []
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        pytest.param({"details": {"after": {"role": "x"}}}, id="no value before"),
+        pytest.param({"details": {"before": "x", "after": {"role": "x"}}}, id="text before"),
+        pytest.param({"details": {"before": {"a": 1}, "after": {"a": {"b": 1}}}}, id="a mapping"),
+        pytest.param({"details": {"created_at": "soon"}}, id="no time"),
+        pytest.param({"details": {"created_at": 7}}, id="a number for a time"),
+        pytest.param({"details": ["after"]}, id="a list"),
+        pytest.param({"row": f"person:{10**30}"}, id="a key that is too large"),
+        pytest.param({"row": "person:abc"}, id="a key that is no number"),
+        pytest.param({"row": "person:"}, id="no key"),
+        pytest.param({"row": "nothing:1"}, id="no table"),
+    ],
+)
+def test_entries_that_were_changed_stop_nothing(values: dict[str, Any], server_on: Serving) -> None:
+    person = server_on.person(OWNER).id
+    with server_on.state.database.trying() as session:
+        is_own = AuditEntry.row == f"person:{person}"
+        session.execute(update(AuditEntry).where(is_own).values(values))
+        session.execute(update(Person).where(Person.id != person).values(role="organiser"))
+        told = [each for each in changed_values(session) if not each.startswith(f"person:{person}")]
+    assert len(told) == len(PEOPLE) - 2

@@ -228,7 +228,7 @@ DAMAGES = [
     pytest.param(
         sql("UPDATE person SET role = 'organiser' WHERE name = 'Ada'"),
         "audit log",
-        "person:1: role differs from the audit log; compare with a backup",
+        "person:1 differs from the audit log in role; compare with a backup",
         id="role given",
     ),
     pytest.param(

@@ -318,7 +318,7 @@ def test_results_are_listed_from_the_latest_and_ranked_from_the_earliest(sqlite:
         session = transaction.session
         first = add_reported(transaction, entry(date="2026"), TASKS)
         shown = first.model_dump(mode="json")
-        details = {name: shown[name] for name in NewReported.model_fields if name != "team"}
+        details = {name: shown[name] for name in NewReported.model_fields}
         row = f"reported_result:{first.id}"
         assert last_logged(session) == ("reported result added", row, "Walker", details)
         second = add_reported(transaction, entry(scores={"success": 1, "path_length": 0}), TASKS)

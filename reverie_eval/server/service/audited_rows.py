@@ -1,8 +1,8 @@
 """Whether the rows of the database are those that the audit log tells of.
 
 Every lasting action in the log must be visible in a row of the database, by its time, and vice
-versa. What an entry says of a column, the row must have, unless a later entry says otherwise. Names
-of persons, which the log does not have, are compared by their keyed digests.
+versa. Each column of a row must have the last value that its entries give. Names of persons, which
+the log does not have, are compared by their keyed digests.
 """
 
 from collections import defaultdict
@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import chain, groupby, islice
 from operator import itemgetter
-from typing import Any, NamedTuple, TypeAlias, get_args
+from typing import Any, NamedTuple, Self, TypeAlias, get_args
 
 from sqlalchemy import (
     Column,
@@ -39,6 +39,7 @@ from reverie_eval.server.service.audit import (
     row_name,
 )
 from reverie_eval.server.service.keys import all_keys, audit_keys
+from reverie_eval.server.service.paging import LARGEST
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import (
     SUBMITTED,
@@ -62,7 +63,6 @@ from reverie_eval.server.store.tables import (
 )
 
 _Values: TypeAlias = Mapping[str, Any]
-"""Values of a row by column, as JSON has them."""
 _ENDS_OF_KEYS = (KEY_REPLACED, "signing key revoked")
 _REPEATABLE = frozenset({"changed", "token revoked", "scored again", "signing key revoked"})
 """Actions that rows show, but only the last if there were several."""
@@ -133,70 +133,109 @@ def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
 
 def changed_values(session: Session) -> Iterator[str]:
     """Describe every row with a value that is not the last one in the audit log."""
-    chosen = select(AuditEntry.row, AuditEntry.details).order_by(AuditEntry.row, AuditEntry.id)
+    columns = (AuditEntry.row, AuditEntry.action, AuditEntry.details)
+    chosen = select(*columns).order_by(AuditEntry.row, AuditEntry.id)
     by_row = groupby(session.execute(chosen.execution_options(yield_per=AT_ONCE)), itemgetter(0))
-    recorded = ((row, _last_values(details for _, details in group)) for row, group in by_row)
-    for table, rows in groupby(recorded, lambda each: each[0].partition(":")[0]):
+    logged = ((row, _Logged.of(entries)) for row, entries in by_row)
+    for table, rows in groupby(logged, lambda each: each[0].partition(":")[0]):
         if table in _TABLES:
             while few := dict(islice(rows, AT_ONCE)):
                 yield from _changed_of(session, _TABLES[table], few)
 
 
-def _changed_of(session: Session, table: Table, recorded: Mapping[str, _Values]) -> Iterator[str]:
+class _Logged(NamedTuple):
+    """What the log has of a row. Entries may have been changed, so anything can be in them."""
+
+    values: dict[str, Any]
+    """By column, as JSON has them."""
+    whole: set[str]
+    """Columns of which the log has all parts; of others, it may have only those that changed."""
+
+    @classmethod
+    def of(cls, entries: Iterable[Any]) -> Self:
+        """Return the values with which the entries of a row leave it."""
+        logged = cls({}, set())
+        for _, action, details in entries:
+            if not isinstance(details, Mapping):
+                continue
+            is_change = "after" in details
+            before, after = (details.get(name) for name in ("before", "after"))
+            if is_change and isinstance(before, Mapping) and isinstance(after, Mapping):
+                _apply(logged.values, before, after)
+            elif not is_change:
+                _apply(logged.values, {}, details)
+                # Of changes, version 0.1.0 logged the new values alone.
+                logged.whole.update(details if action != "changed" else ())
+        return logged
+
+    def differs(self, column: Column[Any], value: Any) -> bool:
+        """Whether a row has another value in a column than the log, if that has one."""
+        # Version 0.1.0 logged None for what a request did not change.
+        if column.name not in self.values or (
+            self.values[column.name] is None and not column.nullable
+        ):
+            return False
+        return _differs(self.values[column.name], value, is_whole=column.name in self.whole)
+
+
+def _changed_of(session: Session, table: Table, logged: Mapping[str, _Logged]) -> Iterator[str]:
     """Describe the rows of a table that differ; those that are missing are not among them."""
     (key,) = table.primary_key.columns
-    names = {name for values in recorded.values() for name in values} & set(table.columns.keys())
-    ids = [key.type.python_type(row.partition(":")[2]) for row in recorded]
-    columns = [table.columns[name] for name in sorted(names)]
-    for number, *values in session.execute(select(key, *columns).where(key.in_(ids))):
+    names = {name for row in logged.values() for name in row.values}
+    columns = [column for column in table.columns if column.name in names]
+    keys = [_key(key, row.partition(":")[2]) for row in logged]
+    known = [each for each in keys if each is not None]
+    for number, *values in session.execute(select(key, *columns).where(key.in_(known))):
         row = f"{table.name}:{number}"
         changed = [
             column.name
             for column, value in zip(columns, values, strict=True)
-            if _is_logged(column, recorded[row]) and _differs(recorded[row][column.name], value)
+            if row in logged and logged[row].differs(column, value)
         ]
         if changed:
-            yield f"{row}: {', '.join(changed)} differs from the audit log"
+            yield f"{row} differs from the audit log in {', '.join(changed)}"
 
 
-def _last_values(entries: Iterable[Mapping[str, Any]]) -> _Values:
-    """Return the values that the details of a row's entries leave it with."""
-    values: dict[str, Any] = {}
-    for details in entries:
-        before, after = ({}, details)
-        if "after" in details:
-            before, after = details["before"], details["after"]
-        if isinstance(after, Mapping):  # others are names of teams, or signatures
-            _replace(values, before, after)
-    return values
+def _key(column: Column[Any], text: str) -> int | str | None:
+    """Return the key of a row in an entry; None if no row has such a key."""
+    if column.type.python_type is str:
+        return text
+    is_key = text.isdecimal() and len(text) <= len(f"{LARGEST}") and int(text) <= LARGEST
+    return int(text) if is_key else None
 
 
-def _replace(values: dict[str, Any], before: _Values, after: _Values) -> None:
-    """Make a change that has only what differs, also inside mappings."""
+def _apply(values: dict[str, Any], before: _Values, after: _Values) -> None:
+    """Apply a change that has only the values that differ, also inside mappings."""
     for name in before.keys() - after.keys():
         values.pop(name, None)
     for name, value in after.items():
         if isinstance(value, Mapping):
-            values[name] = dict(values.get(name) or {})
-            _replace(values[name], before.get(name) or {}, value)
+            known, earlier = values.get(name), before.get(name)
+            values[name] = dict(known) if isinstance(known, Mapping) else {}
+            _apply(values[name], earlier if isinstance(earlier, Mapping) else {}, value)
         else:
             values[name] = value
 
 
-def _is_logged(column: Column[Any], values: _Values) -> bool:
-    """Whether the log has a value of a column; version 0.1.0 has None for what was not changed."""
-    return column.name in values and (column.nullable or values[column.name] is not None)
-
-
-def _differs(recorded: Any, value: Any) -> bool:
-    """Whether a row has another value than the log, which may have only a part of a mapping."""
-    if isinstance(recorded, Mapping) and isinstance(value, Mapping):
-        return any(
-            name not in value or _differs(part, value[name]) for name, part in recorded.items()
+def _differs(logged: Any, value: Any, *, is_whole: bool) -> bool:
+    if isinstance(logged, Mapping) and isinstance(value, Mapping):
+        # What was left empty is not logged.
+        more = (part for name, part in value.items() if name not in logged)
+        return (is_whole and not all(part in (None, "") or part is False for part in more)) or any(
+            name not in value or _differs(part, value[name], is_whole=is_whole)
+            for name, part in logged.items()
         )
     if isinstance(value, datetime):
-        return not isinstance(recorded, str) or datetime.fromisoformat(recorded) != value
-    return bool(recorded != value)
+        return _time_in(logged) != value
+    return bool(logged != value)
+
+
+def _time_in(logged: Any) -> datetime | None:
+    """Return a time in an entry; None if it is none."""
+    try:
+        return datetime.fromisoformat(logged)
+    except (TypeError, ValueError):
+        return None
 
 
 def _mismatched_keys(session: Session) -> Iterator[str]:

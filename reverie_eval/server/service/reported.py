@@ -188,9 +188,8 @@ def _insert(transaction: Transaction, new: NewReported) -> ReportedResult:
     result = ReportedResult(
         **new.model_dump(mode="json"), added_by=transaction.actor, created_at=transaction.now
     )
-    # The names of a team may be those of persons.
-    about = new.model_dump(mode="json", exclude={"team"})
-    transaction.record("reported result added", result, new.method.name, **about)
+    name, about = new.method.name, new.model_dump(mode="json")
+    transaction.record("reported result added", result, name, **about)
     return result
 
 

@@ -69,7 +69,7 @@ def do_everything(server: Serving) -> str:
 
 
 def changes(server: Serving, sent: str) -> Iterator[tuple[str, Update]]:
-    """Yield changes of rows, each with what is told of it."""
+    """Yield changes of rows, each after what the doctor says about it."""
 
     def changed(told: str, table: type[Base], **values: Any) -> tuple[str, Update]:
         row, names = told.split(" ", 1)
@@ -136,6 +136,7 @@ def test_a_value_that_the_log_does_not_have_is_found(server_on: Serving) -> None
         pytest.param({"row": "person:abc"}, id="a key that is no number"),
         pytest.param({"row": "person:"}, id="no key"),
         pytest.param({"row": "nothing:1"}, id="no table"),
+        pytest.param({"row": "fingerprint:1"}, id="a table without such a key"),
     ],
 )
 def test_entries_that_were_changed_stop_nothing(values: dict[str, Any], server_on: Serving) -> None:

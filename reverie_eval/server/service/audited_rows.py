@@ -218,20 +218,25 @@ def _apply(values: dict[str, Any], before: _Values, after: _Values) -> None:
 
 
 def _differs(logged: Any, value: Any, *, is_whole: bool) -> bool:
+    """Whether a value is another one than in the log, which has all of its parts or only some."""
     if isinstance(logged, Mapping) and isinstance(value, Mapping):
-        # What was left empty is not logged.
-        more = (part for name, part in value.items() if name not in logged)
-        return (is_whole and not all(part in (None, "") or part is False for part in more)) or any(
-            name not in value or _differs(part, value[name], is_whole=is_whole)
-            for name, part in logged.items()
+        names = {*logged, *value} if is_whole else {*logged}
+        return any(
+            _differs(_part(logged, name), _part(value, name), is_whole=is_whole) for name in names
         )
     if isinstance(value, datetime):
         return _time_in(logged) != value
     return bool(logged != value)
 
 
+def _part(values: _Values, name: str) -> Any:
+    """Return a part of a mapping; None if it was left empty, which uploads do not log."""
+    part = values.get(name)
+    return None if part is False or part == "" else part
+
+
 def _time_in(logged: Any) -> datetime | None:
-    """Return a time in an entry; None if it is none."""
+    """Return a time in an entry; None if it is not one."""
     try:
         return datetime.fromisoformat(logged)
     except (TypeError, ValueError):
@@ -308,9 +313,11 @@ def _shown_as(
 
 
 _TABLES = {
-    name: table for name, table in Base.metadata.tables.items() if name != JoinRequest.__tablename__
+    name: table
+    for name, table in Base.metadata.tables.items()
+    if name != JoinRequest.__tablename__ and len(table.primary_key.columns) == 1
 }
-"""Tables whose rows keep what the log has of them: an answered request forgets its people."""
+"""Tables that entries refer to and that keep what these say: answered requests forget people."""
 _CREATED = " token created"
 _VISIBLE: Sequence[_Shown] = (
     _shown("team added", Team.created_at),

@@ -6,7 +6,6 @@ import os
 import re
 import sys
 import zlib
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from glob import glob, has_magic
 from itertools import chain
@@ -229,12 +228,13 @@ def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
     named = [files] if Path(files).exists() else files.split(",")
     if "" in named:
         raise ProtocolError(f"{word}: a comma has no file before or after it; remove the comma")
-    found = [file for each in named for file in find_files([each])]
-    for file, times in Counter(map(os.path.realpath, found)).items():
-        if times > 1:
-            shown = next(each for each in found if os.path.realpath(each) == file)
-            raise ProtocolError(f"{word}: {shown} is named twice; name each run once")
-    return name, found
+    found: dict[str, str] = {}
+    for file in chain.from_iterable(find_files([each]) for each in named):
+        place = os.path.realpath(file)
+        if place in found:
+            raise ProtocolError(f"{word}: {found[place]} is named twice; name each run once")
+        found[place] = file
+    return name, list(found.values())
 
 
 def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[str]:

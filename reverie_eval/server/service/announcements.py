@@ -31,7 +31,8 @@ def announcements(
 ) -> Mapping[Kind, Sequence[Announcement]]:
     """Return the latest news, and all corrections and snapshots of a leaderboard, in one statement.
 
-    The latest come first. Only a split's own leaderboard has snapshots.
+    The latest come first; a kind without any is empty. Only a split's own leaderboard has
+    snapshots.
     """
     news = _lines("news", News.id, News.text, News.created_at)
     news = news.where(News.removed_at.is_(None)).order_by(News.id.desc()).limit(most_news)

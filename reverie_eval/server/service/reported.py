@@ -177,9 +177,9 @@ def find_reported(session: Session, result_id: int) -> ReportedEntry:
     return ReportedEntry.model_validate(_result_of(session, result_id))
 
 
-def reported_of(session: Session, *splits: str) -> Sequence[ReportedResult]:
-    """Return the reported results of splits, in the order in which they were added."""
-    chosen = select(ReportedResult).where(ReportedResult.split.in_(splits))
+def reported_of(session: Session, split: str) -> Sequence[ReportedResult]:
+    """Return the reported results of a split, in the order in which they were added."""
+    chosen = select(ReportedResult).where(ReportedResult.split == split)
     current = chosen.where(ReportedResult.removed_at.is_(None))
     return session.scalars(current.order_by(ReportedResult.id)).all()
 

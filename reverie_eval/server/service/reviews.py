@@ -87,11 +87,11 @@ def is_disqualified(reviews: Iterable[Review | PublishedReview]) -> bool:
     return any(review.verdict == "disqualified" for review in reviews)
 
 
-def reviews_of(session: Session, *splits: str) -> Mapping[str, Sequence[Review]]:
-    """Return the current reviews of the submissions to splits by id, the earliest first."""
+def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
+    """Return the current reviews of the submissions to a split by id, the earliest first."""
     # Not a join, for which databases may read all submissions first: there are few reviews.
     its_split = select(Submission.split).where(Submission.id == Review.submission_id)
-    is_of_split = its_split.scalar_subquery().in_(splits)
+    is_of_split = its_split.scalar_subquery() == split
     chosen = select(Review).where(Review.lifted_at.is_(None), is_of_split).order_by(Review.id)
     by_submission: defaultdict[str, list[Review]] = defaultdict(list)
     for row in session.scalars(chosen):

@@ -1,19 +1,27 @@
 """Backups: made at any moment, whole or refused, and the same server wherever they are restored."""
 
 import stat
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy import func, select, text
 
+from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.folder import DatabaseTakenError
 from reverie_eval.server.operations.restore import restore_backup
+from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.store.dump import dump
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.dump import RowsError, dump, load
+from reverie_eval.server.store.tables import Base
 from reverie_eval.server.store.uploads import open_uploads
 from tests.support.acting import add_team
 from tests.support.flat import Run
@@ -121,6 +129,62 @@ def test_a_server_moves_between_databases(
         "audit",
     }
     assert faults(tmp_path / "back") == []
+
+
+@pytest.mark.parametrize("pair", [("Blue", "Red"), ("Red", "Blue")], ids=["older", "newer"])
+def test_merged_teams_move_to_another_database(
+    pair: tuple[str, str], used: Path, empty_database: str, tmp_path: Path
+) -> None:
+    with acting(load_settings(used), "test") as transaction:
+        merge_teams(transaction, NewMerge(team=pair[0], into=pair[1]))
+    rows = rows_of(used)
+    with closing(Database(empty_database)) as database:
+        load(database, "0001", rows)
+        assert list(dump(database)) == rows
+
+
+def test_rows_may_come_in_any_order(used: Path, empty_database: str) -> None:
+    rows = rows_of(used)
+    with closing(Database(empty_database)) as database:
+        load(database, "0001", reversed(rows))
+        assert list(dump(database)) == rows
+
+
+def test_new_rows_follow_those_that_were_loaded(
+    used: Path, postgresql: Callable[[], str], tmp_path: Path
+) -> None:
+    with closing(Database(postgresql())) as database:
+        load(database, "0001", rows_of(used))
+        with database.reading() as session:
+            for table in Base.metadata.sorted_tables:
+                sequence = session.scalar(
+                    text("SELECT pg_get_serial_sequence(:table, :key)"),
+                    {"table": table.name, "key": next(iter(table.primary_key)).name},
+                )
+                if sequence is not None:
+                    highest = session.scalar(select(func.max(table.c.id))) or 0
+                    following = session.scalar(text(f"SELECT nextval('{sequence}')"))
+                    assert (table.name, following) == (table.name, highest + 1)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        pytest.param({"merged_into_id": 999}, "missing row|violates foreign key", id="reference"),
+        pytest.param({"name": None}, "(?i)not.null", id="empty name"),
+        pytest.param({"colour": "blue"}, "rows of team are not stored as they were", id="column"),
+        pytest.param({"created_at": "once"}, "isoformat", id="time"),
+    ],
+)
+def test_rows_that_cannot_be_stored_are_refused(
+    spoil: dict[str, Any], said: str, used: Path, empty_database: str
+) -> None:
+    rows = [(table, row | spoil if table == "team" else row) for table, row in rows_of(used)]
+    with closing(Database(empty_database)) as database:
+        with pytest.raises(RowsError, match=said) as caught:
+            load(database, "0001", rows)
+        assert "\n" not in str(caught.value)
+        assert database.revision() is None
 
 
 def test_a_server_moves_to_another_store(

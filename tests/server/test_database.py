@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import event, inspect, select, text
+from sqlalchemy import URL, event, inspect, make_url, select, text
 from sqlalchemy.exc import IntegrityError, StatementError
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.server.errors import ConflictError
+from reverie_eval.server.operations.checks import database_errors
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.store import database as database_module
 from reverie_eval.server.store.database import MIGRATIONS, Database
@@ -54,6 +55,41 @@ def opened(database: str) -> Iterator[Database]:
         create_token(transaction, "Ada")
     yield opened
     opened.close()
+
+
+RUNNING = "check that it is running, and `database` in the settings"
+
+
+@pytest.mark.parametrize(
+    ("statement", "said"),
+    [
+        pytest.param(
+            "INSERT INTO person (team_id, name, role, created_at) "
+            "VALUES (999, 'Eve', 'participant', '2026-03-02')",
+            "(?i)foreign key constraint",
+            id="refers to nothing",
+        ),
+        pytest.param("SELECT * FROM lost", "no such table|does not exist", id="no table"),
+    ],
+)
+def test_only_a_database_that_does_not_answer_has_to_be_started(
+    statement: str, said: str, opened: Database
+) -> None:
+    with pytest.raises(ReverieEvalError, match=said) as caught:
+        run_statement(opened.engine.url, statement)
+    assert RUNNING not in str(caught.value)
+    assert "`reverie-eval server doctor` checks all stored data" in str(caught.value)
+
+
+def test_a_database_that_does_not_answer_has_to_be_started(tmp_path: Path) -> None:
+    with pytest.raises(ReverieEvalError, match=RUNNING):
+        run_statement(make_url(f"postgresql+psycopg://nobody@/none?host={tmp_path}"), "SELECT 1")
+
+
+def run_statement(url: URL, statement: str) -> None:
+    """Run a statement as commands do."""
+    with database_errors(), closing(Database(url)) as database, database.writing() as session:
+        session.execute(text(statement))
 
 
 def test_a_row_that_refers_to_nothing_is_refused(opened: Database) -> None:

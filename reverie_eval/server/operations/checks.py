@@ -39,6 +39,7 @@ from reverie_eval.server.store.database import (
     Database,
     is_damaged,
     is_full,
+    is_unreachable,
     known_revisions,
 )
 from reverie_eval.server.store.tables import IS_SHOWN, Submission
@@ -225,8 +226,10 @@ def reason_of(error: Exception) -> str:
             return f"{said_by(error)}; free some space"
         case _ if is_damaged(error):
             return damaged_file(said_by(error))
-        case _:
+        case _ if is_unreachable(error):
             return f"{said_by(error)}; check that it is running, and `database` in the settings"
+        case _:
+            return f"{said_by(error)}; `reverie-eval server doctor` checks all stored data"
 
 
 def damaged_file(what: str) -> str:

@@ -23,7 +23,7 @@ from reverie_eval.server.operations.checks import database_errors
 from reverie_eval.server.operations.folder import building, check_empty, make_private
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database, known_revisions
-from reverie_eval.server.store.dump import Row, load
+from reverie_eval.server.store.dump import Row, RowsError, load
 from reverie_eval.server.store.uploads import open_uploads
 
 _CHUNK = 1 << 20
@@ -86,7 +86,11 @@ def _load(settings: Settings, manifest: Manifest, file: Path) -> None:
     with closing(Database(settings.database_url)) as database:
         make_private(database)
         with file.open(encoding="utf-8") as lines:
-            load(database, manifest.revision, map(json.loads, lines))
+            try:
+                load(database, manifest.revision, map(json.loads, lines))
+            except RowsError as error:
+                message = f"its rows cannot be restored ({error}); use another backup"
+                raise BackupError([Problem("unusable-rows", DATABASE, message)]) from None
 
 
 def _unpack(archive: Path, aside: Path, extras: Path) -> Manifest:

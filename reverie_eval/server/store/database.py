@@ -171,6 +171,12 @@ def known_revisions() -> frozenset[str]:
     return frozenset(script.revision for script in revisions)
 
 
+def broken_references(connection: Connection) -> Sequence[str]:
+    """Return the tables of an SQLite file that have rows that refer to missing rows."""
+    rows = connection.exec_driver_sql("PRAGMA foreign_key_check")
+    return sorted({table for table, *_ in rows})
+
+
 def is_full(error: BaseException | None) -> bool:
     """Whether an error, or one of its causes, is that the disk or the database is full."""
     if error is None:
@@ -255,12 +261,10 @@ def _prepared(connection: Any, pragmas: Sequence[str]) -> Any:
 
 
 def _check_foreign_keys(connection: Connection) -> None:
-    broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
-    if broken:
-        tables = first_few(sorted({row[0] for row in broken}))
+    if broken := broken_references(connection):
         raise ReverieEvalError(
-            f"the database is damaged: rows of {tables} refer to missing rows; nothing was "
-            "changed, restore a backup"
+            f"the database is damaged: rows of {first_few(broken)} refer to missing rows; nothing "
+            "was changed, restore a backup"
         )
 
 

@@ -1,18 +1,26 @@
 """Dumping and loading all rows in a portable form, to move a server to another database.
 
-Tables come before those that refer to them. The columns are those of the database's own migration,
-which may be older than this version. Times are ISO 8601, in UTC.
+Rows come in any order: a team may refer to one that was added later. The columns are those of the
+database's own migration, which may be older than this version. Times are ISO 8601, in UTC.
 """
 
+import hashlib
+import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from itertools import groupby, islice
 from operator import itemgetter
 from typing import Any
 
 from sqlalchemy import Connection, DateTime, MetaData, Table, func, insert, select, text
+from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
+from sqlalchemy.schema import AddConstraint, DropConstraint
 
-from reverie_eval.server.store.database import AT_ONCE, Database, migrate
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.server.store.database import AT_ONCE, Database, broken_references, migrate
+from reverie_eval.text import first_few
 
 _LEFT_OUT = frozenset({"alembic_version", "fingerprint"})
 """Tables that are made again: by a migration, and from the uploads."""
@@ -22,26 +30,47 @@ Row = Sequence[Any]
 """The name of a table, and the values of a row by column."""
 
 
+class RowsError(ReverieEvalError):
+    """Rows cannot be stored in a database: they contradict each other, or it alters them."""
+
+
 def dump(database: Database) -> Iterator[Row]:
     """Return all rows of one snapshot; others can write meanwhile."""
     with database.reading() as session:
         connection = session.connection()
-        for table in _tables(connection):
-            chosen = select(table).order_by(*table.primary_key)
-            rows = connection.execute(chosen, execution_options={"yield_per": AT_ONCE})
-            for row in rows.mappings():
-                yield table.name, {name: _portable(value) for name, value in row.items()}
+        yield from _rows(connection, _tables(connection))
 
 
 def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
-    """Fill an empty database and migrate it to this version, in one transaction."""
+    """Fill an empty database and migrate it to this version, in one transaction.
+
+    All rows are read again and compared.
+
+    Raises
+    ------
+    RowsError
+        If the database cannot store the rows, or not as they are.
+    """
     with database.migrating() as connection:
         migrate(connection, revision)
         tables = {table.name: table for table in _tables(connection)}
-        for name, group in groupby(rows, key=itemgetter(0)):
-            typed = _typed(tables[name], group)
-            while some := list(islice(typed, AT_ONCE)):
-                connection.execute(insert(tables[name]), some)
+        given: Counter[str] = Counter()
+        stored: Counter[str] = Counter()
+        try:
+            with _foreign_keys_last(connection, tables.values()):
+                for name, group in groupby(_added_up(rows, given), key=itemgetter(0)):
+                    typed = _typed(tables[name], group)
+                    while some := list(islice(typed, AT_ONCE)):
+                        connection.execute(insert(tables[name]), some)
+        except OperationalError:
+            raise
+        except (SQLAlchemyError, LookupError, TypeError, ValueError, ArithmeticError) as error:
+            said = error.orig if isinstance(error, DBAPIError) else error
+            raise RowsError(" ".join(str(said).split())) from None
+        for _ in _added_up(_rows(connection, tables.values()), stored):
+            pass
+        if differing := sorted(name for name in tables if stored[name] != given[name]):
+            raise RowsError(f"rows of {first_few(differing)} are not stored as they were")
         if not database.is_sqlite:
             for table in tables.values():
                 if "id" in table.columns:
@@ -49,10 +78,42 @@ def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
         migrate(connection, "head")
 
 
+def _added_up(rows: Iterable[Row], sums: Counter[str]) -> Iterator[Row]:
+    """Yield rows and add up their digests by table, to compare any number of rows in any order."""
+    for name, columns in rows:
+        content = json.dumps(columns, sort_keys=True).encode()
+        sums[name] += int.from_bytes(hashlib.sha256(content).digest())
+        yield name, columns
+
+
+@contextmanager
+def _foreign_keys_last(connection: Connection, tables: Iterable[Table]) -> Iterator[None]:
+    """Check foreign keys after all rows are there, as pg_restore does."""
+    if connection.dialect.name == "sqlite":  # which does not check them while migrating
+        yield
+        if broken := broken_references(connection):
+            raise RowsError(f"rows of {first_few(broken)} refer to missing rows")
+        return
+    keys = [key for table in tables for key in table.foreign_key_constraints]
+    for key in keys:
+        connection.execute(DropConstraint(key))
+    yield
+    for key in keys:
+        connection.execute(AddConstraint(key))
+
+
+def _rows(connection: Connection, tables: Iterable[Table]) -> Iterator[Row]:
+    for table in tables:
+        chosen = select(table).order_by(*table.primary_key)
+        rows = connection.execute(chosen, execution_options={"yield_per": AT_ONCE})
+        for row in rows.mappings():
+            yield table.name, {name: _portable(value) for name, value in row.items()}
+
+
 def _tables(connection: Connection) -> list[Table]:
     metadata = MetaData()
     metadata.reflect(connection, only=lambda name, _: name not in _LEFT_OUT)
-    return metadata.sorted_tables
+    return sorted(metadata.tables.values(), key=lambda table: table.name)
 
 
 def _portable(value: Any) -> Any:

@@ -40,6 +40,7 @@ _BLANK = re.compile(
 property ``Default_Ignorable_Code_Point``), and the braille pattern without dots."""
 _LINK = re.compile(r"[a-z][a-z0-9+.-]*:(?=\S)", re.IGNORECASE)
 """The beginning of a link: a scheme (RFC 3986, section 3.1) without a space after the colon."""
+_NAMED_ADDRESS = re.compile(r"[^<>]*<([^<>]*)>")
 _MONTH_AND_YEAR = re.compile(r"([0-9]{1,2})/([0-9]{4})")
 _DAY_MONTH_OR_YEAR = re.compile(r"2[0-9]{3}(-[0-9]{2}){0,2}")
 
@@ -115,9 +116,22 @@ def _email(text: str) -> str:
     from email_validator import EmailNotValidError, validate_email  # only servers check addresses
 
     try:
-        return validate_email(text, check_deliverability=False).normalized
+        return validate_email(_bare_address(text), check_deliverability=False).normalized
     except EmailNotValidError:
         raise ValueError("must be an e-mail address: ada@example.org") from None
+
+
+def _bare_address(text: str) -> str:
+    """Return an address without the name that mail programs copy with it.
+
+    RFC 5322 wants quotes around a name such as ``Ada L.``, which mail programs leave out; so the
+    name is not read at all.
+
+    >>> _bare_address("Ada L. <ada@example.org>")
+    'ada@example.org'
+    """
+    named = _NAMED_ADDRESS.fullmatch(text)
+    return named[1] if named else text
 
 
 def _without_default(schema: dict[str, Any]) -> None:

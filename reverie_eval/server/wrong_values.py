@@ -73,17 +73,18 @@ def wrong_value(detail: Mapping[str, Any]) -> ProblemReport:
         where = f"character {where}"
     sentence = _SENTENCES.get(detail["type"])
     message = sentence.format_map(detail.get("ctx", {})) if sentence else str(detail["msg"])
-    return _problem(where, message)
+    return wrong_field(where, message)
 
 
 def unreadable_json(error: RecursionError | ValueError) -> ProblemReport:
     """Return why a body cannot be read as JSON, and from which byte on."""
     if isinstance(error, UnicodeDecodeError):
-        return _problem(f"byte {error.start}", "invalid UTF-8 from here")
+        return wrong_field(f"byte {error.start}", "invalid UTF-8 from here")
     if isinstance(error, RecursionError):
-        return _problem("", "nested too deeply")
-    return _problem("", "contains a number with too many digits")
+        return wrong_field("", "nested too deeply")
+    return wrong_field("", "contains a number with too many digits")
 
 
-def _problem(where: str, message: str) -> ProblemReport:
+def wrong_field(where: str, message: str) -> ProblemReport:
+    """Return what is wrong with the value of a field."""
     return ProblemReport(code="wrong-value", where=where, message=message)

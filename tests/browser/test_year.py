@@ -61,7 +61,7 @@ class Desk:
         """Accept submissions to the private split in a period."""
         self._begin("phases", "Phases")
         self._press(self._main.get_by_role("link", name=PRIVATE, exact=True))
-        form = self._page.get_by_role("group", name="Another phase")
+        form = self._page.get_by_role("group", name=re.compile("^Phase ")).last
         form.get_by_label("Name", exact=True).fill(name)
         form.get_by_label("Opens", exact=True).fill(opens.isoformat())
         form.get_by_label("Closes", exact=True).fill(closes.isoformat() if closes else "")

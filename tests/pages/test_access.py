@@ -160,7 +160,7 @@ FORMS: Mapping[str, dict[str, str]] = {
         "split": OPEN,
         "extra": "1",
         "reason": "disk",
-        "until": "2026-04-01",
+        "expires_at": "2026-04-01",
     },
     "POST /desk/phases": {"split": OPEN, "what": "pause"},
     "POST /desk/snapshots": {"split": OPEN, "title": "CVPR 2027"},

@@ -221,7 +221,7 @@ def test_what_is_wrong_is_shown_beside_what_was_typed(desk: Visitor) -> None:
     form = {"submission_id": submission_id, "verdict": "verified", "reason": "x" * 501}
     page = sending(desk, "/desk/reviews", **form)
     assert page.status_code == 400
-    assert "reason: must have at most 500 characters" in said(page)
+    assert "Reason: must have at most 500 characters" in said(page)
     assert 'value="verified" required checked' in page.text
     assert "x" * 501 in page.text
 
@@ -249,9 +249,9 @@ def test_a_reported_result_is_entered_as_papers_print_it(desk: Visitor) -> None:
         pytest.param({"success": "nan"}, "nan is not from 0 to 100", id="not a number"),
         pytest.param({"success": "sNaN"}, "'sNaN' is not a number", id="not a number, loudly"),
         pytest.param({"path_length": "1e9999"}, "TL m: 1e9999 is", id="endless"),
-        pytest.param({}, "scores:", id="no score"),
-        pytest.param({"success": "5", "source": "javascript:alert(1)"}, "source:", id="no paper"),
-        pytest.param({"success": "5", "name": ""}, "method.name:", id="no name"),
+        pytest.param({}, "Scores:", id="no score"),
+        pytest.param({"success": "5", "source": "javascript:alert(1)"}, "Source:", id="no paper"),
+        pytest.param({"success": "5", "name": ""}, "Method:", id="no name"),
     ],
 )
 def test_only_results_are_reported(changes: Mapping[str, str], message: str, desk: Visitor) -> None:
@@ -428,7 +428,7 @@ def test_a_team_is_renamed(desk: Visitor) -> None:
 
 @pytest.mark.parametrize("kind", ["invite", "access"])
 def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
-    form = {"person": "1", "kind": kind, "until": "2026-03-31"}
+    form = {"person": "1", "kind": kind, "expires_at": "2026-03-31"}
     page = sending(desk, "/desk/people/tokens", **form)
     (text,) = set(re.findall(r"rv_[\w-]{43}", page.text))
     assert (page.status_code, page.headers["cache-control"]) == (200, "no-store")
@@ -443,25 +443,25 @@ def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
 
 @pytest.mark.parametrize("until", ["yesterday", "2026-02-30"])
 def test_a_date_is_a_date(until: str, desk: Visitor) -> None:
-    form = {"person": "1", "kind": "invite", "until": until}
+    form = {"person": "1", "kind": "invite", "expires_at": until}
     page = sending(desk, "/desk/people/tokens", **form)
-    told = f"'{until}' is not a day; write it as 2027-06-01."
+    told = f"'{until}' is not a day; write it as 2027-06-01"
     assert (page.status_code, told in said(page)) == (400, True)
 
 
 def test_a_phase_has_a_name(desk: Visitor) -> None:
     page = sending(desk, "/desk/phases", split=OPEN, **{"name-0": "", "opens-0": "2026-05-01"})
-    told = "phases.0.name: required but missing"
+    told = "Phase 1, name: required but missing"
     assert (page.status_code, told in said(page)) == (400, True)
 
 
 def test_an_invitation_is_not_over_before_it_is_made(desk: Visitor) -> None:
-    form = {"person": "1", "kind": "invite", "until": "2026-03-01"}
+    form = {"person": "1", "kind": "invite", "expires_at": "2026-03-01"}
     page = sending(desk, "/desk/people/tokens", **form)
     assert page.status_code == 400
     assert "The expiry time is in the past; choose a later time" in said(page)
     for path in ("/desk/people", "/desk/quotas"):
-        assert 'name="until" type="date" min="2026-03-02"' in desk.get(path).text
+        assert 'name="expires_at" type="date" min="2026-03-02"' in desk.get(path).text
 
 
 def test_a_token_is_revoked_once_it_was_asked_twice(desk: Visitor) -> None:
@@ -517,10 +517,10 @@ def test_snapshots_are_paged(desk: Visitor) -> None:
 
 def test_more_is_given_with_the_reason_on_record(desk: Visitor) -> None:
     form = {"team": "Blue", "split": PRIVATE, "extra": "2", "reason": "our disk was full"}
-    words = told(desk, "/desk/quotas", **form, until="2026-03-31")
+    words = told(desk, "/desk/quotas", **form, expires_at="2026-03-31")
     assert f"Blue {PRIVATE} 2 our disk was full 2026-03-02 12:00 UTC 2026-03-31 23:59 UTC" in words
     for until, status in {"2026-03-01": 400, "": 400}.items():
-        page = sending(desk, "/desk/quotas", **form, until=until)
+        page = sending(desk, "/desk/quotas", **form, expires_at=until)
         assert (page.status_code, 'value="our disk was full"' in page.text) == (status, True)
     with desk.server.state.database.reading() as session:
         assert len(list_grants(session, Page()).rows) == 1

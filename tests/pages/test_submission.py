@@ -221,16 +221,16 @@ def test_renaming_and_editing(owner: Visitor) -> None:
 # What a form may send that comes to nothing, and what the page says of it.
 WRONG = [
     pytest.param(
-        {"name": "", "description": "kept"}, "name: must have 1 or more characters", id="no name"
+        {"name": "", "description": "kept"}, "Name: must have 1 or more characters", id="no name"
     ),
     pytest.param(
         {"name": "x", "paper": "ftp://a", "description": "kept"},
-        "paper: must be a link",
+        "Paper: must be a link",
         id="a link",
     ),
-    pytest.param({"anonymous_until": "soon"}, "anonymous until: must be a time", id="no date"),
+    pytest.param({"anonymous_until": "soon"}, "Hide the team until: must be a time", id="no date"),
     pytest.param({"anonymous_until": "9999-01-01"}, "in the years 2000 to 2999", id="a far date"),
-    pytest.param({"published": "perhaps"}, "published: must be true or false", id="no switch"),
+    pytest.param({"published": "perhaps"}, "Published: must be true or false", id="no switch"),
 ]
 
 

@@ -190,7 +190,7 @@ def test_what_the_organiser_asks_for_has_to_be_said(open_server: OpenServer, fol
     form = owner.get("/submit").text
     assert re.search(r'id="paper"[^>]* required ', form)
     assert form.count('type="radio" name="extra_data"') == 2
-    assert "about the method is missing: paper, extra_data" in said(owner.upload())
+    assert "about the method is missing: paper, extra data" in said(owner.upload())
     complete = owner.upload(paper="https://example.org/", extra_data="false")
     assert complete.status_code == 303
 

@@ -42,6 +42,20 @@ def test_a_file_adds_teams_and_people_once(server: Serving) -> None:
     assert len(server.ask(ORGANISER, "GET", "/organiser/audit").json()) == logged
 
 
+def test_an_address_is_kept_alone(server: Serving) -> None:
+    """Mail programs copy it with a name."""
+    (added,) = imported(server, "team,person,email\nBlue,Dora,Dora D. <dora@example.org>")
+    assert added[2] == "dora@example.org"
+    new = {"team": "Blue", "name": "Emil", "email": '"Emil E." <emil@example.org>'}
+    assert server.ask(ORGANISER, "POST", "/organiser/people", json=new).json()["email"] == (
+        "emil@example.org"
+    )
+    form = {"team": "Blue", "name": "Fay", "role": "participant", "email": "F <fay@example.org>"}
+    assert signed_in(server, ORGANISER).send("/desk/people", form).status_code == 303
+    people = server.ask(ORGANISER, "GET", "/organiser/people").json()
+    assert "fay@example.org" in [each["email"] for each in people]
+
+
 NOBODY = "columns: there is no column 'person'"
 
 

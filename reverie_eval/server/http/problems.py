@@ -5,8 +5,9 @@ Each error's class has its status and code.
 """
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
+from types import MappingProxyType
 from typing import Any, TypeAlias, TypeVar
 
 from fastapi import FastAPI, Request
@@ -37,6 +38,7 @@ from reverie_eval.server.wrong_values import unreadable_json, wrong_value
 
 Model = TypeVar("Model", bound=BaseModel)
 
+NO_ROWS: Mapping[str, Sequence[int]] = MappingProxyType({})
 LOGGER = logging.getLogger("reverie_eval.server")
 
 FaultPage: TypeAlias = Callable[[Request, ProblemDocument], Response | None]
@@ -50,15 +52,24 @@ def add_error_handlers(app: FastAPI, fault_page: FaultPage) -> None:
         app.add_exception_handler(kind, _on_error)
 
 
-def read_model(model: type[Model], fields: Mapping[str, Any]) -> Model:
+def read_model(
+    model: type[Model], fields: Mapping[str, Any], rows: Mapping[str, Sequence[int]] = NO_ROWS
+) -> Model:
     """Return the model that the fields of a form or a query describe, as if they were a JSON body.
+
+    Some rows of a form may be empty: ``rows`` has the numbers of those in each list of the model.
 
     Raises RequestValidationError, which names each field that is wrong.
     """
     try:
         return model.model_validate(fields)
     except ValidationError as error:
-        raise RequestValidationError(error.errors()) from None
+        details = error.errors()
+        for detail in details:
+            match detail["loc"]:
+                case (str(name), int(index), *rest) if name in rows:
+                    detail["loc"] = (name, rows[name][index], *rest)
+        raise RequestValidationError(details) from None
 
 
 def reply_to(request: Request, error: Exception) -> Response:

@@ -1,6 +1,7 @@
 """Signing in with a token or an invitation, signing out, and asking the organiser for accounts."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Annotated
 
@@ -30,6 +31,8 @@ router = APIRouter()
 
 _LONGEST = 5000
 """Characters of a field of `/join`; those of the request have bounds of their own."""
+_NAMED_ADDRESS = re.compile(r"([^<>;]*)<([^<>]*)>[\s,;]*")
+"""A person as mail programs copy them; there may be several in a line."""
 Text = Annotated[str, Form(max_length=_LONGEST)]
 
 
@@ -132,7 +135,9 @@ def ask_to_join(
     """Keep a request for the organiser."""
     typed = {"team": team, "people": people, "institution": institution, "purpose": purpose}
     show_faults_with(visitor.request, lambda problem: _draw_join(visitor, typed, problem))
-    new = read_model(NewJoinRequest, {**typed, "people": people_in(people)})
+    listed = list(people_in(people))
+    fields = {**typed, "people": [person for _, person in listed]}
+    new = read_model(NewJoinRequest, fields, {"people": [line for line, _ in listed]})
     server = visitor.server
     reply = receive_request(
         server.transactions,
@@ -143,14 +148,22 @@ def ask_to_join(
     return _draw_join(visitor, {}, done=reply.message)
 
 
-def people_in(text: str) -> Sequence[Mapping[str, str]]:
-    """Return the people that lines of a text name, each with an address after the last comma.
+def people_in(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
+    """Return the people that lines of a text name, each with the number of the line.
 
-    >>> people_in("Ada, ada@example.org")
-    [{'name': 'Ada', 'email': 'ada@example.org'}]
+    An address follows the last comma, or is in angle brackets, as mail programs copy it.
+
+    >>> list(people_in('Ada, ada@example.org'))
+    [(0, {'name': 'Ada', 'email': 'ada@example.org'})]
+    >>> list(people_in('"Byron, Ada" <ada@example.org>'))
+    [(0, {'name': 'Byron, Ada', 'email': 'ada@example.org'})]
     """
-    lines = [line.rpartition(",") for line in text.splitlines() if line.strip()]
-    return [{"name": name.strip(), "email": email.strip()} for name, _, email in lines]
+    for number, line in enumerate(text.splitlines()):
+        named = _NAMED_ADDRESS.findall(line)
+        if _NAMED_ADDRESS.sub("", line).strip():  # text that is not of this form
+            named = [line.rpartition(",")[::2]]
+        for name, email in named:
+            yield number, {"name": name.strip(' ,"'), "email": email.strip()}
 
 
 def _draw_join(

@@ -46,6 +46,7 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.http.callers import Snapshot, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
+from reverie_eval.server.pages.labels import name_fields, place_of
 from reverie_eval.server.service.tokens import TOKEN_NAMES, token_state
 from reverie_eval.server.store.tables import Person
 from reverie_eval.tasks import DEFAULT_TASK, Task
@@ -150,6 +151,7 @@ def _page(
     """Render a page; without a snapshot, the database is not used."""
     site = _site(request, snapshot)
     html = _environment().get_template(template).render(site=site, **content)
+    html = name_fields(html, request.url.path)
     prefix = state_of(request).settings.path_prefix
     if prefix:
         html = with_links(html, lambda link: prefix + link if link.startswith("/") else link)
@@ -274,6 +276,7 @@ def _environment() -> Environment:
         "metric": lambda value, key: METRICS[key].display(value),
         "number": "{:,}".format,
         "ordinal": ordinal,
+        "place": place_of,
         "primary": primary_of,
         "sentence": sentence,
         "task": lambda report: known_task(report.signature),

@@ -15,6 +15,7 @@ from sqlalchemy import Select, SQLColumnExpression, exists, select, tuple_, unio
 from sqlalchemy.orm import Session, aliased
 
 from reverie_eval.analysis import Comparison
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.report import IntervalReport, ScoreReport
 from reverie_eval.schemas.service import (
     BoardResult,
@@ -246,9 +247,8 @@ def check_metadata(method: Method, required: Collection[str]) -> None:
     given = {name for name in method.model_fields_set if getattr(method, name) not in {"", None}}
     missing = [name for name in required if name not in given]
     if missing:
-        raise MalformedError(
-            f"required information about the method is missing: {', '.join(missing)}"
-        )
+        words = ", ".join(METHOD_FLAGS.get(name, name) for name in missing)
+        raise MalformedError(f"required information about the method is missing: {words}")
 
 
 @dataclass

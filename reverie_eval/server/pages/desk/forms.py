@@ -15,7 +15,7 @@ from starlette.datastructures import FormData, UploadFile
 
 from reverie_eval.schemas.joining import PersonInvitation
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Snapshot
 from reverie_eval.server.pages.rendering import (
     address_of_site,
@@ -25,6 +25,7 @@ from reverie_eval.server.pages.rendering import (
 )
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people_files import invitations_csv
+from reverie_eval.server.wrong_values import wrong_field
 
 ON_A_PAGE = 100
 """The number of rows on a page of a list."""
@@ -163,8 +164,8 @@ def is_confirmed(form: FormData) -> bool:
     return form.get("confirmed") == "yes"
 
 
-def end_of_day(day: str) -> str | None:
-    """Return the last second of a day in UTC, or None for an empty text.
+def end_of_day(typed: Typed, name: str) -> Typed:
+    """Return a field for a day as the last second of it in UTC; nothing if it is empty.
 
     Raises
     ------
@@ -173,15 +174,17 @@ def end_of_day(day: str) -> str | None:
 
     Examples
     --------
-    >>> end_of_day("2027-06-01"), end_of_day("")
-    ('2027-06-01T23:59:59Z', None)
+    >>> end_of_day({"expires_at": "2027-06-01"}, "expires_at")
+    {'expires_at': '2027-06-01T23:59:59Z'}
     """
+    day = typed.get(name)
     if not day:
-        return None
+        return {}
     try:
-        return f"{date.fromisoformat(day)}T23:59:59Z"
+        return {name: f"{date.fromisoformat(day)}T23:59:59Z"}
     except ValueError:
-        raise MalformedError(f"{day!r} is not a day; write it as 2027-06-01") from None
+        problem = wrong_field(name, f"{day!r} is not a day; write it as 2027-06-01")
+        raise MalformedError(WRONG_FORM, [problem]) from None
 
 
 def done(path: str, what: str) -> Response:

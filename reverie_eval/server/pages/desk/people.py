@@ -116,7 +116,7 @@ def create_token(desk: Desk, form: Posted) -> Response:
     with desk.snapshot() as snapshot:
         owner = people.find_person(snapshot.session, forms.number(typed.get("person", "")))
     asked = {"person": owner.name, "team": owner.team.name, "kind": typed.get("kind", "")}
-    new = read_model(NewToken, {**asked, "expires_at": forms.end_of_day(typed.get("until", ""))})
+    new = read_model(NewToken, {**asked, **forms.end_of_day(typed, "expires_at")})
     created = desk.perform(tokens.create_token, new)
     sign_in = address_of_site(desk.request, "/sign-in")
     with desk.snapshot() as snapshot:

@@ -60,9 +60,7 @@ def grant(desk: Desk, form: Posted) -> Response:
     """Raise every limit of a team on a split until a date."""
     typed = forms.typed_by(desk, form, draw_quotas)
     asked = {name: typed.get(name, "") for name in ("team", "split", "extra", "reason")}
-    new = read_model(
-        NewGrant, {**asked, "expires_at": forms.end_of_day(typed.get("until", "")) or ""}
-    )
+    new = read_model(NewGrant, {**asked, **forms.end_of_day(typed, "expires_at")})
     desk.perform(quotas.grant, new, desk.server.boards)
     return forms.done(QUOTAS, "given")
 
@@ -107,14 +105,18 @@ def set_phases(desk: Desk, form: Posted) -> Response:
 def _typed_schedule(typed: forms.Typed, timetable: Timetable, _: datetime) -> NewSchedule:
     """Return the phases and the release of scores that were typed; a pause stays."""
     numbers = sorted(int(found[1]) for found in map(_NAME.fullmatch, typed) if found)
-    rows = [
-        {field: value for field in _FIELDS if (value := typed.get(f"{field}-{number}"))}
+    rows = {
+        number: {field: value for field in _FIELDS if (value := typed.get(f"{field}-{number}"))}
         for number in numbers
-    ]
-    phases = [row for row in rows if row]
+    }
+    phases = {number: row for number, row in rows.items() if row}
     release_scores = typed.get("release_scores", "at-once")
-    fields = {"phases": phases, "release_scores": release_scores, "paused": timetable.latest.paused}
-    return read_model(NewSchedule, fields)
+    fields = {
+        "phases": [*phases.values()],
+        "release_scores": release_scores,
+        "paused": timetable.latest.paused,
+    }
+    return read_model(NewSchedule, fields, {"phases": [*phases]})
 
 
 def _written(timetable: Timetable) -> forms.Typed:

@@ -2,6 +2,7 @@
 
 import getpass
 import os
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime, timedelta
@@ -77,13 +78,17 @@ class Folder:
         Over HTTP this is refused. Here it is not, because this machine has what is needed to let an
         organiser in again, and the last token may be one that was stolen.
         """
+        from reverie_eval.server.service.people import organisers
         from reverie_eval.server.service.tokens import has_organiser
 
         with self.acting() as transaction:
             had_one = has_organiser(transaction.session, transaction.now)
             yield transaction
             if had_one and not has_organiser(transaction.session, transaction.now):
-                note("no organiser has a valid token now; `server token add` creates one")
+                person, *_ = organisers(transaction.session)
+                words = ["server", "token", "add", str(self), person.name]
+                command = shlex.join(["reverie-eval", *words, "--team", person.team.name])
+                note(f"no organiser has a valid token now; `{command}` creates one")
 
 
 server_folder = click.argument("folder", type=click.Path(path_type=Folder))

@@ -2,15 +2,21 @@
 
 import hashlib
 import json
+import re
+import shlex
 import sqlite3
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from datetime import timedelta
+from threading import Barrier
 
+import pytest
 from sqlalchemy import delete, select
 
 from reverie_eval.schemas.joining import Rejection
 from reverie_eval.schemas.organising import NewMerge
+from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.audited_rows import mismatches, swapped_names
@@ -29,6 +35,7 @@ from tests.support.acting import NOON, add_person, ask_to_join, create_token
 from tests.support.flat import Run
 from tests.support.serving import GOOD, MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
 from tests.support.visiting import said, signed_in
+from tests.support.waiting import PATIENCE
 
 ADDRESS = "ada.lovelace@example.org"
 SECOND = "Zoraida"
@@ -171,12 +178,61 @@ def test_actions_on_people_that_are_cut_off_the_log_are_seen(server: Serving) ->
         assert f"{action} (" in told
 
 
+ONLY = "is the only organiser; first add another, and create a token for them"
+
+
+def test_the_only_organiser_cannot_be_deleted(server_on: Serving) -> None:
+    server = server_on
+    number = server.person(ORGANISER).id
+    refused = server.ask(ORGANISER, "DELETE", f"/organiser/people/{number}")
+    assert (refused.status_code, refused.json()["detail"]) == (409, f"{ORGANISER} {ONLY}")
+    desk = signed_in(server, ORGANISER)
+    page = desk.send(f"/desk/people/{number}/delete", {"confirmed": "yes"})
+    assert (page.status_code, ONLY in said(page)) == (409, True)
+    with server.acting() as transaction, pytest.raises(ConflictError, match=ONLY):
+        delete_person(transaction, number)
+    assert server.person(ORGANISER).deleted_at is None
+
+    second, headers = second_organiser(server)
+    deleted = server.ask(None, "DELETE", f"/organiser/people/{number}", headers=headers)
+    assert deleted.status_code == 200
+    with server.acting() as transaction, pytest.raises(ConflictError, match=f"{SECOND} {ONLY}"):
+        delete_person(transaction, second)
+
+
+def test_one_of_two_organisers_that_are_deleted_at_once_stays(server_on: Serving) -> None:
+    number, _ = second_organiser(server_on)
+    both = (server_on.person(ORGANISER).id, number)
+    ready = Barrier(len(both))
+
+    def delete_one(number: int) -> bool:
+        ready.wait(PATIENCE)
+        try:
+            with server_on.acting() as transaction:
+                delete_person(transaction, number)
+        except ConflictError:
+            return False
+        return True
+
+    with ThreadPoolExecutor(len(both)) as pool:
+        assert sorted(pool.map(delete_one, both)) == [False, True]
+
+
+def test_a_command_does_not_delete_the_only_organiser(server: Serving, run: Run) -> None:
+    folder = str(server.state.settings.folder)
+    words = ("server", "person", "delete", folder, ORGANISER, "--yes")
+    refused = run(*words)
+    assert (refused.status, refused.out) == (2, "")
+    assert f"{ORGANISER} {ONLY}" in refused.err
+    with server.acting() as transaction:
+        add_person(transaction, "Red", SECOND, "organiser")
+    assert run(*words).status == 0
+
+
 def test_the_last_organiser_keeps_a_token(server: Serving) -> None:
-    own = f"/organiser/people/{server.person(ORGANISER).id}"
     token = f"/organiser/tokens/{server.tokens[ORGANISER][:11]}"
-    for path in (own, token):
-        refused = server.ask(ORGANISER, "DELETE", path)
-        assert (refused.status_code, "leave no organiser with" in refused.text) == (409, True)
+    refused = server.ask(ORGANISER, "DELETE", token)
+    assert (refused.status_code, "leave no organiser with" in refused.text) == (409, True)
     with server.acting() as transaction:
         add_person(transaction, "Organisers", SECOND, "organiser")
         create_token(transaction, SECOND, "invite")
@@ -193,10 +249,17 @@ def test_the_last_organiser_keeps_a_token(server: Serving) -> None:
 
 def test_the_command_line_warns_of_the_last_organiser(server: Serving, run: Run) -> None:
     folder = str(server.state.settings.folder)
-    warning = "no organiser has a valid token now; `server token add` creates one"
-    assert warning not in run("server", "person", "revoke", folder, OWNER).err
-    assert warning in run("server", "person", "revoke", folder, ORGANISER).err
-    assert warning not in run("server", "person", "revoke", folder, OTHER).err
+    warning = re.compile("no organiser has a valid token now; `reverie-eval (.+)` creates one")
+    with server.acting() as transaction:
+        add_person(transaction, "Red", ORGANISER)  # another Olga
+    words = ("server", "person", "revoke", folder)
+    assert not warning.search(run(*words, OWNER).err)
+    told = warning.search(run(*words, ORGANISER, "--team", "Organisers").err)
+    assert told
+    assert not warning.search(run(*words, OTHER).err)
+    created = run(*shlex.split(told[1]))
+    token = {"Authorization": f"Bearer {created.out.strip()}"}
+    assert server.ask(None, "GET", "/organiser/teams", headers=token).status_code == 200
 
 
 def test_a_person_is_exported_and_deleted_on_the_command_line(server: Serving, run: Run) -> None:
@@ -218,9 +281,6 @@ def test_a_person_is_exported_and_deleted_at_the_desk(server: Serving) -> None:
     assert "Delete Ada?" in said(desk.send("/desk/people/1/delete", {}))
     done = desk.send("/desk/people/1/delete", {"confirmed": "yes"})
     assert done.headers["location"] == "/desk/people?done=deleted"
-    own = server.person(ORGANISER).id
-    refused = desk.send(f"/desk/people/{own}/delete", {"confirmed": "yes"})
-    assert (refused.status_code, "leave no organiser with" in said(refused)) == (409, True)
 
 
 def test_a_name_that_was_put_back_is_found(server: Serving) -> None:

@@ -193,6 +193,12 @@ def person_named(session: Session, name: str, team: str | None = None) -> Person
     return found[0]
 
 
+def organisers(session: Session) -> Sequence[Person]:
+    """Return all organisers in the order in which they were added."""
+    chosen = select(Person).where(Person.is_organiser, Person.deleted_at.is_(None))
+    return session.scalars(chosen.order_by(Person.id)).all()
+
+
 def find_person(session: Session, person_id: int) -> Person:
     """Return a person by number; raise NotFoundError if it does not exist."""
     person = session.get(Person, person_id)

@@ -10,9 +10,10 @@ from sqlalchemy.orm import Session, lazyload
 from reverie_eval.schemas.organising import PersonReport
 from reverie_eval.schemas.personal_data import PersonalData, SessionRecord, SubmissionRecord
 from reverie_eval.schemas.service import Method
+from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.attempts import attempt_report
 from reverie_eval.server.service.audit import audit_reports, entries, row_name
-from reverie_eval.server.service.people import find_person, person_report
+from reverie_eval.server.service.people import find_person, organisers, person_report
 from reverie_eval.server.service.tokens import revoke_all, token_report
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import (
@@ -83,9 +84,15 @@ def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
     ------
     NotFoundError
         If there is no such person, or they were deleted before.
+    ConflictError
+        If they are the only organiser.
     """
     session = transaction.session
     person = find_person(session, person_id)
+    if organisers(session) == [person]:
+        raise ConflictError(
+            f"{person.name} is the only organiser; first add another, and create a token for them"
+        )
     revoke_all(transaction, person)
     owned = select(Token.id).where(Token.person_id == person.id)
     session.execute(delete(BrowserSession).where(BrowserSession.token_id.in_(owned)))

@@ -125,7 +125,8 @@ def check_organiser_left(transaction: Transaction) -> None:
 
     An action over HTTP is followed by this check: otherwise nobody could undo it over HTTP. It is
     not part of the actions, because commands must be able to revoke the last token, if it was
-    stolen for example. On the server's machine, `server token add` can always create another.
+    stolen for example. On the server's machine, `server token add` can always create another:
+    there is always an organiser, because the only one cannot be deleted.
     """
     if not has_organiser(transaction.session, transaction.now):
         raise ConflictError(

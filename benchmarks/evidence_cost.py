@@ -102,6 +102,7 @@ def fill(state: ServerState, submissions: int) -> None:
                 "sha256": sha256,
                 "size": len(content),
                 "received_at": state.clock() - timedelta(hours=submissions - number),
+                "scored_at": state.clock(),
                 "method": {"name": "Method"},
                 "report": report,
                 "receipt": {},

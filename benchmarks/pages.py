@@ -173,6 +173,7 @@ def _row(
         "sha256": secrets.token_hex(32),
         "size": 1_000_000,
         "received_at": utc_now(),
+        "scored_at": utc_now(),
         "method": method.model_dump(mode="json"),
         "report": report,
         "receipt": receipt,

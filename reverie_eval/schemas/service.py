@@ -1,8 +1,9 @@
 """Messages between the evaluation server and its clients."""
 
 import re
-from collections.abc import Mapping
-from datetime import date, datetime, timedelta
+from collections.abc import Mapping, Sequence
+from datetime import UTC, date, datetime, timedelta
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, Literal, Self, get_args
 
@@ -238,6 +239,28 @@ class Phase(WireModel):
         if self.is_open(now):
             return "paused" if is_paused else "open"
         return "not open yet" if self.opens is not None and now < self.opens else "closed"
+
+    @property
+    def period(self) -> str:
+        """Its first and its last second, in words; empty if it is always open."""
+        sides = {"from": self.opens, "until": self.closes}
+        return " ".join(
+            f"{word} {moment:%Y-%m-%dT%H:%M:%SZ}" for word, moment in sides.items() if moment
+        )
+
+
+def first_overlap(phases: Sequence[Phase]) -> tuple[Phase, Phase] | None:
+    """Return two phases to which the same submission could belong, the earlier one first.
+
+    A phase that opens in the last second of another overlaps it, because both include that second.
+    """
+    earliest, latest = datetime.min.replace(tzinfo=UTC), datetime.max.replace(tzinfo=UTC)
+    in_order = sorted(phases, key=lambda each: (each.opens or earliest, each.closes or latest))
+    for first, second in pairwise(in_order):
+        opens = (second.opens or earliest).replace(microsecond=0)
+        if opens <= (first.closes or latest):
+            return first, second
+    return None
 
 
 def _some_phases(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:

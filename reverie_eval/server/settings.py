@@ -7,6 +7,7 @@ files or environment variables, never arguments.
 
 import os
 import re
+import shlex
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, time, timedelta
@@ -38,7 +39,7 @@ from sqlalchemy.exc import ArgumentError
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
 from reverie_eval.reporting._skyboxes import PANORAMAS_VARIABLE
-from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
+from reverie_eval.schemas.service import Phase, Phases, ReleaseScores, first_overlap
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
@@ -50,6 +51,7 @@ _NO_SETTINGS = frozenset(
     {GROUND_TRUTH_VARIABLE, PANORAMAS_VARIABLE, SERVER_VARIABLE, TOKEN_VARIABLE}
 )
 """Environment variables of other commands."""
+_SECOND = timedelta(seconds=1)
 _POSTGRESQL = "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
 _DATABASES = f"must be an SQLite file, sqlite:///FILE, or PostgreSQL, {_POSTGRESQL}"
 
@@ -69,6 +71,23 @@ class SettingsError(RejectedError):
     """The settings of a server are invalid."""
 
     subject = "settings"
+
+
+class PhasesError(ValueError):
+    """The phases of a split overlap, or one of them has no end although it needs one."""
+
+    def __init__(self, message: str, phase: Phase, closes: datetime | None = None) -> None:
+        super().__init__(message)
+        self._phase = phase
+        """The phase to be closed."""
+        self._closes = closes
+        """Its latest possible end, if it depends on another phase."""
+
+    def remedy(self, folder: str, split: str) -> str:
+        """Return the command that closes the phase, if it was set at the desk."""
+        closes = "TIME" if self._closes is None else f"{self._closes:%Y-%m-%dT%H:%M:%SZ}"
+        name = shlex.quote(self._phase.name)
+        return f"reverie-eval server phase set {folder} {split} {name} --closes {closes}"
 
 
 def _known_task(name: str) -> str:
@@ -217,7 +236,7 @@ class Split(_Section):
     protocol."""
     quota: Quota | None = None
     phases: Phases = (Phase(name="always"),)
-    """The phases, until others are set at the desk."""
+    """The phases, until others are set at the desk. They must not overlap."""
     release_scores: ReleaseScores = "at-once"
     """``phase-end``: nobody sees the scores of a private split, on its leaderboard or elsewhere,
     before the end of the phase in which the submission was received. Every phase needs
@@ -259,9 +278,14 @@ class Split(_Section):
         return self.model_copy(update={**changed, "also": {}})
 
     @model_validator(mode="after")
-    def _can_hold_scores(self) -> Self:
-        self.check_release(self.phases, self.release_scores)
+    def _phases_can_apply(self) -> Self:
+        self.check_phases(self.phases, self.release_scores)
         return self
+
+    def check_phases(self, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
+        """Check that phases can apply; raises the errors of the two checks below."""
+        self.check_release(phases, release_scores)
+        self.check_overlap(phases)
 
     def check_release(self, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
         """Check that scores can be held back as long as they should be.
@@ -269,14 +293,29 @@ class Split(_Section):
         Raises
         ------
         ValueError
-            If the answers are public, or a phase has no end.
+            If the answers are public.
+        PhasesError
+            If a phase has no end.
         """
         if release_scores == "at-once":
             return
         if self.visibility == "open":
             raise ValueError("scores of an open split cannot be held back; its answers are public")
-        if any(phase.closes is None for phase in phases):
-            raise ValueError("scores can be held back only if every phase has `closes`")
+        for phase in phases:
+            if phase.closes is None:
+                message = "scores can be held back only if every phase has `closes`"
+                raise PhasesError(f"{message}, and {phase.name!r} has none", phase)
+
+    def check_overlap(self, phases: Sequence[Phase]) -> None:
+        """Check that no submission belongs to two phases; PhasesError names two that overlap."""
+        pair = first_overlap(phases)
+        if pair is None:
+            return
+        first, second = pair
+        told = " and ".join(f"{each.name!r} ({each.period or 'always open'})" for each in pair)
+        closes = None if second.opens in {None, first.opens} else second.opens - _SECOND
+        message = f"{told} overlap; {first.name!r} must close before {second.name!r} opens"
+        raise PhasesError(f"the phases {message}", first, closes)
 
     @property
     def effective_quota(self) -> Quota:

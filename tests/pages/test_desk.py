@@ -449,6 +449,14 @@ def test_a_date_is_a_date(until: str, desk: Visitor) -> None:
     assert (page.status_code, told in said(page)) == (400, True)
 
 
+def test_phases_that_overlap_are_shown_again_with_what_to_change(desk: Visitor) -> None:
+    form = {"split": PRIVATE, "name-0": "always", "name-1": "next", "opens-1": "2026-05-01"}
+    page = sending(desk, "/desk/phases", **form)
+    told = "'always' must close before 'next' opens; change it at /desk/phases or with"
+    assert (page.status_code, told in said(page)) == (409, True)
+    assert 'value="2026-05-01"' in page.text
+
+
 def test_a_phase_has_a_name(desk: Visitor) -> None:
     page = sending(desk, "/desk/phases", split=OPEN, **{"name-0": "", "opens-0": "2026-05-01"})
     told = "Phase 1, name: required but missing"

@@ -20,7 +20,7 @@ from reverie_eval.server.service.audit import (
     list_entries,
     list_reports,
 )
-from reverie_eval.server.service.audited_rows import Action, mismatches, swapped_names
+from reverie_eval.server.service.audited_rows import mismatches, swapped_names
 from reverie_eval.server.service.keys import all_keys
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named, rename_team, team_named
@@ -77,10 +77,6 @@ def test_entries_are_counted(sqlite: Database) -> None:
         add_team(transaction, "Blue")
         add_team(transaction, "Red")
         assert count_rows(transaction.session, AuditEntry) == 2
-
-
-def test_an_action_without_a_time_is_worded_without_one() -> None:
-    assert str(Action("submitted", "submission:ab", None)) == "submitted (submission:ab)"
 
 
 def test_entries_are_listed_by_actor_and_subject(database: Database) -> None:

@@ -210,7 +210,7 @@ DAMAGES = [
     pytest.param(
         sql(f"UPDATE submission SET id = 'f00' WHERE {FIRST}"),
         "audit log",
-        "submitted (submission:f00): in the database, but not logged",
+        "submitted (submission:f00, 2026-03-02 13:00:00): in the database, but not logged",
         id="submission slipped in",
     ),
     pytest.param(
@@ -489,5 +489,5 @@ def test_the_audit_log_is_compared_with_all_rows(server_on: Serving) -> None:
         assert list(mismatches(session)) == [
             f"changed (submission:{sent}, {day} 13:00:00): in the database, but not logged",
             f"news added (news:1, {day} 12:00:00): in the database, but not logged",
-            f"submitted (submission:{sent}): in the database, but not logged",
+            f"submitted (submission:{sent}, {day} 12:00:00): in the database, but not logged",
         ]

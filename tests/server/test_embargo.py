@@ -8,7 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from reverie_eval.receipts import verify
-from reverie_eval.schemas.service import Phase, Receipt
+from reverie_eval.schemas.organising import EmailedFile
+from reverie_eval.schemas.service import Method, Phase, Receipt
 from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.reviews import any_submission
 from reverie_eval.server.service.submissions import publication
@@ -184,11 +185,46 @@ def test_a_later_phase_holds_back_its_own_submissions_alone(held: Serving) -> No
     assert [bool(each["report"]["scores"]) for each in told] == [False, True]
 
 
+def test_a_file_that_came_by_e_mail_is_held_back_by_the_phase_of_its_date(server: Serving) -> None:
+    """It came when scores were shown at once, and is scored when they are held back."""
+    path = f"/organiser/schedules/{PRIVATE}"
+    uploaded = submit(server)
+    server.clock.turn(hours=1)
+    challenge = {"name": "challenge", "opens": f"{NOON:%F}", "closes": f"{CLOSES:%FT%TZ}"}
+    body = {"phases": [challenge], "release_scores": "phase-end"}
+    server.ask(ORGANISER, "PUT", path, json=body).raise_for_status()
+    server.clock.turn(hours=1)
+    organiser, office = server.person(ORGANISER), server.state.emailed_files
+    file = EmailedFile(
+        split=PRIVATE, team="Blue", person=OWNER, received_at=NOON + timedelta(minutes=9)
+    )
+    content = server.distinct(PRIVATE)
+    told = office.submit(organiser, file, "a.json", content, Method(name="Walker"))
+    emailed = told.submission.id
+    assert told.submission.scores_held_until == CLOSES
+    assert "RGSPL" not in told.reply
+    shown = {
+        each["id"]: bool(each["report"]["scores"])
+        for each in server.ask(OWNER, "GET", "/submissions").json()
+    }
+    assert shown == {uploaded: True, emailed: False}, "scores that were shown stay visible"
+    server.ask(OWNER, "PATCH", f"/submissions/{emailed}", json={"published": True})
+    board = server.ask(None, "GET", f"/splits/{PRIVATE}/leaderboard").json()
+    ranked = {each["submission_id"]: bool(each["scores"]) for each in board["rows"]}
+    assert ranked == shown
+    server.clock.now = CLOSES + timedelta(seconds=1)
+    assert server.ask(OWNER, "GET", f"/submissions/{emailed}").json()["report"]["scores"]
+
+
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
         pytest.param({"visibility": "open"}, "open split cannot be held back", id="open"),
-        pytest.param({"phases": [{"name": "always"}]}, "every phase has `closes`", id="no end"),
+        pytest.param(
+            {"phases": [{"name": "always"}]},
+            "only if every phase has `closes`, and 'always' has none",
+            id="no end",
+        ),
     ],
 )
 def test_scores_cannot_be_held_back_for_ever_or_of_open_answers(

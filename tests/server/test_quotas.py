@@ -193,6 +193,7 @@ def submitted(team_id: int, person_id: int, whens: Sequence[int]) -> Iterator[Su
             sha256=number,
             size=1,
             received_at=NOON - ago * UNIT,
+            scored_at=NOON,
             method={},
             report={},
             receipt={},

@@ -1,5 +1,7 @@
 """Phases, pauses and the release of scores, changed while the server runs."""
 
+import json
+import shlex
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -8,7 +10,7 @@ import httpx
 import pytest
 
 from reverie_eval.schemas.organising import NewSchedule
-from reverie_eval.schemas.service import Method, Phase, Schedule
+from reverie_eval.schemas.service import Method, Phase, Schedule, first_overlap
 from reverie_eval.server.errors import ConflictError, NotFoundError, NotOpenError
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.service.schedules import Timetable, closed, with_phase
@@ -31,7 +33,7 @@ from tests.support.serving import (
 
 SPLITS = ("test", "val_seen", "val_unseen")
 METHOD = Method(name="Walker")
-HOUR = timedelta(hours=1)
+SECOND, HOUR = timedelta(seconds=1), timedelta(hours=1)
 ENDED = {"name": "first", "closes": "2026-03-02T11:00:00Z"}
 RUNNING = {"name": "second", "opens": "2026-03-02T11:30:00Z", "closes": "2026-03-02T13:00:00Z"}
 
@@ -118,8 +120,29 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
             {"phases": [{"name": "a"}], "release_scores": "phase-end"},
             PRIVATE,
             409,
-            "every phase has `closes`",
+            "only if every phase has `closes`, and 'a' has none; change it at /desk/phases or with "
+            "`reverie-eval server phase set FOLDER test a --closes TIME`",
             id="held back for ever",
+        ),
+        pytest.param(
+            {"phases": [{"name": "a b"}, RUNNING], "release_scores": "at-once"},
+            PRIVATE,
+            409,
+            "the phases 'a b' (always open) and 'second' (from 2026-03-02T11:30:00Z until "
+            "2026-03-02T13:00:00Z) overlap; 'a b' must close before 'second' opens; change it at "
+            "/desk/phases or with `reverie-eval server phase set FOLDER test 'a b' --closes "
+            "2026-03-02T11:29:59Z`",
+            id="overlap",
+        ),
+        pytest.param(
+            {
+                "phases": [RUNNING, {**RUNNING, "name": "third", "closes": "2026-03-03"}],
+                "release_scores": "phase-end",
+            },
+            PRIVATE,
+            409,
+            "`reverie-eval server phase set FOLDER test second --closes TIME`",
+            id="overlap from the start",
         ),
         pytest.param(
             {"phases": [RUNNING], "release_scores": "phase-end"},
@@ -135,7 +158,7 @@ def test_what_cannot_apply_is_refused(
 ) -> None:
     reply = put(server, split, **schedule)
     assert reply.status_code == status
-    assert why in reply.text
+    assert why in json.dumps(reply.json(), ensure_ascii=False)
     assert server.ask(ORGANISER, "GET", "/organiser/schedules").json()[0]["desk"] is None
 
 
@@ -222,8 +245,7 @@ def test_which_schedule_applied_at_a_moment() -> None:
         for hours, paused in ((0, True), (1, False), (2, True))
     ]
     timetable = Timetable(Schedule(phases=(Phase(name="a"),)), rows)
-    second = timedelta(seconds=1)
-    moments = [NOON - second, NOON, NOON + HOUR - second, NOON + HOUR, NOON + 9 * HOUR]
+    moments = [NOON - SECOND, NOON, NOON + HOUR - SECOND, NOON + HOUR, NOON + 9 * HOUR]
     assert [timetable.at(each).paused for each in moments] == [False, True, True, False, True]
 
 
@@ -244,10 +266,48 @@ def test_what_a_schedule_would_show_is_counted(folder: Path, open_server: OpenSe
 
 PHASES = (
     Phase(name="over", closes=NOON - HOUR),
-    Phase(name="open", opens=NOON - HOUR),
-    Phase(name="new", opens=NOON, closes=NOON + HOUR),
+    Phase(name="open", opens=NOON - HOUR + SECOND, closes=NOON + HOUR - SECOND),
     Phase(name="to come", opens=NOON + HOUR),
 )
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "is_overlap"),
+    [
+        pytest.param((None, NOON), (NOON + SECOND, None), False, id="the next second"),
+        pytest.param((None, NOON), (NOON, None), True, id="in its last second"),
+        pytest.param((None, NOON), (NOON + SECOND / 2, None), True, id="within its last second"),
+        pytest.param((None, NOON + SECOND / 2), (NOON + SECOND, None), False, id="a part of one"),
+        pytest.param((None, None), (NOON, NOON + HOUR), True, id="behind one that is always open"),
+        pytest.param((NOON, None), (NOON + HOUR, None), True, id="two without an end"),
+        pytest.param((None, NOON), (None, NOON + HOUR), True, id="two without a start"),
+        pytest.param((NOON, NOON + HOUR), (NOON, NOON + HOUR), True, id="the same twice"),
+        pytest.param((NOON, NOON + 9 * HOUR), (NOON + HOUR, NOON + 2 * HOUR), True, id="within"),
+    ],
+)
+def test_which_phases_overlap(first: Any, second: Any, *, is_overlap: bool) -> None:
+    phases = [
+        Phase(name=name, opens=opens, closes=closes)
+        for name, (opens, closes) in (("first", first), ("second", second))
+    ]
+    for order in (phases, phases[::-1]):
+        pair = first_overlap(order)
+        assert (pair is not None) is is_overlap
+        # A file could belong to both, or to neither, in the first moment of the second one.
+        begin = phases[1].opens or NOON
+        assert all(phase.is_open(begin) for phase in phases) is is_overlap
+
+
+def test_an_overlap_is_found_among_many_phases() -> None:
+    hours = [(8, 9), (0, 1), (2, 5), (6, 7), (4, 5)]
+    phases = [
+        Phase(name=f"{begin}", opens=NOON + begin * HOUR, closes=NOON + end * HOUR)
+        for begin, end in hours
+    ]
+    pair = first_overlap(phases)
+    assert pair is not None
+    assert [phase.name for phase in pair] == ["2", "4"]
+    assert first_overlap(phases[:-1]) is None
 
 
 @pytest.mark.parametrize(
@@ -288,19 +348,20 @@ def test_the_status_of_a_phase(
 
 def test_to_close_ends_the_open_phases_with_this_second() -> None:
     schedule = Schedule(phases=PHASES, release_scores="phase-end", paused=True)
-    over, running, new, coming = PHASES
-    second = timedelta(seconds=1)
-    end = closed(schedule, NOON + second / 2)
+    over, running, coming = PHASES
+    end = closed(schedule, NOON + SECOND / 2)
     assert end.model_dump() == {
         "phases": (
             over.model_dump(),
             {**running.model_dump(), "closes": NOON},
-            {**new.model_dump(), "closes": NOON + second},  # it has to last a second
             coming.model_dump(),
         ),
         "release_scores": "phase-end",
         "paused": True,
     }
+    new = Phase(name="new", opens=NOON, closes=NOON + HOUR)
+    (shortest,) = closed(Schedule(phases=(new,)), NOON).phases or ()
+    assert shortest.closes == NOON + SECOND, "it has to last a second"
     without_start = Schedule(phases=(Phase(name="a"),))
     assert [each.closes for each in closed(without_start, NOON).phases or ()] == [NOON]
     with pytest.raises(ConflictError) as refused:
@@ -376,7 +437,34 @@ def test_scores_that_were_shown_stay_visible(
         for when, until in changes
     ]
     timetable = Timetable(Schedule(**held(hour(settings))), rows)
-    assert timetable.held_until(NOON, NOON + at * HOUR) == hour(expected)
+    assert timetable.held_until(NOON, NOON, NOON + at * HOUR) == hour(expected)
+
+
+@pytest.mark.parametrize(
+    ("scored", "settings", "changes", "at", "expected"),
+    [
+        pytest.param(2, None, [(1, 5)], 3, 5, id="after scores are held back"),
+        pytest.param(1, None, [(1, 5)], 3, 5, id="when they begin to be held back"),
+        pytest.param(0, None, [(1, 5)], 3, None, id="before that: shown"),
+        pytest.param(3, 2, [], 3, None, id="after the end of its phase"),
+        pytest.param(2, 2, [], 2, 2, id="in the last second of its phase"),
+        pytest.param(3, 5, [(1, None)], 4, None, id="after its phase was released"),
+        pytest.param(3, 5, [(1, None), (2, 6)], 4, 6, id="released and held back again by then"),
+    ],
+)
+def test_scores_are_shown_no_earlier_than_a_file_is_scored(
+    scored: int, settings: int | None, changes: list[tuple[int, int | None]], at: int, expected: Any
+) -> None:
+    """A file of noon that is scored hours later, when other schedules may apply."""
+    times = [(when, None if until is None else NOON + until * HOUR) for when, until in changes]
+    rows = [
+        SetSchedule(split=PRIVATE, paused=False, created_at=NOON + when * HOUR, **held(until))
+        for when, until in times
+    ]
+    first = held(None if settings is None else NOON + settings * HOUR)
+    timetable = Timetable(Schedule(**first), rows)
+    until = timetable.held_until(NOON, NOON + scored * HOUR, NOON + at * HOUR)
+    assert until == (None if expected is None else NOON + expected * HOUR)
 
 
 def test_a_leaderboard_follows_the_phase_in_effect(folder: Path, open_server: OpenServer) -> None:
@@ -443,6 +531,19 @@ def test_a_wrong_time_is_refused_in_a_line(server: Serving, folder: Path, run: R
     assert shown(server)["phases"][0]["closes"] is None
 
 
+def test_a_phase_beside_the_one_that_is_always_open_is_refused(
+    server: Serving, folder: Path, run: Run
+) -> None:
+    words = ["server", "phase", "set", str(folder), PRIVATE]
+    challenge = [*words, "challenge", "--opens", "2999-06-01", "--closes", "2999-07-01"]
+    refused = run(*challenge)
+    assert refused.status == 2
+    assert "'always' (always open) and 'challenge' (from 2999-06-01T00:00:00Z" in refused.err
+    assert [each["name"] for each in shown(server, PRIVATE)["phases"]] == ["always"]
+    assert run(*words, "always", "--closes", "2999-05-31").status == 0
+    assert run(*challenge).status == 0
+
+
 def test_a_check_notes_what_the_desk_has_set(server: Serving, folder: Path) -> None:
     def found() -> list[tuple[str, str]]:
         return [(each.kind, each.what) for each in check_folder(folder) if each.check == "phases"]
@@ -459,3 +560,35 @@ def test_a_check_notes_what_the_desk_has_set(server: Serving, folder: Path) -> N
     ((kind, what),) = found()
     assert kind == "fault"
     assert f"reverie-eval server phase reset {folder} {PRIVATE}" in what
+
+
+OVERLAPPING = (
+    Phase(name="first", opens=NOON - HOUR, closes=NOON + HOUR),
+    Phase(name="second", opens=NOON, closes=NOON + 2 * HOUR),
+)
+
+
+def test_phases_of_an_earlier_version_that_overlap_are_noted_and_can_be_paused(
+    server: Serving, folder: Path, open_server: OpenServer, run: Run
+) -> None:
+    """The scores of a submission that belongs to both are held back until the later end."""
+    with server.state.database.writing() as session:
+        new = NewSchedule(phases=OVERLAPPING, release_scores="phase-end")
+        fields = new.model_dump(mode="json")
+        session.add(SetSchedule(split=PRIVATE, set_by=ORGANISER, created_at=NOON, **fields))
+    overlap, desk = [each for each in check_folder(folder) if each.check == "phases"]
+    assert (overlap.kind, desk.kind) == ("note", "note")
+    assert overlap.what == (
+        "test, as set at the desk: the phases 'first' (from 2026-03-02T11:00:00Z until "
+        "2026-03-02T13:00:00Z) and 'second' (from 2026-03-02T12:00:00Z until 2026-03-02T14:00:00Z) "
+        "overlap; 'first' must close before 'second' opens; run `reverie-eval server phase set "
+        f"{folder} test first --closes 2026-03-02T11:59:59Z`"
+    )
+    restarted = open_server(settings_of(folder), server.tokens)
+    told = restarted.upload(OWNER, submission_for(PRIVATE), PRIVATE).json()["submission"]
+    assert told["scores_held_until"] == "2026-03-02T14:00:00Z"
+    for change in ("pause", "resume"):
+        assert run("server", "phase", change, str(folder), PRIVATE).status == 0
+    command = overlap.what.partition("run `reverie-eval ")[2].rstrip("`")
+    assert run(*shlex.split(command)).status == 0
+    assert [each.kind for each in check_folder(folder) if each.check == "phases"] == ["note"]

@@ -193,6 +193,16 @@ def test_the_template_names_every_setting(folder: Path) -> None:
             id="closes as it opens",
         ),
         pytest.param(
+            f"{SPLIT}phases = [{{ name = 'always' }}, {{ name = 'a', opens = 2027-01-02 }}]\n",
+            [
+                (
+                    "splits.test: the phases 'always' (always open) and 'a' (from "
+                    "2027-01-02T00:00:00Z) overlap; 'always' must close before 'a' opens"
+                )
+            ],
+            id="phases overlap",
+        ),
+        pytest.param(
             f"{SPLIT}[limits]\nupload_mebibytes = 0\n",
             ["limits.upload_mebibytes: got 0; must be greater than 0"],
             id="no bytes",

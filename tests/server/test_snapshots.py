@@ -176,12 +176,17 @@ def test_the_snapshots_of_several_phases_are_due_in_their_order(
 ) -> None:
     settings = settings_of(folder)
     for split, *closings in ((PRIVATE, 2, 1), (OPEN, 1)):
-        ends = [Phase(name=f"{each}", closes=NOON + timedelta(hours=each)) for each in closings]
-        phases = (*ends, Phase(name="always"))
-        settings = adjusted(settings, split, phases=phases)
+        ends = [NOON + timedelta(hours=each) for each in closings]
+        phases = [
+            Phase(name=f"{hour}", opens=end - timedelta(minutes=59), closes=end)
+            for hour, end in zip(closings, ends, strict=True)
+        ]
+        phases.append(Phase(name="after", opens=max(ends) + timedelta(minutes=1)))
+        settings = adjusted(settings, split, phases=tuple(phases))
     server = open_server(settings)
+    server.clock.turn(minutes=1)
     for split in (OPEN, PRIVATE):
-        server.upload(OWNER, server.distinct(split), split)
+        assert server.upload(OWNER, server.distinct(split), split).status_code == 201
     second = END + timedelta(hours=1)
     micro = timedelta(microseconds=1)
     first_two = [(PRIVATE, "1", END), (OPEN, "1", END)]
@@ -217,7 +222,7 @@ def test_a_phase_counts_with_what_was_there_in_its_last_second(
     *,
     is_due: bool,
 ) -> None:
-    phases = (Phase(name="challenge", closes=CLOSES), Phase(name="always"))
+    phases = (Phase(name="challenge", closes=CLOSES), Phase(name="after", opens=END))
     server = open_server(adjusted(settings_of(folder), phases=phases))
     server.clock.now = received
     server.upload(OWNER, server.distinct(PRIVATE), PRIVATE)

@@ -22,7 +22,7 @@ from tests.support.flat import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "e211fb49055ba4386dc551fddd4435927daef438dfc65a05997051d86db17b4c",
+    "0001_initial_tables.py": "9ea6fd07ce9ca8f72fbd7e3a27dbf939c6d88ba75b8ad5a6e9e45fb85765f93d",
 }
 RELEASED = ("0.1.0",)
 

@@ -192,13 +192,14 @@ def _write(server: ServerState) -> None:
     The numbers are negative: PostgreSQL does not reuse numbers after a rollback.
     """
     now, unique = server.clock(), secrets.token_hex(16)
+    times = {"received_at": now, "scored_at": now}
     someone = {"id": _NOBODY, "name": unique, "created_at": now}
     theirs = {"team_id": _NOBODY, "person_id": _NOBODY}
     digests = {"sha256": unique, "previous": unique, "digest": unique}
     rows = (
         (Team, someone),
         (Person, {**someone, "team_id": _NOBODY, "role": "participant"}),
-        (Submission, {**_EMPTY, **theirs, **digests, "id": unique, "received_at": now}),
+        (Submission, {**_EMPTY, **theirs, **digests, "id": unique, **times}),
         (AuditEntry, {**_EMPTY, **digests, "id": _NOBODY, "at": now}),
         (Attempt, {**_EMPTY, **theirs, "id": _NOBODY, "at": now}),
     )

@@ -28,6 +28,7 @@ from reverie_eval.server.service.snapshots import Snapshots
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
+    PhasesError,
     Settings,
     SettingsError,
     load_settings,
@@ -371,19 +372,25 @@ def _at_schedules(session: Session, settings: Settings) -> Iterator[Finding]:
     """Look for splits whose phases or pauses were set at the desk."""
     reports = Schedules(settings.splits).list_all(session)
     for report in filter(lambda report: report.desk, reports):
-        now = report.in_effect
+        split, now = settings.splits[report.split], report.in_effect
         try:
-            settings.splits[report.split].check_release(now.phases, now.release_scores)
+            split.check_release(now.phases, now.release_scores)
         except ValueError as error:
             remedy = f"run `reverie-eval server phase reset {settings.folder} {report.split}`"
             message = f"{report.split}, as set at the desk: {error}; {remedy}"
             yield Finding("phases", "fault", message)
-        else:
-            message = (
-                f"{report.split}: phases or a pause set at the desk override the settings; "
-                f"`reverie-eval server diff {settings.folder}` compares them"
-            )
+            continue
+        try:
+            split.check_overlap(now.phases)
+        except PhasesError as error:
+            remedy = f"run `{error.remedy(str(settings.folder), report.split)}`"
+            message = f"{report.split}, as set at the desk: {error}; {remedy}"
             yield Finding("phases", "note", message)
+        message = (
+            f"{report.split}: phases or a pause set at the desk override the settings; "
+            f"`reverie-eval server diff {settings.folder}` compares them"
+        )
+        yield Finding("phases", "note", message)
 
 
 def _at_results(session: Session, boards: Mapping[str, Board], folder: Path) -> Iterator[Finding]:

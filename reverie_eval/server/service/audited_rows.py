@@ -19,7 +19,6 @@ from sqlalchemy import (
     SQLColumnExpression,
     String,
     Table,
-    case,
     cast,
     except_,
     literal,
@@ -76,12 +75,10 @@ class Action(NamedTuple):
     name: str
     row: str
     """The row as entries refer to it: ``team:3``."""
-    at: datetime | None
-    """None for `submitted`, whose entry is written some time after the submission arrived."""
+    at: datetime
 
     def __str__(self) -> str:
-        when = "" if self.at is None else f", {self.at:%Y-%m-%d %H:%M:%S}"
-        return f"{self.name} ({self.row}{when})"
+        return f"{self.name} ({self.row}, {self.at:%Y-%m-%d %H:%M:%S})"
 
 
 _Actions: TypeAlias = Select[Any, Any, Any]
@@ -92,7 +89,7 @@ def mismatches(session: Session) -> Iterator[str]:
     """Describe every disagreement between the audit log and the rows of the database."""
     # The database compares them: there may be millions.
     visible = union_all(*(shown.actions for shown in _VISIBLE)).subquery().select()
-    logged = select(AuditEntry.action, AuditEntry.row, _time(AuditEntry.action, AuditEntry.at))
+    logged = select(AuditEntry.action, AuditEntry.row, AuditEntry.at)
     lasting = logged.where(AuditEntry.action.in_(_LASTING))
     for action in _difference(session, lasting, visible):
         yield f"{action}: logged, but no longer in the database"
@@ -283,11 +280,6 @@ def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
         yield entry.row, entry.details.get("after", entry.subject)
 
 
-def _time(action: SQLColumnExpression[Any], at: SQLColumnExpression[Any]) -> ColumnElement[Any]:
-    """Return when an action happened; None for one that is logged some time after it happened."""
-    return case((action != SUBMITTED, at))
-
-
 class _Shown(NamedTuple):
     """Actions that the rows of a table show."""
 
@@ -309,7 +301,7 @@ def _shown_as(
     """Select actions whose names the rows of a table have, one of these."""
     table = at.class_
     row = literal(f"{table.__tablename__}:").concat(cast(table.id, String))
-    return _Shown(names, select(name, row, _time(name, at)).where(at.is_not(None), *where))
+    return _Shown(names, select(name, row, at).where(at.is_not(None), *where))
 
 
 _TABLES = {
@@ -332,7 +324,7 @@ _VISIBLE: Sequence[_Shown] = (
     ),
     # Using an invitation is not logged; creating the token that it was exchanged for is.
     _shown("token revoked", Token.revoked_at, Token.kind == "access"),
-    _shown(SUBMITTED, Submission.received_at),
+    _shown(SUBMITTED, Submission.scored_at),
     _shown("changed", Submission.published_at),
     _shown("changed", Submission.withdrawn_at),
     _shown("upload deleted", Submission.upload_deleted_at),

@@ -32,7 +32,9 @@ class View:
     def held_until(self, row: Submission) -> datetime | None:
         """Return the last second in which a submission's scores are held back, if they are now."""
         timetable = self.timetables.get(row.split)
-        return None if timetable is None else timetable.held_until(row.received_at, self.now)
+        if timetable is None:
+            return None
+        return timetable.held_until(row.received_at, row.scored_at, self.now)
 
     def score_report(self, row: Submission) -> ScoreReport:
         """Return a submission's report, with its scores unless they are held back."""

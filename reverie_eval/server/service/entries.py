@@ -53,7 +53,7 @@ _KEY = ("split", "number", "id")
 _COLUMNS = (
     *_KEY,
     *("team", "method", "stored", "at"),
-    *("team_id", "received_at", "anonymous_until"),
+    *("team_id", "received_at", "scored_at", "anonymous_until"),
     *("review", "verdict", "reason", "reviewer", "reviewed_at"),
     *("source", "date", "dataset", "added_by"),
 )
@@ -300,6 +300,7 @@ def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
             stored=cast(Submission.also if is_further else Submission.report, Text),
             at=Submission.published_at,
             received_at=Submission.received_at,
+            scored_at=Submission.scored_at,
             anonymous_until=Submission.anonymous_until,
             review=Review.id,
             verdict=Review.verdict,
@@ -357,7 +358,7 @@ def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: dateti
         for each in rows
         if each.review is not None
     ]
-    held_until = timetable.held_until(row.received_at, now)
+    held_until = timetable.held_until(row.received_at, row.scored_at, now)
     drawn = {} if report.intervals is None else report.intervals.intervals
     return Entry(
         submission_id=row.id,

@@ -189,6 +189,7 @@ class Intake:
             quota = usage.state(row.received_at)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
+            row.scored_at = transaction.now
             for further, report in reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))

@@ -20,7 +20,7 @@ from reverie_eval.schemas.organising import NewSchedule, ScheduleReport
 from reverie_eval.schemas.service import Phase, ReleaseScores, Schedule
 from reverie_eval.server.errors import ConflictError, no_split
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.settings import Split
+from reverie_eval.server.settings import PhasesError, Split
 from reverie_eval.server.store.tables import SetSchedule, Submission
 
 _SECOND = timedelta(seconds=1)
@@ -51,13 +51,16 @@ class Timetable:
         """The schedule that was set at the desk."""
         return NewSchedule.model_validate(self.rows[-1]) if self.rows else NewSchedule()
 
-    def held_until(self, received_at: datetime, now: datetime) -> datetime | None:
+    def held_until(
+        self, received_at: datetime, scored_at: datetime, now: datetime
+    ) -> datetime | None:
         """Return the last second in which scores of a submission are held back.
 
-        None if they are shown, or have been at any time since it was received.
+        None if they are shown, or have been at any time since it was scored. A file that came by
+        e-mail may be scored long after it was received; until then, nobody could see its scores.
         """
         until = None
-        for schedule, ends in self._periods(received_at, now):
+        for schedule, ends in self._periods(scored_at, now):
             until = schedule.held_until(received_at)
             if until is None or ends.replace(microsecond=0) > until:
                 return None
@@ -149,10 +152,11 @@ class Schedules:
         NotFoundError
             If the server has no such split.
         ConflictError
-            If scores would be held back for ever, or on a split whose answers are public.
+            If phases overlap, or scores would be held back for ever, or on a split whose answers
+            are public.
         """
         timetable = self.of(transaction.session, split)
-        row = self._row(split, new, transaction.actor, transaction.now)
+        row = self._row(timetable, split, new, transaction.actor, transaction.now)
         del transaction.session.info[_ROWS]
         transaction.record("schedule set", row, split, **new.model_dump(mode="json"))
         return timetable.with_one_more(row).report(split)
@@ -178,23 +182,34 @@ class Schedules:
         Raises the errors of :meth:`set`.
         """
         timetable = self.of(session, split)
-        changed = timetable.with_one_more(self._row(split, new, "", now))
-        received = session.scalars(select(Submission.received_at).where(Submission.split == split))
+        changed = timetable.with_one_more(self._row(timetable, split, new, "", now))
+        times = select(Submission.received_at, Submission.scored_at)
         shown = [
-            timetable.held_until(moment, now) is not None
-            and changed.held_until(moment, now) is None
-            for moment in received
+            timetable.held_until(received, scored, now) is not None
+            and changed.held_until(received, scored, now) is None
+            for received, scored in session.execute(times.where(Submission.split == split))
         ]
         return changed.latest, sum(shown)
 
-    def _row(self, split: str, new: NewSchedule, actor: str, now: datetime) -> SetSchedule:
-        if new.phases is not None and new.release_scores is not None:
-            try:
-                self._splits[split].check_release(new.phases, new.release_scores)
-            except ValueError as error:
-                raise ConflictError(f"{error}") from None
+    def _row(
+        self, timetable: Timetable, split: str, new: NewSchedule, actor: str, now: datetime
+    ) -> SetSchedule:
+        known = timetable.latest
+        is_changed = (new.phases, new.release_scores) != (known.phases, known.release_scores)
+        # A pause is possible whatever the phases are: an earlier version accepted more of them.
+        if is_changed and new.phases is not None and new.release_scores is not None:
+            self._check(split, new.phases, new.release_scores)
         fields = new.model_dump(mode="json")
         return SetSchedule(split=split, **fields, set_by=actor, created_at=now)
+
+    def _check(self, split: str, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
+        try:
+            self._splits[split].check_phases(phases, release_scores)
+        except PhasesError as error:
+            remedy = f"change it at /desk/phases or with `{error.remedy('FOLDER', split)}`"
+            raise ConflictError(f"{error}; {remedy}") from None
+        except ValueError as error:
+            raise ConflictError(f"{error}") from None
 
 
 def _rows(session: Session) -> Mapping[str, Sequence[SetSchedule]]:

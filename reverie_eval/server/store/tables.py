@@ -170,6 +170,9 @@ class Submission(Base):
     """Of the unpacked submission, which is stored under it."""
     size: Mapped[int]
     received_at: Mapped[datetime]
+    """When its last byte arrived; or the e-mail with it, which may be long before it was scored."""
+    scored_at: Mapped[datetime]
+    """When it was stored with its scores."""
     idempotency_key: Mapped[str | None] = mapped_column(String(200))
     method: Mapped[dict[str, Any]]
     """The team's description of its method."""

@@ -147,25 +147,11 @@ def _of_server(notice: NoticeReport | None) -> str:
     return "-" if notice is None else notice_text(notice)
 
 
-def _time(instant: datetime) -> str:
-    """Write a time as the options take it."""
-    return f"{instant:%Y-%m-%dT%H:%M:%SZ}"
-
-
 def _text(schedule: "Schedule | NewSchedule | None") -> str:
     """Write a schedule on one line."""
     if schedule is None:
         return "-"
-    words = [
-        " ".join(
-            [
-                each.name,
-                *([f"from {_time(each.opens)}"] if each.opens else []),
-                *([f"until {_time(each.closes)}"] if each.closes else []),
-            ]
-        )
-        for each in schedule.phases or ()
-    ]
+    words = [f"{each.name} {each.period}".rstrip() for each in schedule.phases or ()]
     if schedule.release_scores == "phase-end":
         words.append("scores shown when the phase ends")
     if schedule.paused:

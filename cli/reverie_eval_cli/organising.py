@@ -95,7 +95,7 @@ server_folder = click.argument("folder", type=click.Path(path_type=Folder))
 
 
 def actor() -> str:
-    """Return the name of the user, for the audit log."""
+    """Return the name of the user, for the audit log, which only organisers see."""
     try:
         name = getpass.getuser()
     except (KeyError, OSError):  # in a container, a user may have no name

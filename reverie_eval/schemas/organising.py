@@ -11,7 +11,6 @@ from reverie_eval.schemas.service import (
     BoardName,
     MethodDescription,
     Phases,
-    PublicReview,
     ReleaseScores,
     Role,
     Schedule,
@@ -26,7 +25,6 @@ from reverie_eval.schemas.wire import (
     Line,
     Name,
     OmittedName,
-    OrganiserName,
     PartialDate,
     PersonName,
     Reason,
@@ -188,7 +186,7 @@ class AuditReport(WireModel):
 
     id: int = Field(examples=[17])
     at: datetime
-    actor: OrganiserName
+    actor: PersonName
     actor_row: str = Field(examples=["person:1"])
     """The person who acted, for programs, because names may change. Empty for the server itself and
     for the command line."""
@@ -216,11 +214,11 @@ class NewReview(WireModel):
     """Public; one line."""
 
 
-class ReviewEntry(PublicReview):
+class ReviewEntry(NewReview):
     """A verdict on a submission, lifted or not."""
 
     id: int = Field(examples=[3])
-    submission_id: SubmissionId
+    created_at: datetime
     lifted_at: datetime | None
 
 
@@ -285,7 +283,6 @@ class ReportedEntry(NewReported):
     """A reported result on a leaderboard."""
 
     id: int = Field(examples=[1])
-    added_by: OrganiserName
     created_at: datetime
     """When it was entered."""
 
@@ -391,9 +388,8 @@ class NoticeReport(WireModel):
     banner: str = Field(examples=["Down for maintenance until 09:00 UTC."])
     paused: bool = Field(examples=[True])
     """Also true if the settings say so, whatever was posted."""
-    posted_by: OrganiserName | None
-    """Null if only the settings apply."""
     created_at: datetime | None = Field(examples=["2027-06-01T12:00:00Z"])
+    """When it was posted; null if only the settings apply."""
 
 
 class NewSchedule(WireModel):
@@ -421,9 +417,8 @@ class ScheduleReport(WireModel):
     desk: NewSchedule | None
     """Null if nothing was set."""
     in_effect: Schedule
-    set_by: OrganiserName | None
-    """Who set it at the desk; null if nothing was set."""
     set_at: datetime | None
+    """When it was set at the desk; null if nothing was set."""
 
 
 class NewSnapshot(WireModel):

@@ -83,6 +83,8 @@ class ServerReport(WireModel):
     """The first digits of the SHA-256 of the public key that verifies receipts."""
     required_metadata: list[str] = Field(examples=[["description"]])
     """What a submission must state about its method besides the name."""
+    organiser: OrganiserName
+    """The name under which the organiser acts in public."""
     contact: str = Field(examples=["reverie@lab.example.org"])
     """How to reach the organiser: an e-mail address or a link; may be empty."""
     links: dict[str, str] = Field(examples=[{"Paper": "https://arxiv.org/abs/1904.10151"}])
@@ -94,7 +96,6 @@ class NewsReport(WireModel):
 
     id: int = Field(examples=[3])
     text: str = Field(examples=["The workshop is on 12 June 2027; see you there."])
-    posted_by: OrganiserName
     created_at: datetime
 
 
@@ -527,6 +528,7 @@ class PublicReview(WireModel):
     verdict: Verdict
     reason: str = Field(examples=["We ran the published code and got the same file."])
     reviewer: OrganiserName
+    """The organiser, under the public name that the server has now."""
     created_at: datetime
 
 

@@ -182,7 +182,7 @@ Secret = Annotated[str, Field(min_length=1, max_length=LONGEST_SECRET)]
 
 # Fields of several messages, each with an example.
 PersonName = Annotated[str, Field(examples=["Ada"])]
-OrganiserName = Annotated[str, Field(examples=["Olga"])]
+OrganiserName = Annotated[str, Field(examples=["REVERIE team, Example Lab"])]
 TeamName = Annotated[str, Field(examples=["Blue"])]
 SubmissionId = Annotated[str, Field(examples=["5f2b0c9a4d7e1f36"])]
 KeyId = Annotated[str, Field(examples=["0d1c2b3a4f5e6d7c"])]

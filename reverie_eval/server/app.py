@@ -34,7 +34,7 @@ from reverie_eval.server.routes import (
     splits,
     submissions,
 )
-from reverie_eval.server.service.transactions import SERVER
+from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -88,7 +88,7 @@ def contact_of(settings: Settings) -> dict[str, str] | None:
     if not settings.contact:
         return None
     kind = "url" if settings.contact.startswith("https://") else "email"
-    return {"name": "Organiser", kind: settings.contact}
+    return {"name": settings.organiser, kind: settings.contact}
 
 
 def add_edge(app: FastAPI, settings: Settings) -> None:

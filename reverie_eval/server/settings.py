@@ -438,6 +438,10 @@ class Settings(BaseSettings):
 
     title: Name = "REVERIE evaluation server"
     """The server's name, also on receipts."""
+    organiser: Name = "the organiser"
+    """The name under which you act in public, for example on reviews: that of a lab or a workshop.
+    After a change and a restart, everything has the new name, except snapshots that were signed
+    with the earlier one."""
     public_address: Annotated[str, AfterValidator(_known_address)] = ""
     """How people reach the server: ``https://eval.example.org``, or with a path if all its
     addresses are below one, ``https://lab.example.org/reverie``. Printed in citations and

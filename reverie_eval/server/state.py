@@ -60,7 +60,7 @@ class ServerState:
         self.notices = Notices(settings.banner, paused=settings.paused)
         self.audit_log = AuditLog(self.signer)
         self.schedules = schedules = Schedules(settings.splits)
-        self.snapshots = Snapshots(lambda: boards, schedules)
+        self.snapshots = Snapshots(lambda: boards, schedules, settings.organiser)
         self.transactions = transactions = Transactions(
             database, self.audit_log, clock, settings.channels, self.snapshots.take_due
         )

@@ -171,7 +171,7 @@ def test_ways_not_to_reach_a_server(options: list[str], said: str, run: Run) -> 
 
 def test_what_the_organiser_has_to_say_is_passed_on(run: Run) -> None:
     said = {"title": "T", "version": "9", "banner": "closing\x1b[2J at noon", "paused": False}
-    rest = {"key_id": "0", "required_metadata": [], "contact": "", "links": {}}
+    rest = {"key_id": "0", "required_metadata": [], "organiser": "", "contact": "", "links": {}}
     server = json.dumps(said | rest).encode()
     replies = [answer("200 OK", content, "application/json") for content in (server, b"[]")]
     with Script(*replies) as script:

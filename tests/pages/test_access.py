@@ -214,7 +214,6 @@ def stock(server: Serving) -> Mapping[str, str]:
             scores={"spl": 0.07},
             source="https://example.org/",
             dataset="",
-            added_by="test",
             created_at=NOON,
         )
         transaction.add(result)

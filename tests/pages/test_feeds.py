@@ -188,8 +188,8 @@ def test_what_a_result_is_called_and_where_it_is() -> None:
 
 def test_what_the_organiser_did_is_of_the_organiser() -> None:
     at = NOON + SECOND
-    flagged = PublishedReview("flagged", "a doubt", "Olga", NOON)
-    disqualified = PublishedReview("disqualified", "trained on it", "Olga", at)
+    flagged = PublishedReview("flagged", "a doubt", NOON)
+    disqualified = PublishedReview("disqualified", "trained on it", at)
     judged = entry(reviews=[flagged, disqualified])
     corrected = CorrectionReport(split=OPEN, created_at=at, reason="Targets.", signature="new")
     strict = replace(demo_board(), further="strict")
@@ -210,7 +210,7 @@ def test_what_the_organiser_did_is_of_the_organiser() -> None:
             path="/boards/val_unseen/also/strict#corrections",
         ),
     ]
-    news = NewsReport(id=3, text="Soon over", created_at=at, posted_by="Olga")
+    news = NewsReport(id=3, text="Soon over", created_at=at)
     assert list(items_of_news([news])) == [
         Item(
             id=urn("news/3/2026-03-02T12:00:01+00:00"),
@@ -229,7 +229,7 @@ def test_a_feed_has_the_latest_fifty() -> None:
             entry(
                 f"M{age}",
                 published_at=NOON - age * SECOND,
-                reviews=[PublishedReview("disqualified", f"R{age}", "Olga", NOON + age * SECOND)],
+                reviews=[PublishedReview("disqualified", f"R{age}", NOON + age * SECOND)],
             ),
         )
         for age in range(51)

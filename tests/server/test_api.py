@@ -52,6 +52,7 @@ def test_the_server_says_what_it_is(open_server: OpenServer, folder: Any) -> Non
         "banner": "Back at noon.",
         "paused": True,
         "required_metadata": ["code"],
+        "organiser": "the organiser",
         "contact": "",
         "links": {},
     }

@@ -169,10 +169,10 @@ def test_the_history_of_a_submission_words_every_action(database: Database) -> N
         transaction.record(INSPECTED, ada.team, SUBMISSION)
         transaction.record("withdrawn", ada.team, "another")
         transaction.as_actor(ada).record("withdrawn", ada.team, SUBMISSION)
-        *events, last = history(transaction.session, SUBMISSION)
+        *events, last = history(transaction.session, SUBMISSION, "Example Lab")
         assert list(AUDIT_LOG.broken_links(transaction.session)) == []
     assert [(event.what, event.why) for event in events] == [each[2:] for each in EVENTS]
-    assert {(event.at, event.actor) for event in events} == {(NOON, "test")}
+    assert {(event.at, event.actor) for event in events} == {(NOON, "Example Lab")}
     assert (last.actor, last.what) == ("Ada", "withdrawn")
 
 
@@ -295,7 +295,7 @@ def test_what_the_log_and_the_rows_do_not_share_is_listed(database: Database) ->
         assert list(mismatches(session)) == []
         for action in ("changed", "rules recorded", "snapshot taken", "granted"):
             transaction.record(action, team, "Blue")
-        session.add(News(text="Forged", posted_by="", created_at=NOON))
+        session.add(News(text="Forged", created_at=NOON))
         session.delete(session.scalars(select(Person)).one())
         session.flush()
         assert list(mismatches(session)) == [

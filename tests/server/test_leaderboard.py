@@ -288,8 +288,8 @@ def test_ranks_of_values() -> None:
 
 def full() -> Ranking:
     """Return a leaderboard with a result, a reported one, and one that is apart."""
-    review = PublishedReview("disqualified", "trained on it", "Olga", NOON)
-    again = PublishedReview("baseline", "ours", "Olga", NOON)
+    review = PublishedReview("disqualified", "trained on it", NOON)
+    again = PublishedReview("baseline", "ours", NOON)
     first = entry(scores={"spl": 0.5}, intervals={"spl": (0.25, 0.75)}, signature="sig")
     paper = reported("Paper", "2020")
     return ranking_of(
@@ -326,7 +326,7 @@ def test_a_leaderboard_as_json() -> None:
         "dataset": "",
         "reviews": [],
     }
-    assert msgspec.json.decode(as_json(full(), [corrected])) == {
+    assert msgspec.json.decode(as_json(full(), [corrected], "Example Lab")) == {
         "split": OPEN,
         "board": "",
         "protocol": "official-v1",
@@ -376,7 +376,7 @@ def test_a_leaderboard_as_json() -> None:
                     {
                         "verdict": verdict,
                         "reason": reason,
-                        "reviewer": "Olga",
+                        "reviewer": "Example Lab",
                         "created_at": at,
                     }
                     for verdict, reason in (("disqualified", "trained on it"), ("baseline", "ours"))

@@ -51,7 +51,6 @@ def test_posting_and_removing_are_logged(sqlite: Database) -> None:
         assert posted.model_dump() == {
             "id": 1,
             "text": "soon",
-            "posted_by": "Olga",
             "created_at": NOON,
         }
         assert remove_news(transaction, 1) == posted
@@ -95,7 +94,7 @@ def test_contact_and_links_are_where_people_look_for_them(
     assert report["contact"] == CONTACT
     assert report["links"] == {"Paper": "https://arxiv.org/abs/1904.10151"}
     description = served.client.get("/api/v1/openapi.json").json()
-    assert description["info"]["contact"] == {"name": "Organiser", "email": CONTACT}
+    assert description["info"]["contact"] == {"name": "the organiser", "email": CONTACT}
 
 
 @pytest.mark.parametrize("contact", ["somebody", "http://lab.example.org", "a@b", "a b@c.org"])

@@ -129,7 +129,6 @@ def test_a_review_is_reported_as_it_is_kept(server: Serving) -> None:
             "submission_id": submission_id,
             "verdict": "flagged",
             "reason": WHY,
-            "reviewer": ORGANISER,
             "created_at": server.clock(),
             "lifted_at": None,
         }
@@ -239,7 +238,7 @@ def test_over_http(server: Serving) -> None:
     submission_id = sent(server)
     new = {"submission_id": submission_id, "verdict": "flagged", "reason": WHY}
     said = server.ask(ORGANISER, "POST", "/organiser/reviews", json=new).json()
-    assert (said["verdict"], said["reviewer"], said["lifted_at"]) == ("flagged", ORGANISER, None)
+    assert (said["verdict"], said["lifted_at"]) == ("flagged", None)
     assert server.ask(ORGANISER, "GET", "/organiser/reviews").json() == [said]
     path = f"/organiser/reviews/{said['id']}"
     lifted = server.ask(ORGANISER, "DELETE", path)
@@ -264,7 +263,7 @@ def report(server: Serving, **changes: object) -> httpx.Response:
 
 def test_what_a_paper_reports_is_kept_as_it_was_reported(server: Serving) -> None:
     added = report(server)
-    assert (added.status_code, added.json()["added_by"]) == (201, ORGANISER)
+    assert added.status_code == 201
     assert server.ask(ORGANISER, "GET", "/organiser/reported").json() == [added.json()]
     with server.state.database.reading() as session:
         (result,) = reported_of(session, OPEN)

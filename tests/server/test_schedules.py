@@ -192,7 +192,6 @@ def test_what_is_set_is_reported_and_logged(server: Serving) -> None:
         "settings": always,
         "desk": desk,
         "in_effect": desk,
-        "set_by": ORGANISER,
         "set_at": "2026-03-02T12:00:01Z",
     }
     last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
@@ -200,7 +199,7 @@ def test_what_is_set_is_reported_and_logged(server: Serving) -> None:
     assert last["details"] == desk
     paused = {"phases": None, "release_scores": None, "paused": True}
     put(server, PRIVATE, **paused)
-    nothing = {"desk": None, "set_by": None, "set_at": None}
+    nothing = {"desk": None, "set_at": None}
     found = server.ask(ORGANISER, "GET", "/organiser/schedules").json()
     assert {each["split"]: each for each in found} == {
         PRIVATE: {
@@ -208,7 +207,6 @@ def test_what_is_set_is_reported_and_logged(server: Serving) -> None:
             "settings": always,
             "desk": paused,
             "in_effect": {**always, "paused": True},
-            "set_by": ORGANISER,
             "set_at": "2026-03-02T12:00:01Z",
         },
         "val_seen": {"split": "val_seen", "settings": always, "in_effect": always, **nothing},
@@ -217,7 +215,6 @@ def test_what_is_set_is_reported_and_logged(server: Serving) -> None:
             "settings": always,
             "desk": desk,
             "in_effect": desk,
-            "set_by": ORGANISER,
             "set_at": "2026-03-02T12:00:01Z",
         },
     }
@@ -575,7 +572,7 @@ def test_phases_of_an_earlier_version_that_overlap_are_noted_and_can_be_paused(
     with server.state.database.writing() as session:
         new = NewSchedule(phases=OVERLAPPING, release_scores="phase-end")
         fields = new.model_dump(mode="json")
-        session.add(SetSchedule(split=PRIVATE, set_by=ORGANISER, created_at=NOON, **fields))
+        session.add(SetSchedule(split=PRIVATE, created_at=NOON, **fields))
     overlap, desk = [each for each in check_folder(folder) if each.check == "phases"]
     assert (overlap.kind, desk.kind) == ("note", "note")
     assert overlap.what == (

@@ -236,7 +236,7 @@ def test_charts_have_their_data_in_the_page(lab: Lab) -> None:
 
 PUBLIC = {
     "submission": ("id", "split", "method", "report", "published_at"),
-    "review": ("verdict", "reason", "reviewer", "submission_id"),
+    "review": ("verdict", "reason", "submission_id"),
     "notice": ("banner",),
     "snapshot": ("title", "content"),
 }

@@ -166,7 +166,7 @@ def test_a_snapshot_is_logged_and_numbered_by_split(server: Serving) -> None:
 
 def due(server: Serving, now: datetime) -> list[tuple[str, str, datetime]]:
     """Return the closings without a snapshot, as a server knows them that has just started."""
-    fresh = Snapshots(lambda: server.state.boards, server.state.schedules)
+    fresh = Snapshots(lambda: server.state.boards, server.state.schedules, "")
     with server.state.database.reading() as session:
         return [(each.split, each.phase, each.at) for each in fresh.due(session, now)]
 

@@ -22,7 +22,7 @@ from tests.support.flat import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "9ea6fd07ce9ca8f72fbd7e3a27dbf939c6d88ba75b8ad5a6e9e45fb85765f93d",
+    "0001_initial_tables.py": "e1e2c71157901c343fd285df2bce2acfd68f7bea444ce9435ad6205b2cbcc801",
 }
 RELEASED = ("0.1.0",)
 

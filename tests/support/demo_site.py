@@ -182,7 +182,6 @@ def _reviews(ids: Mapping[tuple[str, str], str], now: datetime) -> list[Review]:
             submission_id=ids[OPEN, name],
             verdict=verdict,
             reason=reason,
-            reviewer=ORGANISER,
             created_at=now - timedelta(days=1),
         )
         for name, (verdict, reason) in said.items()
@@ -200,7 +199,6 @@ def _reported(now: datetime) -> ReportedResult:
         source="https://example.org/paper",
         date="2020-06",
         dataset="",
-        added_by=ORGANISER,
         created_at=now - timedelta(days=50),
     )
 

@@ -28,11 +28,11 @@ from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import HealthReport, QuotaReport
 from reverie_eval.server.errors import RequestError
+from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import current_key
 from reverie_eval.server.service.outbox import announce_fault
 from reverie_eval.server.service.rules import LastRules, different, rules_of
-from reverie_eval.server.service.transactions import SERVER
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
 

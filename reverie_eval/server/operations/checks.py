@@ -207,7 +207,9 @@ def acting(
         If the signing key, from which the audit log's key is derived, is not the one in use.
     """
     with opened(settings) as database:
-        snapshots = Snapshots(lambda: load_boards(settings), Schedules(settings.splits))
+        snapshots = Snapshots(
+            lambda: load_boards(settings), Schedules(settings.splits), settings.organiser
+        )
         audit_log = AuditLog(signer_of(settings, database))
         transactions = Transactions(
             database, audit_log, clock, settings.channels, snapshots.take_due

@@ -97,7 +97,7 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
         for board in state.leaderboards:
             ranking = state.with_details(session, state.ranking(session, board))
             told = corrections_of(session, [board])[board.name]
-            shown = json.loads(as_json(ranking, told))
+            shown = json.loads(as_json(ranking, told, state.settings.organiser))
             boards.append({name: shown[name] for name in _BOARD})
             corrections += shown["corrections"]
             for row in (*shown["rows"], *shown["apart"]):

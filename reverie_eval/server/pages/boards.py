@@ -354,7 +354,7 @@ def _feed(
     xml = render(
         "feed.atom",
         title=title,
-        organiser=request.app.title,
+        organiser=server.settings.organiser,
         address=address_of_site(request),
         page=path or "/",
         path=f"{path}/feed.atom",

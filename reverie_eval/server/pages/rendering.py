@@ -105,6 +105,8 @@ class Site:
     path: str
     person: Person | None
     csrf_token: str
+    organiser: str
+    """Their public name."""
     contact: str
     links: Mapping[str, str]
     address: str
@@ -221,6 +223,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
         path=request.url.path,
         person=person,
         csrf_token=csrf_token,
+        organiser=server.settings.organiser,
         contact=server.settings.contact,
         links={text: str(url) for text, url in server.settings.links.items()},
         address=server.settings.public_address,

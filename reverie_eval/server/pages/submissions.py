@@ -95,7 +95,7 @@ def _own_page(
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
         has_episodes=_has_episodes(visit, shown),
         one_per_team=board is not None and board.split.one_per_team,
-        events=history(session, shown.id),
+        events=history(session, shown.id, server.settings.organiser),
         reviews=reviews,
         is_disqualified=is_disqualified(reviews),
         is_anonymous=is_anonymous(shown, snapshot.now),

@@ -48,6 +48,7 @@ def show_server(server: Server) -> ServerReport:
         paused=notice.paused,
         key_id=server.signer.key_id,
         required_metadata=list(server.settings.required_metadata),
+        organiser=server.settings.organiser,
         contact=server.settings.contact,
         links={text: str(url) for text, url in server.settings.links.items()},
     )

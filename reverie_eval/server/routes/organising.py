@@ -123,7 +123,9 @@ def add_person(new: schemas.NewPerson, organiser: Organiser) -> schemas.PersonRe
 def show_personal_data(person_id: Number, organiser: Organiser) -> PersonalData:
     """Return all that the server stores about a person."""
     with organiser.snapshot() as snapshot:
-        return personal_data.personal_data(snapshot.session, person_id)
+        return personal_data.personal_data(
+            snapshot.session, person_id, organiser.server.settings.organiser
+        )
 
 
 @router.delete("/people/{person_id}", responses=problems("not-found", "conflict"))
@@ -265,7 +267,7 @@ def set_schedule(
 
 @router.post("/snapshots", status_code=201, responses=problems("not-found"))
 def take_snapshot(new: schemas.NewSnapshot, organiser: Organiser) -> SnapshotEntry:
-    """Take a signed snapshot of a leaderboard, which never changes."""
+    """Take a signed snapshot of a leaderboard, which never changes, nor do names in it."""
     return organiser.perform(organiser.server.snapshots.take, new)
 
 

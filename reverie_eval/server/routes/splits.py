@@ -201,7 +201,8 @@ def _as_json(server: ServerState, metric: str | None, split: str, further: str =
     with server.database.reading() as session:
         ranking = server.with_details(session, server.ranking(session, board, metric))
         corrections = corrections_of(session, [board])[board.name]
-    return Response(as_json(ranking, corrections), media_type="application/json")
+    content = as_json(ranking, corrections, server.settings.organiser)
+    return Response(content, media_type="application/json")
 
 
 def _as_csv(server: ServerState, metric: str | None, split: str, further: str = "") -> Response:

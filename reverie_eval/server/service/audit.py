@@ -46,6 +46,8 @@ from reverie_eval.server.store.tables import (
     Person,
 )
 
+SERVER = "server"
+"""The server itself: who makes changes that nobody asks for, and what some changes are about."""
 _BEFORE_THE_FIRST = "0" * 64
 KEY_REPLACED = "signing key replaced"
 RULES = "rules recorded"
@@ -225,11 +227,14 @@ def audit_reports(session: Session, entries: Sequence[AuditEntry]) -> list[Audit
     ]
 
 
-def names_in(session: Session, entries: Iterable[AuditEntry]) -> Mapping[str, str]:
-    """Return the current names of the persons that entries refer to, by row."""
+def names_in(
+    session: Session, entries: Iterable[AuditEntry], *where: ColumnElement[bool]
+) -> Mapping[str, str]:
+    """Return the current names of the persons that entries refer to, by row; maybe only of some."""
     found = {name for entry in entries for name in (entry.actor, entry.subject)}
     numbers = {int(match[1]) for name in found if (match := _PERSON.fullmatch(name))}
-    people = session.execute(select(Person.id, Person.name).where(Person.id.in_(numbers)))
+    chosen = select(Person.id, Person.name).where(Person.id.in_(numbers), *where)
+    people = session.execute(chosen)
     return {f"{Person.__tablename__}:{key}": name for key, name in people}
 
 
@@ -245,20 +250,22 @@ class Event:
 
     at: datetime
     actor: str
+    """A person who takes part, the server, or the public name of the organiser."""
     what: str
     why: str
     """Empty if the action needs no reason."""
 
 
-def history(session: Session, submission_id: str) -> Sequence[Event]:
+def history(session: Session, submission_id: str, organiser: str) -> Sequence[Event]:
     """Return what happened to a submission, the earliest first.
 
-    Its team sees this, so it does not say that an organiser inspected it.
+    Its team sees this. So it does not say that an organiser inspected it, and whatever an account
+    of an organiser or a command did has the public name of the organiser.
     """
     own = AuditEntry.subject == submission_id
     found = entries(session, own, AuditEntry.action != INSPECTED)
-    names = names_in(session, found)
-    return [_event(entry, names.get(entry.actor, entry.actor)) for entry in found]
+    names = {SERVER: SERVER, **names_in(session, found, Person.role != "organiser")}
+    return [_event(entry, names.get(entry.actor, organiser)) for entry in found]
 
 
 def _event(entry: AuditEntry, actor: str) -> Event:

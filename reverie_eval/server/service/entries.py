@@ -54,8 +54,8 @@ _COLUMNS = (
     *_KEY,
     *("team", "method", "stored", "at"),
     *("team_id", "received_at", "scored_at", "anonymous_until"),
-    *("review", "verdict", "reason", "reviewer", "reviewed_at"),
-    *("source", "date", "dataset", "added_by"),
+    *("review", "verdict", "reason", "reviewed_at"),
+    *("source", "date", "dataset"),
 )
 """Columns of both kinds of results, then only of submissions, then only of reported ones."""
 _LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
@@ -87,7 +87,6 @@ class Entry:
     """The day, month or year of a reported result; None if it is not known."""
     dataset: str = ""
     """The version of the dataset that a reported result is on; empty if it is not known."""
-    entered_by: str = ""
     reviews: Sequence[PublishedReview] = ()
 
     @property
@@ -305,7 +304,6 @@ def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
             review=Review.id,
             verdict=Review.verdict,
             reason=Review.reason,
-            reviewer=Review.reviewer,
             reviewed_at=Review.created_at,
         )
         .join(Team, Submission.team_id == Team.id)
@@ -322,7 +320,6 @@ def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
         source=ReportedResult.source,
         date=ReportedResult.date,
         dataset=ReportedResult.dataset,
-        added_by=ReportedResult.added_by,
     ).where(ReportedResult.split.in_(splits), ReportedResult.removed_at.is_(None))
     # Results in papers are assumed to be under the split's own rules.
     shown = [scored] if is_further else [scored, reported]
@@ -354,7 +351,7 @@ def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: dateti
     if report is None:
         return None
     reviews = [
-        PublishedReview(each.verdict, each.reason, each.reviewer, each.reviewed_at)
+        PublishedReview(each.verdict, each.reason, each.reviewed_at)
         for each in rows
         if each.review is not None
     ]
@@ -405,5 +402,4 @@ def _reported(board: Board, row: Any) -> Entry:
         source=row.source,
         reported_date=row.date,
         dataset=row.dataset,
-        entered_by=row.added_by,
     )

@@ -6,7 +6,7 @@ It can be exported as JSON, CSV, a LaTeX table, or BibTeX entries.
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, date, datetime
 from math import inf
 from typing import Any
@@ -160,9 +160,14 @@ def _cost(value: float | None, metric: Metric) -> float:
     return -value if metric.better == "higher" else value
 
 
-def as_json(ranking: Ranking, corrections: Sequence[CorrectionReport]) -> bytes:
-    """Return a leaderboard as JSON, as :class:`~reverie_eval.schemas.service.Leaderboard`."""
+def as_json(ranking: Ranking, corrections: Sequence[CorrectionReport], organiser: str) -> bytes:
+    """Return a leaderboard as JSON, as :class:`~reverie_eval.schemas.service.Leaderboard`.
+
+    ``organiser`` is the public name of who made the reviews.
+    """
     content = _content(ranking)
+    for row in (*content["rows"], *content["apart"]):
+        row["reviews"] = [{**asdict(each), "reviewer": organiser} for each in row["reviews"]]
     content["corrections"] = [each.model_dump() for each in corrections]
     return msgspec.json.encode(content)
 
@@ -181,7 +186,7 @@ def _content(ranking: Ranking) -> dict[str, Any]:
     }
 
 
-def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
+def _row_json(ranking: Ranking, row: Row) -> dict[str, Any]:
     entry, found = row.entry, ranking.rank_interval(row)
     own = {
         "rank": row.rank,

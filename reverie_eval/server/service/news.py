@@ -8,8 +8,9 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.organising import NewNews
 from reverie_eval.schemas.service import NewsReport
 from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.service.paging import Listed, Page, list_page
-from reverie_eval.server.service.transactions import SERVER, Transaction
+from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import News
 
 _STANDING = select(News).where(News.removed_at.is_(None))
@@ -17,7 +18,7 @@ _STANDING = select(News).where(News.removed_at.is_(None))
 
 def add_news(transaction: Transaction, new: NewNews) -> NewsReport:
     """Post an entry; it is public at once."""
-    row = News(text=new.text, posted_by=transaction.actor, created_at=transaction.now)
+    row = News(text=new.text, created_at=transaction.now)
     transaction.record("news added", row, SERVER, text=row.text)
     return NewsReport.model_validate(row)
 

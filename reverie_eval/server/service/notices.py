@@ -10,7 +10,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewNotice, NoticeReport
-from reverie_eval.server.service.transactions import SERVER, Transaction
+from reverie_eval.server.service.audit import SERVER
+from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Notice
 
 
@@ -18,9 +19,7 @@ class Notices:
     """The posted notices, combined with the settings."""
 
     def __init__(self, banner: str, *, paused: bool) -> None:
-        self.of_settings = NoticeReport(
-            banner=banner, paused=paused, posted_by=None, created_at=None
-        )
+        self.of_settings = NoticeReport(banner=banner, paused=paused, created_at=None)
         """The notice of the settings; used where the database is not read."""
 
     def current(self, session: Session, moment: datetime | None = None) -> NoticeReport:
@@ -29,22 +28,21 @@ class Notices:
         if posted is None:
             return self.of_settings
         new = NewNotice.model_validate(posted)
-        return self.if_posted(new, posted.posted_by, posted.created_at)
+        return self.if_posted(new, posted.created_at)
 
-    def if_posted(self, new: NewNotice, actor: str, at: datetime) -> NoticeReport:
+    def if_posted(self, new: NewNotice, at: datetime) -> NoticeReport:
         """Return what the current notice would be if this one were posted."""
         return NoticeReport(
             banner=new.banner or self.of_settings.banner,
             paused=new.paused or self.of_settings.paused,
-            posted_by=actor,
             created_at=at,
         )
 
     def post(self, transaction: Transaction, new: NewNotice) -> NoticeReport:
         """Post a notice: set or remove the banner, pause or resume submissions."""
-        posted = Notice(**new.model_dump(), posted_by=transaction.actor, created_at=transaction.now)
+        posted = Notice(**new.model_dump(), created_at=transaction.now)
         transaction.record("notice posted", posted, SERVER, **new.model_dump())
-        return self.if_posted(new, posted.posted_by, posted.created_at)
+        return self.if_posted(new, posted.created_at)
 
     def change(self, transaction: Transaction, **changes: object) -> NoticeReport:
         """Post the latest notice again with some fields changed, as :meth:`post` does."""

@@ -4,7 +4,7 @@ The audit log refers to persons by number, so deleting a name changes nothing in
 finds the log unbroken. Results, and the log of what the person did, stay under a neutral name.
 """
 
-from sqlalchemy import delete, or_, select, update
+from sqlalchemy import delete, or_, select
 from sqlalchemy.orm import Session, lazyload
 
 from reverie_eval.schemas.organising import PersonReport
@@ -21,28 +21,17 @@ from reverie_eval.server.store.tables import (
     AuditEntry,
     BrowserSession,
     Message,
-    News,
-    Notice,
     Person,
-    ReportedResult,
-    Review,
-    SetSchedule,
     Submission,
     Token,
 )
 
-_SIGNATURES = (
-    Review.reviewer,
-    ReportedResult.added_by,
-    Notice.posted_by,
-    News.posted_by,
-    SetSchedule.set_by,
-)
-"""Columns with the name of the organiser who wrote a row."""
 
+def personal_data(session: Session, person_id: int, organiser: str) -> PersonalData:
+    """Return everything stored about a person; raise NotFoundError if there is no such person.
 
-def personal_data(session: Session, person_id: int) -> PersonalData:
-    """Return everything stored about a person; raise NotFoundError if there is no such person."""
+    It may be sent to them, so what others did has the public name of the organiser.
+    """
     rows = session.execute(
         select(Person, Token, BrowserSession)
         .outerjoin(Token, Token.person_id == Person.id)
@@ -71,7 +60,12 @@ def personal_data(session: Session, person_id: int) -> PersonalData:
             for row in session.scalars(submissions.order_by(Submission.received_at))
         ],
         attempts=list(map(attempt_report, session.scalars(attempts))),
-        audit=audit_reports(session, logged),
+        audit=[
+            each
+            if each.actor_row == name
+            else each.model_copy(update={"actor": organiser, "actor_row": ""})
+            for each in audit_reports(session, logged)
+        ],
     )
 
 
@@ -99,24 +93,12 @@ def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
     old_name, person.name = person.name, f"deleted person {person.id}"
     person.email = None
     person.deleted_at = transaction.now
-    _sign_anew(session, person)
     # Messages about submissions name the person in brackets.
     for message in session.scalars(select(Message).where(Message.path.startswith("/submissions/"))):
         message.text = message.text.replace(f"({old_name})", f"({person.name})")
     name = transaction.audit_log.name_digest(person)
     transaction.record("person deleted", person, person, name_digest=name)
     return person_report(person)
-
-
-def _sign_anew(session: Session, person: Person) -> None:
-    """Put a person's current name on the rows that they wrote, according to the audit log."""
-    for signature in _SIGNATURES:
-        table = signature.class_
-        rows = AuditEntry.row.startswith(f"{table.__tablename__}:", autoescape=True)
-        written = select(AuditEntry.row).where(AuditEntry.actor == row_name(person), rows)
-        numbers = {int(row.partition(":")[2]) for row in session.scalars(written)}
-        changed = update(table).where(table.id.in_(numbers)).values({signature: person.name})
-        session.execute(changed, execution_options={"synchronize_session": False})
 
 
 def _submission_record(row: Submission) -> SubmissionRecord:

@@ -185,9 +185,7 @@ def reported_of(session: Session, split: str) -> Sequence[ReportedResult]:
 
 
 def _insert(transaction: Transaction, new: NewReported) -> ReportedResult:
-    result = ReportedResult(
-        **new.model_dump(mode="json"), added_by=transaction.actor, created_at=transaction.now
-    )
+    result = ReportedResult(**new.model_dump(mode="json"), created_at=transaction.now)
     name, about = new.method.name, new.model_dump(mode="json")
     transaction.record("reported result added", result, name, **about)
     return result

@@ -37,7 +37,6 @@ class PublishedReview:
 
     verdict: Verdict
     reason: str
-    reviewer: str
     created_at: datetime
 
 
@@ -50,7 +49,7 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
     for earlier in standing_reviews(transaction.session, submission.id):
         if new.verdict == earlier.verdict or {new.verdict, earlier.verdict} <= JUDGEMENTS:
             _lift(transaction, earlier)
-    row = Review(**new.model_dump(), reviewer=transaction.actor, created_at=transaction.now)
+    row = Review(**new.model_dump(), created_at=transaction.now)
     about = {"submission_id": row.submission_id, "reason": row.reason}
     transaction.record(row.verdict, row, submission.id, **about)
     return ReviewEntry.model_validate(row)

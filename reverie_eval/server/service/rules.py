@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.service.audit import RULES
+from reverie_eval.server.service.audit import RULES, SERVER
 from reverie_eval.server.service.boards import Board, leaderboards, without_version
-from reverie_eval.server.service.transactions import SERVER, Transactions
+from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.tables import AuditEntry
 
 

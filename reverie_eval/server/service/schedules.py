@@ -84,7 +84,6 @@ class Timetable:
             settings=self.settings,
             desk=None if self.desk == NewSchedule() else self.desk,
             in_effect=self.latest,
-            set_by=row and row.set_by,
             set_at=row and row.created_at,
         )
 
@@ -156,7 +155,7 @@ class Schedules:
             are public.
         """
         timetable = self.of(transaction.session, split)
-        row = self._row(timetable, split, new, transaction.actor, transaction.now)
+        row = self._row(timetable, split, new, transaction.now)
         del transaction.session.info[_ROWS]
         transaction.record("schedule set", row, split, **new.model_dump(mode="json"))
         return timetable.with_one_more(row).report(split)
@@ -182,7 +181,7 @@ class Schedules:
         Raises the errors of :meth:`set`.
         """
         timetable = self.of(session, split)
-        changed = timetable.with_one_more(self._row(timetable, split, new, "", now))
+        changed = timetable.with_one_more(self._row(timetable, split, new, now))
         times = select(Submission.received_at, Submission.scored_at)
         shown = [
             timetable.held_until(received, scored, now) is not None
@@ -192,7 +191,7 @@ class Schedules:
         return changed.latest, sum(shown)
 
     def _row(
-        self, timetable: Timetable, split: str, new: NewSchedule, actor: str, now: datetime
+        self, timetable: Timetable, split: str, new: NewSchedule, now: datetime
     ) -> SetSchedule:
         known = timetable.latest
         is_changed = (new.phases, new.release_scores) != (known.phases, known.release_scores)
@@ -200,7 +199,7 @@ class Schedules:
         if is_changed and new.phases is not None and new.release_scores is not None:
             self._check(split, new.phases, new.release_scores)
         fields = new.model_dump(mode="json")
-        return SetSchedule(split=split, **fields, set_by=actor, created_at=now)
+        return SetSchedule(split=split, **fields, created_at=now)
 
     def _check(self, split: str, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
         try:

@@ -17,12 +17,13 @@ from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.schemas.service import Leaderboard, Snapshot, SnapshotEntry
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.announcements import corrections_of
+from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.leaderboard import as_json, leaderboard
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.transactions import SERVER, Transaction, Transactions
+from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.tables import (
     SNAPSHOT_TAKEN,
     SUBMITTED,
@@ -63,6 +64,8 @@ class Snapshots:
     boards: Callable[[], Mapping[str, Board]]
     """Loads the ground truth, if it is needed."""
     schedules: Schedules
+    organiser: str
+    """The public name that reviews in a snapshot are signed with."""
     _done: set[Closing] = field(default_factory=set, init=False)
     """Closings whose snapshots are stored, or will never be taken."""
 
@@ -133,7 +136,9 @@ class Snapshots:
             number=(session.scalar(last) or 0) + 1,
             title=title,
             as_of=as_of,
-            leaderboard=Leaderboard.model_validate_json(as_json(ranking, corrections)),
+            leaderboard=Leaderboard.model_validate_json(
+                as_json(ranking, corrections, self.organiser)
+            ),
         )
         row = StoredSnapshot(
             split=split,

@@ -21,8 +21,6 @@ from reverie_eval.server.store.tables import Base, Person
 
 Actor: TypeAlias = Person | str
 """Who makes a change: a person, or the name of a user of the machine or of a program."""
-SERVER = "server"
-"""The server itself: who makes changes that nobody asks for, and what some changes are about."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -328,7 +328,6 @@ class Review(Base):
     submission_id: Mapped[str] = mapped_column(ForeignKey("submission.id"), index=True)
     verdict: Mapped[Verdict]
     reason: Mapped[str] = mapped_column(String(500))
-    reviewer: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
     lifted_at: Mapped[datetime | None]
     submission: Mapped[Submission] = relationship()
@@ -351,7 +350,6 @@ class ReportedResult(Base):
     """The day, month or year of the result, in ISO 8601; None if it is not known."""
     dataset: Mapped[str] = mapped_column(String(500))
     """The version of the dataset that it is on; empty if it is not known."""
-    added_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
     removed_at: Mapped[datetime | None]
 
@@ -364,7 +362,6 @@ class Notice(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     banner: Mapped[str] = mapped_column(String(500))
     paused: Mapped[bool]
-    posted_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
 
 
@@ -379,7 +376,6 @@ class SetSchedule(Base):
     """None: those of the settings."""
     release_scores: Mapped[ReleaseScores | None]
     paused: Mapped[bool]
-    set_by: Mapped[str] = mapped_column(String(200))
     created_at: Mapped[datetime]
 
 
@@ -411,7 +407,6 @@ class News(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     text: Mapped[str] = mapped_column(String(500))
-    posted_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
     removed_at: Mapped[datetime | None]
 

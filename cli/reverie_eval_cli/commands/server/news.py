@@ -33,8 +33,8 @@ def list_entries(*, folder: Folder) -> None:
     from reverie_eval.server.service.news import list_news
 
     known = folder.all_of(list_news)
-    rows = [(str(each.id), minute(each.created_at), each.posted_by, each.text) for each in known]
-    print_list(("number", "posted (UTC)", "by", "text"), rows)
+    rows = [(str(each.id), minute(each.created_at), each.text) for each in known]
+    print_list(("number", "posted (UTC)", "text"), rows)
 
 
 @news.command()

@@ -27,8 +27,8 @@ def show(*, folder: Folder) -> None:
     with folder.reading() as session:
         current = Notices(settings.banner, paused=settings.paused).current(session)
     print(notice_text(current))
-    if current.posted_by:
-        print(f"posted {minute(current.created_at)} UTC by {current.posted_by}")
+    if current.created_at:
+        print(f"posted {minute(current.created_at)} UTC")
 
 
 @notice.command("set")

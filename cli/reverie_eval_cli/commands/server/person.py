@@ -152,7 +152,8 @@ def export(*, folder: Folder, name: str, team: str | None) -> None:
     from reverie_eval.server.service.personal_data import personal_data
 
     with folder.reading() as session:
-        data = personal_data(session, person_named(session, name, team).id)
+        person_id = person_named(session, name, team).id
+        data = personal_data(session, person_id, folder.settings.organiser)
     print(data.model_dump_json(indent=2))
 
 

@@ -138,7 +138,7 @@ def diff(*, folder: Folder) -> None:
         (each.split, _text(each.settings), _text(each.desk), _text(each.in_effect))
         for each in reports
     ]
-    posted = notice if notice.posted_by else None
+    posted = notice if notice.created_at else None
     standing = [_of_server(each) for each in (notices.of_settings, posted, notice)]
     print_list(("of", "settings file", "desk", "in effect"), [("all splits", *standing), *rows])
 
@@ -166,8 +166,8 @@ def _text(schedule: "Schedule | NewSchedule | None") -> str:
 def snapshot(*, folder: Folder, split: str, title: str) -> None:
     """Take a signed snapshot of a leaderboard.
 
-    It is public at once and never changes. When a phase has ended, the server takes one
-    automatically.
+    It is public at once and never changes: reviews in it keep the organiser's name that the
+    settings have now (`organiser`). When a phase has ended, the server takes one automatically.
     """
     new = options.checked(NewSnapshot, split=split, title=title)
     with folder.open() as state, state.transactions.begin(actor()) as transaction:

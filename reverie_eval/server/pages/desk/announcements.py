@@ -63,7 +63,7 @@ def post_notice(desk: Desk, form: Posted) -> Response:
     if not forms.is_confirmed(form):
         with desk.snapshot() as snapshot:
             current = notices.current(snapshot.session)
-        coming = notices.if_posted(new, snapshot.person.name, snapshot.now)
+        coming = notices.if_posted(new, snapshot.now)
         return forms.ask(desk, typed, "notice-preview.html", now_standing=current, standing=coming)
     desk.perform(notices.post, new)
     return forms.done(NOTICE, "posted")

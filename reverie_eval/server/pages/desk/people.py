@@ -196,7 +196,9 @@ def change_person(person_id: Number, desk: Desk, form: Posted) -> Response:
 def download_data(person_id: Number, desk: Desk) -> Response:
     """Return all that the server stores about a person, as a file."""
     with desk.snapshot() as snapshot:
-        data = personal_data.personal_data(snapshot.session, person_id)
+        data = personal_data.personal_data(
+            snapshot.session, person_id, desk.server.settings.organiser
+        )
     headers = {"Content-Disposition": f'attachment; filename="person-{person_id}.json"'}
     return Response(data.model_dump_json(indent=2), media_type="application/json", headers=headers)
 

@@ -80,7 +80,6 @@ def upgrade() -> None:
         "news",
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("text", sa.String(length=500), nullable=False),
-        sa.Column("posted_by", sa.String(length=100), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("removed_at", sa.DateTime(timezone=True), nullable=True),
         sa.PrimaryKeyConstraint("id"),
@@ -109,7 +108,6 @@ def upgrade() -> None:
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("banner", sa.String(length=500), nullable=False),
         sa.Column("paused", sa.Boolean(), nullable=False),
-        sa.Column("posted_by", sa.String(length=100), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.PrimaryKeyConstraint("id"),
     )
@@ -120,7 +118,6 @@ def upgrade() -> None:
         sa.Column("phases", sa.JSON(), nullable=True),
         sa.Column("release_scores", sa.String(length=16), nullable=True),
         sa.Column("paused", sa.Boolean(), nullable=False),
-        sa.Column("set_by", sa.String(length=200), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.PrimaryKeyConstraint("id"),
     )
@@ -153,7 +150,6 @@ def upgrade() -> None:
         sa.Column("source", sa.String(length=500), nullable=False),
         sa.Column("date", sa.String(length=10), nullable=True),
         sa.Column("dataset", sa.String(length=500), nullable=False),
-        sa.Column("added_by", sa.String(length=100), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("removed_at", sa.DateTime(timezone=True), nullable=True),
         sa.PrimaryKeyConstraint("id"),
@@ -341,7 +337,6 @@ def upgrade() -> None:
         sa.Column("submission_id", sa.String(length=32), nullable=False),
         sa.Column("verdict", sa.String(length=16), nullable=False),
         sa.Column("reason", sa.String(length=500), nullable=False),
-        sa.Column("reviewer", sa.String(length=100), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("lifted_at", sa.DateTime(timezone=True), nullable=True),
         sa.ForeignKeyConstraint(

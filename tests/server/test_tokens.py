@@ -157,9 +157,23 @@ def test_a_token_is_revoked_by_its_first_characters(change: Transaction) -> None
     assert last_entry(change) == ("test", "token revoked", "Ben", {"hint": one.hint})
     assert valid_token(change.session, other.token, "access", NOON).hint == other.hint
     with pytest.raises(NotFoundError) as missing:
-        revoke_token(change, "rv_")
-    told = "there is no token that begins with 'rv_'; `token list` shows all"
+        revoke_token(change, "rv-")
+    told = "there is no token that begins with 'rv-'; `reverie-eval server token list` shows all"
     assert str(missing.value) == told
+
+
+def test_too_few_characters_of_a_token_are_ambiguous(change: Transaction) -> None:
+    """Even if one token alone begins with them: what is revoked was named in full."""
+    tokens = [create_token(change, "Ben") for _ in range(3)]
+    with pytest.raises(ConflictError) as several:
+        revoke_token(change, "rv_")
+    assert str(several.value).startswith("'rv_' is ambiguous: rv_")
+    assert str(several.value).endswith(" of Ben. Give the first 11 characters of one token")
+    with pytest.raises(ConflictError) as one:
+        revoke_token(change, tokens[0].hint[:-1])
+    assert f"is ambiguous: {tokens[0].hint} of Ben. Give" in str(one.value)
+    with pytest.raises(NotFoundError):  # as LIKE would find it in SQLite
+        revoke_token(change, "RV_")
 
 
 def test_a_token_stays_revoked_since_the_first_time(change: Transaction) -> None:

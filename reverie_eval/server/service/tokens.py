@@ -16,7 +16,7 @@ from datetime import datetime, timedelta
 from typing import Literal, TypeAlias
 
 from itsdangerous import BadSignature, Signer
-from sqlalchemy import ColumnElement, delete, select
+from sqlalchemy import ColumnElement, delete, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewToken, NewTokenReport, TokenKind, TokenReport
@@ -27,11 +27,13 @@ from reverie_eval.server.errors import (
     MalformedError,
     NotFoundError,
     NotSignedInError,
+    RequestError,
 )
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.people import person_named, team_named
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import BrowserSession, Person, Token
+from reverie_eval.text import first_few
 
 PREFIX = "rv_"
 """Lets people and secret scanners recognise a token."""
@@ -85,13 +87,30 @@ def revoke_token(transaction: Transaction, hint: str) -> TokenReport:
     Raises
     ------
     NotFoundError
-        If no token begins with them, or several do.
+        If no token begins with them.
+    ConflictError
+        If they are too few to tell which token is meant; it names those that begin with them.
     """
     tokens = transaction.session.scalars(select(Token).where(Token.hint == hint)).all()
     if len(tokens) != 1:
-        raise NotFoundError(f"there is no token that begins with {hint!r}; `token list` shows all")
+        raise _not_one_token(transaction.session, hint)
     _revoke(transaction, tokens)
     return token_report(tokens[0])
+
+
+def _not_one_token(session: Session, begins: str) -> RequestError:
+    is_meant = func.substr(Token.hint, 1, len(begins)) == begins  # LIKE ignores case in SQLite
+    valid_first = (Token.revoked_at.is_not(None), Token.id)
+    tokens = session.scalars(select(Token).where(is_meant).order_by(*valid_first)).all()
+    if not tokens:
+        return NotFoundError(
+            f"there is no token that begins with {begins!r}; `reverie-eval server token list` shows "
+            "all"
+        )
+    hints = first_few([f"{each.hint} of {each.person.name}" for each in tokens])
+    return ConflictError(
+        f"{begins!r} is ambiguous: {hints}. Give the first {HINT_LENGTH} characters of one token"
+    )
 
 
 def revoke_tokens_of_team(transaction: Transaction, name: str) -> list[TokenReport]:

@@ -22,7 +22,7 @@ from tests.support.flat import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "e1e2c71157901c343fd285df2bce2acfd68f7bea444ce9435ad6205b2cbcc801",
+    "0001_initial_tables.py": "cc0bf8c41540714629b4ffaabe425ec8121e5033f7fbeea6ca3d79595d390de1",
 }
 RELEASED = ("0.1.0",)
 

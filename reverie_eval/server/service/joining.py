@@ -28,7 +28,7 @@ from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.tokens import INVITATION_LIFETIME, create_token
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.database import count_rows
-from reverie_eval.server.store.tables import Decision, JoinRequest, Team
+from reverie_eval.server.store.tables import Decision, JoinRequest, name_key
 from reverie_eval.text import count_text
 
 MOST_OPEN = 200
@@ -80,10 +80,13 @@ def receive_request(
 def list_requests(session: Session, page: Page) -> Listed[JoinRequestReport]:
     """List the open requests, the earliest first."""
     requests = select(JoinRequest).where(_IS_OPEN)
-    teams = set(people.names_of_teams(session))
+
+    names = people.names_by_key(session)
 
     def report(row: JoinRequest) -> JoinRequestReport:
-        return row.as_report(JoinRequestReport, team_exists=row.team in teams)
+        known = names.get(name_key(row.team))
+        about = {"team": known or row.team, "team_exists": known is not None}
+        return row.as_report(JoinRequestReport, **about)
 
     return list_page(session, requests, JoinRequest.id, page, report)
 
@@ -96,6 +99,8 @@ def count_open(session: Session) -> int:
 def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest:
     """Add the people of a request to its team, and the team if it is new.
 
+    Strangers cannot know how a team writes its name, so one that looks the same is meant.
+
     Returns an invitation for each, with the address that it can be sent to.
 
     Raises
@@ -106,8 +111,9 @@ def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest
         If the team already has a person with one of these names.
     """
     request = _open_request(transaction.session, request_id)
-    team = request.team
-    if not transaction.session.scalar(select(exists().where(Team.name == team))):
+    known = people.same_name(transaction.session, request.team)
+    team = request.team if known is None else known.name
+    if known is None:
         people.add_team(transaction, NewTeam(name=team))
     invitations = []
     for asking in request.people:

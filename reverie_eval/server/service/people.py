@@ -20,11 +20,12 @@ from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import count_rows
-from reverie_eval.server.store.tables import Person, Submission, Team, Token
+from reverie_eval.server.store.tables import Person, Submission, Team, Token, name_key
 
 
 def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
-    """Add a team. Raises ConflictError if a team has that name."""
+    """Add a team. Raises ConflictError if a team has that name, or one that looks the same."""
+    _check_name(transaction.session, new.name)
     team = Team(name=new.name, created_at=transaction.now)
     _write(transaction, team, _name_is_taken(team.name))
     transaction.record("team added", team, team.name)
@@ -39,10 +40,11 @@ def rename_team(transaction: Transaction, name: str, new: NewTeam) -> TeamReport
     NotFoundError
         If there is no such team.
     ConflictError
-        If a team has the new name.
+        If another team has the new name, or one that looks the same.
     """
     team = team_named(transaction.session, name)
-    team.name = new.name
+    _check_name(transaction.session, new.name, team)
+    team.name, team.name_key = new.name, name_key(new.name)
     _write(transaction, team, _name_is_taken(team.name))
     transaction.record("team renamed", team, name, before=name, after=team.name)
     return team_report(team)
@@ -118,6 +120,11 @@ def names_of_teams(session: Session) -> Sequence[str]:
     """Return the names of all teams."""
     current = select(Team.name).where(Team.merged_at.is_(None))
     return session.scalars(current.order_by(Team.name)).all()
+
+
+def names_by_key(session: Session) -> dict[str, str]:
+    """Return the names of all teams by :func:`name_key`, also of those that were merged."""
+    return {row.name_key: row.name for row in session.execute(select(Team.name_key, Team.name))}
 
 
 def everybody(session: Session) -> Sequence[PersonReport]:
@@ -216,6 +223,26 @@ def team_report(team: Team) -> TeamReport:
 def person_report(person: Person) -> PersonReport:
     """Return a person as organisers see them."""
     return person.as_report(PersonReport, team=person.team.name)
+
+
+def same_name(session: Session, name: str) -> Team | None:
+    """Return the team whose name is this one or looks the same, also if it was merged."""
+    return session.scalars(select(Team).where(Team.name_key == name_key(name))).first()
+
+
+def looks_like(name: str, taken: str) -> str:
+    """Say that a name looks the same as that of a team."""
+    return (
+        f"the name {name!r} looks like {taken!r}: names of teams must differ in more than case, "
+        "spaces and dashes"
+    )
+
+
+def _check_name(session: Session, name: str, team: Team | None = None) -> None:
+    """Check that no other team has a name that looks the same."""
+    other = same_name(session, name)
+    if other is not None and other is not team and other.name != name:
+        raise ConflictError(looks_like(name, other.name))
 
 
 def _name_is_taken(name: str) -> str:

@@ -16,6 +16,7 @@ from reverie_eval.server.service import people
 from reverie_eval.server.service.csv_files import CsvRow, csv_text, read_csv
 from reverie_eval.server.service.joining import invite
 from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.tables import name_key
 from reverie_eval.server.wrong_values import wrong_value
 from reverie_eval.text import did_you_mean
 
@@ -39,13 +40,15 @@ def import_people(transaction: Transaction, new: NewPeopleImport) -> PeopleImpor
     columns = [column.strip().lower() for column in table.columns]
     _check_columns(columns)
     known = {(each.team, each.name): each for each in people.everybody(session)}
+    team_names = people.names_by_key(session)
     listed: dict[tuple[str, str], str] = {}
     added, problems = [], []
     for place, row in enumerate(table.rows):
         person, wrong = _read(columns, row)
         if person is not None:
             key = (person.team, person.name)
-            wrong = list(_conflicts(person, known.get(key), listed.get(key)))
+            team = team_names.setdefault(name_key(person.team), person.team)
+            wrong = list(_conflicts(person, team, known.get(key), listed.get(key)))
             listed.setdefault(key, row.where)
             if key not in known:
                 added.append(person)
@@ -113,8 +116,15 @@ def _read(columns: Sequence[str], row: CsvRow) -> tuple[NewPerson | None, Sequen
         return None, [f"{names[each.where]}: {each.message}" for each in found]
 
 
-def _conflicts(new: NewPerson, known: PersonReport | None, earlier: str | None) -> Iterator[str]:
-    """Say how a row disagrees with an earlier one, or with a person who already exists."""
+def _conflicts(
+    new: NewPerson, team: str, known: PersonReport | None, earlier: str | None
+) -> Iterator[str]:
+    """Say how a row disagrees with an earlier one, or with a team or person that exists.
+
+    ``team`` is the first name of a team that looks like that in the row.
+    """
+    if team != new.team:
+        yield f"team: {people.looks_like(new.team, team)}"
     if earlier is not None:
         yield f"repeats the person of {earlier}; remove one"
     if known is not None and new.email not in {None, known.email}:

@@ -1,7 +1,9 @@
 """The tables of the database."""
 
+import hashlib
 from datetime import UTC, datetime
 from typing import Any, Literal, TypeVar
+from unicodedata import category, normalize
 
 from pydantic import BaseModel
 from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator, text
@@ -52,6 +54,22 @@ class Base(DeclarativeBase):
         return model(**columns, **given)
 
 
+def name_key(name: str) -> str:
+    """Return the same text for all names of a team that look alike.
+
+    Case, spaces, the width and form of characters, and kinds of dashes make no difference. A digest
+    has the same length for every name, which an index needs.
+
+    Examples
+    --------
+    >>> name_key("Team 01") == name_key("team  01"), name_key("Team 01") == name_key("Team 02")
+    (True, False)
+    """
+    alike = normalize("NFKC", normalize("NFKC", name).casefold())
+    plain = "".join("-" if category(each) == "Pd" or each == "\u2212" else each for each in alike)
+    return hashlib.sha256(" ".join(plain.split()).encode()).hexdigest()
+
+
 class Team(Base):
     """People who submit together and share a quota."""
 
@@ -59,6 +77,10 @@ class Team(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(String(100), unique=True)
+    name_key: Mapped[str] = mapped_column(
+        String(64), unique=True, default=lambda row: name_key(row.get_current_parameters()["name"])
+    )
+    """Of its name, by :func:`name_key`: no other team may have a name that looks the same."""
     created_at: Mapped[datetime]
     merged_at: Mapped[datetime | None]
     merged_into_id: Mapped[int | None] = mapped_column(ForeignKey("team.id"))

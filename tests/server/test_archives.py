@@ -1,16 +1,24 @@
 """Archives that are not complete backups are rejected, and nothing is left of them."""
 
+import hashlib
 import io
 import json
+import os
 import random
+import re
 import tarfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 
+from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.restore import BackupError, restore_backup
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.uploads import open_uploads
 from tests.support.flat import Run
 from tests.support.kept import faults, rows_of
 
@@ -97,6 +105,14 @@ def rewritten(archive: Path, change: Callable[[Members], object]) -> None:
         member("evil", type=tarfile.LNKTYPE, linkname="reverie-eval.toml"),
         member("evil", type=tarfile.FIFOTYPE),
         member("evil", type=tarfile.DIRTYPE),
+        member("./evil"),
+        member("bundles//evil"),
+        member("bundles/../evil"),
+        member("reverie-eval.toml/evil"),
+        member("uploads/"),
+        member("evil" * 100),
+        member("evil\n"),
+        member("evil\udcff"),
     ],
     ids=[
         "up",
@@ -107,13 +123,21 @@ def rewritten(archive: Path, change: Callable[[Members], object]) -> None:
         "link",
         "pipe",
         "folder",
+        "dot",
+        "two slashes",
+        "there and back",
+        "below a file",
+        "a folder's name",
+        "long",
+        "two lines",
+        "no text",
     ],
 )
 def test_what_would_reach_outside_is_refused(
     evil: tuple[tarfile.TarInfo, bytes], archive: Path, tmp_path: Path
 ) -> None:
     evil[0].name = evil[0].name.replace("/ABSOLUTE", str(tmp_path))
-    rewritten(archive, lambda members: members.insert(0, evil))
+    rewritten(archive, lambda members: members.insert(1, evil))
     refused(archive, tmp_path / "there", "does not belong in one")
     assert not list(tmp_path.rglob("*evil*"))
 
@@ -183,6 +207,132 @@ def test_what_is_not_what_was_written_is_refused(
 ) -> None:
     rewritten(archive, change)
     refused(archive, tmp_path / "there", told)
+
+
+def adjusted(archive: Path, contents: Mapping[str, bytes], **changes: object) -> None:
+    """Put other contents into an archive, with a manifest that says so."""
+
+    def change(members: Members) -> None:
+        manifest = json.loads(members.pop()[1])
+        for name, content in contents.items():
+            if name in manifest["sha256"]:
+                members.pop(position(members, name))
+            members.append(member(name, content))
+            manifest["sha256"][name] = hashlib.sha256(content).hexdigest()
+        members.append(member("manifest.json", json.dumps(manifest | changes).encode()))
+
+    rewritten(archive, change)
+
+
+@pytest.mark.parametrize(
+    ("contents", "told"),
+    [
+        pytest.param({"server.db": b""}, "server.db: does not belong in a backup", id="database"),
+        pytest.param({"uploads/x.json": b"[]"}, "uploads/x.json: does not belong", id="upload"),
+        pytest.param({f"uploads/{'0' * 64}.json": b"[]"}, "0.json: differs", id="other upload"),
+        pytest.param({"database.jsonl": b'["team", {"id": 1}]'}, "cannot be restored", id="row"),
+        pytest.param({"database.jsonl": b'["evil", {}]'}, "cannot be restored", id="table"),
+        pytest.param({"database.jsonl": b"5\n"}, "cannot be restored", id="number"),
+        pytest.param({"database.jsonl": b"{"}, "cannot be restored", id="no JSON"),
+    ],
+)
+def test_what_no_backup_has_is_refused(
+    contents: dict[str, bytes], told: str, archive: Path, tmp_path: Path
+) -> None:
+    adjusted(archive, contents)
+    refused(archive, tmp_path / "there", told)
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        pytest.param({"signing_key": "../evil"}, "../evil: is missing", id="up"),
+        pytest.param({}, "signing-key.pem: does not belong in a backup", id="none"),
+    ],
+)
+def test_files_that_no_backup_has_are_refused(
+    files: dict[str, str], told: str, archive: Path, tmp_path: Path
+) -> None:
+    adjusted(archive, {}, files=files)
+    refused(archive, tmp_path / "there", told)
+
+
+@pytest.mark.parametrize(
+    ("key", "place"),
+    [
+        ("database", '"sqlite:///OUTSIDE/evil.db"'),
+        ("database", "'sqlite:///../evil.db'"),
+        ("database", '"sqlite:///a/../../evil.db"'),
+        ("uploads", '"OUTSIDE/evil"'),
+        ("uploads", '"../evil"'),
+        ("signing_key", '"OUTSIDE/evil.pem"'),
+        ("signing_key", "'../evil.pem'"),
+        ("bundle", '"OUTSIDE/evil.npz"'),
+        ("bundle", '"bundles/../../evil.npz"'),
+    ],
+)
+def test_places_outside_the_folder_are_not_used(
+    key: str, place: str, archive: Path, used: Path, tmp_path: Path
+) -> None:
+    outside, there = tmp_path / "outside", tmp_path / "there"
+    outside.mkdir()
+    place = place.replace("OUTSIDE", str(outside))
+    text = (used / "reverie-eval.toml").read_text()
+    evil, n = re.subn(rf'(?m)^{key} = ".*"', f"{key} = {place}", text, count=1)
+    assert n == 1
+    adjusted(archive, {"reverie-eval.toml": evil.encode()})
+    before = {*outside.iterdir(), *tmp_path.iterdir()}
+
+    (changed,) = restore_backup(archive, there).changed
+    assert (changed.setting.rpartition(".")[2], changed.before) == (key, place[1:-1])
+    assert {*outside.iterdir(), *tmp_path.iterdir()} - before == {there}
+    assert (there / "reverie-eval.toml").read_text() == text
+    assert rows_of(there) == rows_of(used)
+    assert faults(there) == []
+
+
+def test_a_database_and_a_store_are_used_only_if_the_caller_names_them(
+    used: Path, postgresql: Callable[[], str], bucket: str, run: Run
+) -> None:
+    folder, archive = used.parent, used.parent / "backup.tar.gz"
+    named, mine = postgresql(), postgresql()
+    text = (used / "reverie-eval.toml").read_text()
+    rows = rows_of(used)
+    with_password = named.replace("postgres:@", "postgres:hushhush@")
+    evil = text.replace("sqlite:///server.db", with_password)
+    evil = evil.replace('uploads = "uploads"', f'uploads = "s3://{bucket}/there"')
+    write_backup(used, archive)
+    adjusted(archive, {"reverie-eval.toml": evil.encode()})
+    restored = run("server", "restore", str(archive), str(folder / "there"))
+    assert restored.status == 0
+    assert "set REVERIE_EVAL_DATABASE, and restore again" in restored.err
+    assert "set REVERIE_EVAL_UPLOADS, and restore again" in restored.err
+    assert "hushhush" not in restored.err
+    assert rows_of(folder / "there") == rows
+    assert list(open_uploads(f"s3://{bucket}/there", folder).names()) == []
+
+    variables = {"REVERIE_EVAL_DATABASE": mine, "REVERIE_EVAL_UPLOADS": f"s3://{bucket}/mine"}
+    with patch.dict(os.environ, variables):
+        restored = run("server", "restore", str(archive), str(folder / "elsewhere"))
+        assert rows_of(folder / "elsewhere") == rows
+    assert restored.status == 0
+    assert "restore again" not in restored.err
+    assert not list((folder / "elsewhere").glob("*.db"))
+    names = [
+        list(open_uploads(f"s3://{bucket}/{each}", used).names()) for each in ("there", "mine")
+    ]
+    assert (names[0], len(names[1])) == ([], 2)
+    with closing(Database(named)) as database:
+        assert database.revision() is None
+
+
+def test_a_place_in_a_form_that_nobody_writes_is_refused(
+    archive: Path, used: Path, tmp_path: Path
+) -> None:
+    text = (used / "reverie-eval.toml").read_text()
+    evil = text.replace('"sqlite:///server.db"', '"""sqlite:////tmp/evil.db"""')
+    adjusted(archive, {"reverie-eval.toml": evil.encode()})
+    refused(archive, tmp_path / "there", "database: names a place outside the folder")
 
 
 def test_a_folder_with_something_in_it_is_left_alone(

@@ -1,5 +1,6 @@
 """Backups: made at any moment, whole or refused, and the same server wherever they are restored."""
 
+import sqlite3
 import stat
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -270,9 +271,108 @@ def test_files_from_elsewhere_come_into_the_folder(used: Path, tmp_path: Path, r
     content = elsewhere.read_bytes()
     elsewhere.unlink()
     restored = run("server", "restore", str(tmp_path / "b.tar.gz"), str(tmp_path / "there"))
-    assert restored.status == 1
-    assert f"splits.test.bundle: {elsewhere}" in restored.out
+    assert restored.status == 0
+    now = "outside the folder; it is now bundles/test.npz"
+    assert f"splits.test.bundle was {elsewhere}, {now}" in restored.err
     assert (tmp_path / "there" / "bundles" / "test.npz").read_bytes() == content
+
+
+def test_files_keep_their_names_wherever_the_settings_say_they_are(
+    used: Path, tmp_path: Path, run: Run
+) -> None:
+    """By an absolute path, in other folders, and by a name that another file from outside takes."""
+    (used / "truth").mkdir()
+    (used / "data").mkdir()
+    (used / "server.db").rename(used / "data" / "main.db")
+    (used / "signing-key.pem").rename(used / "truth" / "key.pem")
+    (used / "bundles" / "test.npz").rename(tmp_path / "test.npz")
+    (used / "bundles" / "val_seen.npz").rename(used / "bundles" / "test.npz")
+    settings = used / "reverie-eval.toml"
+    text = settings.read_text()
+    for old, new in (
+        ("server.db", "data/main.db"),
+        ("signing-key.pem", f"{used}/truth/key.pem"),
+        ("bundles/test.npz", f"{tmp_path}/test.npz"),
+        ("bundles/val_seen.npz", "./bundles/test.npz"),
+    ):
+        text = text.replace(f'{old}"', f'{new}"')
+    settings.write_text(text)
+    rows, there = rows_of(used), tmp_path / "there"
+    made = run("server", "backup", str(used), "-o", str(tmp_path / "b.tar.gz"), "--verify")
+    assert made.status == 0, made.err
+    used.rename(tmp_path / "gone")
+    restored = run("server", "restore", str(tmp_path / "b.tar.gz"), str(there))
+    assert restored.status == 0, restored.out
+    assert (there / "data" / "main.db").is_file()
+    assert rows_of(there) == rows
+    assert faults(there) == []
+    assert (there / "bundles" / "test-2.npz").read_bytes() == (tmp_path / "test.npz").read_bytes()
+
+
+# Verified.
+
+
+VERIFIED = "verified: it was restored, all rows and files are the same, and the server opens"
+
+
+def test_a_backup_is_verified_in_a_place_of_its_own(
+    used: Path, database: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "backups").mkdir()
+    words = ("server", "backup", str(used), "-o", str(tmp_path / "backups" / "b.tar.gz"))
+    assert VERIFIED not in run(*words).out
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", database)
+    monkeypatch.setenv("REVERIE_EVAL_UPLOADS", str(tmp_path / "none"))
+    rows = rows_of(used)
+    made = run(*words, "--verify")
+    assert (made.status, VERIFIED in made.out.splitlines()) == (0, True)
+    assert rows_of(used) == rows
+    assert [path.name for path in (tmp_path / "backups").iterdir()] == ["b.tar.gz"]
+    assert not (tmp_path / "none").exists()
+
+
+def lose_a_team(folder: Path) -> None:
+    with closing(sqlite3.connect(folder / "server.db")) as database, database:
+        database.execute("DELETE FROM team WHERE name = 'Blue'")
+
+
+def cut_a_bundle_off(folder: Path) -> None:
+    bundle = folder / "bundles" / "test.npz"
+    bundle.write_bytes(bundle.read_bytes()[:1000])
+
+
+def spoil_a_result(folder: Path) -> None:
+    with closing(sqlite3.connect(folder / "server.db")) as database, database:
+        database.execute("UPDATE submission SET report = '{}' WHERE published_at IS NOT NULL")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        pytest.param(
+            lose_a_team,
+            "database.jsonl: its rows cannot be restored (rows of person, submission refer to "
+            "missing rows)",
+            id="team",
+        ),
+        pytest.param(cut_a_bundle_off, "server: settings rejected", id="bundle"),
+        pytest.param(spoil_a_result, "server: database error: ", id="result"),
+    ],
+)
+def test_a_backup_that_does_not_restore_is_not_kept(
+    spoil: Callable[[Path], None], told: str, used: Path, tmp_path: Path, run: Run
+) -> None:
+    spoil(used)
+    output = tmp_path / "backups" / "b.tar.gz"
+    output.parent.mkdir()
+    output.write_text("the one before")
+    made = run("server", "backup", str(used), "-o", str(output), "--verify")
+    assert (made.status, made.out) == (1, "")
+    assert told in made.err
+    assert f"{output} was not written: the backup does not restore" in made.err
+    assert f"`reverie-eval server doctor {used}` may say why" in made.err
+    assert output.read_text() == "the one before"
+    assert [path.name for path in output.parent.iterdir()] == [output.name]
 
 
 @pytest.mark.parametrize(

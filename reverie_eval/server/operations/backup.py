@@ -17,7 +17,7 @@ import json
 import os
 import tarfile
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
@@ -65,6 +65,8 @@ class Manifest(BaseModel):
     """The number of rows of each table that has any."""
     lacking: tuple[str, ...]
     """The SHA-256 of uploads that were missing or damaged."""
+    files: dict[str, str]
+    """The name in the archive of each file that the settings name, by setting."""
     sha256: dict[str, str]
     """The SHA-256 of every other file in the archive."""
 
@@ -80,8 +82,13 @@ class BackupReport:
     """Where a restore puts files that are outside the server's folder, by their setting."""
 
 
-def write_backup(folder: Path, output: Path) -> BackupReport:
+def write_backup(
+    folder: Path, output: Path, check: Callable[[Path], None] | None = None
+) -> BackupReport:
     """Write a backup; the server may be running.
+
+    ``check`` is called with the complete archive before it takes its place; if it raises an error,
+    a former backup stays there.
 
     Raises
     ------
@@ -104,6 +111,8 @@ def write_backup(folder: Path, output: Path) -> BackupReport:
                 manifest = _write(settings, archive, output.parent)
             file.flush()
             os.fsync(file.fileno())
+            if check is not None:
+                check(Path(file.name))
             Path(file.name).replace(output)
         except BaseException:
             Path(file.name).unlink(missing_ok=True)
@@ -132,6 +141,7 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
         revision=revision,
         rows=counts,
         lacking=lacking,
+        files={setting: name for setting, (name, _) in _files(settings).items()},
         sha256=contents.digests,
     )
     contents.add(MANIFEST, manifest.model_dump_json(indent=2).encode())
@@ -195,16 +205,6 @@ class _Contents:
         return is_whole
 
 
-def restored(settings: Settings) -> Settings:
-    """Return the settings of an unpacked archive, with the paths of its own files."""
-    names = {setting: Path(name) for setting, (name, _) in _files(settings).items()}
-    splits = {
-        name: split.model_copy(update={"bundle": names[f"splits.{name}.bundle"]})
-        for name, split in settings.splits.items()
-    }
-    return settings.model_copy(update={"signing_key": names["signing_key"], "splits": splits})
-
-
 def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:
     """Return the files that the settings name, as name in the archive and path, by setting."""
     bundles: dict[str, Any] = {
@@ -212,10 +212,17 @@ def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:
         for name, split in settings.splits.items()
     }
     named = {_SIGNING_KEY: (settings.signing_key, SIGNING_KEY), **bundles}
-    return {
-        setting: (_name(settings, path) or otherwise, settings.path(path))
-        for setting, (path, otherwise) in named.items()
-    }
+    taken = {_name(settings, path) for path, _ in named.values()}
+    files = {}
+    for setting, (path, otherwise) in named.items():
+        name = _name(settings, path)
+        if name is None:
+            name = otherwise
+            while name in taken:
+                name = f"{name.removesuffix('.npz')}-2.npz"
+            taken.add(name)
+        files[setting] = name, settings.path(path)
+    return files
 
 
 def _name(settings: Settings, path: Path) -> str | None:

@@ -1,40 +1,74 @@
-"""Restoring a backup: after a loss, on another machine, or into another database."""
+"""Restoring a backup: after a loss, on another machine, or into another database.
 
+The settings in an archive are another machine's, or anybody's. So what they name outside the folder
+is not used: a restore writes to its folder, or to the database and the store that the environment
+variables of the caller name.
+"""
+
+import errno
 import hashlib
 import json
+import posixpath
+import re
 import tarfile
+import tomllib
 import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from gzip import BadGzipFile
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
+from typing import Any
 
-from reverie_eval.errors import Problem, RejectedError
-from reverie_eval.server.operations.backup import (
-    DATABASE,
-    FORMAT,
-    MANIFEST,
-    UPLOADS,
-    Manifest,
-    restored,
-)
-from reverie_eval.server.operations.checks import database_errors
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError
+
+from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
+from reverie_eval.server.operations.backup import DATABASE, FORMAT, MANIFEST, UPLOADS, Manifest
+from reverie_eval.server.operations.checks import database_errors, opened_server
 from reverie_eval.server.operations.folder import building, check_empty, make_private
-from reverie_eval.server.settings import Settings, load_settings
+from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database, known_revisions
 from reverie_eval.server.store.dump import Row, RowsError, load
 from reverie_eval.server.store.uploads import open_uploads
 
 _CHUNK = 1 << 20
+_SQLITE = "sqlite:///"
+_OWN = {"database": f"{_SQLITE}server.db", "uploads": "uploads"}
+"""Settings for a database and uploads in the folder."""
+_UPLOAD = re.compile(rf"{UPLOADS}([0-9a-f]{{64}})\.json")
+_TOML_STRING = r"""(?:'[^'\n]*'|"(?:\\.|[^"\\\n])*")"""
+_NO_SUCH_NAME = {errno.EEXIST, errno.EISDIR, errno.ENAMETOOLONG, errno.ENOTDIR}
+"""Errors of a name that is too long, or of a file and a folder with one name."""
 _NOT_WHOLE = (tarfile.TarError, BadGzipFile, EOFError, zlib.error, ValueError)
 """Errors of reading a file that is truncated, damaged or not an archive."""
 
 
 class BackupError(RejectedError):
-    """An archive is not a complete backup, or was made by a later version."""
+    """An archive is not a complete backup, cannot be restored, or was made by a later version."""
 
     subject = "backup"
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedPlace:
+    """A setting in an archive that named a place outside the folder."""
+
+    setting: str
+    before: str
+    """Without a password."""
+    after: str
+    variable: str | None
+    """The environment variable that restores to another place; None for a file of the archive."""
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreReport:
+    """A backup that was restored."""
+
+    manifest: Manifest
+    changed: Sequence[ChangedPlace]
 
 
 @contextmanager
@@ -50,16 +84,19 @@ def unpacked(archive: Path) -> Iterator[tuple[Settings, Manifest, Iterator[Row]]
         folder, extras = Path(temporary, "folder"), Path(temporary, "extras")
         manifest = _unpack(archive, folder, extras)
         with (extras / DATABASE).open(encoding="utf-8") as lines:
-            yield restored(load_settings(folder)), manifest, map(json.loads, lines)
+            yield _of_archive(load_settings(folder), manifest), manifest, map(json.loads, lines)
 
 
-def restore_backup(archive: Path, folder: Path) -> Manifest:
-    """Restore a backup into an empty folder and the empty database that its settings name.
+def restore_backup(archive: Path, folder: Path) -> RestoreReport:
+    """Restore a backup into an empty folder.
+
+    The database and the uploads are in the folder too, unless ``REVERIE_EVAL_DATABASE`` names an
+    empty database, or ``REVERIE_EVAL_UPLOADS`` a store.
 
     Raises
     ------
     BackupError
-        If the archive is damaged or of a later version.
+        If the archive is damaged or of a later version, or its rows cannot be stored.
     FolderTakenError, DatabaseTakenError
         If the folder or the database is not empty.
     """
@@ -67,19 +104,138 @@ def restore_backup(archive: Path, folder: Path) -> Manifest:
         with TemporaryDirectory(dir=aside.parent, prefix=f"{aside.name}-") as temporary:
             extras = Path(temporary)
             manifest = _unpack(archive, aside, extras)
-            settings = load_settings(aside)
-            with database_errors():
-                check_empty(settings)
-                _keep_uploads(settings, extras / UPLOADS)
-                _load(settings, manifest, extras / DATABASE)
-        return manifest
+            load_settings(aside)  # before they are changed: it reports whatever is wrong
+            changed = _keep_inside(aside, manifest)
+            _fill(load_settings(aside), manifest, extras)
+        return RestoreReport(manifest, changed)
+
+
+def verify_backup(archive: Path) -> None:
+    """Restore a backup to a temporary folder beside it, and compute all leaderboards there.
+
+    All rows and uploads are read again and compared. Environment variables that name a database or
+    a store are ignored.
+
+    Raises
+    ------
+    BackupError
+        If the backup cannot be restored, or the server in it cannot be opened.
+    """
+    with TemporaryDirectory(dir=archive.parent, prefix=f"{archive.name}-") as temporary:
+        folder, extras = Path(temporary, "folder"), Path(temporary, "extras")
+        try:
+            manifest = _unpack(archive, folder, extras)
+            settings = _of_archive(load_settings(folder), manifest).model_copy(update=_OWN)
+            _fill(settings, manifest, extras)
+            with opened_server(settings) as state, state.database.reading() as session:
+                for board in state.leaderboards:
+                    state.ranking(session, board)
+        except BackupError:
+            raise
+        except ReverieEvalError as error:
+            raise BackupError([Problem("not-restorable", "server", str(error))]) from None
+
+
+def _of_archive(settings: Settings, manifest: Manifest) -> Settings:
+    """Return settings with the files of the archive, whatever they or variables name."""
+    splits = {
+        name: split.model_copy(update={"bundle": Path(manifest.files[f"splits.{name}.bundle"])})
+        for name, split in settings.splits.items()
+        if f"splits.{name}.bundle" in manifest.files
+    }
+    key = Path(manifest.files["signing_key"])
+    return settings.model_copy(update={"signing_key": key, "splits": splits})
+
+
+def _keep_inside(folder: Path, manifest: Manifest) -> Sequence[ChangedPlace]:
+    """Let the settings in a folder name no place outside, and return what was changed."""
+    file = folder / SETTINGS_FILE
+    text = file.read_text(encoding="utf-8")
+    content = tomllib.loads(text)
+    changed = []
+    for key, own in _own_places(content, manifest):
+        place, setting = _value(content, key), ".".join(key)
+        if place is not None and place != own:
+            text = _with_value(text, key, own)
+            variable = f"REVERIE_EVAL_{setting.upper()}" if setting in _OWN else None
+            changed.append(ChangedPlace(setting, _without_password(place), own, variable))
+    file.write_text(text, encoding="utf-8")
+    return changed
+
+
+def _own_places(
+    content: Mapping[str, Any], manifest: Manifest
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield all settings that name a place, with one in the folder."""
+    for setting, own in _OWN.items():
+        place = str(content.get(setting, own))
+        is_own = _is_inside(place.removeprefix(_SQLITE if setting == "database" else ""))
+        yield (setting,), place if is_own else own
+    splits = content.get("splits")
+    names = splits if isinstance(splits, dict) else ()
+    for key in [("signing_key",), *(("splits", name, "bundle") for name in names)]:
+        setting, place = ".".join(key), _value(content, key)
+        if setting not in manifest.files:
+            message = "is not in the backup; use another"
+            raise BackupError([Problem("damaged-backup", setting, message)])
+        own = manifest.files[setting]
+        yield key, place if posixpath.normpath(str(place)) == own else own
+
+
+def _is_inside(path: str) -> bool:
+    """Whether a path, not the address of a database or a store, is below the folder."""
+    first, *_ = PurePosixPath(posixpath.normpath(path)).parts or (".",)
+    return "://" not in path and first not in ("/", "//", "..")
+
+
+def _value(content: Mapping[str, Any], key: Sequence[str]) -> Any:
+    """Return the value of a setting; None if it is not set."""
+    value: Any = content
+    for part in key:
+        value = value.get(part) if isinstance(value, dict) else None
+    return value
+
+
+def _with_value(text: str, key: Sequence[str], value: str) -> str:
+    """Return the text of settings with another value of one, and everything else as it is."""
+    expected = tomllib.loads(text)
+    _value(expected, key[:-1])[key[-1]] = value
+    for written in re.finditer(rf"{re.escape(key[-1])}[\"']?\s*=\s*({_TOML_STRING})", text):
+        before, after = text[: written.start(1)], text[written.end(1) :]
+        changed = f"{before}{json.dumps(value, ensure_ascii=False)}{after}"
+        with suppress(tomllib.TOMLDecodeError):
+            if tomllib.loads(changed) == expected:
+                return changed
+    message = f'names a place outside the folder, and is not written as {key[-1]} = "..."'
+    raise BackupError([Problem("outside", ".".join(key), message)])
+
+
+def _without_password(place: object) -> str:
+    """Return a place, or the address of a database as it may be shown."""
+    try:
+        return make_url(str(place)).set(query={}).render_as_string()
+    except (ArgumentError, ValueError):
+        return str(place)
+
+
+def _fill(settings: Settings, manifest: Manifest, extras: Path) -> None:
+    """Store the uploads and the rows of an archive.
+
+    If loading the rows fails, storing the uploads again later is harmless.
+    """
+    with database_errors():
+        check_empty(settings)
+        _keep_uploads(settings, extras / UPLOADS)
+        _load(settings, manifest, extras / DATABASE)
 
 
 def _keep_uploads(settings: Settings, folder: Path) -> None:
-    """Store the uploads; if loading the database fails later, storing them again is harmless."""
     uploads = open_uploads(settings.uploads, settings.folder)
     for file in sorted(folder.glob("*.json")):
         uploads.put(file.stem, file.read_bytes())
+        if hashlib.sha256(uploads.get(file.stem)).hexdigest() != file.stem:
+            message = "was not stored as it is in the backup; check the disk or the store"
+            raise BackupError([Problem("altered-upload", f"{UPLOADS}{file.name}", message)])
 
 
 def _load(settings: Settings, manifest: Manifest, file: Path) -> None:
@@ -128,18 +284,29 @@ def _manifest(archive: Path, file: Path) -> Manifest:
 def _safe(member: tarfile.TarInfo) -> PurePosixPath:
     """Return where to put a member: always below the folder, even if the archive is malicious."""
     path = PurePosixPath(member.name)
-    if not member.isfile() or path.is_absolute() or ".." in path.parts:
-        raise tarfile.TarError(f"{member.name!r} does not belong in one")
+    is_plain = member.name.isprintable() and path.as_posix() == member.name
+    if not (member.isfile() and is_plain and _is_inside(member.name)) or ".." in path.parts:
+        raise _foreign(member)
     return path
+
+
+def _foreign(member: tarfile.TarInfo) -> tarfile.TarError:
+    return tarfile.TarError(f"{member.name!r} does not belong in one")
 
 
 def _extract(members: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> str:
     """Write a member to a file that other users cannot read, and return its SHA-256."""
-    target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    target.touch(mode=0o600)
     digest = hashlib.sha256()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        target.touch(mode=0o600)
+        file = target.open("wb")
+    except OSError as error:
+        if error.errno in _NO_SUCH_NAME:
+            raise _foreign(member) from None
+        raise
     content = members.extractfile(member)
-    with target.open("wb") as file:
+    with file:
         while content is not None and (chunk := content.read(_CHUNK)):
             digest.update(chunk)
             file.write(chunk)
@@ -147,7 +314,13 @@ def _extract(members: tarfile.TarFile, member: tarfile.TarInfo, target: Path) ->
 
 
 def _problems(manifest: Manifest, digests: Mapping[str, str]) -> Iterator[Problem]:
-    for name in sorted({*manifest.sha256, *digests} - {MANIFEST}):
-        if digests.get(name) != manifest.sha256.get(name):
-            found = "is missing" if name not in digests else "differs from what was backed up"
-            yield Problem("damaged-backup", name, f"{found}; use another backup")
+    known = {SETTINGS_FILE, DATABASE, MANIFEST, *manifest.files.values()}
+    for name in sorted({*manifest.sha256, *manifest.files.values(), *digests} - {MANIFEST}):
+        upload = _UPLOAD.fullmatch(name)
+        if name not in digests:
+            yield Problem("damaged-backup", name, "is missing; use another backup")
+        elif digests[name] != (upload[1] if upload else manifest.sha256.get(name)):
+            message = "differs from what was backed up; use another backup"
+            yield Problem("damaged-backup", name, message)
+        elif not upload and name not in known:
+            yield Problem("damaged-backup", name, "does not belong in a backup; use another")

@@ -1,6 +1,7 @@
 """``reverie-eval server init|check|upgrade|doctor|tidy|audit|notify|backup|restore FOLDER``."""
 
 import json
+import os
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -171,18 +172,29 @@ def notify(*, folder: Folder) -> int:
 @click.command()
 @server_folder
 @options.new_path("FILE", "The .tar.gz to write.")
-def backup(*, folder: Folder, output: Path) -> int:
+@click.option("--verify", is_flag=True, help="Restore it to a temporary folder, and compare.")
+def backup(*, folder: Folder, output: Path, verify: bool) -> int:
     """Write a backup, also while the server runs.
 
-    One .tar.gz file has everything that a server needs.
+    One .tar.gz file has everything that a server needs. With --verify, a backup that does not
+    restore is not kept; the former FILE is.
 
-    Exit status: 0 complete, 1 an upload was missing or damaged, 2 usage or system error.
+    Exit status: 0 complete, 1 an upload was missing or damaged or the backup does not restore,
+    2 usage or system error.
     """
     from reverie_eval.server.operations.backup import write_backup
+    from reverie_eval.server.operations.restore import BackupError, verify_backup
     from reverie_eval.server.settings import variables_set
 
-    report = write_backup(folder.path, output)
+    try:
+        report = write_backup(folder.path, output, verify_backup if verify else None)
+    except BackupError:
+        examine = f"reverie-eval server doctor {shlex.quote(str(folder))}"
+        note(f"{output} was not written: the backup does not restore; `{examine}` may say why")
+        raise
     print(f"{output}: {_counts(report.manifest.rows)}, {report.size / 1e6:,.1f} MB")
+    if verify:
+        print("verified: it was restored, all rows and files are the same, and the server opens")
     print("it contains answers and the signing key: keep it where nobody else can read it")
     for setting, name in report.moved.items():
         note(f"{setting} is outside of the folder; a restore puts it at {name} in the folder")
@@ -202,7 +214,9 @@ def backup(*, folder: Folder, output: Path) -> int:
 def restore(*, file: Path, folder: Path) -> int:
     """Make a server from a backup.
 
-    The folder and the database must be empty.
+    The folder must be empty. The database and the uploads are in it, unless REVERIE_EVAL_DATABASE
+    names an empty database, or REVERIE_EVAL_UPLOADS a store; what the settings in the backup name
+    outside the folder is not used.
 
     Exit status: 0 the server can start, 1 backup rejected or faults to fix, 2 usage or system
     error.
@@ -210,7 +224,12 @@ def restore(*, file: Path, folder: Path) -> int:
     from reverie_eval.server.operations.checks import check_folder
     from reverie_eval.server.operations.restore import restore_backup
 
-    print(f"{folder}: restored, {_counts(restore_backup(file, folder).rows)}")
+    report = restore_backup(file, folder)
+    print(f"{folder}: restored, {_counts(report.manifest.rows)}")
+    for place in report.changed:
+        note(f"{place.setting} was {place.before}, outside the folder; it is now {place.after}")
+        if place.variable and place.variable not in os.environ:
+            note(f"to restore to another place, set {place.variable}, and restore again")
     return show_findings(check_folder(folder))
 
 

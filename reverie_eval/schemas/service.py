@@ -644,9 +644,30 @@ class ProblemDocument(WireModel):
     """Set if the server failed: with it, the organiser can find the cause in the log."""
 
 
+class JobReport(WireModel):
+    """Work that the server does by itself."""
+
+    name: str
+    """`snapshots`, `tidying`, `phase ends`, `mail`, `webhook` or `warm-up`."""
+    runs: int
+    """How often it has run since the server started."""
+    failures: int
+    """How many of these runs failed."""
+    last_run_at: datetime | None
+    last_success_at: datetime | None
+    error: str
+    """Why the last run failed, in one line; empty if it did not."""
+    is_overdue: bool
+    """Whether it is still running, longer than it may."""
+    backlog: dict[str, int]
+    """What is still to do, by kind; empty if that is not known."""
+
+
 class HealthReport(WireModel):
     """Whether the server can do its work."""
 
     status: Literal["ok", "unhealthy"]
     failed: list[str] = Field(default_factory=list)
-    """What does not work: `database`, `uploads`, or the scoring of a split."""
+    """What does not work: `database`, `uploads`, the scoring of a split, or a job: `job mail`."""
+    jobs: list[JobReport] = Field(default_factory=list)
+    """What the server does by itself; the jobs that `failed` names failed last time, or hang."""

@@ -7,7 +7,6 @@ from functools import partial
 from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from reverie_eval.server.http.background import DAY, MINUTE, repeatedly
 from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
@@ -24,7 +23,9 @@ from reverie_eval.server.http.problems import add_error_handlers
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
 from reverie_eval.server.http.workers import ALONE, Workers
+from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.pages import add_pages
+from reverie_eval.server.pages.home import warm_up
 from reverie_eval.server.pages.rendering import fault_page
 from reverie_eval.server.routes import (
     access,
@@ -34,7 +35,6 @@ from reverie_eval.server.routes import (
     splits,
     submissions,
 )
-from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -48,13 +48,12 @@ def create_app(
     ``address`` is printed where people copy the server's address, unless the settings have another:
     what a request's Host header says is anybody's choice.
     """
+    jobs = jobs_of(server, partial(warm_up, server))
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        with (
-            repeatedly(partial(server.retention.tidy, SERVER), DAY),
-            repeatedly(partial(server.snapshots.take_if_due, server.transactions), MINUTE),
-        ):
+        server.warming.set()  # before the first visitor
+        with jobs.running():
             yield
         server.database.close()
 
@@ -72,7 +71,7 @@ def create_app(
     app.state.server = server
     app.state.address = server.settings.public_address or address
     app.state.is_copy = False
-    app.state.runtime = RuntimeState.of(server, workers)
+    app.state.runtime = RuntimeState.of(server, jobs, workers)
     for part in (access, joining, splits, submissions, organising):
         app.include_router(part.router, dependencies=[Depends(known_query)])
     app.include_router(operations.router)

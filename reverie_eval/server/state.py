@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from threading import Event
 from typing import Self
 
 from sqlalchemy.orm import Session
@@ -79,6 +80,8 @@ class ServerState:
         self.entries = EntriesCache(schedules)
         self.episodes = EpisodeService(boards, self.submissions)
         self.rank_intervals = RankIntervals()
+        self.warming = Event()
+        """Set while a job computes what pages keep; meanwhile, they do without."""
 
     @classmethod
     def open(cls, settings: Settings, clock: Clock = utc_now) -> Self:

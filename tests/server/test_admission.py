@@ -16,6 +16,7 @@ from reverie_eval.server.app import create_app
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.http.runtime import Admission, RuntimeState
 from reverie_eval.server.http.workers import Workers
+from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.settings import Limits
 from tests.support.serving import (
     GOOD,
@@ -136,7 +137,8 @@ def test_one_team_holds_no_more_than_a_quarter_of_the_places(
 def test_each_of_two_workers_has_half_of_the_places(folder: Path, open_server: OpenServer) -> None:
     limits = Limits(uploads_at_once=32, uploads_waiting=0)
     server = open_server(settings_of(folder).model_copy(update={"limits": limits}))
-    admission = RuntimeState.of(server.state, Workers(2)).admission
+    jobs = jobs_of(server.state, lambda: None)
+    admission = RuntimeState.of(server.state, jobs, Workers(2)).admission
     assert asyncio.run(held_by_five(admission)) == [4, 4, 4, 4, 0]
 
 

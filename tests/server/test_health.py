@@ -14,6 +14,7 @@ import pytest
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http import health
 from reverie_eval.server.http.health import Health
+from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.database import Database
@@ -32,7 +33,7 @@ def health_of(server: Serving) -> tuple[int, dict[str, Any]]:
     return reply.status_code, reply.json()
 
 
-WELL = (200, {"status": "ok", "failed": []})
+WELL = (200, {"status": "ok", "failed": [], "jobs": []})
 
 
 @pytest.mark.parametrize(
@@ -52,7 +53,7 @@ def test_health_tries_all_that_an_upload_needs(
     monkeypatch.setattr(health, "SECONDS_KEPT", 0)
     with monkeypatch.context() as broken:
         broken.setattr(owner, step, fail)
-        assert health_of(server) == (503, {"status": "unhealthy", "failed": failed})
+        assert health_of(server) == (503, {"status": "unhealthy", "failed": failed, "jobs": []})
     assert health_of(server) == WELL
 
 
@@ -112,7 +113,7 @@ def test_who_asks_meanwhile_waits_for_the_same_result(
         return HealthReport(status="ok")
 
     async def ask_thrice() -> list[HealthReport]:
-        checked = Health(server.state)
+        checked = Health(server.state, jobs_of(server.state, lambda: None))
         return await asyncio.gather(*(checked.report() for _ in range(3)))
 
     monkeypatch.setattr(Health, "_examine", examine)

@@ -7,6 +7,7 @@ import smtplib
 import socket
 import threading
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from email import message_from_bytes, policy
@@ -21,8 +22,8 @@ from sqlalchemy import select
 
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http import health
-from reverie_eval.server.operations import delivery
-from reverie_eval.server.operations.delivery import SIGNATURE, deliver
+from reverie_eval.server.jobs.delivery import SIGNATURE, DeliveryError
+from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.outbox import LEASE, PATIENCE, announce, claim
 from reverie_eval.server.service.transactions import Transaction
@@ -145,8 +146,13 @@ def telling(folder: Path, open_server: OpenServer) -> Open:
 
 
 def deliver_now(server: Serving, **later: float) -> None:
-    now = server.clock() + timedelta(**later)
-    deliver(server.state.database, server.state.settings, now)
+    """Do the jobs of a server once, each after the one before."""
+    now = server.clock.now
+    server.clock.turn(**later)
+    for job in jobs_of(server.state, lambda: None).jobs:
+        with suppress(DeliveryError):
+            job.work()
+    server.clock.now = now
 
 
 def outbox(server: Serving) -> list[Message]:
@@ -239,10 +245,9 @@ def test_a_transaction_that_fails_tells_nothing(telling: Open, hook: Hook) -> No
 
 
 def test_a_dead_channel_is_tried_later_and_given_up_and_delays_no_other(
-    telling: Open, hook: Hook, monkeypatch: pytest.MonkeyPatch
+    telling: Open, hook: Hook
 ) -> None:
     server = telling(mail=mail_to(1), webhook=hook_at(hook))
-    monkeypatch.setattr(delivery, "utc_now", server.clock)
     assert server.upload(OWNER).status_code == 201
     for _ in range(40):
         deliver_now(server)
@@ -259,11 +264,8 @@ def test_a_dead_channel_is_tried_later_and_given_up_and_delays_no_other(
     assert "1 message to the organiser could not be sent by mail" in note.what
 
 
-def test_a_webhook_that_refuses_is_asked_again(
-    telling: Open, hook: Hook, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_webhook_that_refuses_is_asked_again(telling: Open, hook: Hook) -> None:
     server = telling(webhook=hook_at(hook))
-    monkeypatch.setattr(delivery, "utc_now", server.clock)
     hook.status = 500
     server.upload(OWNER)
     deliver_now(server)
@@ -294,11 +296,11 @@ def test_a_digest_is_one_mail_for_each_day(telling: Open, mailbox: tuple[Mailbox
 def test_a_message_is_claimed_by_one_server(database_of_two: Database) -> None:
     now = datetime(2026, 3, 2, 12, tzinfo=UTC)
     with database_of_two.writing() as session:
-        assert len(claim(session, now)) == 1
+        assert len(claim(session, now, "mail")) == 1
     with database_of_two.writing() as session:
-        assert claim(session, now) == []
+        assert claim(session, now, "mail") == []
     with database_of_two.writing() as session:  # whose server was killed
-        assert [each.attempts for each in claim(session, now + LEASE)] == [2]
+        assert [each.attempts for each in claim(session, now + LEASE, "mail")] == [2]
 
 
 @pytest.fixture

@@ -122,23 +122,23 @@ def test_messages_are_claimed_when_they_are_due(sqlite: Database) -> None:
                 message(text="just kept", due_at=NOON - 30 * DAY, sent_at=NOON),
             ]
         )
-        assert not is_any_due(session, NOON)
+        assert not is_any_due(session, NOON, "mail")
         session.add_all(
             [message(text="first"), message(text="second", attempts=4, due_at=NOON - SECOND)]
         )
-        assert is_any_due(session, NOON)
-        claimed = claim(session, NOON)
+        assert is_any_due(session, NOON, "mail")
+        claimed = claim(session, NOON, "mail")
         assert [(each.text, each.attempts) for each in claimed] == [("first", 1), ("second", 5)]
         assert {each.due_at for each in claimed} == {NOON + HOUR}
         kept = [text for _, _, text, _ in rows(session)]
         assert kept == ["later", "sent", "given up", "just kept", "first", "second"]
-        assert not is_any_due(session, NOON)
+        assert not is_any_due(session, NOON, "mail")
 
 
 def test_only_so_many_messages_are_claimed_at_once(sqlite: Database) -> None:
     with sqlite.writing() as session:
         session.add_all(message() for _ in range(201))
-        assert [len(claim(session, NOON)) for _ in range(2)] == [200, 1]
+        assert [len(claim(session, NOON, "mail")) for _ in range(2)] == [200, 1]
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,11 @@
 """Files of old submissions that are not published: deleted by rule, and what knows of it."""
 
-import time
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 
 import pytest
 from sqlalchemy import select
 
-from reverie_eval.server.http.background import repeatedly
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.rescoring import Scorer, outdated
@@ -28,7 +25,7 @@ from tests.support.serving import (
     settings_of,
 )
 from tests.support.visiting import said, signed_in
-from tests.support.waiting import PATIENCE, wait_until
+from tests.support.waiting import wait_until
 
 DAYS = 30
 
@@ -204,20 +201,6 @@ def test_without_a_number_of_days_nothing_is_deleted(server: Serving) -> None:
 def test_without_the_setting_everything_is_kept(folder: Path, run: Run) -> None:
     told = run("server", "tidy", str(folder))
     assert (told.status, told.out) == (0, "keep_uploads_days is not set: all files are kept\n")
-
-
-def test_repeated_work_is_done_at_once_and_again_even_if_it_fails() -> None:
-    done = Event()
-    calls: list[float] = []
-
-    def work() -> None:
-        calls.append(time.monotonic())
-        if len(calls) == 1:
-            raise OSError("the disk is full")
-        done.set()
-
-    with repeatedly(work, seconds=0.01):
-        assert done.wait(PATIENCE)
 
 
 @pytest.mark.server

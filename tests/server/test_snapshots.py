@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -11,17 +12,19 @@ import pytest
 from sqlalchemy import delete, event, select
 
 from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
-from reverie_eval.schemas.organising import KeyRevocation, NewSchedule
+from reverie_eval.schemas.organising import KeyRevocation, NewSchedule, NewTeam
 from reverie_eval.schemas.service import KeyReport, Phase, Snapshot
 from reverie_eval.server.app import create_app
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import rotate_key
+from reverie_eval.server.service.people import rename_team
 from reverie_eval.server.service.rotation import revoke_key
-from reverie_eval.server.service.snapshots import Snapshots, snapshot_of
+from reverie_eval.server.service.snapshots import SnapshotError, Snapshots, snapshot_of
+from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings
-from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
+from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
 from tests.support.acting import NOON, add_team, review
 from tests.support.flat import Run
 from tests.support.serving import (
@@ -230,7 +233,7 @@ def test_a_phase_counts_with_what_was_there_in_its_last_second(
         server.clock.now = changed
         state = server.state
         with Transactions(state.database, state.audit_log, server.clock).begin("x") as transaction:
-            add_team(transaction, "Green")
+            rename_team(transaction, "Red", NewTeam(name="Crimson"))
     assert due(server, END) == ([(PRIVATE, "challenge", END)] if is_due else [])
 
 
@@ -360,6 +363,151 @@ def test_which_phases_leave_one(
     with server.acting() as transaction:
         add_team(transaction, "Green")
     assert [each.title for each in snapshots(server)] == expected
+
+
+# With a row that cannot be read.
+
+
+@pytest.fixture
+def ended(folder: Path, database: str, open_server: OpenServer) -> Serving:
+    """Return a server on each kind of database, with a phase that has just ended, and the next.
+
+    One of the results that were published in it cannot be read.
+    """
+    phases = (Phase(name="challenge", closes=CLOSES), Phase(name="after", opens=END))
+    server = open_server(adjusted(settings_of(folder, database), phases=phases))
+    publish(server, OWNER)
+    publish(server, OTHER)
+    spoil(server)
+    server.clock.now = END
+    return server
+
+
+def spoil(server: Serving) -> dict[str, Any]:
+    """Overwrite the report of the result that was published last; return it."""
+    with server.state.database.writing() as session:
+        last = select(Submission).order_by(Submission.received_at.desc(), Submission.id)
+        row = session.scalars(last.limit(1)).one()
+        report, row.report = row.report, {}
+    return report
+
+
+def repair(server: Serving) -> None:
+    """Give the result that cannot be read the report of the other one."""
+    with server.state.database.writing() as session:
+        rows = session.scalars(select(Submission).where(Submission.split == PRIVATE)).all()
+        report, *_ = [row.report for row in rows if row.report]
+        for row in rows:
+            row.report = report
+
+
+def look(server: Serving) -> None:
+    """Do what a running server does every minute."""
+    server.state.snapshots.take_if_due(server.state.transactions)
+
+
+def test_a_row_that_cannot_be_read_fails_no_write(ended: Serving, run: Run) -> None:
+    added = ended.ask(ORGANISER, "POST", "/organiser/teams", json={"name": "Green"})
+    assert added.status_code == 201
+    assert ended.upload(OWNER).status_code == 201
+    publish(ended, OWNER, OPEN)
+    news = ended.ask(ORGANISER, "POST", "/organiser/news", json={"text": "It is over"})
+    assert news.status_code == 201
+    with ended.acting() as transaction:
+        assert revoke_token(transaction, ended.tokens[OTHER][:11])
+    with pytest.raises(SnapshotError, match="of test at the end of phase 'challenge' cannot be"):
+        look(ended)
+    assert snapshots(ended) == []
+    ended.clock.turn(days=3)
+    repair(ended)
+    look(ended)
+    (kept,) = snapshots(ended)
+    assert (kept.as_of, len(kept.leaderboard.rows)) == (END, 2)
+    assert [row.submissions for row in kept.leaderboard.rows] == [1, 1]
+
+
+def test_a_write_does_not_try_again_what_has_failed(ended: Serving) -> None:
+    statements: list[str] = []
+    with ended.acting() as transaction:
+        add_team(transaction, "Green")
+    event.listen(
+        ended.state.database.engine,
+        "before_cursor_execute",
+        lambda *about: statements.append(about[2]),
+    )
+    with ended.acting() as transaction:
+        add_team(transaction, "Yellow")
+    assert not any("FROM submission" in each for each in statements)
+
+
+def test_uploads_after_the_end_are_not_counted_in_a_late_snapshot(ended: Serving) -> None:
+    assert ended.upload(OWNER, ended.distinct(PRIVATE), PRIVATE).status_code == 201
+    repair(ended)
+    look(ended)
+    (kept,) = snapshots(ended)
+    assert [row.submissions for row in kept.leaderboard.rows] == [1, 1]
+
+
+def disqualify(server: Serving) -> None:
+    with server.state.database.reading() as session:
+        of_split = select(Submission).where(Submission.split == PRIVATE)
+        shown = next(row.id for row in session.scalars(of_split) if row.report)
+    with server.acting() as transaction:
+        review(transaction, shown, "disqualified")
+
+
+def report_result(server: Serving, split: str) -> None:
+    new = {
+        "team": "Authors",
+        "method": {"name": "Paper"},
+        "scores": {"spl": 0.5},
+        "split": split,
+        "source": "a paper",
+        "dataset": "x",
+    }
+    reply = server.ask(ORGANISER, "POST", "/organiser/reported", json=new)
+    assert reply.status_code == 201, reply.text
+
+
+def rename(server: Serving) -> None:
+    with server.acting() as transaction:
+        rename_team(transaction, "Red", NewTeam(name="Crimson"))
+
+
+def reschedule(server: Serving, split: str) -> None:
+    phases = (Phase(name="challenge", closes=CLOSES), Phase(name="next", opens=END))
+    with server.acting() as transaction:
+        new = NewSchedule(phases=phases, release_scores="at-once")
+        server.state.schedules.set(transaction, split, new)
+
+
+@pytest.mark.parametrize(
+    ("change", "is_missed"),
+    [
+        pytest.param(lambda server: publish(server, OWNER, OPEN), False, id="another split"),
+        pytest.param(
+            lambda server: report_result(server, OPEN), False, id="reported on another split"
+        ),
+        pytest.param(lambda server: report_result(server, PRIVATE), True, id="reported"),
+        pytest.param(disqualify, True, id="reviewed"),
+        pytest.param(rename, True, id="a team's name, shown everywhere"),
+        pytest.param(lambda server: reschedule(server, OPEN), False, id="phases of another"),
+        pytest.param(lambda server: reschedule(server, PRIVATE), True, id="its phases"),
+    ],
+)
+def test_a_changed_leaderboard_leaves_no_snapshot_and_that_is_told(
+    change: Callable[[Serving], object], ended: Serving, *, is_missed: bool
+) -> None:
+    change(ended)
+    repair(ended)
+    look(ended)
+    assert [each.title for each in snapshots(ended)] == ([] if is_missed else ["challenge"])
+    with ended.state.database.reading() as session:
+        missed = ended.state.snapshots.missed(session, ended.clock())
+    assert [each.phase for each in missed] == (["challenge"] if is_missed else [])
+    take(ended, PRIVATE)
+    with ended.state.database.reading() as session:
+        assert ended.state.snapshots.missed(session, ended.clock()) == []
 
 
 def test_a_command_takes_one(server: Serving, folder: Path, run: Run) -> None:

@@ -3,8 +3,8 @@
 For every split, a known submission is read, scored, rounded and signed; the signing key is the one
 in use; the rules of all splits are those of the server that started last on the database; the
 database writes the rows of an upload, and rolls them back; the folder or store of uploads is
-accessed. The result is cached for some seconds, so frequent checks cost nothing. The reply names
-what failed; the log says why.
+accessed; no job failed the last time, or is overdue. The result is cached for some seconds, so
+frequent checks cost nothing. The reply names what failed; the log says why.
 """
 
 import asyncio
@@ -26,8 +26,9 @@ from reverie_eval.agents import run_agent
 from reverie_eval.metrics import METRICS
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import HealthReport, QuotaReport
+from reverie_eval.schemas.service import HealthReport, JobReport, QuotaReport
 from reverie_eval.server.errors import RequestError
+from reverie_eval.server.jobs.runner import Jobs
 from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import current_key
@@ -60,7 +61,7 @@ class UnhealthyError(Exception):
 class Health:
     """Checks a server, at most once every few seconds."""
 
-    def __init__(self, server: ServerState) -> None:
+    def __init__(self, server: ServerState, jobs: Jobs) -> None:
         self._checks: Mapping[str, Callable[[], None]] = {
             **{
                 f"scoring of {board.label}": Canary(server, board).score
@@ -71,7 +72,7 @@ class Health:
             "database": partial(_write, server),
             "uploads": server.uploads.try_out,
         }
-        self._server = server
+        self._server, self._jobs = server, jobs
         self._lock = asyncio.Lock()
         self._report = HealthReport(status="ok")
         self._until = 0.0
@@ -89,10 +90,13 @@ class Health:
 
     async def _examine(self) -> HealthReport:
         passed: dict[str, bool] = {}
+        jobs: list[JobReport] = []
         with move_on_after(SECONDS_TO_ANSWER):
             await run_sync(self._run_checks, passed, abandon_on_cancel=True)
+            jobs = await run_sync(self._jobs.reports, abandon_on_cancel=True)
         failed = [name for name in self._checks if not passed.get(name)]
-        return HealthReport(status="unhealthy" if failed else "ok", failed=failed)
+        failed += [f"job {name}" for name in self._jobs.failing()]
+        return HealthReport(status="unhealthy" if failed else "ok", failed=failed, jobs=jobs)
 
     def _tell(self, failed: Sequence[str]) -> None:
         """Notify the organiser, unless the fault prevents it."""

@@ -32,6 +32,7 @@ from reverie_eval.server.http.health import Health
 from reverie_eval.server.http.middleware import site_of
 from reverie_eval.server.http.telemetry import Metrics
 from reverie_eval.server.http.workers import ALONE, Workers
+from reverie_eval.server.jobs.runner import Jobs
 from reverie_eval.server.state import ServerState
 
 SECONDS_TO_RETRY = 10
@@ -164,9 +165,9 @@ class RuntimeState:
     health: Health
 
     @classmethod
-    def of(cls, server: ServerState, workers: Workers) -> Self:
+    def of(cls, server: ServerState, jobs: Jobs, workers: Workers) -> Self:
         """Create the state of one of the worker processes of a server."""
-        limits, metrics = server.settings.limits, Metrics(server.boards)
+        limits, metrics = server.settings.limits, Metrics(server.boards, jobs)
         admission = Admission(
             limits.uploads_at_once,
             limits.uploads_waiting,
@@ -176,7 +177,7 @@ class RuntimeState:
         )
         counts = workers.counts()
         joining = JoinLimit(counts, server.signer.secret_for("requests to join"))
-        return cls(admission, counts, joining, metrics, Health(server))
+        return cls(admission, counts, joining, metrics, Health(server, jobs))
 
 
 async def runtime_of(request: Request) -> RuntimeState:

@@ -10,14 +10,16 @@ a thread of its own, so refusing one request never delays another.
 
 import logging
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from fastapi import Request
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
+from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.multiprocess import MultiProcessCollector
+from prometheus_client.registry import Collector
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -34,6 +36,7 @@ from reverie_eval.server.http.exchange import (
 )
 from reverie_eval.server.http.middleware import Middleware
 from reverie_eval.server.http.problems import log_fault, reply_to
+from reverie_eval.server.jobs.runner import Jobs
 
 MEDIA_TYPE = CONTENT_TYPE_LATEST
 """The media type of the metrics."""
@@ -53,7 +56,7 @@ _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 class Metrics:
     """The counts of one application."""
 
-    def __init__(self, splits: Collection[str]) -> None:
+    def __init__(self, splits: Collection[str], jobs: Jobs) -> None:
         self._splits = frozenset(splits)
         self._registry = registry = CollectorRegistry()
         self.in_flight = Gauge(
@@ -87,6 +90,7 @@ class Metrics:
             registry=registry,
             multiprocess_mode="livesum",
         )
+        registry.register(_JobMetrics(jobs))
 
     def count(self, exchange: Exchange, scope: Scope) -> None:
         """Count a request that has been answered."""
@@ -106,6 +110,50 @@ class Metrics:
         registry = CollectorRegistry()
         MultiProcessCollector(registry)
         return generate_latest(registry)
+
+
+class _JobMetrics(Collector):
+    """What is known of the jobs of a server, whenever metrics are read."""
+
+    def __init__(self, jobs: Jobs) -> None:
+        self._jobs = jobs
+
+    def describe(self) -> Iterable[Metric]:
+        """Return nothing, so that registering it does not read the database."""
+        return ()
+
+    def collect(self) -> Iterable[Metric]:
+        """Return the metrics of all jobs."""
+        runs = CounterMetricFamily(
+            "reverie_eval_job_runs", "Runs of a job that have ended.", labels=["name"]
+        )
+        failures = CounterMetricFamily(
+            "reverie_eval_job_failures", "Runs of a job that have failed.", labels=["name"]
+        )
+        is_failing = GaugeMetricFamily(
+            "reverie_eval_job_failing",
+            "1 if the last run of a job failed or the current one is overdue, else 0.",
+            labels=["name"],
+        )
+        last_success = GaugeMetricFamily(
+            "reverie_eval_job_last_success_timestamp_seconds",
+            "When a job last succeeded.",
+            labels=["name"],
+        )
+        backlog = GaugeMetricFamily(
+            "reverie_eval_job_backlog",
+            "What a job has still to do, by kind; given_up: what it does not try any more.",
+            labels=["name", "kind"],
+        )
+        for job in self._jobs.reports():
+            runs.add_metric([job.name], job.runs)
+            failures.add_metric([job.name], job.failures)
+            is_failing.add_metric([job.name], bool(job.error) or job.is_overdue)
+            if job.last_success_at is not None:
+                last_success.add_metric([job.name], job.last_success_at.timestamp())
+            for kind, number in job.backlog.items():
+                backlog.add_metric([job.name, kind], number)
+        return runs, failures, is_failing, last_success, backlog
 
 
 class RequestTelemetry(Middleware):

@@ -67,7 +67,7 @@ def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Fi
     with closing(state.database), state.database.reading() as session:
         yield from _guarded("database", _at_the_file(state.database, session))
         yield from _guarded("submissions", _at_submissions(session, state, track))
-        yield from _guarded("snapshots", _at_snapshots(session))
+        yield from _guarded("snapshots", _at_snapshots(session, state))
         yield from _guarded("audit log", _at_audit_log(session, state.audit_log))
         yield from _at_messages(session)
     yield from _at_disk(state.settings.folder)
@@ -278,7 +278,7 @@ def _matches_row(
     )
 
 
-def _at_snapshots(session: Session) -> Iterator[Finding]:
+def _at_snapshots(session: Session, state: ServerState) -> Iterator[Finding]:
     keys, sound = list_keys(session), 0
     for row in session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)):
         name = f"snapshot {row.number} of {row.split}"
@@ -296,6 +296,12 @@ def _at_snapshots(session: Session) -> Iterator[Finding]:
         if trouble:
             remedy = "restore the key or the database from the last backup"
             yield Finding("snapshots", "fault", f"{name}: {trouble}; {remedy}")
+    for missed in state.snapshots.missed(session, state.clock()):
+        message = (
+            f"none of {missed.split} was taken at the end of {missed.phase}: the leaderboard "
+            "changed before; take one as it is now with `reverie-eval server snapshot`"
+        )
+        yield Finding("snapshots", "note", message)
     yield Finding("snapshots", "ok", f"{count_text(sound, 'snapshot')} verified")
 
 

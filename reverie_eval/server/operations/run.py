@@ -19,7 +19,6 @@ from reverie_eval.server.http.telemetry import COUNTING_TOGETHER
 from reverie_eval.server.http.timeouts import TimeoutProtocol
 from reverie_eval.server.http.workers import Workers
 from reverie_eval.server.operations.checks import database_errors
-from reverie_eval.server.operations.delivery import delivering
 from reverie_eval.server.operations.logs import LOGGING
 from reverie_eval.server.operations.supervisor import (
     SECONDS_TO_ANSWER,
@@ -72,15 +71,14 @@ def run_server(
         listening = listen(host, port)
         with database_errors():
             record_rules(state.transactions, rules_of(state.boards))
-    with delivering(settings):
-        if workers > 1:
-            _run_workers(state, listening, workers, announce)
-            return
-        url = url_of(listening)
-        server = _Server(configuration(create_app(state, url)), lambda: announce(url))
-        settle_memory()
-        with _stopped_is_done():
-            server.run(sockets=[listening])
+    if workers > 1:
+        _run_workers(state, listening, workers, announce)
+        return
+    url = url_of(listening)
+    server = _Server(configuration(create_app(state, url)), lambda: announce(url))
+    settle_memory()
+    with _stopped_is_done():
+        server.run(sockets=[listening])
 
 
 def listen(host: str, port: int) -> socket.socket:

@@ -7,6 +7,7 @@ from functools import lru_cache
 from fastapi import APIRouter
 from fastapi.responses import Response
 from markupsafe import Markup
+from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import Episode
 from reverie_eval.metrics import METRICS, Metric
@@ -16,7 +17,7 @@ from reverie_eval.reporting._map_svg import map_svg
 from reverie_eval.reporting._maps import EpisodeMap
 from reverie_eval.schemas.service import Schedule
 from reverie_eval.scoring import Scores
-from reverie_eval.server.http.callers import Snapshot, Visitor
+from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.pages.boards import NEWS_SHOWN, Scale
 from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.boards import Board
@@ -44,7 +45,8 @@ class Leaders:
     schedule: Schedule
     rows: Sequence[Row]
     references: Mapping[str, Scores]
-    """By agent, what it scores; empty if there are results, or the answers are private."""
+    """By agent, what it scores; empty if there are results, the answers are private, or the agents
+    have not walked yet since the server started."""
     scale: Scale
     """Of the bars of intervals."""
 
@@ -68,14 +70,24 @@ def show_home(visitor: Visitor) -> Response:
             snapshot,
             "home.html",
             task=task,
-            leaders=_leaders(server, snapshot),
-            example=_example(server.episodes),
+            leaders=_leaders(server, snapshot.session),
+            # Nobody waits for what a job is computing; a moment later, it is there.
+            example=None if server.warming.is_set() else _example(server.episodes),
             # A link in the settings comes before what is known of the task.
             data=links.get("data", f"https://{task.source}"),
             paper_page=links.get("paper", task.paper.url if task.paper else ""),
             papers="\n".join(map(paper_of, server.tasks)),
             news=latest_news(snapshot.session, NEWS_SHOWN),
         )
+
+
+def warm_up(server: ServerState) -> None:
+    """Compute what takes long the first time: the example, reference agents, leaderboards."""
+    _example(server.episodes)
+    for board in server.episodes.boards:
+        server.episodes.references(board)
+    with server.database.reading() as session:
+        _leaders(server, session)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,14 +118,16 @@ def _example(episodes: EpisodeService) -> Example | None:
     )
 
 
-def _leaders(server: ServerState, snapshot: Snapshot) -> Mapping[str, Sequence[Leaders]]:
+def _leaders(server: ServerState, session: Session) -> Mapping[str, Sequence[Leaders]]:
     """Return the first rows of every leaderboard, by the title of its task."""
-    schedules = server.schedules.in_effect(snapshot.session)
+    schedules = server.schedules.in_effect(session)
     found: dict[str, list[Leaders]] = {task.title: [] for task in server.tasks}
-    for ranking in server.rankings(snapshot.session, [*server.boards.values()]):
+    for ranking in server.rankings(session, [*server.boards.values()]):
         board, rows = ranking.board, ranking.rows[:MOST_LEADERS]
         has_results = any(row.entry.is_ranked for row in ranking.rows)
-        references = {} if has_results else server.episodes.references(board)
+        references = (
+            {} if has_results or server.warming.is_set() else server.episodes.references(board)
+        )
         scale = Scale.of(rows, board.primary.key)
         found[board.task.title].append(
             Leaders(board, ranking, schedules[board.name], rows, references, scale)

@@ -1,7 +1,7 @@
 """Messages to the organiser, by mail and to a webhook.
 
 An event is written as a row for each channel, in the transaction that it is about, so a message is
-sent if and only if the event happened. A thread of the server sends the messages: a mail server
+sent if and only if the event happened. A job for each channel sends the messages: a mail server
 that is slow or dead delays nothing. It claims rows before it sends them, so if several servers use
 a database, only one sends each. If that server is killed meanwhile, the row is claimed again later,
 so a message may arrive twice, but is not lost.
@@ -11,12 +11,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from urllib.parse import quote
 
-from sqlalchemy import Select, delete, func, select
+from sqlalchemy import ColumnElement, Select, delete, func, or_, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Channel, Event
+from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.tables import Message
 
 LEASE = timedelta(hours=1)
@@ -85,15 +86,16 @@ def announce_ends(
     session.flush()
 
 
-def is_any_due(session: Session, now: datetime) -> bool:
-    """Whether a message has to be sent now."""
-    return session.scalars(_due(now).limit(1)).first() is not None
+def is_any_due(session: Session, now: datetime, channel: str) -> bool:
+    """Whether a message has to be sent through a channel now."""
+    return session.scalars(_due(now, channel).limit(1)).first() is not None
 
 
-def claim(session: Session, now: datetime) -> Sequence[Message]:
+def claim(session: Session, now: datetime, channel: str) -> Sequence[Message]:
     """Return messages that the caller has to send now, the earliest first, and delete old ones."""
-    session.execute(delete(Message).where(Message.due_at < now - KEPT))
-    messages = session.scalars(_due(now).order_by(Message.id).limit(_AT_ONCE)).all()
+    is_done = or_(Message.sent_at.is_not(None), Message.given_up_at.is_not(None))
+    session.execute(delete(Message).where(is_done, Message.due_at < now - KEPT))
+    messages = session.scalars(_due(now, channel).order_by(Message.id).limit(_AT_ONCE)).all()
     for message in messages:
         message.attempts += 1
         message.due_at = now + LEASE
@@ -111,6 +113,21 @@ def settle(session: Session, messages: Sequence[Message], now: datetime, error: 
         row.due_at = now + min(_FIRST_DELAY * 2 ** (row.attempts - 1), _LONGEST_DELAY)
         if row.due_at - row.created_at > PATIENCE:
             row.given_up_at = now
+
+
+def unsent_errors(session: Session, channel: str) -> Sequence[str]:
+    """Return why messages could not be sent that are still tried, the earliest first."""
+    chosen = select(Message.error).where(*_is_unsent(channel), Message.error != "")
+    return session.scalars(chosen.order_by(Message.id)).all()
+
+
+def backlog_of(channel: str, session: Session, _: datetime) -> Mapping[str, int]:
+    """Count the messages of a channel that wait, and those that were given up."""
+    is_given_up = Message.channel == channel, Message.given_up_at.is_not(None)
+    return {
+        "waiting": count_rows(session, Message, *_is_unsent(channel)),
+        "given_up": count_rows(session, Message, *is_given_up),
+    }
 
 
 def given_up(session: Session) -> Sequence[tuple[str, int, str]]:
@@ -138,7 +155,9 @@ def _messages(
             )
 
 
-def _due(now: datetime) -> Select[Message]:
-    return select(Message).where(
-        Message.sent_at.is_(None), Message.given_up_at.is_(None), Message.due_at <= now
-    )
+def _due(now: datetime, channel: str) -> Select[Message]:
+    return select(Message).where(*_is_unsent(channel), Message.due_at <= now)
+
+
+def _is_unsent(channel: str) -> Sequence[ColumnElement[bool]]:
+    return Message.channel == channel, Message.sent_at.is_(None), Message.given_up_at.is_(None)

@@ -54,6 +54,12 @@ class Retention:
             files += bool(names)
         return Tidied(deleted, files)
 
+    def count_expired(self, session: Session, now: datetime) -> int:
+        """Count the files that :meth:`tidy` would delete."""
+        if self.days is None:
+            return 0
+        return len(_expired(session, now - timedelta(days=self.days)))
+
     def _delete(self, actor: Actor, sha256: str, before: datetime) -> Sequence[str]:
         """Delete a file, unless it was published or sent again meanwhile."""
         with self.transactions.begin(actor) as transaction:

@@ -2,22 +2,26 @@
 
 The organiser can take one at any time. When a phase has ended, the server takes one before it
 writes anything else, so it shows the leaderboard exactly as it was when the phase ended, even if it
-is taken much later. No snapshot is taken for a phase that received nothing, or whose end was set
-after it had passed: by then, the leaderboard had changed.
+is taken much later. If that fails, writing goes on. It is tried again, and still exact, until the
+leaderboard changes; from then on, no snapshot is taken, nor for a phase that received nothing, or
+whose end was set after it had passed.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import logging
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, String, cast, func, literal, not_, or_, select
 from sqlalchemy.orm import Session, load_only
 
+from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.schemas.service import Leaderboard, Snapshot, SnapshotEntry
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.announcements import corrections_of
-from reverie_eval.server.service.audit import SERVER
+from reverie_eval.server.service.audit import INSPECTED, SERVER
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.leaderboard import as_json, leaderboard
@@ -28,8 +32,18 @@ from reverie_eval.server.store.tables import (
     SNAPSHOT_TAKEN,
     SUBMITTED,
     AuditEntry,
+    Base,
+    Correction,
+    Grant,
+    JoinRequest,
+    News,
+    Notice,
+    ReportedResult,
+    SetSchedule,
+    SigningKey,
     StoredSnapshot,
     Submission,
+    Token,
 )
 
 _SECOND = timedelta(seconds=1)
@@ -43,8 +57,16 @@ _ENTRIES = select(StoredSnapshot).options(
     )
 )
 """Without the content, which is the whole leaderboard."""
-_CHANGES_NOTHING = (SUBMITTED, SNAPSHOT_TAKEN)
+_CHANGES_NOTHING = (
+    *(SUBMITTED, SNAPSHOT_TAKEN, INSPECTED),
+    *("upload deleted", "team added", "person added", "person changed"),
+)
 """Actions that do not change what leaderboards show."""
+_SHOWN_NOWHERE = (Grant, JoinRequest, News, Notice, SigningKey, StoredSnapshot, Token)
+"""Rows that leaderboards do not show."""
+_OF_A_SPLIT = (Correction, ReportedResult, SetSchedule)
+"""Rows that only the leaderboards of their split show, besides submissions and their reviews."""
+_LOGGER = logging.getLogger("reverie_eval.server")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +77,16 @@ class Closing:
     phase: str
     at: datetime
     """The first instant after it."""
+
+
+class SnapshotError(ReverieEvalError):
+    """The snapshot of a phase that has ended cannot be taken."""
+
+    def __init__(self, closing: Closing, cause: Exception) -> None:
+        super().__init__(
+            f"the snapshot of {closing.split} at the end of phase {closing.phase!r} cannot be "
+            f"taken ({type(cause).__name__}); `server doctor` finds damaged rows"
+        )
 
 
 @dataclass(frozen=True)
@@ -68,6 +100,8 @@ class Snapshots:
     """The public name that reviews in a snapshot are signed with."""
     _done: set[Closing] = field(default_factory=set, init=False)
     """Closings whose snapshots are stored, or will never be taken."""
+    _failed: dict[Closing, SnapshotError] = field(default_factory=dict, init=False)
+    """Closings whose snapshots could not be taken; only :meth:`take_if_due` tries again."""
 
     def take(self, transaction: Transaction, new: NewSnapshot) -> SnapshotEntry:
         """Take a snapshot of a leaderboard as it is now.
@@ -77,36 +111,58 @@ class Snapshots:
         return self._take(transaction, new.split, new.title, transaction.now)
 
     def take_due(self, transaction: Transaction) -> None:
-        """Take the snapshots of all phases that have ended, before anything else is changed."""
+        """Take the snapshots of all phases that have ended, before anything else is changed.
+
+        What fails is only logged, because the change may have nothing to do with it.
+        """
         session, actor = transaction.session, transaction.as_actor(SERVER)
-        for closing in self.due(session, transaction.now):
-            self._take(actor, closing.split, closing.phase, closing.at, closing)
+        try:
+            due = self.due(session, transaction.now, self._failed)
+        except Exception as error:  # noqa: BLE001  # whatever it is, the change goes on
+            _LOGGER.warning("the schedules cannot be read: %s", type(error).__name__)
+            return
+        for closing in due:
+            try:
+                with session.begin_nested():
+                    self._take(actor, closing.split, closing.phase, closing.at, closing)
+            except Exception as error:  # noqa: BLE001
+                self._failed[closing] = failure = SnapshotError(closing, error)
+                _LOGGER.warning("%s", failure)
 
     def take_if_due(self, transactions: Transactions) -> None:
-        """Take the snapshots of all phases that have ended, if any are still to be taken."""
+        """Take the snapshots of all phases that have ended, also if that has failed before.
+
+        Raises SnapshotError if one of them cannot be taken.
+        """
         with transactions.database.reading() as session:
             is_due = bool(self.due(session, transactions.clock()))
+        self._failed.clear()
         if is_due:
             with transactions.begin(SERVER):
                 pass  # they are taken first
+        for failure in [*self._failed.values()]:
+            raise failure
 
-    def due(self, session: Session, now: datetime) -> Sequence[Closing]:
+    def due(
+        self, session: Session, now: datetime, but: Collection[Closing] = ()
+    ) -> Sequence[Closing]:
         """Return the closings whose snapshots are still to be taken, the earliest first."""
-        ended = {each for each in self._ended(session, now) if each not in self._done}
-        if not ended:
-            return []
-        due = ended - _taken(session)
-        if due:
-            changed_at, received = _last_change(session), _first_received(session)
-            due = {
-                closing
-                for closing in due
-                if (changed_at is None or changed_at < closing.at)
-                and closing.split in received
-                and received[closing.split] < closing.at
-            }
-        self._done.update(ended - due)
-        return sorted(due, key=lambda closing: (closing.at, closing.split))
+        ended = {*self._ended(session, now)} - self._done - {*but}
+        due = [each for each in _lacking(session, ended) if not _is_changed(session, each)]
+        self._done.update(ended.difference(due))
+        return due
+
+    def missed(self, session: Session, now: datetime) -> Sequence[Closing]:
+        """Return the closings whose leaderboard changed before a snapshot was taken of it.
+
+        They are left out once there is a later snapshot of the split.
+        """
+        lacking = _lacking(session, set(self._ended(session, now)))
+        return [
+            each
+            for each in lacking
+            if _is_changed(session, each) and not _has_later_snapshot(session, each)
+        ]
 
     def _ended(self, session: Session, now: datetime) -> Iterator[Closing]:
         for split, schedule in self.schedules.in_effect(session).items():
@@ -125,9 +181,11 @@ class Snapshots:
     ) -> SnapshotEntry:
         session, board = transaction.session, board_named(self.boards(), split)
         cache = EntriesCache(self.schedules)
+        counts = cache.submissions_of_teams(session, split)
+        if closing is not None:
+            counts = _submissions_until(session, closing)
         ranking = replace(
-            leaderboard(session, cache, board, board.primary.key, as_of),
-            counts=cache.submissions_of_teams(session, split),
+            leaderboard(session, cache, board, board.primary.key, as_of), counts=counts
         )
         corrections = corrections_of(session, [board])[split]
         last = select(func.max(StoredSnapshot.number)).where(StoredSnapshot.split == split)
@@ -162,10 +220,57 @@ def _taken(session: Session) -> set[Closing]:
     return {Closing(split, phase or "", as_of) for split, phase, as_of in rows}
 
 
-def _last_change(session: Session) -> datetime | None:
-    """Return the time of the last change that leaderboards may show."""
-    changes = select(AuditEntry.at).where(AuditEntry.action.not_in(_CHANGES_NOTHING))
-    return session.scalar(changes.order_by(AuditEntry.id.desc()).limit(1))
+def _lacking(session: Session, ended: set[Closing]) -> Sequence[Closing]:
+    """Return the closings that have no snapshot, though their phases received something."""
+    lacking = ended - _taken(session) if ended else ended
+    if lacking:
+        received = _first_received(session)
+        lacking = {each for each in lacking if received.get(each.split, each.at) < each.at}
+    return sorted(lacking, key=lambda closing: (closing.at, closing.split))
+
+
+def _is_changed(session: Session, closing: Closing) -> bool:
+    """Whether what the leaderboard of a split shows may have changed after a phase.
+
+    A change that is not of any split, such as a team's new name, may be shown by all of them.
+    """
+    of_split = func.coalesce(
+        Submission.split, *(table.split for table in _OF_A_SPLIT), literal(closing.split)
+    )
+    changes = select(AuditEntry.id).where(
+        AuditEntry.at >= closing.at,
+        AuditEntry.action.not_in(_CHANGES_NOTHING),
+        not_(or_(*map(_is_about, _SHOWN_NOWHERE))),
+        of_split == closing.split,
+    )
+    # Reviews have the id of their submission as their subject.
+    changes = changes.outerjoin(Submission, Submission.id == AuditEntry.subject)
+    for table in _OF_A_SPLIT:
+        row = literal(f"{table.__tablename__}:") + cast(table.id, String)
+        changes = changes.outerjoin(table, row == AuditEntry.row)
+    return session.scalars(changes.limit(1)).first() is not None
+
+
+def _is_about(table: type[Base]) -> ColumnElement[bool]:
+    return AuditEntry.row.startswith(f"{table.__tablename__}:", autoescape=True)
+
+
+def _has_later_snapshot(session: Session, closing: Closing) -> bool:
+    later = select(StoredSnapshot.id).where(
+        StoredSnapshot.split == closing.split, StoredSnapshot.as_of >= closing.at
+    )
+    return session.scalars(later.limit(1)).first() is not None
+
+
+def _submissions_until(session: Session, closing: Closing) -> Mapping[int, int]:
+    """Count the submissions of each team that were received until a phase ended."""
+    counted = select(Submission.team_id, func.count()).where(
+        Submission.split == closing.split,
+        Submission.repeat == "",
+        Submission.received_at < closing.at,
+    )
+    rows = session.execute(counted.group_by(Submission.team_id))
+    return Counter({team_id: number for team_id, number in rows})  # noqa: C416  # as above
 
 
 def _first_received(session: Session) -> Mapping[str, datetime]:

@@ -157,7 +157,7 @@ def notify(*, folder: Folder) -> int:
 
     Exit status: 0 sent, 1 not sent, 2 usage or system error.
     """
-    from reverie_eval.server.operations.delivery import send_test
+    from reverie_eval.server.jobs.delivery import send_test
     from reverie_eval.server.settings import SETTINGS_FILE
 
     outcomes = list(send_test(folder.settings))

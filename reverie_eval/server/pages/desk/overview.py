@@ -50,6 +50,7 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
             counts=counts_of_splits(session),
             totals=totals(session),
             day=last_day(session, snapshot.now),
+            missed=server.snapshots.missed(session, snapshot.now),
             schedules=server.schedules.in_effect(session),
             disk=shutil.disk_usage(server.settings.folder),
         )

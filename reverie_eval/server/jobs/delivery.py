@@ -2,12 +2,9 @@
 
 import hashlib
 import hmac
-import logging
 import smtplib
 import ssl
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from datetime import datetime
 from email.message import EmailMessage
 from email.utils import format_datetime, make_msgid
 from functools import partial
@@ -17,24 +14,18 @@ import httpx
 import msgspec
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.server.http.background import repeatedly
-from reverie_eval.server.service.outbox import announce_ends, claim, is_any_due, settle, untold_ends
-from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.intake import Clock
+from reverie_eval.server.service.outbox import claim, is_any_due, settle, unsent_errors
 from reverie_eval.server.settings import Mail, Settings, Webhook
 from reverie_eval.server.state import utc_now
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Message
 from reverie_eval.text import count_text
 
-SECONDS_BETWEEN = 10
-"""Seconds between two checks for messages that are due."""
 SECONDS_TO_SEND = 10
 SIGNATURE = "X-Reverie-Signature"
 """The header with the HMAC-SHA256 of the body, under the webhook's secret."""
 
-_LOGGER = logging.getLogger("reverie_eval.server")
-_STOPPING = 5
-"""Seconds that a stopping server waits for a message that is being sent."""
 _REFUSALS = (OSError, smtplib.SMTPException, httpx.HTTPError, ReverieEvalError, ValueError)
 """Errors of the network or the other server, or from text that a header cannot contain."""
 
@@ -66,39 +57,26 @@ def send_test(settings: Settings) -> Iterator[tuple[str, str]]:
         yield name, _error_of(send, [message])
 
 
-def deliver(database: Database, settings: Settings, now: datetime) -> None:
-    """Announce phases that have ended, and send all messages that are due."""
-    schedules, channels = Schedules(settings.splits), settings.channels
+def deliver(database: Database, settings: Settings, channel: str, clock: Clock) -> None:
+    """Send all messages that are due through a channel.
+
+    Raises DeliveryError while messages wait that could not be sent before.
+    """
     with database.reading() as session:
-        if not (is_any_due(session, now) or untold_ends(session, schedules, channels, now)):
-            return
-    with database.writing() as session:
-        announce_ends(session, schedules, channels, now)
-        claimed = claim(session, now)
-    for name, send in senders(settings).items():
-        for messages in _parcels(name, [each for each in claimed if each.channel == name]):
-            error = _error_of(send, messages)
+        is_due = is_any_due(session, clock(), channel)
+    if is_due:
+        with database.writing() as session:
+            claimed = claim(session, clock(), channel)
+        for messages in _parcels(channel, claimed):
+            error = _error_of(senders(settings)[channel], messages)
             with database.writing() as session:
-                settle(session, messages, utc_now(), error)
-            if error:
-                fields = {"channel": name, "messages": len(messages), "error": error}
-                _LOGGER.warning("messages not sent", extra={"fields": fields})
-
-
-@contextmanager
-def delivering(settings: Settings) -> Iterator[None]:
-    """Send messages in another thread during the context, if the settings name a channel."""
-    if not settings.channels:
-        yield
-        return
-    with closing(Database(settings.database_url)) as database:
-
-        def work() -> None:
-            deliver(database, settings, utc_now())
-
-        # It fails while the database is unavailable for a moment, or full.
-        with repeatedly(work, SECONDS_BETWEEN, "messages not read", _STOPPING):
-            yield
+                settle(session, messages, clock(), error)
+    with database.reading() as session:
+        failed = unsent_errors(session, channel)
+    if failed:
+        waiting = count_text(len(failed), "message")
+        kind = failed[-1].partition(":")[0]
+        raise DeliveryError(f"{waiting} could not be sent yet ({kind}); test it: `server notify`")
 
 
 def _parcels(channel: str, messages: Sequence[Message]) -> Sequence[Sequence[Message]]:

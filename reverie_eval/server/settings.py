@@ -346,7 +346,7 @@ class Limits(_Section):
     """Uploads waiting to be read; beyond that, clients are told to try again later."""
 
 
-Event: TypeAlias = Literal["submission", "join-request", "phase-end", "unhealthy"]
+Event: TypeAlias = Literal["submission", "same-file", "join-request", "phase-end", "unhealthy"]
 """What the organiser can be notified of."""
 
 
@@ -354,8 +354,8 @@ class Channel(_Section):
     """A way to notify the organiser of events."""
 
     events: tuple[Event, ...] = ()
-    """The events to report: ``submission``, ``join-request``, ``phase-end``, ``unhealthy``; if
-    empty, all of them."""
+    """The events to report: ``submission``, ``same-file``, ``join-request``, ``phase-end``,
+    ``unhealthy``; if empty, all of them."""
 
     def wants(self, event: Event) -> bool:
         """Whether the organiser is notified of an event."""

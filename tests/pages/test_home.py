@@ -13,9 +13,11 @@ from tests.support.serving import (
     OPEN,
     OTHER,
     OWNER,
+    PRIVATE,
     OpenServer,
     Serving,
     adjusted,
+    rename_dataset,
     settings_of,
 )
 
@@ -78,6 +80,18 @@ def test_an_example_with_its_instruction_and_answer(server: Serving) -> None:
     assert f"Map of episode {example.instr_id}" in page
     assert f'href="/episodes/{board.name}/{example.instr_id}"' in page
     assert "synthetic demo world" in page
+
+
+def test_demo_data_are_called_so(open_server: OpenServer, folder: Path) -> None:
+    """On the first page, beside splits with real data, and on the leaderboard."""
+    for split in ("val_seen", OPEN):
+        rename_dataset(folder, split, "REVERIE v1")
+    server = open_server()
+    found = re.findall(r'<h3 id="leaders-.*?(?=<table)', home(server), re.DOTALL)
+    assert ["Demo data: scores mean nothing" in each for each in found] == [True, False, False]
+    boards = {split: get(server, path=f"/boards/{split}").text for split in (PRIVATE, OPEN)}
+    told = "the synthetic demo world, not of REVERIE: its scores mean nothing"
+    assert {split: told in page for split, page in boards.items()} == {PRIVATE: True, OPEN: False}
 
 
 def test_without_an_open_split_the_example_is_of_the_demo_world(

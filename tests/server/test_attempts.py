@@ -225,14 +225,18 @@ def test_a_day_without_uploads(server: Serving) -> None:
 def test_totals_leave_out_who_is_no_longer_there(server: Serving) -> None:
     def counted() -> Totals:
         with server.state.database.reading() as session:
-            return totals(session)
+            return totals(session, server.clock())
 
-    empty = Totals(teams=3, people=4, upload_bytes=0, open_requests=0)
+    empty = Totals(
+        teams=3, people=4, upload_bytes=0, open_requests=0, same_files=0, same_file_on=None
+    )
     assert counted() == empty
     server.upload(OWNER, GOOD)
     server.upload(OTHER, GOOD)
     ask_to_join(server.state.transactions, "Green")
-    full = replace(empty, upload_bytes=2 * len(GOOD), open_requests=1)
+    full = replace(
+        empty, upload_bytes=2 * len(GOOD), open_requests=1, same_files=1, same_file_on=OPEN
+    )
     assert counted() == full
     with server.acting() as transaction:
         delete_person(transaction, server.person(MATE).id)

@@ -25,7 +25,7 @@ EVIDENCE = (REPOSITORY / "docs" / "explanation" / "evidence.md").read_text()
 SUBMISSIONS, PUBLISHED, TEAMS = 4_000, 40, 40
 INDEXES = {str(index.name) for index in Submission.__table__.indexes}  # type: ignore[attr-defined]
 PRIMARY_KEY = {"sqlite_autoindex_submission_1", "submission_pkey"}
-FEW = re.compile(r"\b(id|team_id|person_id)\b")
+FEW = re.compile(r"\b(id|team_id|person_id|sha256)\b")
 """Columns of which a value has few submissions; a split has very many."""
 SHORT = {"shown"}
 """Indexes that have few submissions."""

@@ -9,7 +9,6 @@ import pytest
 from pydantic import BaseModel
 from sqlalchemy import make_url
 
-from reverie_eval.ground_truth import Bundle
 from reverie_eval.schemas.service import Phase, Schedule
 from reverie_eval.server.operations.checks import check_folder, check_sound
 from reverie_eval.server.settings import (
@@ -25,6 +24,7 @@ from reverie_eval.server.settings import (
     load_settings,
 )
 from tests.support.acting import NOON
+from tests.support.flat import Run
 from tests.support.processes import Laptop
 from tests.support.serving import (
     GOOD,
@@ -32,6 +32,7 @@ from tests.support.serving import (
     OWNER,
     OpenServer,
     adjusted,
+    rename_dataset,
     settings_of,
 )
 
@@ -632,10 +633,26 @@ def test_a_small_private_split_is_warned_of(
     folder: Path,
     laptop: Laptop,
 ) -> None:
-    file = folder / "bundles" / "test.npz"
-    known = Bundle.load(file)
-    origin = known.header.split, dataset, known.header.sources
-    Bundle.build(*origin, known.arrays, known.other_splits, texts=known.texts).save(file)
+    rename_dataset(folder, "test", dataset)
     checked = laptop.run("server", "check", folder)
     assert ("test is private and has only 91 episodes" in checked.out) is is_warned
     assert "val_unseen is private" not in checked.out
+
+
+@pytest.mark.parametrize(
+    ("real", "said"),
+    [
+        pytest.param((), None, id="the demo world alone"),
+        pytest.param(("test", "val_seen", "val_unseen"), None, id="real data alone"),
+        pytest.param(("test",), "val_seen, val_unseen are of the synthetic demo", id="two left"),
+        pytest.param(("test", "val_seen"), "val_unseen is of the synthetic demo", id="one left"),
+    ],
+)
+def test_a_split_of_the_demo_world_beside_real_ones_is_named(
+    real: Sequence[str], said: str | None, folder: Path, run: Run
+) -> None:
+    for split in real:
+        rename_dataset(folder, split, "REVERIE v1")
+    checked = run("server", "check", str(folder))
+    assert (checked.status, "demo world" in checked.out) == (0, said is not None)
+    assert (said or "") in checked.out

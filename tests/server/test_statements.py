@@ -42,7 +42,7 @@ from tests.support.serving import (
 )
 from tests.support.visiting import Visitor, signed_in
 
-PAGE, READ, UPLOAD = 8, 6, 14
+PAGE, READ, UPLOAD = 8, 6, 15
 """The most statements of a page, of a read of the API, and of an upload that is scored."""
 PUBLICATION = 9
 """The most of publishing a submission, besides looking up who does: intervals are computed between

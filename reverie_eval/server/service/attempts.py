@@ -29,8 +29,11 @@ from reverie_eval.server.errors import (
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import (
+    IS_CHANGE,
     IS_SHOWN,
+    SAME_FILE,
     Attempt,
+    AuditEntry,
     JoinRequest,
     Person,
     Submission,
@@ -52,6 +55,8 @@ FAILURES = (
 )
 """The outcomes of uploads that were not scored."""
 HOURS = 24
+RECENTLY = timedelta(days=30)
+"""How long the start page says that several teams sent the same file."""
 _SUCCESSES = frozenset({"scored", "repeat"})
 
 # Built here, because building it takes longer than running it. No old row is in memory.
@@ -132,6 +137,10 @@ class Totals:
     """The size of all uploads; a file that two teams sent is stored once and counted twice."""
     open_requests: int
     """Requests to join that wait for an answer."""
+    same_files: int
+    """How often a team has recently submitted the file of another team."""
+    same_file_on: str | None
+    """The split of the last time, at any time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,8 +184,10 @@ def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
     return {split: SplitCounts(number, shown.get(split, 0), last) for split, number, last in rows}
 
 
-def totals(session: Session) -> Totals:
+def totals(session: Session, now: datetime) -> Totals:
     """Count teams and people, and add up the sizes of uploads."""
+    same_files = IS_CHANGE, AuditEntry.action == SAME_FILE
+    last = select(AuditEntry.subject).where(*same_files).order_by(AuditEntry.id.desc()).limit(1)
     counted = session.execute(
         select(
             select(func.count()).where(Team.merged_at.is_(None)).scalar_subquery(),
@@ -186,6 +197,10 @@ def totals(session: Session) -> Totals:
             .select_from(JoinRequest)
             .where(JoinRequest.decision.is_(None))
             .scalar_subquery(),
+            select(func.count())
+            .where(*same_files, AuditEntry.at > now - RECENTLY)
+            .scalar_subquery(),
+            last.scalar_subquery(),
         )
     )
     return Totals(*counted.one())

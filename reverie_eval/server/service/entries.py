@@ -34,7 +34,9 @@ from reverie_eval.server.service.reviews import PublishedReview, is_disqualified
 from reverie_eval.server.service.schedules import Schedules, Timetable
 from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
+    IS_CHANGE,
     IS_SHOWN,
+    SAME_FILE,
     SUBMITTED,
     AuditEntry,
     ReportedResult,
@@ -43,9 +45,6 @@ from reverie_eval.server.store.tables import (
     Team,
 )
 
-_SUBMITTED = literal(SUBMITTED, literal_execute=True)
-"""The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
-into the statements, so that databases recognise the index that has all other actions."""
 _NUMBERS = "last recorded"
 """Where a session that only reads keeps what :func:`_last_recorded` returns."""
 _KEY = ("split", "number", "id")
@@ -236,7 +235,7 @@ def _counts_since(session: Session, known: int, earlier: _Counts) -> _Counts:
     new = (
         select(*columns, func.count())
         .join(AuditEntry, AuditEntry.subject == Submission.id)
-        .where(AuditEntry.id > known, AuditEntry.action == _SUBMITTED)
+        .where(AuditEntry.id > known, AuditEntry.action == SUBMITTED)
         .group_by(*columns)
     )
     counts = defaultdict(Counter, {split: Counter(of) for split, of in earlier.items()})
@@ -336,7 +335,7 @@ def _last_recorded(session: Session) -> tuple[int, int]:
     if _NUMBERS in session.info:
         return session.info[_NUMBERS]  # type: ignore[no-any-return]
     last = select(AuditEntry.id).order_by(AuditEntry.id.desc()).limit(1)
-    change = last.where(AuditEntry.action != _SUBMITTED)
+    change = last.where(IS_CHANGE, AuditEntry.action != SAME_FILE)
     row = session.execute(select(change.scalar_subquery(), last.scalar_subquery())).one()
     numbers = row[0] or 0, row[1] or 0
     if IS_SNAPSHOT in session.info:

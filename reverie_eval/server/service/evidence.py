@@ -1,4 +1,4 @@
-"""Evidence about submissions: numbers for the organiser, not a verdict.
+"""Evidence about submissions: numbers and notices for the organiser, not a verdict.
 
 None of it may be in a reply to participants, on a public page, or in an export: anyone who knew
 these numbers, or which half of the episodes is secret, could work around them.
@@ -6,6 +6,7 @@ these numbers, or which half of the episodes is secret, could work around them.
 
 import hashlib
 import hmac
+import logging
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +14,10 @@ from functools import cached_property
 from itertools import groupby
 from math import inf
 from typing import Any, NamedTuple, TypeAlias
+from urllib.parse import quote
 
 import numpy as np
-from sqlalchemy import Select, select
+from sqlalchemy import Select, bindparam, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import (
@@ -40,11 +42,14 @@ from reverie_eval.schemas.evidence import (
 )
 from reverie_eval.scoring import clusters_of, is_goal
 from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.fingerprints import Fingerprint, Fingerprints
+from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Submission, Team
+from reverie_eval.server.store.tables import IS_SHOWN, SAME_FILE, Submission, Team
 from reverie_eval.server.store.uploads import Uploads
 
 AT_ONCE = 100
@@ -52,6 +57,22 @@ AT_ONCE = 100
 PAIRS = 10
 """Pairs of teams that are listed, at most."""
 
+MOST_NAMED = 5
+"""Teams that a notice names, at most."""
+
+_LOGGER = logging.getLogger("reverie_eval.server")
+# Built here, because building it takes longer than running it, which each upload does.
+_SAME_FROM_OTHERS = (
+    select(Submission.id, Team.name, IS_SHOWN.label("is_shown"))
+    .join(Team, Submission.team_id == Team.id)
+    .where(
+        Submission.split == bindparam("split"),
+        Submission.sha256 == bindparam("sha256"),
+        Submission.team_id != bindparam("team"),
+    )
+    .order_by(IS_SHOWN.desc(), Submission.received_at, Submission.id)
+    .limit(MOST_NAMED)
+)
 _rounded = METRICS["success"].rounded
 """Rounds a mean like scores of private splits: an exact one could reveal single episodes."""
 
@@ -189,6 +210,27 @@ def _same_files(sent: Sequence[_Sent]) -> list[SameFile]:
         for sha256, found in by_file.items()
         if len(found) > 1
     ]
+
+
+def announce_same_file(transaction: Transaction, new: Submission) -> None:
+    """Notify the organiser if another team has submitted the same file to the split.
+
+    The same file has the same bytes after unpacking. The same predictions in another file are left
+    to the report: an upload does not wait until they are compared with all others.
+    """
+    given = {"split": new.split, "sha256": new.sha256, "team": new.team.id}
+    others = transaction.session.execute(_SAME_FROM_OTHERS, given).all()
+    if not others:
+        return
+    same_as, team = [each.id for each in others], new.team.name
+    # About the split, not the submission, whose history its team sees.
+    transaction.as_actor(SERVER).record(SAME_FILE, new, new.split, same_as=same_as)
+    names = ", ".join(f"{each.name}{' (published)' * each.is_shown}" for each in others)
+    whose = "other teams" if len(others) > 1 else "another team"
+    text = f"{team} submitted to {new.split} the file that {whose} had submitted: {names}"
+    announce(transaction, "same-file", text, f"/desk/evidence?split={quote(new.split)}")
+    about = {"split": new.split, "team": team, "submission": new.id, "same_as": same_as}
+    _LOGGER.warning("same file from two teams", extra={"fields": about})
 
 
 @dataclass(frozen=True)

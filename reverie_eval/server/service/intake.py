@@ -29,6 +29,7 @@ from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentEr
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import View
+from reverie_eval.server.service.evidence import announce_same_file
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.quotas import QuotaUsage, usage_of
@@ -193,6 +194,7 @@ class Intake:
             for further, report in reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))
+            announce_same_file(transaction, row)  # the log's last entry is one that the row shows
             described = method.model_dump(mode="json", exclude_defaults=True)
             transaction.record(
                 SUBMITTED, row, row.id, split=row.split, sha256=row.sha256, method=described

@@ -29,6 +29,7 @@ from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.tables import (
+    SAME_FILE,
     SNAPSHOT_TAKEN,
     SUBMITTED,
     AuditEntry,
@@ -58,7 +59,7 @@ _ENTRIES = select(StoredSnapshot).options(
 )
 """Without the content, which is the whole leaderboard."""
 _CHANGES_NOTHING = (
-    *(SUBMITTED, SNAPSHOT_TAKEN, INSPECTED),
+    *(SUBMITTED, SNAPSHOT_TAKEN, INSPECTED, SAME_FILE),
     *("upload deleted", "team added", "person added", "person changed"),
 )
 """Actions that do not change what leaderboards show."""

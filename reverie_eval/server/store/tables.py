@@ -6,7 +6,17 @@ from typing import Any, Literal, TypeVar
 from unicodedata import category, normalize
 
 from pydantic import BaseModel
-from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator, text
+from sqlalchemy import (
+    JSON,
+    DateTime,
+    Dialect,
+    ForeignKey,
+    Index,
+    String,
+    TypeDecorator,
+    literal,
+    text,
+)
 from sqlalchemy.ext.hybrid import hybrid_property
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
@@ -180,6 +190,8 @@ class Submission(Base):
         Index("by_person", "person_id", "received_at"),
         Index("by_split", "split", "received_at"),
         Index("by_time", "received_at"),
+        # The same file from other teams.
+        Index("by_file", "split", "sha256"),
         # Leaderboards, which show few of the submissions.
         Index("shown", "split", "published_at", sqlite_where=_SHOWN, postgresql_where=_SHOWN),
     )
@@ -291,8 +303,8 @@ class Grant(Base):
     team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
 
 
-SUBMITTED, SNAPSHOT_TAKEN = "submitted", "snapshot taken"
-"""Actions in the audit log that the leaderboards' cache and snapshots look for."""
+SUBMITTED, SNAPSHOT_TAKEN, SAME_FILE = "submitted", "snapshot taken", "same file"
+"""Actions in the audit log that change no leaderboard, or that the desk looks for."""
 _CHANGES = text(f"action <> '{SUBMITTED}'")
 
 
@@ -316,6 +328,11 @@ class AuditEntry(Base):
     """The signing key in use, from which the key of its digest is derived."""
     previous: Mapped[str] = mapped_column(String(64))
     digest: Mapped[str] = mapped_column(String(64), unique=True)
+
+
+IS_CHANGE = AuditEntry.action != literal(SUBMITTED, literal_execute=True)
+"""Whether an entry is not about an upload alone, for statements. The value is written into them, so
+that databases recognise the index that has only these."""
 
 
 class SigningKey(Base):

@@ -13,6 +13,7 @@ from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.attempts import (
     DAYS_KEPT,
     FAILURES,
+    RECENTLY,
     counts_of_splits,
     last_day,
     list_attempts,
@@ -48,7 +49,8 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
             boards=server.boards.values(),
             attempts=list_attempts(session, Page(A_FEW)).rows,
             counts=counts_of_splits(session),
-            totals=totals(session),
+            totals=totals(session, snapshot.now),
+            recently=RECENTLY.days,
             day=last_day(session, snapshot.now),
             missed=server.snapshots.missed(session, snapshot.now),
             schedules=server.schedules.in_effect(session),

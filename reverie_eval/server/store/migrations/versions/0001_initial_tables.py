@@ -269,6 +269,7 @@ def upgrade() -> None:
         batch_op.create_index("by_split", ["split", "received_at"], unique=False)
         batch_op.create_index("by_team", ["team_id", "received_at", "size"], unique=False)
         batch_op.create_index("by_time", ["received_at"], unique=False)
+        batch_op.create_index("by_file", ["split", "sha256"], unique=False)
         batch_op.create_index("one_per_file", ["split", "team_id", "sha256", "repeat"], unique=True)
         batch_op.create_index("one_per_key", ["person_id", "idempotency_key"], unique=True)
         batch_op.create_index(

@@ -1,10 +1,10 @@
 """A leaderboard as a table: a row per published result, its scores and notes on its method."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from reverie_eval.metrics import METRICS, Metric
-from reverie_eval.reporting._submission import headline_of
+from reverie_eval.reporting._submission import headline_of, known_task
 from reverie_eval.reporting._table import (
     MISSING,
     Table,
@@ -14,6 +14,7 @@ from reverie_eval.reporting._table import (
     print_table,
 )
 from reverie_eval.schemas.service import Leaderboard, LeaderboardRow
+from reverie_eval.tasks import Task
 from reverie_eval.text import count_text, printable
 
 if TYPE_CHECKING:
@@ -42,13 +43,28 @@ _WARNINGS = ("flagged", "disqualified")
 _FINGERPRINT_SHOWN = 12
 
 
+def flags_of(tasks: Sequence[Task], required: Collection[str] = ()) -> Mapping[str, str]:
+    """Return the flags of methods for some tasks, and those that a server requires."""
+    has_targets = any(task.has_targets for task in tasks)
+    return {
+        flag: words
+        for flag, words in METHOD_FLAGS.items()
+        if has_targets or flag not in OBJECT_FLAGS or flag in required
+    }
+
+
+def undeclared_of(method: Mapping[str, Any], flags: Mapping[str, str]) -> Sequence[str]:
+    """Return what nobody has declared of a method, in words."""
+    return [words for flag, words in flags.items() if method.get(flag) is None]
+
+
 def leaderboard_table(board: Leaderboard) -> Table:
     """Return a leaderboard with its headline metrics and the one that it is sorted by.
 
     Reported results are among the others, without a rank; results that are not comparable come
     last.
     """
-    metrics = _metrics(board)
+    metrics, flags = _metrics(board), _flags(board)
     columns = [metric.heading for metric in metrics]
     headings = ["rank", "team", "method", *columns, "entries", "published", "notes"]
     rows = [
@@ -58,7 +74,7 @@ def leaderboard_table(board: Leaderboard) -> Table:
             *metric_cells(metrics, row.scores),
             cell_of(row.submissions),
             _date(row) or MISSING,
-            ", ".join(_row_notes(row)),
+            ", ".join(_row_notes(row, flags)),
         ]
         for row in _all_rows(board)
     ]
@@ -68,10 +84,10 @@ def leaderboard_table(board: Leaderboard) -> Table:
 
 def narrow_leaderboard_table(board: Leaderboard) -> Table:
     """Return the same table with all text in the last column, which can be wrapped."""
-    metrics = _metrics(board)
+    metrics, flags = _metrics(board), _flags(board)
     headings = ["rank", *(m.heading for m in metrics), "team: method"]
     rows = [
-        [cell_of(row.rank), *metric_cells(metrics, row.scores), _description(row)]
+        [cell_of(row.rank), *metric_cells(metrics, row.scores), _description(row, flags)]
         for row in _all_rows(board)
     ]
     return Table(headings, rows, frozenset({len(headings) - 1}), notes=_board_notes(board))
@@ -122,6 +138,12 @@ def _metrics(board: Leaderboard) -> Sequence[Metric]:
     return shown
 
 
+def _flags(board: Leaderboard) -> Mapping[str, str]:
+    """Return the flags that matter on a leaderboard; all of them if its task is not installed."""
+    task = known_task(board.signature)
+    return METHOD_FLAGS if task is None else flags_of([task])
+
+
 def _date(row: LeaderboardRow) -> str:
     """Return when a result was published, or reported; empty if that is not known."""
     if row.submission_id is None:
@@ -133,17 +155,25 @@ def _names(row: LeaderboardRow) -> tuple[str, str]:
     return printable(row.team) or "(anonymous)", printable(row.method.name)
 
 
-def _row_notes(row: LeaderboardRow) -> Sequence[str]:
-    """Return why a result is not ranked, the organiser's verdicts, and the method's flags."""
+def _row_notes(row: LeaderboardRow, flags: Mapping[str, str]) -> Sequence[str]:
+    """Return why a result is not ranked, the organiser's verdicts, and what its method declares.
+
+    What was not declared comes last, because it may be a list of its own.
+    """
     standing = [] if row.standing == "ranked" else [_STANDINGS[row.standing]]
     standing = [text.format(dataset=printable(row.dataset)) for text in standing]
     verdicts = [review.verdict for review in row.reviews if review.verdict not in standing]
-    flags = [text for name, text in METHOD_FLAGS.items() if getattr(row.method, name)]
-    return [*standing, *verdicts, *flags]
+    method = row.method.model_dump()
+    declared = [words for flag, words in flags.items() if method[flag]]
+    undeclared = undeclared_of(method, flags)
+    if len(undeclared) == len(flags):
+        return [*standing, *verdicts, "nothing declared"]
+    missing = [f"not declared: {', '.join(undeclared)}"] if undeclared else []
+    return [*standing, *verdicts, *declared, *missing]
 
 
-def _description(row: LeaderboardRow) -> str:
+def _description(row: LeaderboardRow, flags: Mapping[str, str]) -> str:
     team, method = _names(row)
     entries = [] if row.submissions is None else [count_text(row.submissions, "entry", "entries")]
-    about = [*entries, *filter(None, [_date(row)]), *_row_notes(row)]
+    about = [*entries, *filter(None, [_date(row)]), *_row_notes(row, flags)]
     return f"{team}: {method} ({', '.join(about)})"

@@ -9,7 +9,8 @@ from reverie_eval.schemas.report import SplitName
 from reverie_eval.schemas.service import (
     Accepted,
     BoardName,
-    MethodDescription,
+    Method,
+    MethodChange,
     Phases,
     ReleaseScores,
     Role,
@@ -224,7 +225,7 @@ class ReviewEntry(NewReview):
 
 _PAPER = "https://arxiv.org/abs/1904.10151"
 ReportedMethod = Annotated[
-    MethodDescription,
+    Method,
     Field(examples=[{"name": "Interactive Navigator-Pointer", "paper": _PAPER}]),
 ]
 ReportedScores = Annotated[
@@ -260,17 +261,10 @@ class NewReported(WireModel):
     other than the split's are shown separately."""
 
 
-class ReportedMethodChange(MethodDescription):
-    """Changes to the description of a reported method; fields that are left out stay."""
-
-    name: OmittedName = Field("", examples=["FAST-MATTN"])
-    """Shown on the leaderboard."""
-
-
 class ReportedChange(WireModel):
     """Changes to a reported result; fields that are left out stay as they are."""
 
-    method: ReportedMethodChange | None = Field(None, examples=[{"extra_data": False}])
+    method: MethodChange | None = Field(None, examples=[{"extra_data": False}])
     team: OmittedName = Field("", examples=["Qi et al., CVPR 2020"])
     scores: dict[str, float | None] = Field(default_factory=dict, examples=[{"rgspl": 0.0309}])
     """Metrics that are left out stay as they are; null removes one."""

@@ -138,8 +138,11 @@ class SessionReport(Me):
     """When to sign in again, UTC; earlier if the token is revoked."""
 
 
-class MethodDescription(WireModel):
-    """The description of a method; a property that nobody has declared is null."""
+class Method(WireModel):
+    """The description of a method by its team, or by the source of a reported result.
+
+    Whether a property applies to it is true, false, or null: nobody has declared it.
+    """
 
     name: Name = Field(examples=["Walker"])
     """Shown on the leaderboard."""
@@ -157,30 +160,16 @@ class MethodDescription(WireModel):
     ensemble: bool | None = None
     """Several models decide together."""
     navigation_only: bool | None = None
-    """Only navigates, without answers."""
+    """Only navigates: the file has no answers. Must be declared for such a file."""
     human: bool | None = None
     """People walked the episodes, not a program."""
 
 
-class Method(MethodDescription):
-    """How a team describes its method."""
-
-    extra_data: bool = Field(default=False, examples=[True])
-    """Trained on more than the benchmark's training split."""
-    pre_exploration: bool = False
-    """Saw the test buildings before the instructions."""
-    ground_truth_objects: bool = False
-    """Used the annotated objects of a viewpoint, as listed in the dataset's box files."""
-    ensemble: bool = False
-    """Several models decide together."""
-    navigation_only: bool = False
-    """Only navigates: the file has no answers. Cannot be changed after the submission."""
-    human: bool = False
-    """People walked the episodes, not a program."""
-
-
 class MethodChange(Method):
-    """Changes to the description of a method; fields that are left out stay as they are."""
+    """Changes to the description of a method; fields that are left out stay as they are.
+
+    Null takes a link or a declaration back.
+    """
 
     name: OmittedName = Field("", examples=["Walker 2"])
     """Shown on the leaderboard."""
@@ -548,7 +537,7 @@ class LeaderboardRow(WireModel):
     """Null for a reported result."""
     team: TeamName
     """Empty while the team is anonymous."""
-    method: MethodDescription
+    method: Method
     published_at: datetime
     """When it was published on this leaderboard."""
     submissions: int | None = Field(examples=[3])

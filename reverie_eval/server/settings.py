@@ -64,7 +64,7 @@ Metadata: TypeAlias = Literal[
     "ground_truth_objects",
     "ensemble",
 ]
-"""Fields of a method that can be required; a required flag must be given as true or false."""
+"""Fields of a method that can be required; a required flag must be declared true or false."""
 
 
 class SettingsError(RejectedError):
@@ -472,7 +472,8 @@ class Settings(BaseSettings):
     splits: Annotated[dict[str, Split], Field(min_length=1)]
     required_metadata: tuple[Metadata, ...] = ()
     """What a submission must state about its method besides the name: ``description``, ``paper``,
-    ``code``, ``extra_data``, ``pre_exploration``, ``ground_truth_objects``, ``ensemble``."""
+    ``code``, ``extra_data``, ``pre_exploration``, ``ground_truth_objects``, ``ensemble``. The last
+    four must be declared as true or false."""
     limits: Limits = Limits()
     mail: Mail | None = None
     webhook: Webhook | None = None

@@ -160,8 +160,10 @@ def check_batch(
     return dict(zip(map(str, predictions.instr_ids), contents, strict=True))
 
 
-def check_navigation_only(*, found: bool, declared: bool) -> None:
+def check_navigation_only(*, found: bool, declared: bool | None) -> None:
     """Check that a submission is navigation only if, and only if, its method is declared so.
+
+    A file with answers need not be declared, so None means the same as False here.
 
     Otherwise a file that lost its answers on the way would be scored, and use a submission.
 

@@ -385,7 +385,7 @@ def not_a_list(found: object) -> Problem:
 def undeclared_navigation_only() -> Problem:
     message = (
         "no record has an answer; if the agent only navigates, declare it: --navigation-only on "
-        "the command line, navigation_only in the API, or the checkbox on the page"
+        'the command line, navigation_only in the API, or "Navigation only" on the page'
     )
     return Problem("navigation-only", WHOLE_FILE, message)
 

@@ -11,6 +11,7 @@ import httpx
 import pytest
 
 from reverie_eval import CATALOGUE
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.service import Phase, Verdict
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import submission_of
@@ -160,10 +161,23 @@ def test_a_filter_keeps_the_axes_of_the_charts(five: Serving) -> None:
 
 def test_cells(five: Serving) -> None:
     rank, method, *values, primary, entries, date = tables(get(five))[0][0]
-    assert (rank.split(" ")[0], method) == ("1", "Bee Red")
+    assert (rank.split(" ")[0], method) == ("1", "Bee Red ? not declared")
     assert re.fullmatch(r"50\.00 95 % interval [\d.]+ to [\d.]+", primary)
     assert values == ["-", "-", "25.00", "9.50", "-"]
     assert (entries, date) == ("2", "2026-03-02")
+
+
+def test_what_nobody_has_declared_is_shown_of_every_result(server: Serving) -> None:
+    none_applies = dict.fromkeys(METHOD_FLAGS, False)
+    entered(server, {"rgspl": 0.5}, **named("Ant", **none_applies))
+    entered(server, {"rgspl": 0.25}, **named("Bee", **{**none_applies, "ensemble": None}))
+    report_result(server, "FAST", human=True, rgspl=0.125)
+    ant, bee, fast = (row[1] for row in tables(get(server))[0])
+    assert (ant, bee) == ("Ant Blue", "Bee Blue ? not declared")
+    assert fast == "FAST Qi et al. reported human ? not declared source"
+    titles = re.findall(r'title="not declared: ([^"]*)"', get(server).text)
+    others = (words for flag, words in METHOD_FLAGS.items() if flag != "human")
+    assert titles == ["ensemble", ", ".join(others)]
 
 
 def test_the_head_counts_results_and_teams_that_are_named(five: Serving) -> None:
@@ -195,7 +209,8 @@ def test_rows_of_one_s_own_team_are_marked(five: Serving) -> None:
 
 FILTERED = [
     pytest.param("?extra_data=with", ["Bee"], id="with a flag"),
-    pytest.param("?extra_data=without", ["Ant", "Cat"], id="without it"),
+    pytest.param("?extra_data=without", ["Cat"], id="declared to be without it"),
+    pytest.param("?extra_data=undeclared", ["Ant"], id="not declared"),
     pytest.param("?extra_data=with&human=with", [], id="all must hold"),
     pytest.param("?human=with", ["Cat"], id="another flag"),
     pytest.param("?text=bEe", ["Bee"], id="the method, whatever the case"),
@@ -217,7 +232,9 @@ def test_filters(server: Serving, query: str, expected: list[str]) -> None:
     entered(server, {"rgspl": 0.75}, OTHER, **named("Bee", extra_data=True))
     server.clock.turn(**day)
     until = "2026-12-31T00:00:00Z"
-    entered(server, {"rgspl": 0.25}, anonymous_until=until, **named("Cat", human=True))
+    entered(
+        server, {"rgspl": 0.25}, anonymous_until=until, **named("Cat", human=True, extra_data=False)
+    )
     rows = ranking(server, query)
     ranks = {"Bee": "1", "Ant": "2", "Cat": "3"}  # of the whole board, whatever is shown
     assert rows == [(ranks[name], name) for name in expected]
@@ -273,7 +290,7 @@ def test_names_are_text(server: Serving) -> None:
     entered(server, {"rgspl": 0.5}, **named(MARKUP))
     page = get(server).text
     assert MARKUP not in page
-    assert tables(get(server))[0][0][1] == f"{MARKUP} Blue"
+    assert tables(get(server))[0][0][1] == f"{MARKUP} Blue ? not declared"
     for part in ("chart", "latex", "bibtex"):
         kind = get(server, path=f"{BOARD}/{part}").headers["content-type"]
         assert kind.partition(";")[0] == ("application/json" if part == "chart" else "text/plain")
@@ -325,10 +342,19 @@ def test_reported_results_stand_among_the_others_without_a_rank(five: Serving) -
     ]
     first, *_, tie, _, _ = tables(get(five))[0]
     assert first == [
-        *("-", "FAST Qi et al. reported source", "-", "-", "50.00", "-", "-", "99.00"),
+        *(
+            "-",
+            "FAST Qi et al. reported ? not declared source",
+            "-",
+            "-",
+            "50.00",
+            "-",
+            "-",
+            "99.00",
+        ),
         *("-", "2020-06"),
     ]
-    assert tie[1] == "Tie Qi et al. reported from: An old leaderboard"
+    assert tie[1] == "Tie Qi et al. reported ? not declared from: An old leaderboard"
     assert tie[-1] == "-"
     assert 'href="https://example.org/paper.pdf"' in get(five).text
     by_spl = [("1", "Dog"), ("2", "Ant"), ("2", "Elk"), ("-", "FAST"), ("4", "Bee")]
@@ -352,6 +378,7 @@ ON_A_DATE = [
     pytest.param("?until=2020-05-31", False, id="before it"),
     pytest.param("?extra_data=with", False, id="not declared to be with"),
     pytest.param("?extra_data=without", False, id="not declared to be without"),
+    pytest.param("?extra_data=undeclared&until=2020-06-30", True, id="not declared"),
 ]
 
 
@@ -369,7 +396,7 @@ def test_results_on_another_version_of_the_dataset_are_apart(five: Serving) -> N
     assert ranking(five)[0] == ("-", "Same")
     (row,) = tables(get(five))[1]
     assert row[0] == "other dataset on v2; this leaderboard is on demo"
-    assert row[1] == "Old Qi et al. reported source"
+    assert row[1] == "Old Qi et al. reported ? not declared source"
     board = five.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
     assert [(each["standing"], each["dataset"]) for each in board["apart"]] == [
         ("other-dataset", "v2")
@@ -432,10 +459,10 @@ def test_nothing_is_stale(server: Serving) -> None:
         server.ask(OWNER, "PATCH", f"/submissions/{submission}", json=what)
         return tables(get(server))[0]
 
-    assert change(method={"name": "Bee"})[0][1] == "Bee Blue"
-    assert change(anonymous_until="2026-03-03T12:00:00Z")[0][1] == "Bee anonymous"
+    assert change(method={"name": "Bee"})[0][1] == "Bee Blue ? not declared"
+    assert change(anonymous_until="2026-03-03T12:00:00Z")[0][1] == "Bee anonymous ? not declared"
     server.clock.turn(hours=24)
-    assert tables(get(server))[0][0][1] == "Bee Blue"
+    assert tables(get(server))[0][0][1] == "Bee Blue ? not declared"
     server.upload(OWNER, server.distinct())
     assert tables(get(server))[0][0][-2] == "2"
     assert "No results are published" in change(withdrawn=True)[0][0]
@@ -461,4 +488,4 @@ def test_on_either_database(server_on: Serving) -> None:
     entered(server_on, {"rgspl": 0.75}, **named("Bee"))
     judge(server_on, submission, "verified")
     assert ranking(server_on) == [("1", "Bee"), ("2", "Ünt")]
-    assert tables(get(server_on))[0][1][1] == "Ünt {漢} Blue verified"
+    assert tables(get(server_on))[0][1][1] == "Ünt {漢} Blue verified ? not declared"

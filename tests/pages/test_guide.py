@@ -127,10 +127,11 @@ def test_equal_values_and_unequal_ranks_are_explained(server: Serving) -> None:
 
 
 def test_every_flag_of_a_method_is_worded_filtered_and_explained(server: Serving) -> None:
-    flags = {name for name, field in Method.model_fields.items() if field.annotation is bool}
+    flags = {name for name, field in Method.model_fields.items() if field.annotation == bool | None}
     assert set(METHOD_FLAGS) == flags
     assert flags < set(BoardQuery.model_fields)
     text = words(server, "/rules")
+    assert "What nobody declares is shown as not declared, which is not a no." in text
     assert all(
         f"{METHOD_FLAGS[name]} {Method.model_fields[name].description}" in text for name in flags
     )

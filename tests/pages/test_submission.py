@@ -148,7 +148,8 @@ def test_what_everybody_sees_of_a_published_submission(owner: Visitor) -> None:
         words = said(page).partition("Walker")[2]
         assert "Blue, on val_unseen, published 2026-03-02 13:00 UTC" in words
         assert "Walks." in words
-        assert "extra data Trained on more than the benchmark's training split." in words
+        assert "Extra data Yes Trained on more than the benchmark's training split." in words
+        assert "Ensemble Not declared Several models decide together." in words
         assert "split:val_unseen|protocol:official-v1|" in words
         assert "95 % confidence intervals by a bootstrap over 29 targets" in words
         assert 'href="https://example.org/c"' in page.text

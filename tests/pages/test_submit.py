@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.callers import COOKIE
@@ -74,12 +75,12 @@ def test_the_whole_way_without_scripts(server: Serving) -> None:
     board = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
     assert board["rows"][0]["method"] == {
         **TYPED,
-        "extra_data": False,
-        "pre_exploration": False,
-        "ground_truth_objects": False,
+        "extra_data": None,
+        "pre_exploration": None,
+        "ground_truth_objects": None,
         "ensemble": True,
-        "navigation_only": False,
-        "human": False,
+        "navigation_only": None,
+        "human": None,
     }
     assert owner.send("/sign-out", {}).headers["location"] == "/"
     assert owner.get("/team").headers["location"] == "/sign-in?back=/team"
@@ -103,10 +104,52 @@ def test_what_was_typed_is_kept_and_escaped(owner: Visitor, what: str) -> None:
     assert 'value="&lt;b&gt;Bold&lt;/b&gt; walker"' in page
     assert "It says &#34;&lt;/textarea&gt;&lt;script&gt;alert(1)&lt;/script&gt;&#34;." in page
     assert 'value="https://example.org/?a=1&amp;b=2"' in page
-    assert re.search(r'name="ensemble" value="true" checked', page)
-    assert not re.search(r'name="extra_data" value="true" checked', page)
+    assert chosen(page) == {**dict.fromkeys(METHOD_FLAGS, "not declared"), "ensemble": "yes"}
     assert re.search(rf'name="split" value="{OPEN}" required checked', page)
     assert "<script>alert" not in page
+
+
+def chosen(page: str) -> dict[str, str]:
+    """Return what the form says of each declaration; the first option counts if none is chosen."""
+    selects = re.findall(r'<select id="\w+" name="(\w+)".*?>(<option.*?)</select>', page, re.DOTALL)
+    options = {
+        name: re.findall(r'<option value="\w*"( selected)?>([^<]*)<', text)
+        for name, text in selects
+    }
+    return {
+        name: next((label for is_chosen, label in some if is_chosen), some[0][1])
+        for name, some in options.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("typed", "declared"),
+    [
+        pytest.param("true", True, id="yes"),
+        pytest.param("false", False, id="no"),
+        pytest.param("", None, id="not declared"),
+        pytest.param(None, None, id="no field"),
+    ],
+)
+def test_a_form_declares_yes_no_or_nothing_and_can_take_it_back(
+    owner: Visitor, typed: str | None, *, declared: bool | None
+) -> None:
+    fields = {} if typed is None else {"ensemble": typed}
+    place = place_of(owner.upload(**TYPED | {"ensemble": "", **fields}))
+
+    def kept() -> bool | None:
+        method = owner.server.ask(OWNER, "GET", f"/submissions/{place}").json()["method"]
+        value: bool | None = method["ensemble"]
+        return value
+
+    assert kept() is declared
+    page = owner.get(f"/submissions/{place}")
+    words = {True: "yes", False: "no", None: "not declared"}
+    assert chosen(page.text)["ensemble"] == words[declared]
+    assert f"Ensemble {words[declared].capitalize()} Several models decide" in said(page)
+    for answer, value in {"true": True, "false": False, "": None}.items():
+        owner.send(f"/submissions/{place}", {"name": "Walker", "ensemble": answer})
+        assert kept() is value
 
 
 NOTHING_CHOSEN = (
@@ -189,7 +232,8 @@ def test_what_the_organiser_asks_for_has_to_be_said(open_server: OpenServer, fol
     owner = signed_in(open_server(asked), OWNER)
     form = owner.get("/submit").text
     assert re.search(r'id="paper"[^>]* required ', form)
-    assert form.count('type="radio" name="extra_data"') == 2
+    assert re.search(r'<select id="extra_data" name="extra_data" required ', form)
+    assert chosen(form) == {**dict.fromkeys(METHOD_FLAGS, "not declared"), "extra_data": "choose"}
     assert "about the method is missing: paper, extra data" in said(owner.upload())
     complete = owner.upload(paper="https://example.org/", extra_data="false")
     assert complete.status_code == 303

@@ -9,6 +9,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from reverie_eval.reporting._leaderboard import (
+    METHOD_FLAGS,
     leaderboard_table,
     leaderboard_text,
     narrow_leaderboard_table,
@@ -18,6 +19,10 @@ from reverie_eval.schemas.service import Leaderboard
 
 SCORES = {"path_length": 12.34, "success": 0.5454, "rgspl": 0.3503, "ndtw": 0.61}
 AT = datetime(2027, 6, 1, 23, 59, tzinfo=UTC)
+
+
+NOTHING = dict.fromkeys(METHOD_FLAGS, False)
+"""Declares that nothing applies."""
 
 
 def row(rank: int | None, team: str, method: dict[str, Any], **changes: Any) -> dict[str, Any]:
@@ -53,11 +58,12 @@ def test_a_terminal_of_any_width_shows_everything(columns: int) -> None:
 
 
 def test_a_pipe_gets_aligned_columns() -> None:
-    two = board(row(1, "Blue", {"name": "Ours"}), row(10, "Red", {"name": "B"}))
+    ours, theirs = {"name": "Ours", **NOTHING}, {"name": "B", **NOTHING, "human": True}
+    two = board(row(1, "Blue", ours), row(10, "Red", theirs))
     assert leaderboard_text(two).splitlines() == [
         "rank  team  method   TL m   SR %  RGSPL %  entries   published  notes",
         "   1  Blue  Ours    12.34  54.54    35.03        7  2027-06-01",
-        "  10  Red   B       12.34  54.54    35.03        7  2027-06-01",
+        "  10  Red   B       12.34  54.54    35.03        7  2027-06-01  human",
         "",
         "split:test|protocol:official-v1|data:abababababab, sorted by RGSPL",
     ]
@@ -69,15 +75,18 @@ def review(verdict: str, reason: str) -> dict[str, Any]:
 
 
 def test_what_the_organiser_says_and_what_is_not_ranked_is_shown() -> None:
-    verified = row(1, "Blue", {"name": "Ours"}, reviews=[review("verified", "ran the code")])
+    verified = row(
+        1, "Blue", {"name": "Ours", **NOTHING}, reviews=[review("verified", "ran the code")]
+    )
     flagged = row(
-        2, "Red", {"name": "B", "ensemble": True}, reviews=[review("flagged", "no \x1b[2J code")]
+        *(2, "Red", {"name": "B", **NOTHING, "ensemble": True}),
+        reviews=[review("flagged", "no \x1b[2J code")],
     )
     apart = [
         row(None, "", {"name": "Paper"}, submissions=None, standing="reported"),
-        row(None, "Red", {"name": "Old"}, standing="other-rules"),
+        row(None, "Red", {"name": "Old", **NOTHING, "human": None}, standing="other-rules"),
         row(
-            *(None, "Green", {"name": "C"}),
+            *(None, "Green", {"name": "C", **NOTHING}),
             standing="disqualified",
             reviews=[review("disqualified", "trained on test")],
         ),
@@ -89,8 +98,8 @@ def test_what_the_organiser_says_and_what_is_not_ranked_is_shown() -> None:
     assert [(cells[0], cells[2], cells[-1]) for cells in table.rows] == [
         ("1", "Ours", "verified"),
         ("2", "B", "flagged, ensemble"),
-        ("-", "Paper", "reported, not scored"),
-        ("-", "Old", "scored under other rules"),
+        ("-", "Paper", "reported, not scored, nothing declared"),
+        ("-", "Old", "scored under other rules, not declared: human"),
         ("-", "C", "disqualified"),
     ]
     assert narrow_leaderboard_table(full).rows[4][-1].endswith("2027-06-01, disqualified)")
@@ -121,8 +130,24 @@ def test_names_cannot_command_a_terminal() -> None:
 
 
 def test_an_anonymous_team_does_not_hide_how_often_it_tried() -> None:
-    assert leaderboard_table(LONG).rows[1][-3:] == ["41", "2027-06-01", "extra data, ensemble"]
+    assert leaderboard_table(LONG).rows[1][-3:-1] == ["41", "2027-06-01"]
     assert "(anonymous): 漢字 (41 entries, " in narrow_leaderboard_table(LONG).rows[1][-1]
+
+
+def test_what_is_not_declared_comes_last() -> None:
+    assert [cells[-1] for cells in leaderboard_table(LONG).rows] == [
+        "nothing declared",
+        (
+            "extra data, ensemble, not declared: pre-exploration, ground-truth objects, "
+            "navigation only, human"
+        ),
+        "nothing declared",
+    ]
+    signature = "task:r2r|split:test|protocol:r2r|data:abababababab|n:1|version:1"
+    of_r2r = LONG.model_copy(update={"signature": signature})
+    assert leaderboard_table(of_r2r).rows[1][-1] == (
+        "extra data, ensemble, not declared: pre-exploration, human"
+    ), "without what matters only where methods predict objects"
 
 
 def test_a_reported_result_has_no_number_of_submissions() -> None:
@@ -147,6 +172,7 @@ def test_a_reported_result_has_no_number_of_submissions() -> None:
 def test_what_is_known_of_a_reported_result(changes: dict[str, Any], date: str, notes: str) -> None:
     about = {"submission_id": None, "submissions": None, "standing": "reported", **changes}
     reported = board(row(None, "They", {"name": "Paper", "ensemble": None}, **about))
+    notes += ", nothing declared"
     assert leaderboard_table(reported).rows[0][-2:] == [date, notes]
     told = notes if date == "-" else f"{date}, {notes}"
     assert narrow_leaderboard_table(reported).rows[0][-1] == f"They: Paper ({told})"
@@ -154,4 +180,4 @@ def test_what_is_known_of_a_reported_result(changes: dict[str, Any], date: str, 
 
 def test_an_unscored_row_has_no_rank_and_dashes() -> None:
     (*_, last) = leaderboard_table(LONG).rows
-    assert last == ["-", "Red", "Partial", "-", "50.00", "-", "7", "2027-06-01", ""]
+    assert last == ["-", "Red", "Partial", "-", "50.00", "-", "7", "2027-06-01", "nothing declared"]

@@ -160,10 +160,10 @@ def test_what_is_said_of_a_method_is_kept(server: Serving, way: Any) -> None:
         "code": None,
         "extra_data": True,
         "pre_exploration": True,
-        "ground_truth_objects": False,
+        "ground_truth_objects": None,
         "ensemble": False,
-        "navigation_only": False,
-        "human": False,
+        "navigation_only": None,
+        "human": None,
     }
 
 

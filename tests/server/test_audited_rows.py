@@ -105,6 +105,7 @@ def changes(server: Serving, sent: str) -> Iterator[tuple[str, Update]]:
         ("description", "It runs."),
         ("paper", "https://example.org/p"),
         ("human", True),
+        ("extra_data", False),
     ):
         other = {**method, name: value}
         yield changed(f"submission:{sent} method", Submission, method=other)

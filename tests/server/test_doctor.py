@@ -25,7 +25,7 @@ from reverie_eval.schemas.organising import (
     NewTeam,
     ReportedChange,
 )
-from reverie_eval.schemas.service import MethodDescription
+from reverie_eval.schemas.service import Method
 from reverie_eval.server.operations import doctor
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.doctor import examine
@@ -322,7 +322,7 @@ def do_everything(server: Serving) -> None:
     assert published.status_code == 200
     reported = NewReported(
         split=PRIVATE,
-        method=MethodDescription(name="Theirs"),
+        method=Method(name="Theirs"),
         team="They",
         scores={"success": 0.5},
         source="https://example.org/paper",

@@ -164,11 +164,11 @@ def test_the_board_as_csv(server: Serving) -> None:
     first = entered(
         server,
         {"rgspl": 0.25, "success": 0.5},
-        method={"name": 'Our, "best"', "ensemble": True, **links},
+        method={"name": 'Our, "best"', "ensemble": True, "human": False, **links},
     )
     second = entered(server, {"success": 0.75}, who=OTHER, anonymous_until="2027-01-01T00:00:00Z")
     at = "2026-03-02T12:00:0"
-    flags = ["false", "false", "false"]
+    undeclared = ["", "", ""]
     about = ["rank", "submission_id", "team", "published_at", "submissions"]
     said = [
         "method",
@@ -193,13 +193,13 @@ def test_the_board_as_csv(server: Serving) -> None:
         [*about, *said, *more, "success", "rgspl"],
         [
             *("1", first, "Blue", f"{at}0Z", "1"),
-            *('Our, "best"', *links.values(), *flags, "true", "false", "false"),
+            *('Our, "best"', *links.values(), *undeclared, "true", "", "false"),
             *known,
             *("0.5", "0.25"),
         ],
         [
             *("", second, "", f"{at}1Z", "1"),
-            *("Walker", "", "", *flags, "false", "false", "false"),
+            *("Walker", "", "", *undeclared, *undeclared),
             *known,
             *("0.75", ""),
         ],
@@ -241,7 +241,15 @@ HIDDEN = NOON + timedelta(seconds=1)
 SHOWN = [
     Row(1, entry("Ant", method={"name": "Ant", "human": None})),
     Row(2, entry("Bee", method={"name": "Bee", "human": True}, team="Straße")),
-    Row(3, entry("Cat", anonymous_until=HIDDEN, published_at=NOON + timedelta(days=1))),
+    Row(
+        3,
+        entry(
+            "Cat",
+            method={"name": "Cat", "human": False},
+            anonymous_until=HIDDEN,
+            published_at=NOON + timedelta(days=1),
+        ),
+    ),
     *(Row(None, reported(day or "unknown", day)) for day in ("2026-03-01", "2026-03", "2026", "")),
 ]
 
@@ -250,10 +258,11 @@ SHOWN = [
     ("wanted", "expected"),
     [
         pytest.param({"flags": {"human": True}}, ["Bee"], id="declared"),
+        pytest.param({"flags": {"human": False}}, ["Cat"], id="declared not to be so"),
         pytest.param(
-            {"flags": {"human": False}},
-            ["Cat", "2026-03-01", "2026-03", "2026", "unknown"],
-            id="not so: what says nothing at all is nobody's",
+            {"flags": {"human": None}},
+            ["Ant", "2026-03-01", "2026-03", "2026", "unknown"],
+            id="not declared",
         ),
         pytest.param({"flags": {"human": True, "ensemble": True}}, [], id="both"),
         pytest.param({"since": date(2026, 3, 3)}, ["Cat", "2026-03", "2026"], id="since"),

@@ -26,8 +26,15 @@ def left(server: Serving) -> int:
             SILENT,
             {},
             "no record has an answer; if the agent only navigates, declare it: --navigation-only "
-            "on the command line, navigation_only in the API, or the checkbox on the page",
+            'on the command line, navigation_only in the API, or "Navigation only" on the page',
             id="undeclared",
+        ),
+        pytest.param(
+            SILENT,
+            {"navigation_only": "false"},
+            "no record has an answer; if the agent only navigates, declare it: --navigation-only "
+            'on the command line, navigation_only in the API, or "Navigation only" on the page',
+            id="declared not to be so, without answers",
         ),
         pytest.param(
             GOOD,
@@ -63,11 +70,29 @@ def test_the_same_file_again_need_not_be_declared_again(server: Serving) -> None
     assert again.json()["submission"]["id"] == first.json()["submission"]["id"]
 
 
+@pytest.mark.parametrize(
+    ("content", "sent", "change", "status"),
+    [
+        pytest.param(SILENT, "true", False, 409, id="without answers, declared not to be so"),
+        pytest.param(SILENT, "true", None, 409, id="without answers, no longer declared"),
+        pytest.param(GOOD, "", True, 409, id="with answers, declared to be so"),
+        pytest.param(GOOD, "", False, 200, id="with answers, declared not to be so"),
+        pytest.param(GOOD, "false", None, 200, id="with answers, no longer declared"),
+    ],
+)
+def test_it_follows_from_the_file(
+    content: bytes, sent: str, status: int, server: Serving, *, change: bool | None
+) -> None:
+    submission = server.upload(OWNER, content, navigation_only=sent).json()["submission"]
+    body = {"method": {"navigation_only": change}}
+    reply = server.ask(OWNER, "PATCH", f"/submissions/{submission['id']}", json=body)
+    assert reply.status_code == status
+    assert status != 200 or reply.json()["method"]["navigation_only"] is change
+
+
 def test_it_cannot_be_changed(server: Serving) -> None:
     submission = server.upload(OWNER, SILENT, navigation_only="true").json()["submission"]
     path = f"/submissions/{submission['id']}"
-    change = {"method": {"navigation_only": False}}
-    assert server.ask(OWNER, "PATCH", path, json=change).status_code == 409
     kept = server.ask(OWNER, "PATCH", path, json={"method": {"ensemble": True}}).json()["method"]
     assert (kept["navigation_only"], kept["ensemble"]) == (True, True)
 
@@ -85,7 +110,7 @@ def test_it_is_on_the_leaderboard_without_a_rank_by_answers(server: Serving) -> 
         }
         for metric in ("rgspl", "spl")
     }
-    assert ranks == {"rgspl": {(1, False), (None, True)}, "spl": {(1, True), (1, False)}}
+    assert ranks == {"rgspl": {(1, None), (None, True)}, "spl": {(1, True), (1, None)}}
 
 
 def test_checking_it_is_free_and_tells(server: Serving) -> None:

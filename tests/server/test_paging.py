@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import event, select
 
 from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
-from reverie_eval.schemas.service import MethodDescription
+from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.service.news import add_news
 from reverie_eval.server.service.paging import (
@@ -51,7 +51,7 @@ def filled(original: Serving) -> Serving:
             add_person(transaction, f"Team {number}", f"Person {number}")
             create_token(transaction, f"Person {number}")
             review(transaction, ids[number], "baseline")
-            new = {"method": MethodDescription(name=f"Method {number}"), "scores": {"spl": 0.5}}
+            new = {"method": Method(name=f"Method {number}"), "scores": {"spl": 0.5}}
             about: dict[str, Any] = {"split": OPEN, "team": "They", "source": "https://example.org"}
             tasks = original.state.settings.tasks
             add_reported(transaction, NewReported.model_validate(new | about), tasks)

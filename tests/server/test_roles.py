@@ -7,7 +7,7 @@ import pytest
 from fastapi.routing import iter_route_contexts
 
 from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
-from reverie_eval.schemas.service import MethodDescription
+from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
 from reverie_eval.server.service.news import add_news
 from reverie_eval.server.service.reported import add_reported
@@ -202,7 +202,7 @@ def stock(server: Serving) -> Mapping[str, str]:
     server.upload(OWNER)
     reported = NewReported(
         split=OPEN,
-        method=MethodDescription(name="Navigator"),
+        method=Method(name="Navigator"),
         team="Qi et al.",
         scores={"success": 0.1},
         source="https://example.org/paper",

@@ -293,6 +293,9 @@ def test_required_information_that_is_empty_is_missing() -> None:
         check_metadata(method, ("ensemble", "name", "description", "code", "extra_data"))
     told = "required information about the method is missing: ensemble, description, code"
     assert str(refused.value) == told
+    declared = Method(name="Walker", ensemble=None)
+    with pytest.raises(MalformedError, match=r"is missing: ensemble$"):
+        check_metadata(declared, ("ensemble",))
 
 
 # Its episodes.

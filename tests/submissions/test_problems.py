@@ -124,7 +124,7 @@ def of_record(report: Callable[[], Problem], code: str, field: str, message: str
             problems.undeclared_navigation_only,
             "navigation-only",
             "no record has an answer; if the agent only navigates, declare it: --navigation-only "
-            "on the command line, navigation_only in the API, or the checkbox on the page",
+            'on the command line, navigation_only in the API, or "Navigation only" on the page',
         ),
         of_file(
             problems.declared_navigation_only,

@@ -14,7 +14,7 @@ import httpx
 from reverie_eval import CATALOGUE, GroundTruth
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.schemas.service import MethodDescription
+from reverie_eval.schemas.service import Method
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
@@ -193,7 +193,7 @@ def _reported(now: datetime) -> ReportedResult:
     assert set(scores) <= set(CATALOGUE)
     return ReportedResult(
         split=OPEN,
-        method=MethodDescription(name="A published method").model_dump(mode="json"),
+        method=Method(name="A published method").model_dump(mode="json"),
         team="Its authors",
         scores=scores,
         source="https://example.org/paper",

@@ -9,7 +9,7 @@ import httpx
 
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.organising import NewReported
-from reverie_eval.schemas.service import MethodDescription
+from reverie_eval.schemas.service import Method
 from reverie_eval.server.service.boards import Board, load_board
 from reverie_eval.server.service.entries import Entry, Row
 from reverie_eval.server.service.leaderboard import Ranking
@@ -69,7 +69,7 @@ def report_result(
     """Put a result of others on the board."""
     new = NewReported(
         split=OPEN,
-        method=MethodDescription(name=name, human=human),
+        method=Method(name=name, human=human),
         team="Qi et al.",
         scores=scores,
         source=source,

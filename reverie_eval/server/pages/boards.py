@@ -56,7 +56,8 @@ _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
 router = APIRouter()
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Response])
-FlagFilter = Literal["", "with", "without"]
+FlagFilter = Literal["", "with", "without", "undeclared"]
+_DECLARED: Mapping[FlagFilter, bool | None] = {"with": True, "without": False, "undeclared": None}
 
 
 MetricKey = Annotated[str, Field(max_length=100)]
@@ -123,9 +124,7 @@ class BoardQuery(BaseModel):
     @property
     def shown(self) -> Filter:
         """The filter of the rows."""
-        flags = {
-            flag: getattr(self, flag) == "with" for flag in METHOD_FLAGS if getattr(self, flag)
-        }
+        flags = {flag: _DECLARED[asked] for flag in METHOD_FLAGS if (asked := getattr(self, flag))}
         return Filter(flags, self.since, self.until, self.text.strip())
 
     @property

@@ -22,7 +22,7 @@ from starlette.types import Scope
 
 from reverie_eval.metrics import METRICS
 from reverie_eval.metrics.uncertainty import CONFIDENCE
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS, OBJECT_FLAGS
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS, flags_of, undeclared_of
 from reverie_eval.reporting._submission import WINDOW_LENGTHS, headline_of, known_task
 from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.report import ScoreReport
@@ -267,6 +267,7 @@ def _environment() -> Environment:
         "most_extra": MOST_EXTRA,
         "static": static_url,
         "token_state": token_state,
+        "undeclared_of": undeclared_of,
         "window_lengths": WINDOW_LENGTHS,
     }
     environment.filters |= {
@@ -285,16 +286,6 @@ def _environment() -> Environment:
         "task": lambda report: known_task(report.signature),
     }
     return environment
-
-
-def flags_of(tasks: Sequence[Task], required: Sequence[str] = ()) -> Mapping[str, str]:
-    """Return the flags of methods for some tasks, and those that the settings require."""
-    has_targets = any(task.has_targets for task in tasks)
-    return {
-        flag: words
-        for flag, words in METHOD_FLAGS.items()
-        if has_targets or flag not in OBJECT_FLAGS or flag in required
-    }
 
 
 def guide_address(chapter: str, task: Task | None) -> str:

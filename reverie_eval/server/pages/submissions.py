@@ -30,7 +30,10 @@ from reverie_eval.server.state import ServerState
 
 router = APIRouter()
 
-_EMPTY_IS_NONE = frozenset({"paper", "code"})
+_EMPTY_IS_NONE = frozenset(
+    name for name, field in Method.model_fields.items() if field.default is None
+)
+"""Fields of a method that nobody has to fill in: links, and what it declares."""
 
 
 @router.get("/submissions/{submission_id}")

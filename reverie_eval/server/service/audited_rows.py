@@ -229,7 +229,7 @@ def _differs(logged: Any, value: Any, *, is_whole: bool) -> bool:
 def _part(values: _Values, name: str) -> Any:
     """Return a part of a mapping; None if it was left empty, which uploads do not log."""
     part = values.get(name)
-    return None if part is False or part == "" else part
+    return None if part == "" else part
 
 
 def _time_in(logged: Any) -> datetime | None:

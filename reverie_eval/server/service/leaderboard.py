@@ -74,8 +74,8 @@ class Ranking:
 class Filter:
     """Which rows are shown; their ranks are those on the whole leaderboard."""
 
-    flags: Mapping[str, bool]
-    """Required values of a method's flags; other flags may have any value."""
+    flags: Mapping[str, bool | None]
+    """Required values of a method's flags, None for not declared; others may have any value."""
     since: date | None = None
     until: date | None = None
     """Days in UTC; both are included, and so are dated months and years that include such a day."""
@@ -89,8 +89,7 @@ class Filter:
     def _admits(self, row: Row, ranking: Ranking) -> bool:
         method, wanted = row.entry.method, self.text.casefold()
         return (
-            # A flag that was not declared, None, matches neither value.
-            all(method.get(flag, False) is asked for flag, asked in self.flags.items())
+            all(method.get(flag) is asked for flag, asked in self.flags.items())
             and self._admits_date(row.entry.date)
             and (
                 wanted in method["name"].casefold() or wanted in ranking.team(row.entry).casefold()

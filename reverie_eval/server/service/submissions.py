@@ -244,8 +244,7 @@ def check_metadata(method: Method, required: Collection[str]) -> None:
 
     Raises MalformedError, which says what is missing.
     """
-    given = {name for name in method.model_fields_set if getattr(method, name) not in {"", None}}
-    missing = [name for name in required if name not in given]
+    missing = [name for name in required if getattr(method, name) in {"", None}]
     if missing:
         words = ", ".join(METHOD_FLAGS.get(name, name) for name in missing)
         raise MalformedError(f"required information about the method is missing: {words}")
@@ -435,7 +434,8 @@ class SubmissionService:
         edited = change.model_dump(mode="json", exclude_unset=True)
         method = Method.model_validate({**row.method, **edited})
         check_metadata(method, self.required_metadata)
-        if method.navigation_only != Method.model_validate(row.method).navigation_only:
+        # A file with answers may be declared so, or not be declared.
+        if bool(method.navigation_only) is not bool(row.method["navigation_only"]):
             raise ConflictError(
                 "whether a submission is navigation only follows from its file, and cannot be "
                 "changed"

@@ -16,7 +16,7 @@ from reverie_eval.schemas.organising import (
     ReportedChange,
     ReportedEntry,
 )
-from reverie_eval.schemas.service import MethodDescription, ProblemDocument
+from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
@@ -39,7 +39,7 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
         "results": reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
         "splits": list(desk.server.boards),
         **_scores_asked(desk.server.tasks),
-        "method_fields": MethodDescription.model_fields,
+        "method_fields": Method.model_fields,
     }
 
 
@@ -65,7 +65,7 @@ def draw_result(
             problem,
             result=result,
             **_scores_asked([task] if task else desk.server.tasks),
-            method_fields=MethodDescription.model_fields,
+            method_fields=Method.model_fields,
             typed=_typed_of(result) if typed is None else typed,
         )
 

@@ -35,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from fixtures.servers import make_folder
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import Method, QuotaReport
+from reverie_eval.schemas.service import Method, QuotaReport, Receipt
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.service.paging import LONGEST
 from reverie_eval.server.service.people import add_person, add_team
@@ -134,7 +134,8 @@ def fill(folder: Path) -> str:
 
 
 def _receipt(state: ServerState, report: ScoreReport) -> dict[str, Any]:
-    receipt = state.signer.sign(
+    receipt = Receipt(
+        server=state.signer.server,
         submission_id="any",
         team="any",
         sha256="0" * 64,
@@ -144,7 +145,7 @@ def _receipt(state: ServerState, report: ScoreReport) -> dict[str, Any]:
         scores=report.scores,
         quota=QuotaReport(remaining=0, next_at=None, seconds_to_next=0, windows=[]),
     )
-    return receipt.model_dump(mode="json")
+    return state.signer.sign(receipt).model_dump(mode="json")
 
 
 def _varied(report: dict[str, Any], random: Random) -> dict[str, Any]:

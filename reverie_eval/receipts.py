@@ -1,61 +1,87 @@
-"""Verifying receipts: anyone with a server's public key can check what the server signed.
+"""Verifying receipts and snapshots: anyone with a server's public key can check what it signed.
 
-The proof is an Ed25519 signature [1]_ of the canonical JSON of all other fields:
-keys sorted, no spaces, UTF-8.
-
-For other programs, the same receipt is also available as an in-toto statement [2]_ about the
-submitted file, signed with the same key in a DSSE envelope [3]_.
+What is signed is bytes, and they are kept as they are. So a signature stays valid whatever fields
+later versions add, and any version can check it. The bytes are in a DSSE envelope [1]_, signed with
+Ed25519 [2]_. Those of a receipt are an in-toto statement [3]_ about the submitted file, those of a
+snapshot a JSON document of a type of their own.
 
 References
 ----------
-.. [1] Josefsson and Liusvaara, "Edwards-Curve Digital Signature Algorithm", RFC 8032, 2017.
-.. [2] in-toto Attestation Framework, Statement v1,
+.. [1] Dead Simple Signing Envelope 1.0.2, https://github.com/secure-systems-lab/dsse.
+.. [2] Josefsson and Liusvaara, "Edwards-Curve Digital Signature Algorithm", RFC 8032, 2017.
+.. [3] in-toto Attestation Framework, Statement v1,
    https://github.com/in-toto/attestation/blob/main/spec/v1/statement.md.
-.. [3] Dead Simple Signing Envelope 1.0.2, https://github.com/secure-systems-lab/dsse.
 """
 
 import base64
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from decimal import Decimal
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_public_key
+from pydantic import AwareDatetime, TypeAdapter, ValidationError
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.schemas.service import Envelope, KeyReport, Receipt, Snapshot
+from reverie_eval.schemas.service import (
+    SIGNED_VERSION,
+    Envelope,
+    KeyReport,
+    Receipt,
+    Snapshot,
+)
 from reverie_eval.text import printable
 
-PAYLOAD_TYPE = "application/vnd.in-toto+json"
-"""What an envelope contains: an in-toto statement."""
+RECEIPT_TYPE = "application/vnd.in-toto+json"
+"""The type of a receipt's bytes: an in-toto statement."""
+SNAPSHOT_TYPE = "application/vnd.reverie-eval.snapshot+json"
+"""The type of a snapshot's bytes: its fields."""
 PREDICATE_TYPE = "urn:reverie-eval:receipt:v1"
-"""What such a statement says about its subject: the fields of a receipt."""
+"""What a receipt's statement says about its subject: the fields of the receipt."""
 _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 _KEY_ID_LENGTH = 16
+_FIELDS: TypeAdapter[dict[str, Any]] = TypeAdapter(dict[str, Any])
+_MOMENT: TypeAdapter[datetime] = TypeAdapter(AwareDatetime)
 
 
 class ReceiptError(ReverieEvalError):
-    """A receipt is not genuine, or the key is invalid."""
+    """A receipt is not genuine or cannot be checked, or the key is invalid."""
 
 
 class NotGenuineError(ReceiptError):
     """A receipt was not signed with this key while it was valid, or was changed afterwards."""
 
 
-Signed: TypeAlias = Receipt | Snapshot | Envelope
+class NewerVersionError(ReceiptError):
+    """A newer version has signed it, and this one cannot read what is needed to check it."""
+
+
+Content: TypeAlias = Receipt | Snapshot
 """What a server signs."""
 
 
-def verify(signed: Signed, public_pem: str) -> None:
-    """Check that a receipt, or a snapshot, was signed with a key and has not been changed.
+class Reading(NamedTuple):
+    """What this version can read of an envelope."""
+
+    content: Content | None
+    """None if a newer version has made it, and this one cannot read it."""
+    fields: Mapping[str, Any]
+    """All its fields, also those that this version does not know."""
+    is_complete: bool
+    """Whether this version knows all fields and what they mean."""
+
+
+def verify(envelope: Envelope, public_pem: str) -> str:
+    """Check that a receipt, or a snapshot, was signed with a key, and return the key's id.
 
     Parameters
     ----------
-    signed : Receipt, Snapshot or Envelope
+    envelope : Envelope
         As issued by the server; the layout of its JSON file does not matter.
     public_pem : str
         The server's public key in PEM form, as :meth:`reverie_eval.client.Client.key` returns it.
@@ -68,30 +94,30 @@ def verify(signed: Signed, public_pem: str) -> None:
         If the key is invalid.
     """
     key = _load_key(public_pem)
-    key_id, named = key_id_of(public_pem_of(key)), key_named_by(signed)
-    if named != key_id:
+    key_id = key_id_of(public_pem_of(key))
+    signature = next((each for each in envelope.signatures if each.keyid == key_id), None)
+    if signature is None:
         raise NotGenuineError(
-            f"it names key {printable(named)}, but this is key {key_id}: the receipt is "
-            "from another server, or was changed"
+            f"it names {_keys_named_by(envelope)}, but this is key {key_id}: it is from another "
+            "server, or was changed"
         )
     try:
-        if isinstance(signed, Envelope):
-            proof = signed.signatures[0].sig
-            content = pre_authentication(base64.b64decode(signed.payload, validate=True))
-        else:
-            proof, content = signed.proof, canonical(signed)
-        key.verify(base64.b64decode(proof, validate=True), content)
+        signed = pre_authentication(envelope.payload_type, _bytes_in(envelope))
+        key.verify(base64.b64decode(signature.sig, validate=True), signed)
     except (InvalidSignature, ValueError):
-        raise NotGenuineError("the signature does not match: the receipt was changed") from None
+        raise NotGenuineError(
+            "the signature does not match: it was changed after it was signed"
+        ) from None
+    return key_id
 
 
-def verify_by_history(signed: Signed, keys: Sequence[KeyReport]) -> KeyReport:
+def verify_by_history(envelope: Envelope, keys: Sequence[KeyReport]) -> KeyReport:
     """Check a receipt with all keys that a server has had, and return the one that signed it.
 
     Parameters
     ----------
-    signed : Receipt, Snapshot or Envelope
-        As issued by the server.
+    envelope : Envelope
+        A receipt or a snapshot, as issued by the server.
     keys : sequence of KeyReport
         As :meth:`reverie_eval.client.Client.keys` returns them.
 
@@ -102,103 +128,119 @@ def verify_by_history(signed: Signed, keys: Sequence[KeyReport]) -> KeyReport:
         valid.
     ReceiptError
         If the key is invalid.
+    NewerVersionError
+        If the signature is right, but the key has ended, and this version cannot read whether it
+        was used before.
     """
-    named = key_named_by(signed)
-    key = next((each for each in keys if each.key_id == named), None)
+    named = envelope.key_ids
+    key = next((each for each in reversed(keys) if each.key_id in named), None)
     if key is None:
         raise NotGenuineError(
-            f"it names key {printable(named)}, which is not in the list of keys: the "
-            "receipt is from another server, was changed, or is newer than the list"
+            f"it names {_keys_named_by(envelope)}, which is not in the list of keys: it is from "
+            "another server, was changed, or is newer than the list"
         )
-    verify(signed, key.public_key)
-    at, claim, remedy = _claim(signed)
-    if key.valid_until is not None and at > key.valid_until:
-        raise NotGenuineError(
-            f"key {key.key_id} was valid until {key.valid_until.isoformat()} "
-            f"({printable(key.reason)}), but {claim} {at.isoformat()}; {remedy}"
-        )
+    verify(envelope, key.public_key)
+    if key.valid_until is not None:
+        _check_time(envelope, key, key.valid_until)
     return key
 
 
-def key_named_by(signed: Signed) -> str:
-    """Return the id of the key that something says it was signed with."""
-    return signed.signatures[0].keyid if isinstance(signed, Envelope) else signed.key_id
+def read(envelope: Envelope) -> Reading:
+    """Return what this version can read of a receipt or a snapshot, which is not verified.
 
+    Fields that it does not know are left out, as in-toto requires of those who read a statement.
 
-def receipt_in(envelope: Envelope) -> Receipt:
-    """Return the receipt in an envelope, with the envelope's signature.
-
-    It is not verified.
-
-    Raises
-    ------
-    NotGenuineError
-        If it is not a receipt in an envelope.
+    Parameters
+    ----------
+    envelope : Envelope
+        As issued by a server of any version.
     """
-    (signature,) = envelope.signatures
+    kind, fields = _open(envelope)
+    if kind is None:
+        return Reading(None, fields, is_complete=False)
+    for extra in ("forbid", "ignore"):
+        with suppress(ValidationError):
+            content = kind.model_validate(fields, extra=extra)
+            is_known = extra == "forbid" and content.schema_version <= SIGNED_VERSION
+            return Reading(content, fields, is_complete=is_known)
+    return Reading(None, fields, is_complete=False)
+
+
+def payload_of(content: Content) -> tuple[str, bytes]:
+    """Return the type and the bytes of what is signed."""
+    if isinstance(content, Receipt):
+        return RECEIPT_TYPE, _compact(_statement(content))
+    return SNAPSHOT_TYPE, _compact(content.model_dump(mode="json"))
+
+
+def pre_authentication(payload_type: str, payload: bytes) -> bytes:
+    """Return the bytes that an envelope signs: the payload's type, the payload, their lengths."""
+    kind = payload_type.encode()
+    return b"DSSEv1 %d %s %d %s" % (len(kind), kind, len(payload), payload)
+
+
+def _check_time(envelope: Envelope, key: KeyReport, until: datetime) -> None:
+    """Raise the errors of :func:`verify_by_history` if a key had ended when it signed something."""
+    _, fields = _open(envelope)
+    is_snapshot = envelope.payload_type == SNAPSHOT_TYPE
     try:
-        worded = json.loads(base64.b64decode(envelope.payload, validate=True))
-        (subject,) = worded["subject"]
-        return Receipt.model_validate_json(
-            json.dumps(
-                {
-                    **worded["predicate"],
-                    "sha256": subject["digest"]["sha256"],
-                    "key_id": signature.keyid,
-                    "proof": signature.sig,
-                }
+        at = _MOMENT.validate_python(fields.get("as_of" if is_snapshot else "received_at"))
+    except ValidationError:
+        raise NewerVersionError(
+            f"key {key.key_id} was valid until {until.isoformat()}, and this version cannot read "
+            "whether it was signed before; update reverie-eval to check it"
+        ) from None
+    if at > until:
+        claim, remedy = (
+            ("the snapshot is as of", "download it again")
+            if is_snapshot
+            else (
+                "the receipt says that the submission came at",
+                "if it is yours, download its receipt again",
             )
         )
+        raise NotGenuineError(
+            f"key {key.key_id} was valid until {until.isoformat()} "
+            f"({printable(key.reason)}), but {claim} {at.isoformat()}; {remedy}"
+        )
+
+
+def _open(envelope: Envelope) -> tuple[type[Content] | None, Mapping[str, Any]]:
+    """Return the class of what is in an envelope, None if it is unknown, and its fields."""
+    try:
+        told = _FIELDS.validate_json(_bytes_in(envelope))
+        if envelope.payload_type == SNAPSHOT_TYPE:
+            return Snapshot, told
+        (subject,) = told["subject"]
+        fields = {**told["predicate"], "sha256": subject["digest"]["sha256"]}
     except (ValueError, KeyError, TypeError):
-        raise NotGenuineError("it has no receipt that this version can read") from None
+        return None, {}
+    is_known = (envelope.payload_type, told.get("predicateType")) == (RECEIPT_TYPE, PREDICATE_TYPE)
+    return Receipt if is_known else None, fields
 
 
-def _claim(signed: Signed) -> tuple[datetime, str, str]:
-    """Return the time by which a key must have counted, what says so, and what to do if not."""
-    if isinstance(signed, Snapshot):
-        return signed.as_of, "the snapshot is as of", "download it again"
-    if isinstance(signed, Envelope):
-        signed = receipt_in(signed)
-    remedy = "if it is yours, download its receipt again"
-    return signed.received_at, "the receipt says that the submission came at", remedy
-
-
-def canonical(receipt: Receipt | Snapshot) -> bytes:
-    """Return the bytes that are signed: the receipt without its proof, in canonical JSON."""
-    return _compact(receipt.model_dump(mode="json", exclude={"proof"}))
-
-
-def statement(receipt: Receipt) -> bytes:
+def _statement(receipt: Receipt) -> Mapping[str, Any]:
     """Return a receipt as an in-toto statement: the file is its subject, the rest its predicate.
 
     Scores are decimal strings with all digits, because programs write floating-point numbers
-    differently. The envelope holds the signature.
+    differently.
     """
-    predicate = receipt.model_dump(
-        mode="json", exclude={"schema_version", "sha256", "key_id", "proof"}
-    )
+    predicate = receipt.model_dump(mode="json", exclude={"sha256"})
     scores = {key: f"{Decimal(repr(value)):f}" for key, value in receipt.scores.items()}
-    return _compact(
-        {
-            "_type": _STATEMENT_TYPE,
-            "subject": [{"name": receipt.submission_id, "digest": {"sha256": receipt.sha256}}],
-            "predicateType": PREDICATE_TYPE,
-            "predicate": {**predicate, "scores": scores},
-        }
-    )
+    return {
+        "_type": _STATEMENT_TYPE,
+        "subject": [{"name": receipt.submission_id, "digest": {"sha256": receipt.sha256}}],
+        "predicateType": PREDICATE_TYPE,
+        "predicate": {**predicate, "scores": scores},
+    }
 
 
-def pre_authentication(payload: bytes) -> bytes:
-    """Return the bytes that an envelope signs: the payload's type, its length and the payload.
+def _bytes_in(envelope: Envelope) -> bytes:
+    return base64.b64decode(envelope.payload, validate=True)
 
-    It begins with ``DSSEv1``, so it cannot be taken for the canonical JSON of a receipt.
-    """
-    return b"DSSEv1 %d %s %d %s" % (
-        len(PAYLOAD_TYPE),
-        PAYLOAD_TYPE.encode(),
-        len(payload),
-        payload,
-    )
+
+def _keys_named_by(envelope: Envelope) -> str:
+    return f"key {printable(', '.join(envelope.key_ids))}"
 
 
 def _compact(fields: Mapping[str, Any]) -> bytes:

@@ -2,16 +2,15 @@
 
 import errno
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.submissions import RECEIPT_ENDING
 
 if TYPE_CHECKING:
-    from reverie_eval.receipts import Signed
-    from reverie_eval.schemas.service import Receipt, SubmissionReport
+    from reverie_eval.schemas.service import Envelope, SubmissionReport
 
 
 def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
@@ -27,8 +26,8 @@ def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
             f"{path.parent} is not a folder; the receipt cannot be written there"
         )
     if path.exists():
-        there = _receipt_in(path)
-        if there is None or (there.sha256, there.split) != (sha256, split):
+        there = _fields_in(path)
+        if (there.get("sha256"), there.get("split")) != (sha256, split):
             raise ReverieEvalError(f"{place} already exists; choose another file for the receipt")
 
 
@@ -46,7 +45,7 @@ def keep_receipts(report: "SubmissionReport", place: str | None, submission: str
     return [own, *further]
 
 
-def _keep(receipt: "Receipt", places: Iterable[Path]) -> Path:
+def _keep(receipt: "Envelope", places: Iterable[Path]) -> Path:
     """Write a receipt to the first place that has no other file."""
     path = Path()
     for path in places:
@@ -54,35 +53,39 @@ def _keep(receipt: "Receipt", places: Iterable[Path]) -> Path:
             with path.open("x", encoding="utf-8") as file:
                 file.write(receipt.model_dump_json(indent=2) + "\n")
         except FileExistsError:
-            if _receipt_in(path) == receipt:
+            if _envelope_in(path) == receipt:
                 return path
         else:
             return path
     raise FileExistsError(errno.EEXIST, "already exists", str(path))
 
 
-def read_signed(path: Path) -> "Signed":
-    """Read a receipt, also in an envelope, or a snapshot of a leaderboard."""
-    from pydantic import TypeAdapter, ValidationError
+def read_signed(path: Path) -> "Envelope":
+    """Read a receipt, or a snapshot of a leaderboard."""
+    from pydantic import ValidationError
 
-    from reverie_eval.receipts import Signed
+    from reverie_eval.schemas.service import Envelope
 
-    any_form: TypeAdapter[Signed] = TypeAdapter(Signed)
     try:
-        return any_form.validate_json(path.read_bytes())
+        # A newer version may put more beside what is signed.
+        return Envelope.model_validate_json(path.read_bytes(), extra="ignore")
     except ValidationError:
-        message = f"{path} is not a receipt or a snapshot that this version can read"
-        raise ReverieEvalError(message) from None
+        raise ReverieEvalError(f"{path} is not a receipt or a snapshot of a server") from None
 
 
-def _receipt_in(path: Path) -> "Receipt | None":
-    from reverie_eval.schemas.service import Receipt
-
+def _envelope_in(path: Path) -> "Envelope | None":
     try:
-        signed = read_signed(path)
+        return read_signed(path)
     except (ReverieEvalError, OSError):
         return None
-    return signed if isinstance(signed, Receipt) else None
+
+
+def _fields_in(path: Path) -> Mapping[str, Any]:
+    """Return the fields of the receipt in a file; empty if it has none."""
+    from reverie_eval.receipts import read
+
+    envelope = _envelope_in(path)
+    return {} if envelope is None else read(envelope).fields
 
 
 def _letters(name: str) -> str:

@@ -7,7 +7,14 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, Literal, Self, get_args
 
-from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    model_validator,
+)
 
 from reverie_eval.schemas.report import (
     DatasetName,
@@ -52,6 +59,9 @@ WINDOWS: Mapping[WindowName, timedelta] = MappingProxyType(
 
 BoardName = Annotated[str, Field(examples=["grounding"])]
 """A further leaderboard of a split; empty for its own one."""
+SIGNED_VERSION = 1
+"""The version of receipts and snapshots. A new field leaves it as it is, because earlier versions
+ignore it; it rises if what they know of changes its meaning."""
 
 _DAY = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
 
@@ -371,9 +381,9 @@ class SplitReport(WireModel):
 
 
 class Receipt(WireModel):
-    """Signed proof of a result: every field but the last is signed."""
+    """What a server says of a submission's result; it is signed in an envelope."""
 
-    schema_version: Literal[1] = 1
+    schema_version: int = SIGNED_VERSION
     server: str = Field(examples=["REVERIE evaluation server"])
     """The server's title."""
     submission_id: SubmissionId
@@ -387,10 +397,6 @@ class Receipt(WireModel):
     scores: dict[str, float]
     quota: QuotaReport
     """The quota after this submission."""
-    key_id: KeyId
-    """The first letters of the SHA-256 of the server's public key."""
-    proof: str = Field(examples=["p2l5c2JhZGx5IHNpZ25lZA=="])
-    """Ed25519 over the canonical JSON of the other fields, in base64."""
 
 
 class EnvelopeSignature(WireModel):
@@ -403,13 +409,23 @@ class EnvelopeSignature(WireModel):
 
 
 class Envelope(WireModel):
-    """A receipt in a form that other programs verify: an in-toto statement in a DSSE envelope."""
+    """A signed receipt, or a signed snapshot: the bytes that were signed, in a DSSE envelope."""
+
+    model_config = ConfigDict(serialize_by_alias=True)
 
     payload_type: str = Field(alias="payloadType", examples=["application/vnd.in-toto+json"])
+    """A receipt is an in-toto statement; a snapshot is
+    ``application/vnd.reverie-eval.snapshot+json``."""
     payload: str = Field(examples=["eyJfdHlwZSI6Imh0dHBzOi8vaW4tdG90by5pby9TdGF0ZW1lbnQvdjEifQ=="])
-    """The statement, in base64: the file is its subject, the receipt's fields its predicate."""
-    signatures: list[EnvelopeSignature] = Field(min_length=1, max_length=1)
-    """The server's."""
+    """The bytes, in base64. Of a receipt, the submitted file is the statement's subject, and the
+    other fields are its predicate."""
+    signatures: list[EnvelopeSignature] = Field(min_length=1)
+    """The server's; it has one."""
+
+    @property
+    def key_ids(self) -> Sequence[str]:
+        """The ids of the keys that it says it was signed with."""
+        return [each.keyid for each in self.signatures]
 
 
 class KeyReport(WireModel):
@@ -429,7 +445,7 @@ class EarlierResult(WireModel):
     """A submission's result before a correction of the ground truth or the rules."""
 
     report: ScoreReport
-    receipt: Receipt
+    receipt: Envelope
     replaced_at: datetime
     reason: str = Field(examples=["Targets of 40 episodes were corrected."])
 
@@ -439,7 +455,7 @@ class BoardResult(WireModel):
 
     report: ScoreReport
     """Without scores if the file cannot be ranked there; a note then says why."""
-    receipt: Receipt
+    receipt: Envelope
     earlier: list[EarlierResult] = Field(default_factory=list)
     """Its results before it was scored again, the earliest first; empty while scores are held
     back."""
@@ -456,8 +472,8 @@ class SubmissionReport(WireModel):
     received_at: datetime
     method: Method
     report: ScoreReport
-    receipt: Receipt
-    """Has no scores while these are held back."""
+    receipt: Envelope
+    """Signed; it has no scores while these are held back."""
     earlier: list[EarlierResult] = Field(default_factory=list)
     """Its results before it was scored again, the earliest first; empty while scores are held
     back."""
@@ -603,16 +619,12 @@ class SnapshotEntry(WireModel):
 
 
 class Snapshot(SnapshotEntry):
-    """A signed copy of a leaderboard, which never changes: every field but the last is signed."""
+    """A copy of a leaderboard, which never changes; it is signed in an envelope."""
 
-    schema_version: Literal[1] = 1
+    schema_version: int = SIGNED_VERSION
     server: str = Field(examples=["REVERIE evaluation server"])
     """The server's title."""
     leaderboard: Leaderboard
-    key_id: KeyId
-    """The first letters of the SHA-256 of the server's public key."""
-    proof: str = Field(examples=["p2l5c2JhZGx5IHNpZ25lZA=="])
-    """Ed25519 over the canonical JSON of the other fields, in base64."""
 
 
 class ProblemDocument(WireModel):

@@ -511,7 +511,7 @@ def test_snapshots_are_paged(desk: Visitor) -> None:
                 number=number,
                 title=f"State {number}",
                 as_of=NOON,
-                content={},
+                envelope={},
                 created_at=NOON,
             )
             transaction.session.add(snapshot)

@@ -11,7 +11,7 @@ import pytest
 
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.receipts import verify
-from reverie_eval.schemas.service import Receipt
+from reverie_eval.schemas.service import Envelope
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.settings import Quota
 from tests.conftest import SAMPLES
@@ -64,7 +64,7 @@ def test_the_team_sees_all_of_it(owner: Visitor) -> None:
     assert f"RGSPL % {100 * report['scores']['rgspl']:.2f}" in words
     assert "Success rate: the target object is visible where the agent stops." in words
     assert report["signature"] in words
-    assert '"proof": "' in words
+    assert f'"submission_id": "{submission}"' in words
     assert "199 of 200 per 24 hours; one more from 2026-03-03 12:00 UTC" in words
     assert '<a href="https://example.org/p" rel="nofollow noopener noreferrer">Paper' in page.text
 
@@ -83,9 +83,8 @@ def test_what_can_be_downloaded_is_what_was_sent_and_signed(owner: Visitor) -> N
     links = re.findall(
         r'href="(/api/v1/[^"]+)" download=', owner.get(f"/submissions/{submission}").text
     )
-    receipt, envelope, file, episodes = (owner.get(link) for link in links)
-    verify(Receipt.model_validate_json(receipt.text), owner.server.ask(None, "GET", "/key").text)
-    assert envelope.json()["payloadType"] == "application/vnd.in-toto+json"
+    receipt, file, episodes = (owner.get(link) for link in links)
+    verify(Envelope.model_validate_json(receipt.text), owner.server.ask(None, "GET", "/key").text)
     assert file.content == GOOD
     assert len(episodes.text.splitlines()) == 85  # the header, and the split's 84 episodes
 
@@ -156,7 +155,8 @@ def test_what_everybody_sees_of_a_published_submission(owner: Visitor) -> None:
         for own in (
             OWNER,
             "/episodes/",
-            "proof",
+            "payload",
+            "receipt",
             "History",
             "submissions left",
             "Withdraw",

@@ -12,6 +12,7 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.support.flat import Run
 from tests.support.participants import RealServer, private_submission
+from tests.support.signing import receipt_in
 
 PAGE = (REPOSITORY / "docs" / "how-to" / "submit.md").read_text()
 SERVER = "https://reverie.example.org"
@@ -72,7 +73,7 @@ def test_the_notebook_s_lines_run(real_server: RealServer, at_home: Path) -> Non
     lines = section.partition("```python\n")[2].partition("```")[0]
     names: dict[str, Any] = {"token": real_server.mint(real_server.newcomer())}
     exec(lines.replace(SERVER, real_server.url), names)
-    assert names["scores"]["spl"] == names["accepted"].submission.receipt.scores["spl"]
+    assert names["scores"]["spl"] == receipt_in(names["accepted"].submission.receipt).scores["spl"]
 
 
 def test_every_message_that_is_explained_is_one() -> None:

@@ -24,6 +24,7 @@ from tests.support.serving import (
     adjusted,
     settings_of,
 )
+from tests.support.signing import receipt_in
 from tests.support.visiting import signed_in
 from tests.support.waiting import wait_until
 
@@ -78,7 +79,7 @@ def in_line_for_scoring(
 def received_at(server: Serving) -> list[datetime]:
     """Return when the receipts say that submissions came."""
     found = server.ask(OWNER, "GET", "/submissions").json()
-    return [datetime.fromisoformat(each["receipt"]["received_at"]) for each in found]
+    return [receipt_in(each["receipt"]).received_at for each in found]
 
 
 @pytest.mark.parametrize("upload", UPLOADS.values(), ids=UPLOADS)

@@ -127,6 +127,7 @@ def spoil_pages(folder: Path) -> None:
     (folder / "server.db").write_bytes(content)
 
 
+SIGNATURE = "$.signatures[0].sig"
 FIRST = "id = (SELECT min(id) FROM submission)"
 DAMAGES = [
     pytest.param(lambda folder: upload(folder).unlink(), "uploads", "is missing", id="no upload"),
@@ -151,16 +152,19 @@ DAMAGES = [
         id="score",
     ),
     pytest.param(
-        sql(f"UPDATE submission SET receipt = json_set(receipt, '$.scores.spl', 1) WHERE {FIRST}"),
+        sql(
+            "UPDATE submission SET receipt = json_set(receipt, '$.payload', "
+            f"replace(receipt ->> '$.payload', '0', '1')) WHERE {FIRST}"
+        ),
         "receipts",
         "changed",
-        id="receipt's score",
+        id="receipt's bytes",
     ),
     pytest.param(
-        sql(f"UPDATE submission SET receipt = json_set(receipt, '$.proof', '') WHERE {FIRST}"),
+        sql(f"UPDATE submission SET receipt = json_set(receipt, '{SIGNATURE}', '') WHERE {FIRST}"),
         "receipts",
         "changed",
-        id="receipt's proof",
+        id="receipt's signature",
     ),
     pytest.param(
         sql("UPDATE submission SET team_id = 3 - team_id WHERE split = 'val_unseen'"),
@@ -418,7 +422,7 @@ def faults_of(folder: Path) -> Sequence[str]:
 def test_damage_to_several_is_named_all_at_once(kept: Path, run: Run) -> None:
     upload(kept).unlink()
     sql("UPDATE audit SET actor = 'nobody' WHERE id = 2")(kept)
-    sql(f"UPDATE submission SET receipt = json_set(receipt, '$.proof', '') WHERE {FIRST}")(kept)
+    sql(f"UPDATE submission SET receipt = json_set(receipt, '{SIGNATURE}', '') WHERE {FIRST}")(kept)
     outcome = run("server", "doctor", str(kept))
     faults = [line.split("  ")[0] for line in outcome.out.splitlines() if " fault " in line]
     assert faults == ["uploads", "receipts", "audit log"]

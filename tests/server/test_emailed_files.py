@@ -34,6 +34,7 @@ from tests.support.serving import (
     settings_of,
     submission_for,
 )
+from tests.support.signing import receipt_in
 from tests.support.visiting import said, signed_in
 
 TEAM = "Blue"
@@ -250,7 +251,7 @@ def test_the_letter_says_what_is_left_today_and_the_receipt_what_was_left_then(
     server.upload(OWNER, server.distinct(PRIVATE), PRIVATE)
     server.clock.turn(days=3)
     report = emailed(server, server.distinct(PRIVATE), split=PRIVATE)
-    receipt = report.submission.receipt
+    receipt = receipt_in(report.submission.receipt)
     assert (
         "submissions left on test: 2\n"
         "  2 of 2 per 24 hours\n"

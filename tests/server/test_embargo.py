@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.organising import EmailedFile
-from reverie_eval.schemas.service import Method, Phase, Receipt
+from reverie_eval.schemas.service import Envelope, Method, Phase
 from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.reviews import any_submission
 from reverie_eval.server.service.submissions import publication
@@ -26,6 +26,7 @@ from tests.support.serving import (
     settings_of,
     submission_for,
 )
+from tests.support.signing import payloads_in, receipt_in
 from tests.support.visiting import said, signed_in
 
 CLOSES = NOON + timedelta(days=1)
@@ -77,7 +78,7 @@ def everything(server: Serving, submission: str) -> dict[str, str]:
     told = {}
     for who, path in api:
         headers = {"Authorization": f"Bearer {server.tokens[who]}"}
-        told[f"{who} {path}"] = server.client.get(path, headers=headers).text
+        told[f"{who} {path}"] = unwrapped(server.client.get(path, headers=headers).text)
     for path in public:
         told[path] = server.client.get(path).text
     for who in (OWNER, OTHER, ORGANISER):
@@ -85,7 +86,12 @@ def everything(server: Serving, submission: str) -> dict[str, str]:
         desk = [f"/desk/reviews?submission={submission}", "/desk"] if who == ORGANISER else []
         told |= {f"{who} page {path}": visitor.get(path).text for path in (*pages, *desk)}
     again = server.upload(OWNER, submission_for(PRIVATE), PRIVATE)
-    return told | {"the same file": again.text}
+    return told | {"the same file": unwrapped(again.text)}
+
+
+def unwrapped(text: str) -> str:
+    """Return a reply, and what is signed in it as plain text besides."""
+    return "\n".join([text, *payloads_in(text)])
 
 
 def secrets_of(server: Serving) -> set[str]:
@@ -124,7 +130,7 @@ def test_it_is_said_when_scores_are_published(held: Serving) -> None:
     submission = submit(held)
     told = held.ask(OWNER, "GET", f"/submissions/{submission}").json()
     assert told["scores_held_until"] == "2026-03-03T12:00:00Z"
-    assert told["report"]["scores"] == told["receipt"]["scores"] == {}
+    assert told["report"]["scores"] == receipt_in(told["receipt"]).scores == {}
     for who in (OWNER, ORGANISER):
         assert SENTENCE in said(signed_in(held, who).get(f"/submissions/{submission}"))
     assert SENTENCE in said(held.client.get(f"/submissions/{submission}"))
@@ -137,14 +143,14 @@ def test_a_receipt_without_scores_is_genuine_and_so_is_the_later_one(held: Servi
     submission, receipts = submit(held), []
     for _ in range(2):
         told = held.ask(OWNER, "GET", f"/submissions/{submission}/receipt").json()
-        receipts.append(Receipt.model_validate(told))
+        receipts.append(Envelope.model_validate(told))
         held.clock.now = CLOSES + timedelta(seconds=1)
     for receipt in receipts:
         verify(receipt, held.state.signer.public_pem)
-    first, later = receipts
+    first, later = map(receipt_in, receipts)
     assert first.scores == {}
     assert later.scores["success"] > 0
-    assert first == later.model_copy(update={"scores": {}, "proof": first.proof})
+    assert first == later.model_copy(update={"scores": {}})
 
 
 def test_what_was_released_or_is_of_a_split_that_is_gone_keeps_its_scores(held: Serving) -> None:

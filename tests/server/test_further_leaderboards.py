@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
-from reverie_eval.schemas.service import Phase, Receipt
+from reverie_eval.schemas.service import Envelope, Phase
 from reverie_eval.server.operations.checks import acting, check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.export import export
@@ -41,6 +41,7 @@ from tests.support.serving import (
     submission_for,
     with_arrays,
 )
+from tests.support.signing import receipt_in
 from tests.support.visiting import signed_in
 
 MEDIOCRE = (SAMPLES / "mediocre.json").read_bytes()
@@ -90,18 +91,18 @@ def test_one_upload_is_scored_by_the_rules_of_each(several: Serving) -> None:
 
 def test_every_receipt_proves_its_own_result(several: Serving) -> None:
     submission = sent(several)
-    own = submission["receipt"]
+    own = receipt_in(submission["receipt"])
     for name, result in submission["also"].items():
         path = f"/submissions/{submission['id']}/also/{name}/receipt"
-        receipt = Receipt.model_validate(several.ask(OWNER, "GET", path).json())
-        verify(receipt, several.state.signer.public_pem)
+        envelope = Envelope.model_validate(several.ask(OWNER, "GET", path).json())
+        verify(envelope, several.state.signer.public_pem)
+        receipt = receipt_in(envelope)
         assert (receipt.signature, receipt.scores) == (
             result["report"]["signature"],
             result["report"]["scores"],
         )
-        same = own.keys() - {"signature", "scores", "proof"}
-        said = receipt.model_dump(mode="json")
-        assert {key: said[key] for key in same} == {key: own[key] for key in same}
+        different = {"signature": own.signature, "scores": own.scores}
+        assert receipt.model_copy(update=different) == own
     missing = several.ask(OWNER, "GET", f"/submissions/{submission['id']}/also/none/receipt")
     assert (missing.status_code, "it has results on: grounding" in missing.text) == (404, True)
 
@@ -179,8 +180,8 @@ def test_private_results_are_rounded_and_held_back_on_all(
     publish(server, submission)
     for each in (submission, shown(server, submission)):
         for result in (each, *each["also"].values()):
-            assert (result["report"]["scores"], result["receipt"]["scores"]) == ({}, {})
-            verify(Receipt.model_validate(result["receipt"]), server.state.signer.public_pem)
+            assert result["report"]["scores"] == receipt_in(result["receipt"]).scores == {}
+            verify(Envelope.model_validate(result["receipt"]), server.state.signer.public_pem)
     assert board(server, STRICT, PRIVATE)["rows"][0]["scores"] == {}
     server.clock.turn(days=200)
     also = shown(server, submission)["also"]
@@ -282,7 +283,7 @@ def test_a_change_of_rules_keeps_both_results(
         assert submission["earlier"] == []
         (earlier,) = submission["also"][STRICT]["earlier"]
         assert earlier["report"]["protocol"] == "paper"
-        verify(Receipt.model_validate(earlier["receipt"]), later.state.signer.public_pem)
+        verify(Envelope.model_validate(earlier["receipt"]), later.state.signer.public_pem)
         page = signed_in(later, ORGANISER).get(f"/submissions/{submission['id']}").text
         assert "Scored again because: More leaderboards." in page
 
@@ -337,10 +338,10 @@ def test_a_removed_leaderboard_leaves_results_to_their_teams(
 
 
 def test_a_revoked_key_signs_none_of_them(several: Serving, folder: Path, run: Run) -> None:
-    submission = sent(several)
+    sent(several)
     assert run("server", "key", "rotate", str(folder), "--reason", "a leak").status == 0
     since = several.clock.now.replace(day=1).isoformat().replace("+00:00", "Z")
-    key = submission["receipt"]["key_id"]
+    key = several.state.signer.key_id
     words = ["server", "key", "revoke", str(folder), key, "--since", since, "--reason", "a leak"]
     done = run(*words)
     assert done.status == 0, done.err

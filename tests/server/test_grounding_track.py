@@ -19,6 +19,7 @@ from tests.support.serving import (
     settings_of,
     submission_for,
 )
+from tests.support.signing import receipt_in
 from tests.support.visiting import signed_in
 
 LEADERBOARD = f"/splits/{OPEN}/leaderboard"
@@ -48,7 +49,7 @@ def test_answers_alone_are_checked_scored_and_ranked(grounding: Serving) -> None
     assert sent.status_code == 201
     submission = sent.json()["submission"]
     assert submission["report"]["scores"] == {"rgs": 55 / 84}
-    assert "|track:grounding|" in submission["receipt"]["signature"]
+    assert "|track:grounding|" in receipt_in(submission["receipt"]).signature
     path = f"/submissions/{submission['id']}"
     grounding.ask(OWNER, "PATCH", path, json={"published": True})
     board = grounding.ask(None, "GET", LEADERBOARD).json()

@@ -6,14 +6,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
 from sqlalchemy import text
 
 from reverie_eval.receipts import NotGenuineError, verify_by_history
-from reverie_eval.schemas.service import KeyReport, Receipt
+from reverie_eval.schemas.service import Envelope, KeyReport
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.doctor import examine
@@ -25,9 +25,10 @@ from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from tests.server.test_doctor import sql
-from tests.support.acting import add_team
+from tests.support.acting import NOON, add_team
 from tests.support.flat import Run
 from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, OpenServer, Serving, settings_of
+from tests.support.signing import receipt_in
 from tests.support.waiting import PATIENCE
 
 ROTATE = """
@@ -42,11 +43,17 @@ main(["server", "key", "rotate", folder])
 """A process that is killed at a step of a rotation."""
 
 
-def receipt_of(server: Serving, who: str = OWNER) -> Receipt:
+def receipt_of(server: Serving, who: str = OWNER) -> Envelope:
     """Upload a new file, and return its receipt."""
     reply = server.upload(who, server.distinct())
     assert reply.status_code == 201, reply.text
-    return Receipt.model_validate(reply.json()["submission"]["receipt"])
+    return Envelope.model_validate(reply.json()["submission"]["receipt"])
+
+
+def received(server: Serving, envelope: Envelope, at: datetime) -> Envelope:
+    """Return a receipt that a server has signed for another time."""
+    receipt = receipt_in(envelope).model_copy(update={"received_at": at})
+    return server.state.signer.sign(receipt)
 
 
 def keys_of(server: Serving) -> list[KeyReport]:
@@ -58,14 +65,14 @@ def faults(folder: Path) -> list[str]:
 
 
 @pytest.fixture
-def before(server: Serving) -> Receipt:
+def before(server: Serving) -> Envelope:
     """Return a receipt that the first key has signed."""
     return receipt_of(server)
 
 
 @pytest.fixture
 def after(
-    before: Receipt,  # signed first
+    before: Envelope,  # signed first
     server: Serving,
     folder: Path,
     open_server: OpenServer,
@@ -76,7 +83,7 @@ def after(
 
 
 def test_receipts_of_all_keys_are_genuine_by_the_published_list(
-    before: Receipt, after: Serving, folder: Path
+    before: Envelope, after: Serving, folder: Path
 ) -> None:
     new, keys = receipt_of(after, OTHER), keys_of(after)
     assert [verify_by_history(each, keys) for each in (before, new)] == keys
@@ -91,15 +98,12 @@ def test_receipts_of_all_keys_are_genuine_by_the_published_list(
 
 
 def test_an_old_key_signs_nothing_that_came_after_its_end(
-    before: Receipt, server: Serving, after: Serving
+    before: Envelope, server: Serving, after: Serving
 ) -> None:
     keys = keys_of(after)
     assert keys[0].valid_until is not None
-    last = server.state.signer.sign_again(before, received_at=keys[0].valid_until)
-    verify_by_history(last, keys)
-    late = server.state.signer.sign_again(
-        before, received_at=keys[0].valid_until + timedelta(microseconds=1)
-    )
+    verify_by_history(received(server, before, keys[0].valid_until), keys)
+    late = received(server, before, keys[0].valid_until + timedelta(microseconds=1))
     with pytest.raises(NotGenuineError, match=r"was valid until .* \(the yearly change\)"):
         verify_by_history(late, keys)
 
@@ -118,7 +122,7 @@ def test_a_server_with_the_old_key_changes_nothing_and_is_unwell(
 
 
 def test_the_verify_command_names_the_key_with_and_without_the_server(
-    before: Receipt, server: Serving, after: Serving, run: Run, tmp_path: Path
+    before: Envelope, server: Serving, after: Serving, run: Run, tmp_path: Path
 ) -> None:
     file, keys = tmp_path / "receipt.json", tmp_path / "keys.json"
     keys.write_text(after.ask(None, "GET", "/keys").text)
@@ -128,9 +132,7 @@ def test_the_verify_command_names_the_key_with_and_without_the_server(
     dates = f"in use from {first.valid_from:%Y-%m-%d} to {first.valid_until:%Y-%m-%d}"
     assert outcome.status == 0
     assert f"signed with the key of {keys} ({first.key_id}, {dates})" in outcome.out
-    future = server.state.signer.sign_again(
-        before, received_at=before.received_at + timedelta(days=4000)
-    )
+    future = received(server, before, NOON + timedelta(days=4000))
     file.write_text(future.model_dump_json())
     assert run("verify", str(file), "--key", str(keys)).status == 1
     keys.write_text('[{"key_id": 1}]')
@@ -145,7 +147,7 @@ def test_the_verify_command_names_the_key_with_and_without_the_server(
     ],
 )
 def test_a_rotation_that_is_killed_leaves_a_whole_server(
-    step: str, count: int, before: Receipt, server: Serving, folder: Path
+    step: str, count: int, before: Envelope, server: Serving, folder: Path
 ) -> None:
     killed = subprocess.run(
         [sys.executable, "-c", ROTATE, step, str(folder)], check=False, timeout=PATIENCE
@@ -164,14 +166,14 @@ def test_a_rotation_that_is_killed_leaves_a_whole_server(
 
 
 @pytest.fixture
-def lost(before: Receipt, folder: Path) -> Path:  # signed first
+def lost(before: Envelope, folder: Path) -> Path:  # signed first
     """Return the folder of a server whose key is lost."""
     (folder / "signing-key.pem").unlink()
     return folder
 
 
 def test_a_lost_key_is_replaced_and_what_it_signed_stays_genuine(
-    before: Receipt, server: Serving, lost: Path, run: Run
+    before: Envelope, server: Serving, lost: Path, run: Run
 ) -> None:
     assert any(f"server key rotate {lost} --lost" in fault for fault in faults(lost))
     assert run("server", "key", "rotate", str(lost)).status == 2
@@ -205,7 +207,7 @@ def test_a_key_that_others_can_read_is_not_lost(folder: Path, run: Run) -> None:
 
 
 def test_a_stolen_key_is_revoked_and_honest_receipts_are_signed_again(
-    before: Receipt, server: Serving, folder: Path, open_server: OpenServer, run: Run
+    before: Envelope, server: Serving, folder: Path, open_server: OpenServer, run: Run
 ) -> None:
     server.clock.turn(days=2)
     stolen_at, (first,) = server.clock(), keys_of(server)
@@ -226,10 +228,10 @@ def test_a_stolen_key_is_revoked_and_honest_receipts_are_signed_again(
     with pytest.raises(NotGenuineError, match="stolen"):
         verify_by_history(affected, keys)
     restarted = open_server(settings_of(folder), server.tokens)
-    reply = restarted.ask(OTHER, "GET", f"/submissions/{affected.submission_id}")
-    new = Receipt.model_validate(reply.json()["receipt"])
+    reply = restarted.ask(OTHER, "GET", f"/submissions/{receipt_in(affected).submission_id}")
+    new = Envelope.model_validate(reply.json()["receipt"])
     assert verify_by_history(new, keys) == keys[1]
-    assert new.scores == affected.scores
+    assert new.payload == affected.payload
 
 
 CHANGES_OF_KEYS = [

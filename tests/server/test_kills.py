@@ -12,7 +12,7 @@ import hashlib
 import signal
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -45,6 +45,7 @@ from tests.support.serving import (
     populate,
     running_postgresql,
 )
+from tests.support.signing import payload_in
 from tests.support.waiting import PATIENCE
 
 SENDERS = (OWNER, MATE, OTHER)
@@ -257,7 +258,7 @@ class Lab:
         for sha256 in rows.keys() - self.known.keys():
             row, upload = rows[sha256], sent[sha256]
             assert (row.team, row.split) == (PEOPLE[upload.who], OPEN)
-            assert row.scores == row.receipt["scores"] == self.scores
+            assert row.scores == _signed_scores(row.receipt) == self.scores
             packed = self.folder / "uploads" / sha256[:2] / f"{sha256}.json.gz"
             assert gzip.decompress(packed.read_bytes()) == upload.content
         self.check_counts(found)
@@ -269,7 +270,9 @@ class Lab:
         """Check that each row was counted once by the quota, and once by the audit log."""
         for team in {PEOPLE[who] for who in SENDERS}:
             left = [
-                row.receipt["quota"]["remaining"] for row in found.submissions if row.team == team
+                payload_in(row.receipt)["predicate"]["quota"]["remaining"]
+                for row in found.submissions
+                if row.team == team
             ]
             assert sorted(left, reverse=True) == [QUOTA - 1 - used for used in range(len(left))]
         recorded = [entry.subject for entry in found.audit if entry.action == "submitted"]
@@ -306,3 +309,8 @@ def test_no_kill_loses_an_upload_or_counts_it_twice(lab: Lab) -> None:
         replies=dict(lab.statuses),
         without_a_reply=dict(lab.fates),
     )
+
+
+def _signed_scores(receipt: Mapping[str, Any]) -> Mapping[str, float]:
+    """Return the scores on a receipt."""
+    return {key: float(text) for key, text in payload_in(receipt)["predicate"]["scores"].items()}

@@ -17,6 +17,7 @@ from reverie_eval.server.store.tables import Submission, Team
 from tests.support.acting import add_person, add_team
 from tests.support.flat import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.signing import receipt_in
 
 MERGE = {"team": "Red", "into": "Blue"}
 
@@ -61,7 +62,7 @@ def test_everything_of_the_team_goes_over_and_nothing_is_amiss(server: Serving) 
     assert [(row["team"], row["submissions"]) for row in rows] == 2 * [("Blue", 2)]
     seen = server.ask(MATE, "GET", f"/submissions/{theirs['id']}").json()
     assert (seen["team"], seen["receipt"]) == ("Blue", theirs["receipt"])
-    assert seen["receipt"]["team"] == "Red"
+    assert receipt_in(seen["receipt"]).team == "Red"
     assert server.ask(OTHER, "GET", "/me").json()["team"] == "Blue"
     teams = server.ask(ORGANISER, "GET", "/organiser/teams").json()
     assert [(team["name"], team["people"]) for team in teams] == [

@@ -11,12 +11,13 @@ import pytest
 from sqlalchemy import select
 
 from reverie_eval.receipts import verify
-from reverie_eval.schemas.service import Receipt
+from reverie_eval.schemas.service import Envelope
 from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
 from tests.support.participants import RealServer, private_submission
 from tests.support.serving import MATE, OPEN, OWNER, PRIVATE, Serving, submission_for
+from tests.support.signing import receipt_in
 from tests.support.waiting import PATIENCE
 
 MANY = 50
@@ -66,9 +67,9 @@ def test_of_many_files_as_many_are_scored_as_the_quota_allows(
 
     replies = at_once(send)
     assert statuses(replies) == {201: ALLOWED, 429: MANY - ALLOWED}
-    signed = [Receipt.model_validate(receipt) for receipt in receipts(replies)]
-    for receipt in signed:
-        verify(receipt, server_on.state.signer.public_pem)
+    for each in receipts(replies):
+        verify(Envelope.model_validate(each), server_on.state.signer.public_pem)
+    signed = [receipt_in(each) for each in receipts(replies)]
     assert sorted(receipt.quota.remaining for receipt in signed) == [0, 1]
     assert set(kept(server_on.state.database, server_on.state.audit_log, "Blue")) == {
         each.submission_id for each in signed
@@ -83,7 +84,7 @@ def test_of_the_same_upload_many_times_one_is_scored(server_on: Serving, *, with
     first, *others = receipts(replies)
     assert all(receipt == first for receipt in others)
     assert kept(server_on.state.database, server_on.state.audit_log, "Blue") == [
-        first["submission_id"]
+        receipt_in(first).submission_id
     ]
     assert {reply.json()["quota"]["remaining"] for reply in replies} == {ALLOWED - 1}
 

@@ -15,7 +15,7 @@ from reverie_eval.errors import SubmissionError
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import EarlierResult, Phase, Receipt
+from reverie_eval.schemas.service import EarlierResult, Envelope, Phase
 from reverie_eval.server.operations import rescoring
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
@@ -53,6 +53,7 @@ from tests.support.serving import (
     submission_for,
     with_arrays,
 )
+from tests.support.signing import receipt_in
 
 WHY = "The target of a task was corrected."
 CORRECTED = "bundles/corrected.npz"
@@ -150,15 +151,13 @@ def test_both_receipts_prove_their_scores(corrected: Serving) -> None:
     key = corrected.state.signer.public_pem
     for submission in corrected.ask(ORGANISER, "GET", "/submissions").json():
         for result in (submission, *submission["earlier"]):
-            receipt = Receipt.model_validate(result["receipt"])
-            verify(receipt, key)
+            verify(Envelope.model_validate(result["receipt"]), key)
+            receipt = receipt_in(result["receipt"])
             assert receipt.scores == result["report"]["scores"]
             assert receipt.signature == result["report"]["signature"]
-        old = submission["earlier"][0]["receipt"]
-        same = old.keys() - {"scores", "signature", "proof"}
-        assert {name: submission["receipt"][name] for name in same} == {
-            name: old[name] for name in same
-        }
+        old, new = (receipt_in(each["receipt"]) for each in (submission["earlier"][0], submission))
+        different = {"scores": old.scores, "signature": old.signature}
+        assert new.model_copy(update=different) == old
 
 
 def test_the_leaderboard_ranks_them_again_and_announces_the_correction(corrected: Serving) -> None:

@@ -59,8 +59,6 @@ GET    /submissions/{submission_id}               401    404   200    200       
 PATCH  /submissions/{submission_id}               401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/receipt       401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/also/{further}/receipt  401  404  200  200  200    401         401
-GET    /submissions/{submission_id}/receipt/envelope  401  404  200  200  200         401         401
-GET    /submissions/{submission_id}/also/{further}/receipt/envelope  401  404  200  200  200  401  401
 GET    /submissions/{submission_id}/file          401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/episodes      401    404   200    200        200      401         401
 GET    /submissions/{private_id}/episodes         401    404   404    404        404      401         401

@@ -10,7 +10,7 @@ from sqlalchemy import select
 
 from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.organising import KeyRevocation, NewSnapshot
-from reverie_eval.schemas.service import EarlierResult, Receipt, Snapshot
+from reverie_eval.schemas.service import EarlierResult, Envelope
 from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFoundError
 from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.service.keys import (
@@ -247,13 +247,14 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
     with state.database.writing() as session:
         _, later, _ = session.scalars(select(Submission).order_by(Submission.received_at)).all()
         known = results_of(later)[""]
-        by_another = Receipt.model_validate({**known.receipt.model_dump(), "key_id": THIRD.key_id})
+        by_another = THIRD.sign_again(known.receipt)
         about = {"report": known.report, "replaced_at": NOON, "reason": "corrected"}
         earlier = [EarlierResult(**about, receipt=each) for each in (known.receipt, by_another)]
         store_result(later, "", known.model_copy(update={"earlier": earlier}))
         store_result(later, "strict", known)
         third = session.scalars(select(StoredSnapshot).where(StoredSnapshot.number == 3)).one()
-        third.content = {**third.content, "key_id": THIRD.key_id}
+        by_third = THIRD.sign_again(Envelope.model_validate(third.envelope))
+        third.envelope = by_third.model_dump(mode="json")
     with server.acting() as transaction:
         replace_key(transaction, SECOND, "the yearly change")
     with transactions(state.database, SECOND, 3).begin("test") as transaction:
@@ -262,16 +263,16 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
         session = transaction.session
         submissions = session.scalars(select(Submission).order_by(Submission.received_at)).all()
         first, later, last = submissions
-        assert [result.receipt.key_id for result in results_of(first).values()] == [signed_by]
-        assert [result.receipt.key_id for result in results_of(last).values()] == [SECOND.key_id]
+        assert [result.receipt.key_ids for result in results_of(first).values()] == [[signed_by]]
+        assert [result.receipt.key_ids for result in results_of(last).values()] == [[SECOND.key_id]]
         own, strict = results_of(later)[""], results_of(later)["strict"]
-        assert [each.receipt.key_id for each in own.earlier] == [SECOND.key_id, THIRD.key_id]
+        assert [each.receipt.key_ids for each in own.earlier] == [[SECOND.key_id], [THIRD.key_id]]
         assert own.earlier[1].receipt == by_another
         for receipt in (own.receipt, own.earlier[0].receipt, strict.receipt):
             verify(receipt, SECOND.public_pem)
-        assert own.receipt.scores == known.receipt.scores
+        assert own.receipt.payload == known.receipt.payload
         stored = session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)).all()
-        kept, again, another = (Snapshot.model_validate(each.content) for each in stored)
-        assert (kept.key_id, another.key_id) == (signed_by, THIRD.key_id)
+        kept, again, another = (Envelope.model_validate(each.envelope) for each in stored)
+        assert (kept.key_ids, another.key_ids) == ([signed_by], [THIRD.key_id])
         verify(again, SECOND.public_pem)
         assert entries(session)[-1].details["signed_again"] == 5

@@ -28,6 +28,7 @@ from reverie_eval.server.store.dump import dump
 from tests.support.acting import NOON, review
 from tests.support.crawling import links_of
 from tests.support.entries import entered
+from tests.support.flat import Run
 from tests.support.planted import Secrets, planted
 from tests.support.serving import (
     MATE,
@@ -43,6 +44,7 @@ from tests.support.serving import (
     settings_of,
     submission_for,
 )
+from tests.support.signing import payload_in
 
 ADDRESS = "https://lab.example.org/reverie"
 SETTINGS = f"""
@@ -224,6 +226,14 @@ def test_files_for_programs_are_those_of_the_server(split: str, lab: Lab) -> Non
         assert lab.files[name] == lab.server.client.get(path).content
 
 
+def test_a_snapshot_of_the_copy_can_be_verified_without_a_server(lab: Lab, run: Run) -> None:
+    files = (f"api/v1/splits/{OPEN}/snapshots/1.json", "--key", "api/v1/keys.json")
+    words = (str(lab.site / each) if each.endswith(".json") else each for each in files)
+    outcome = run("verify", *words)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert f"proven: the server's leaderboard of {OPEN} as of " in outcome.out
+
+
 def test_charts_have_their_data_in_the_page(lab: Lab) -> None:
     page = lab.files[f"boards/{OPEN}.html"].decode()
     (found,) = re.findall(r"data-chart='([^']*)'", page)
@@ -238,7 +248,7 @@ PUBLIC = {
     "submission": ("id", "split", "method", "report", "published_at"),
     "review": ("verdict", "reason", "submission_id"),
     "notice": ("banner",),
-    "snapshot": ("title", "content"),
+    "snapshot": ("title", "envelope"),
 }
 """Columns that everybody may see, of rows that are shown."""
 WORDS = {"role", "kind", "action", "row", "outcome", "split", "verdict"}
@@ -255,6 +265,8 @@ def texts(value: Any) -> Iterator[str]:
     elif isinstance(value, dict):
         for each in value.values():
             yield from texts(each)
+        if "payload" in value:
+            yield from texts(payload_in(value))
     elif isinstance(value, list):
         for each in value:
             yield from texts(each)

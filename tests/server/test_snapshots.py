@@ -1,7 +1,6 @@
 """Snapshots: signed states of a leaderboard, taken by the organiser or when a phase has ended."""
 
 import asyncio
-import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta
@@ -13,7 +12,7 @@ from sqlalchemy import delete, event, select
 
 from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
 from reverie_eval.schemas.organising import KeyRevocation, NewSchedule, NewTeam
-from reverie_eval.schemas.service import KeyReport, Phase, Snapshot
+from reverie_eval.schemas.service import Envelope, KeyReport, Phase, Snapshot
 from reverie_eval.server.app import create_app
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.operations.doctor import examine
@@ -38,6 +37,7 @@ from tests.support.serving import (
     adjusted,
     settings_of,
 )
+from tests.support.signing import altered, snapshot_in
 from tests.support.waiting import wait_until
 
 CLOSES = NOON + timedelta(hours=1)
@@ -61,11 +61,16 @@ def publish(server: Serving, who: str, split: str = PRIVATE) -> str:
     return submission
 
 
-def snapshots(server: Serving, split: str = PRIVATE) -> list[Snapshot]:
-    """Return all snapshots of a split, as anybody gets them, the earliest first."""
+def envelopes(server: Serving, split: str = PRIVATE) -> list[Envelope]:
+    """Return all signed snapshots of a split, as anybody gets them, the earliest first."""
     listed = server.ask(None, "GET", f"/splits/{split}/snapshots").json()
     paths = [f"/splits/{split}/snapshots/{each['number']}" for each in reversed(listed)]
-    return [Snapshot.model_validate(server.ask(None, "GET", path).json()) for path in paths]
+    return [Envelope.model_validate(server.ask(None, "GET", path).json()) for path in paths]
+
+
+def snapshots(server: Serving, split: str = PRIVATE) -> list[Snapshot]:
+    """Return all snapshots of a split, the earliest first."""
+    return [snapshot_in(each) for each in envelopes(server, split)]
 
 
 @pytest.fixture
@@ -90,7 +95,7 @@ def test_a_list_of_snapshots_reads_no_leaderboard(path: str, server: Serving) ->
     reply = server.client.get(path)
     assert TITLE in reply.text
     assert any("FROM snapshot" in each for each in statements)
-    assert not any("snapshot.content" in each for each in statements)
+    assert not any("snapshot.envelope" in each for each in statements)
 
 
 def test_a_snapshot_stays_as_it_is(server_on: Serving) -> None:
@@ -109,7 +114,8 @@ def test_a_snapshot_stays_as_it_is(server_on: Serving) -> None:
     (kept,) = snapshots(server_on, OPEN)
     assert kept.leaderboard.model_dump(mode="json") == board
     assert server_on.ask(None, "GET", f"/splits/{OPEN}/snapshots/1.csv").text == text
-    verify(kept, server_on.state.signer.public_pem)
+    (envelope,) = envelopes(server_on, OPEN)
+    verify(envelope, server_on.state.signer.public_pem)
     assert take(server_on, title="again")["number"] == 2
     assert len(snapshots(server_on, OPEN)[1].leaderboard.apart) == 1
 
@@ -117,11 +123,9 @@ def test_a_snapshot_stays_as_it_is(server_on: Serving) -> None:
 def test_a_changed_one_is_not_genuine(server: Serving) -> None:
     publish(server, OWNER, OPEN)
     take(server)
-    (kept,) = snapshots(server, OPEN)
-    told = kept.model_dump(mode="json")
-    told["leaderboard"]["rows"][0]["scores"]["spl"] += 0.01
+    (kept,) = envelopes(server, OPEN)
     with pytest.raises(NotGenuineError):
-        verify(Snapshot.model_validate(told), server.state.signer.public_pem)
+        verify(altered(kept), server.state.signer.public_pem)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +143,7 @@ def test_what_is_not_there(path: str, status: int, server: Serving) -> None:
 def test_a_snapshot_that_is_not_there_says_so(server: Serving) -> None:
     take(server)
     with server.state.database.reading() as session:
-        assert snapshot_of(session, OPEN, 1).title == TITLE
+        assert snapshot_in(snapshot_of(session, OPEN, 1)).title == TITLE
         for split, number in ((OPEN, 2), (PRIVATE, 1)):
             with pytest.raises(NotFoundError) as missing:
                 snapshot_of(session, split, number)
@@ -528,13 +532,13 @@ def test_a_download_is_verified(server: Serving, tmp_path: Path, run: Run) -> No
     take(server)
     key, file = tmp_path / "key.pem", tmp_path / "snapshot.json"
     key.write_text(server.state.signer.public_pem)
-    told = server.ask(None, "GET", f"/splits/{OPEN}/snapshots/1").json()
-    file.write_text(json.dumps(told, indent=1))
+    (kept,) = envelopes(server, OPEN)
+    file.write_text(kept.model_dump_json(indent=1))
     outcome = run("verify", str(file), "--key", str(key))
     assert (outcome.status, outcome.err) == (0, "")
     assert f"the server's leaderboard of {OPEN} as of " in outcome.out
     assert "  1   57.22  Walker, Blue\n" in outcome.out
-    file.write_text(json.dumps({**told, "title": "another"}))
+    file.write_text(altered(kept).model_dump_json())
     assert run("verify", str(file), "--key", str(key)).status == 1
     wrong = run("verify", str(file), "--key", str(key), "--submission", str(file))
     assert (wrong.status, "--submission is for receipts" in wrong.err) == (2, True)
@@ -552,7 +556,7 @@ def test_those_of_a_revoked_key_are_signed_again(
     with after.acting() as transaction:
         assert revoke_key(transaction, server.state.signer.key_id, revocation) == 1
     keys = [KeyReport.model_validate(key) for key in after.ask(None, "GET", "/keys").json()]
-    kept = snapshots(after, OPEN)
+    kept = envelopes(after, OPEN)
     assert [verify_by_history(each, keys).key_id for each in kept] == [key.key_id for key in keys]
     stolen = server.state.signer.sign_again(kept[1])
     with pytest.raises(NotGenuineError, match="but the snapshot is as of"):
@@ -564,7 +568,8 @@ def test_those_of_a_revoked_key_are_signed_again(
     ("damage", "told"),
     [
         pytest.param(None, "1 snapshot verified", id="none"),
-        pytest.param("content", "snapshot 1 of val_unseen: it was changed", id="changed"),
+        pytest.param("bytes", "snapshot 1 of val_unseen: the signature does not match", id="bytes"),
+        pytest.param("envelope", "snapshot 1 of val_unseen: it was changed", id="no envelope"),
         pytest.param("title", "snapshot 1 of val_unseen: it differs from its row", id="its row"),
     ],
 )
@@ -574,8 +579,11 @@ def test_the_doctor_verifies_them(
     take(server)
     with server.state.database.writing() as session:
         row = session.scalars(select(StoredSnapshot)).one()
-        if damage == "content":
-            row.content = {**row.content, "title": "another"}
+        if damage == "bytes":
+            changed = altered(Envelope.model_validate(row.envelope))
+            row.envelope = changed.model_dump(mode="json")
+        if damage == "envelope":
+            row.envelope = {"title": TITLE}
         if damage == "title":
             row.title = "another"
     found = [each for each in examine(folder) if each.check == "snapshots"]

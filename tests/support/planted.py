@@ -18,6 +18,7 @@ from reverie_eval import GroundTruth, Scores
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import Bundle, pack_texts
 from tests.support.serving import with_arrays
+from tests.support.signing import payloads_in
 
 FIRST_OBJECT = 1_999_000_019
 BOX = (601, 433, 37, 29)
@@ -84,7 +85,9 @@ class Secrets:
         )
 
     def found_in(self, text: str) -> Iterator[str]:
-        """Return what kinds of secrets a text holds."""
+        """Return what kinds of secrets a text holds, also within what is signed in it."""
+        for signed in payloads_in(text):
+            yield from self.found_in(signed)
         timeless = _CLOCK.sub(r"\1", text)
         yield from (kind for kind, pattern in self.patterns.items() if pattern.search(timeless))
         try:

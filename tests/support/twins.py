@@ -1,10 +1,9 @@
 """Two servers that differ in the answers of the private split alone.
 
 Whatever somebody asks them, they have to say the same, byte for byte, apart from scores and what
-is derived from the ground truth as a whole: its fingerprint, and the proof of a receipt.
+is derived from the ground truth as a whole: its fingerprint, and the signature of a receipt.
 """
 
-import base64
 import json
 import re
 import secrets
@@ -26,11 +25,12 @@ from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.service.results import results_of, store_result
 from reverie_eval.server.store.tables import Submission
 from tests.support.serving import FURTHER, PRIVATE, OpenServer, Serving, adjusted, settings_of
+from tests.support.signing import payload_in, receipt_in
 from tests.support.visiting import FIELD
 
 PLENTY = {"day": 1_000_000, "month": 1_000_000, "year": 1_000_000}
-_SCORED = frozenset({"scores", "proof"})
-"""Keys of what may differ."""
+_SCORED = "scores"
+"""The key of what may differ."""
 _SHOWN = 12
 """Digits of a fingerprint in the signature of scores."""
 _MADE_UP = 0.4321
@@ -162,8 +162,9 @@ class Twins:
                 for further, result in results_of(row).items():
                     scores = dict.fromkeys(result.report.scores, _MADE_UP)
                     report = result.report.model_copy(update={"scores": scores})
-                    receipt = result.receipt.model_copy(update={"scores": scores, "proof": ""})
-                    store_result(row, further, BoardResult(report=report, receipt=receipt))
+                    receipt = receipt_in(result.receipt).model_copy(update={"scores": scores})
+                    envelope = server.state.signer.sign(receipt)
+                    store_result(row, further, BoardResult(report=report, receipt=envelope))
 
     def _ask(
         self, server: Serving, identifiers: Identifiers, who: str | None, *request: str, **more: Any
@@ -188,21 +189,30 @@ class Twins:
         if reply.headers.get("content-type", "").startswith("text/plain; version"):
             headers.pop("content-length", None)
             body = _TIMINGS.sub(b"", body)
+        if b'"payloadType":' in body:
+            body = json.dumps(_opened(json.loads(body))).encode()
         if has_scores:
             body = json.dumps(_without_scores(json.loads(body))).encode()
-        if body.startswith(b'{"payloadType":'):  # an envelope, whose signature is that of all
-            body = base64.b64decode(json.loads(body)["payload"])
         fingerprint = self.servers[which].state.boards[PRIVATE].truth.fingerprint
         body = body.replace(fingerprint.encode(), b"-" * len(fingerprint))
         body = body.replace(fingerprint[:_SHOWN].encode(), b"-" * _SHOWN)
         return headers, body
 
 
+def _opened(document: Any) -> Any:
+    """Return a document with what is signed in place of envelopes: signatures are those of all."""
+    if isinstance(document, dict):
+        if isinstance(document.get("payloadType"), str):
+            return payload_in(document)
+        return {key: _opened(value) for key, value in document.items()}
+    return [_opened(each) for each in document] if isinstance(document, list) else document
+
+
 def _without_scores(document: Any) -> Any:
     if isinstance(document, dict):
         return {
             key: (sorted(value) if isinstance(value, dict) else None)
-            if key in _SCORED
+            if key == _SCORED
             else _without_scores(value)
             for key, value in document.items()
         }

@@ -5,7 +5,6 @@ is moved by the test, for the server, which listens in this process, as for the 
 """
 
 import base64
-import json
 import re
 import shutil
 import threading
@@ -33,6 +32,7 @@ from tests.support.participants import private_submission
 from tests.support.plain_sql import Stored, stored
 from tests.support.processes import TOKEN, Laptop
 from tests.support.serving import NO_TLS, PRIVATE, broken_private, with_arrays
+from tests.support.signing import payload_in
 from tests.support.waiting import PATIENCE, wait_until
 
 TEAMS = [f"Team {number:02}" for number in range(1, 31)]
@@ -349,7 +349,8 @@ def check_quotas(found: Stored) -> None:
     """Check that no team has more submissions in any window than its quota and grants allow."""
     times = defaultdict(list)
     for each in found.submissions:
-        times[each.team].append(datetime.fromisoformat(each.receipt["received_at"]))
+        received_at = payload_in(each.receipt)["predicate"]["received_at"]
+        times[each.team].append(datetime.fromisoformat(received_at))
     for team, received in times.items():
         extra = 2 if team == TEAMS[10] else 0
         for begin in received:
@@ -371,11 +372,12 @@ def check_signatures(year: Year, found: Stored) -> None:
     used = Counter()  # type: ignore[var-annotated]
     receipts = [each.receipt for each in year.acknowledged]
     for receipt in [*receipts, *(each.receipt for each in found.submissions)]:
-        signed = {name: value for name, value in receipt.items() if name != "proof"}
-        text = json.dumps(signed, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-        key = load_pem_public_key(keys[receipt["key_id"]]["public_key"].encode())
-        key.verify(base64.b64decode(receipt["proof"]), text.encode())  # type: ignore[union-attr, call-arg]
-        used[receipt["key_id"]] += 1
+        (signature,) = receipt["signatures"]
+        kind, payload = receipt["payloadType"], base64.b64decode(receipt["payload"])
+        signed = f"DSSEv1 {len(kind)} {kind} {len(payload)} ".encode() + payload
+        key = load_pem_public_key(keys[signature["keyid"]]["public_key"].encode())
+        key.verify(base64.b64decode(signature["sig"]), signed)  # type: ignore[union-attr, call-arg]
+        used[signature["keyid"]] += 1
     assert used.keys() == keys.keys()
 
 

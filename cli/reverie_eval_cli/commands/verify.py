@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 import click
 
 from reverie_eval import ReverieEvalError
+from reverie_eval.text import printable
 from reverie_eval_cli import options
 from reverie_eval_cli.servers import ServerOptions, server_options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
-    from reverie_eval.receipts import Signed
-    from reverie_eval.schemas.service import KeyReport
+    from reverie_eval.receipts import Reading
+    from reverie_eval.schemas.service import Envelope, KeyReport
 
 
 @click.command()
@@ -35,38 +36,39 @@ def verify(
 ) -> int:
     """Check that a receipt, or a snapshot of a leaderboard, was signed by a server.
 
-    RECEIPT is what `reverie-eval submit` wrote, a receipt as an in-toto statement, or a snapshot's
-    JSON.
+    RECEIPT is what `reverie-eval submit` wrote, or a snapshot's JSON. What a newer version signed
+    is checked too, and shown as far as this version can read it.
 
     Exit status: 0 genuine, 1 not genuine, 2 usage or system error.
     """
-    from reverie_eval.receipts import NotGenuineError, key_named_by, receipt_in
-    from reverie_eval.reporting._submission import receipt_lines, snapshot_lines
-    from reverie_eval.schemas.service import Envelope, Snapshot
+    from reverie_eval.receipts import SNAPSHOT_TYPE, NotGenuineError, read
     from reverie_eval.submissions import read_bytes
     from reverie_eval_cli.receipts import read_signed
 
     if key is not None and server.named:
         raise click.UsageError("give --key or --server, not both")
-    signed = read_signed(receipt)
-    if submission and isinstance(signed, Snapshot):
+    envelope = read_signed(receipt)
+    if submission and envelope.payload_type == SNAPSHOT_TYPE:
         raise click.UsageError("--submission is for receipts; a snapshot has many submissions")
     keys, owner = _keys(server, key)
     try:
-        in_use = _verified(signed, keys)
+        used = _verified(envelope, keys)
     except NotGenuineError as error:
         print(f"{receipt}: not genuine by the keys of {owner}: {error}", file=sys.stderr)
         return 1
-    genuine = f"{receipt}: genuine, signed with the key of {owner} ({key_named_by(signed)}{in_use})"
-    if isinstance(signed, Snapshot):
-        print(genuine, *snapshot_lines(signed), sep="\n")
-        return 0
-    if isinstance(signed, Envelope):
-        signed = receipt_in(signed)
-    if submission and hashlib.sha256(read_bytes(submission)).hexdigest() != signed.sha256:
-        print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
-        return 1
-    print(genuine, *receipt_lines(signed), sep="\n")
+    reading = read(envelope)
+    if submission:
+        scored = reading.fields.get("sha256")
+        if scored is None:
+            raise ReverieEvalError(
+                f"{receipt} is genuine, but this version cannot read which file it is for; update "
+                "reverie-eval"
+            )
+        if hashlib.sha256(read_bytes(submission)).hexdigest() != scored:
+            print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
+            return 1
+    print(f"{receipt}: genuine, signed with the key of {owner} ({used})")
+    print(*_lines(reading), sep="\n")
     if submission:
         print(f"{submission}: the file that was scored")
     return 0
@@ -90,13 +92,30 @@ def _keys(server: ServerOptions, file: Path | None) -> "tuple[Sequence[KeyReport
         raise ReverieEvalError(f"{file} is not a list of keys from /api/v1/keys") from None
 
 
-def _verified(signed: "Signed", keys: "Sequence[KeyReport] | str") -> str:
-    """Verify a receipt or a snapshot, and return when its key was in use, if that is known."""
+def _verified(envelope: "Envelope", keys: "Sequence[KeyReport] | str") -> str:
+    """Verify a receipt or a snapshot; return its key, and when that was in use, if known."""
     from reverie_eval.receipts import verify, verify_by_history
 
     if isinstance(keys, str):
-        verify(signed, keys)
-        return ""
-    key = verify_by_history(signed, keys)
-    since = f", in use from {key.valid_from:%Y-%m-%d}"
-    return since if key.valid_until is None else f"{since} to {key.valid_until:%Y-%m-%d}"
+        return verify(envelope, keys)
+    key = verify_by_history(envelope, keys)
+    used = f"{key.key_id}, in use from {key.valid_from:%Y-%m-%d}"
+    return used if key.valid_until is None else f"{used} to {key.valid_until:%Y-%m-%d}"
+
+
+def _lines(reading: "Reading") -> "Iterator[str]":
+    """Yield what a receipt or a snapshot proves, as far as this version can read it."""
+    from reverie_eval.reporting._submission import receipt_lines, snapshot_lines
+    from reverie_eval.schemas.service import Receipt, Snapshot
+
+    if not reading.is_complete:
+        yield "made by a newer version of reverie-eval; update to read all of it"
+    match reading.content:
+        case Receipt() as receipt:
+            yield from receipt_lines(receipt)
+        case Snapshot() as snapshot:
+            yield from snapshot_lines(snapshot)
+        case None:
+            for name, value in reading.fields.items():
+                if isinstance(value, str | int):
+                    yield printable(f"  {name}: {value}")

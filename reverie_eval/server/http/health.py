@@ -26,7 +26,7 @@ from reverie_eval.agents import run_agent
 from reverie_eval.metrics import METRICS
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import HealthReport, JobReport, QuotaReport
+from reverie_eval.schemas.service import HealthReport, JobReport, QuotaReport, Receipt
 from reverie_eval.server.errors import RequestError
 from reverie_eval.server.jobs.runner import Jobs
 from reverie_eval.server.service.audit import SERVER
@@ -146,7 +146,8 @@ class Canary:
 
     def _sign(self, report: ScoreReport) -> None:
         signer = self._server.signer
-        receipt = signer.sign(
+        receipt = Receipt(
+            server=signer.server,
             submission_id=_AGENT,
             team="",
             sha256=_NO_DIGEST,
@@ -156,7 +157,7 @@ class Canary:
             scores=report.scores,
             quota=QuotaReport(remaining=0, next_at=None, seconds_to_next=0, windows=[]),
         )
-        verify(receipt, signer.public_pem)
+        verify(signer.sign(receipt), signer.public_pem)
 
 
 def _compare_key(server: ServerState) -> None:

@@ -13,11 +13,19 @@ from sqlalchemy import ScalarResult, Select, func, select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.receipts import ReceiptError, verify_by_history
+from reverie_eval.receipts import (
+    Content,
+    NewerVersionError,
+    ReceiptError,
+    read,
+    verify_by_history,
+)
 from reverie_eval.schemas.service import (
     BoardResult,
     EarlierResult,
+    Envelope,
     KeyReport,
+    Receipt,
     Snapshot,
     SnapshotEntry,
     SubmissionReport,
@@ -51,6 +59,7 @@ from reverie_eval.text import count_text, first_few
 Track = Callable[[Iterable[str], str, int], Iterable[str]]
 """Shows progress while iterating over items: what they are, and how many."""
 
+_RESTORE = "restore the key or the database from the last backup"
 _LITTLE_SPACE = 1 << 30
 """Bytes; a thousand typical uploads to the largest split, unpacked, take a few times as much."""
 
@@ -239,6 +248,7 @@ class _Receipts:
         self._names = names
         """All names that each team has had, by its current name."""
         self._sound = 0
+        self._unread = 0
 
     def check(self, submission: SubmissionReport) -> Iterator[Finding]:
         """Check the receipts of all results that a submission has had."""
@@ -250,28 +260,55 @@ class _Receipts:
     def _check_one(
         self, submission: SubmissionReport, result: BoardResult | EarlierResult
     ) -> Iterator[Finding]:
+        trouble = ""
         try:
-            verify_by_history(result.receipt, self._keys)
+            said = _verified(result.receipt, self._keys)
+        except NewerVersionError:
+            self._unread += 1
+            return
         except ReceiptError as error:
             trouble = str(error)
         else:
-            is_said = _matches_row(submission, result, self._names[submission.team])
-            trouble = "" if is_said else "the receipt differs from the submission's row"
+            if not _matches_row(said, submission, result, self._names[submission.team]):
+                trouble = "the receipt differs from the submission's row"
         self._sound += not trouble
         if trouble:
-            remedy = "restore the key or the database from the last backup"
-            yield Finding("receipts", "fault", f"{submission.id}: {trouble}; {remedy}")
+            yield Finding("receipts", "fault", f"{submission.id}: {trouble}; {_RESTORE}")
 
     def sum_up(self) -> Iterator[Finding]:
+        if self._unread:
+            yield Finding("receipts", "note", _not_compared(count_text(self._unread, "receipt")))
         yield Finding("receipts", "ok", f"{count_text(self._sound, 'receipt')} verified")
 
 
-def _matches_row(
-    kept: SubmissionReport, result: BoardResult | EarlierResult, names: Collection[str]
-) -> bool:
-    said = result.receipt
+def _verified(envelope: Envelope, keys: Sequence[KeyReport]) -> Content:
+    """Return what was signed, as far as this version can read it.
+
+    Raises ReceiptError if it is not genuine, NewerVersionError if this version cannot read it.
+    """
+    verify_by_history(envelope, keys)
+    content = read(envelope).content
+    if content is None:
+        raise NewerVersionError
+    return content
+
+
+def _not_compared(what: str) -> str:
     return (
-        (said.submission_id, said.split) == (kept.id, kept.split)
+        f"{what} of a newer version of reverie-eval: signed with the server's key, but not "
+        "compared with the database; update to compare"
+    )
+
+
+def _matches_row(
+    said: Content,
+    kept: SubmissionReport,
+    result: BoardResult | EarlierResult,
+    names: Collection[str],
+) -> bool:
+    return (
+        isinstance(said, Receipt)
+        and (said.submission_id, said.split) == (kept.id, kept.split)
         and said.team in names
         and (said.sha256, said.received_at) == (kept.sha256, kept.received_at)
         and (said.signature, said.scores) == (result.report.signature, result.report.scores)
@@ -279,23 +316,27 @@ def _matches_row(
 
 
 def _at_snapshots(session: Session, state: ServerState) -> Iterator[Finding]:
-    keys, sound = list_keys(session), 0
+    keys, sound, unread = list_keys(session), 0, 0
     for row in session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)):
-        name = f"snapshot {row.number} of {row.split}"
+        trouble = ""
         try:
-            snapshot = Snapshot.model_validate(row.content)
-            verify_by_history(snapshot, keys)
-        except (ReceiptError, ValidationError):
-            trouble = "it was changed, or signed with another key"
+            said = _verified(Envelope.model_validate(row.envelope), keys)
+        except NewerVersionError:
+            unread += 1
+            continue
+        except ValidationError:
+            trouble = "it was changed, and has no signature"
+        except ReceiptError as error:
+            trouble = str(error)
         else:
-            is_of_row = SnapshotEntry.model_validate(row) == SnapshotEntry.model_validate(
-                snapshot.model_dump(include=set(SnapshotEntry.model_fields))
-            )
-            trouble = "" if is_of_row else "it differs from its row"
+            if not _is_of_row(said, row):
+                trouble = "it differs from its row"
         sound += not trouble
         if trouble:
-            remedy = "restore the key or the database from the last backup"
-            yield Finding("snapshots", "fault", f"{name}: {trouble}; {remedy}")
+            name = f"snapshot {row.number} of {row.split}"
+            yield Finding("snapshots", "fault", f"{name}: {trouble}; {_RESTORE}")
+    if unread:
+        yield Finding("snapshots", "note", _not_compared(count_text(unread, "snapshot")))
     for missed in state.snapshots.missed(session, state.clock()):
         message = (
             f"none of {missed.split} was taken at the end of {missed.phase}: the leaderboard "
@@ -303,6 +344,13 @@ def _at_snapshots(session: Session, state: ServerState) -> Iterator[Finding]:
         )
         yield Finding("snapshots", "note", message)
     yield Finding("snapshots", "ok", f"{count_text(sound, 'snapshot')} verified")
+
+
+def _is_of_row(said: Content, row: StoredSnapshot) -> bool:
+    columns = SnapshotEntry.model_fields
+    return isinstance(said, Snapshot) and all(
+        getattr(said, name) == getattr(row, name) for name in columns
+    )
 
 
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:

@@ -19,6 +19,7 @@ from reverie_eval.reporting._comparison import signed
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.reporting._submission import headline_of
 from reverie_eval.schemas.report import ProblemReport
+from reverie_eval.schemas.service import Snapshot
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
@@ -38,6 +39,7 @@ from reverie_eval.server.service.feed import (
 )
 from reverie_eval.server.service.leaderboard import Filter, Ranking, as_bibtex, as_latex
 from reverie_eval.server.service.news import latest_news
+from reverie_eval.server.service.receipts import read_as
 from reverie_eval.server.service.snapshots import snapshot_of
 from reverie_eval.server.state import ServerState
 from reverie_eval.tasks import DEFAULT_TASK
@@ -315,7 +317,7 @@ def show_comparison(
 def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
     """Show a snapshot of a leaderboard, which never changes."""
     with visitor.snapshot() as snapshot:
-        shown = snapshot_of(snapshot.session, split, number)
+        shown = read_as(Snapshot, snapshot_of(snapshot.session, split, number))
         rows = [*shown.leaderboard.rows, *shown.leaderboard.apart]
         scored = {key for row in rows for key in row.scores}
         return page(

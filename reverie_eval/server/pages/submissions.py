@@ -1,5 +1,6 @@
 """``/submissions/{id}``: a submission for its team, or its published part for others."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -9,6 +10,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from reverie_eval.receipts import read
 from reverie_eval.schemas.service import (
     Method,
     ProblemDocument,
@@ -94,6 +96,7 @@ def _own_page(
         "submission.html",
         problem,
         shown=shown,
+        signed=json.dumps(read(shown.receipt).fields, indent=2, ensure_ascii=False),
         standing=board and _standing(server, session, board, shown),
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
         has_episodes=_has_episodes(visit, shown),

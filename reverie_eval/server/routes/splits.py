@@ -12,6 +12,7 @@ from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
+    Envelope,
     FurtherBoard,
     Leaderboard,
     PhaseReport,
@@ -39,6 +40,7 @@ from reverie_eval.server.http.uploads import (
 from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.leaderboard import as_csv, as_json, csv_of
+from reverie_eval.server.service.receipts import read_as
 from reverie_eval.server.service.snapshots import list_snapshots, snapshot_of
 from reverie_eval.server.state import ServerState
 
@@ -179,18 +181,18 @@ def list_split_snapshots(split: SplitName, server: Server, paging: Paging) -> li
 @router.get(
     "/{split}/snapshots/{number}.csv",
     response_class=Response,
-    responses=file_reply("text/csv", "not-found", schema=TEXT, example=_CSV),
+    responses=file_reply("text/csv", "not-found", "conflict", schema=TEXT, example=_CSV),
 )
 def download_snapshot(split: SplitName, number: Number, server: Server) -> Response:
-    """Return a snapshot as CSV; its signature is that of the JSON."""
-    snapshot = show_snapshot(split, number, server)
+    """Return a snapshot as CSV; only the JSON is signed."""
+    snapshot = read_as(Snapshot, show_snapshot(split, number, server))
     text = csv_of(snapshot.leaderboard.model_dump(mode="json"))
     return PlainTextResponse(text, media_type="text/csv")
 
 
 @router.get("/{split}/snapshots/{number}", responses=problems("not-found"))
-def show_snapshot(split: SplitName, number: Number, server: Server) -> Snapshot:
-    """Return a snapshot of the leaderboard, signed; it never changes."""
+def show_snapshot(split: SplitName, number: Number, server: Server) -> Envelope:
+    """Return a signed snapshot of the leaderboard, in a DSSE envelope; it never changes."""
     with server.database.reading() as session:
         return snapshot_of(session, split, number)
 

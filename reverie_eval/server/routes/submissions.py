@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path, Response
 from fastapi.responses import StreamingResponse
 
 from reverie_eval.reporting._scores import write_episodes
-from reverie_eval.schemas.service import Envelope, Receipt, SubmissionChange, SubmissionReport
+from reverie_eval.schemas.service import Envelope, SubmissionChange, SubmissionReport
 from reverie_eval.server.http.callers import Caller
 from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.http.exchange import API
@@ -52,31 +52,17 @@ def change_submission(
 
 
 @router.get("/{submission_id}/receipt", responses=_OF_ONE)
-def show_receipt(submission_id: SubmissionId, caller: Caller) -> Receipt:
-    """Return the signed receipt."""
+def show_receipt(submission_id: SubmissionId, caller: Caller) -> Envelope:
+    """Return the signed receipt: an in-toto statement in a DSSE envelope."""
     return show_submission(submission_id, caller).receipt
 
 
 @router.get("/{submission_id}/also/{further}/receipt", responses=_OF_ONE)
 def show_further_receipt(
     submission_id: SubmissionId, further: FurtherName, caller: Caller
-) -> Receipt:
+) -> Envelope:
     """Return the signed receipt of the result on a further leaderboard of the split."""
     return result_on(further, show_submission(submission_id, caller)).receipt
-
-
-@router.get("/{submission_id}/receipt/envelope", responses=_OF_ONE)
-def show_envelope(submission_id: SubmissionId, caller: Caller) -> Envelope:
-    """Return the receipt as a signed in-toto statement, for other programs to verify."""
-    return caller.server.signer.envelop(show_receipt(submission_id, caller))
-
-
-@router.get("/{submission_id}/also/{further}/receipt/envelope", responses=_OF_ONE)
-def show_further_envelope(
-    submission_id: SubmissionId, further: FurtherName, caller: Caller
-) -> Envelope:
-    """Return the receipt of a further leaderboard as a signed in-toto statement."""
-    return caller.server.signer.envelop(show_further_receipt(submission_id, further, caller))
 
 
 @router.get(

@@ -76,7 +76,9 @@ class EmailedFiles:
             change = SubmissionChange(published=True)
             published = self.submissions.change(sender, accepted.submission.id, change, organiser)
             accepted = accepted.model_copy(update={"submission": published})
-        reply = _letter(file, f"{about} scored on {file.split}.", *_result(accepted))
+        reply = _letter(
+            file, f"{about} scored on {file.split}.", *_result(accepted, self.intake.settings.title)
+        )
         return EmailedFileReport(**dict(accepted), reply=reply)
 
 
@@ -90,9 +92,9 @@ def _reason(error: ReverieEvalError) -> str:
     return str(error)
 
 
-def _result(accepted: Accepted) -> Iterator[str]:
+def _result(accepted: Accepted, server: str) -> Iterator[str]:
     submission = accepted.submission
-    for further, table in result_tables(submission, submission.receipt.server).items():
+    for further, table in result_tables(submission, server).items():
         yield from [f"On the leaderboard {further}:"] if further else []
         yield table.to_text()
         yield ""

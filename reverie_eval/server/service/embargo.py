@@ -12,8 +12,8 @@ from datetime import datetime
 from typing import TypeVar
 
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import BoardResult, SubmissionReport
-from reverie_eval.server.service.receipts import Signer
+from reverie_eval.schemas.service import BoardResult, Receipt, SubmissionReport
+from reverie_eval.server.service.receipts import Signer, read_as
 from reverie_eval.server.service.results import results_of, submission_report
 from reverie_eval.server.service.schedules import Timetable
 from reverie_eval.server.store.tables import Submission
@@ -58,7 +58,8 @@ class View:
 
     def _withheld(self, result: Result) -> Result:
         """Return a result, or a submission with its own result, without scores."""
-        receipt = self.signer.sign_again(result.receipt, scores={})
+        known = read_as(Receipt, result.receipt)
+        receipt = self.signer.sign(known.model_copy(update={"scores": {}}))
         held = {"report": without_scores(result.report), "receipt": receipt, "earlier": []}
         return result.model_copy(update=held)
 

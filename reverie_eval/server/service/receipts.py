@@ -2,9 +2,8 @@
 
 import base64
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes
@@ -20,12 +19,12 @@ from cryptography.hazmat.primitives.serialization import (
 from reverie_eval import receipts
 from reverie_eval.files import is_private
 from reverie_eval.receipts import (
-    PAYLOAD_TYPE,
+    Content,
     ReceiptError,
-    canonical,
     key_id_of,
+    payload_of,
     pre_authentication,
-    statement,
+    read,
 )
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
@@ -35,9 +34,10 @@ from reverie_eval.schemas.service import (
     Receipt,
     Snapshot,
 )
+from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.store.tables import Submission
 
-Signed = TypeVar("Signed", Receipt, Snapshot)
+Kind = TypeVar("Kind", Receipt, Snapshot)
 
 
 class KeyMissingError(ReceiptError):
@@ -45,7 +45,7 @@ class KeyMissingError(ReceiptError):
 
 
 class Signer:
-    """Signs receipts with a server's key."""
+    """Signs receipts and snapshots with a server's key."""
 
     def __init__(self, key: Ed25519PrivateKey, server: str) -> None:
         self._key = key
@@ -63,16 +63,14 @@ class Signer:
         derivation = HKDF(hashes.SHA256(), length=32, salt=None, info=purpose.encode())
         return derivation.derive(self._key.private_bytes_raw())
 
-    def sign(self, **content: Any) -> Receipt:
-        """Return a signed receipt of a submission's scores and the quota after it.
+    def sign(self, content: Content) -> Envelope:
+        """Return a signed receipt or snapshot; the same content gives the same envelope."""
+        return self._sign(*payload_of(content))
 
-        ``content`` has its fields, but for the server, the key and the proof.
-        """
-        return self._sign(Receipt, content)
-
-    def sign_result(self, row: Submission, report: ScoreReport, quota: QuotaReport) -> Receipt:
+    def sign_result(self, row: Submission, report: ScoreReport, quota: QuotaReport) -> Envelope:
         """Return a signed receipt of a submission's result on a leaderboard of its split."""
-        return self.sign(
+        receipt = Receipt(
+            server=self.server,
             submission_id=row.id,
             team=row.team.name,
             sha256=row.sha256,
@@ -82,36 +80,35 @@ class Signer:
             scores=report.scores,
             quota=quota,
         )
+        return self.sign(receipt)
 
-    def sign_snapshot(self, **content: Any) -> Snapshot:
-        """Return a signed state of a leaderboard; ``content`` is as for :meth:`sign`."""
-        return self._sign(Snapshot, content)
+    def sign_again(self, envelope: Envelope) -> Envelope:
+        """Return an envelope with the same bytes, signed with this key alone."""
+        return self._sign(envelope.payload_type, base64.b64decode(envelope.payload))
 
-    def sign_again(self, receipt: Signed, **changed: Any) -> Signed:
-        """Return a receipt or a snapshot with some fields changed, signed with this key."""
-        return self._signed(receipt.model_copy(update={**changed, "key_id": self.key_id}))
-
-    def envelop(self, receipt: Receipt) -> Envelope:
-        """Return a receipt as a signed in-toto statement; the same receipt gives the same one."""
-        payload = statement(receipt)
-        signature = EnvelopeSignature(
-            keyid=self.key_id, sig=self._base64_signature(pre_authentication(payload))
-        )
+    def _sign(self, payload_type: str, content: bytes) -> Envelope:
+        signature = self._key.sign(pre_authentication(payload_type, content))
         return Envelope(
-            payloadType=PAYLOAD_TYPE,
-            payload=base64.b64encode(payload).decode(),
-            signatures=[signature],
+            payloadType=payload_type,
+            payload=base64.b64encode(content).decode(),
+            signatures=[
+                EnvelopeSignature(keyid=self.key_id, sig=base64.b64encode(signature).decode())
+            ],
         )
 
-    def _sign(self, kind: type[Signed], content: Mapping[str, Any]) -> Signed:
-        """Return a signed document with this content, which its model checks."""
-        return self._signed(kind(server=self.server, key_id=self.key_id, proof="", **content))
 
-    def _signed(self, receipt: Signed) -> Signed:
-        return receipt.model_copy(update={"proof": self._base64_signature(canonical(receipt))})
+def read_as(kind: type[Kind], envelope: Envelope) -> Kind:
+    """Return the receipt or the snapshot that the server has stored in an envelope.
 
-    def _base64_signature(self, content: bytes) -> str:
-        return base64.b64encode(self._key.sign(content)).decode()
+    Raises ConflictError if a newer version has made it, and this one cannot read it.
+    """
+    content = read(envelope).content
+    if not isinstance(content, kind):
+        raise ConflictError(
+            f"this {kind.__name__.lower()} was made by a newer version of reverie-eval; the "
+            "server must be updated to read it"
+        )
+    return content
 
 
 def make_key(path: Path) -> None:

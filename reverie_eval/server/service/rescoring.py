@@ -21,13 +21,14 @@ from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import Metric
 from reverie_eval.schemas.organising import NewCorrection, RescoringReport, ResultChange
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult
+from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult, Receipt
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board, board_named, without_version
 from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
+from reverie_eval.server.service.receipts import read_as
 from reverie_eval.server.service.results import results_of, store_result, stored_in_report
 from reverie_eval.server.service.reviews import is_disqualified, reviews_of
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
@@ -156,7 +157,7 @@ class Rescoring:
         report = rescored.report
         row = transaction.session.get_one(Submission, job.submission_id)
         results = results_of(row)
-        known, quota = results.get(board.further), results[""].receipt.quota
+        known, quota = results.get(board.further), read_as(Receipt, results[""].receipt).quota
         if known is not None and board.measures_as(known.report):
             return  # another process has done it meanwhile
         earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]

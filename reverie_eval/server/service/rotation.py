@@ -5,7 +5,7 @@ from dataclasses import replace
 from sqlalchemy import select
 
 from reverie_eval.schemas.organising import KeyRevocation
-from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
+from reverie_eval.schemas.service import Envelope, KeyReport
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.keys import (
@@ -90,10 +90,10 @@ def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation)
         signed += _sign_again(row, key_id, transaction.audit_log.signer)
     snapshots = select(StoredSnapshot).where(StoredSnapshot.as_of > since)
     for stored in session.scalars(snapshots):
-        snapshot = Snapshot.model_validate(stored.content)
-        if snapshot.key_id == key_id:
-            again = transaction.audit_log.signer.sign_again(snapshot)
-            stored.content = again.model_dump(mode="json")
+        envelope = Envelope.model_validate(stored.envelope)
+        if key_id in envelope.key_ids:
+            again = transaction.audit_log.signer.sign_again(envelope)
+            stored.envelope = again.model_dump(mode="json")
             signed += 1
     transaction.record(
         "signing key revoked",
@@ -111,9 +111,9 @@ def _sign_again(row: Submission, key_id: str, signer: Signer) -> int:
     """Replace the receipts of a submission that a key signed, and return their number."""
     number = 0
 
-    def signed(receipt: Receipt) -> Receipt:
+    def signed(receipt: Envelope) -> Envelope:
         nonlocal number
-        if receipt.key_id != key_id:
+        if key_id not in receipt.key_ids:
             return receipt
         number += 1
         return signer.sign_again(receipt)

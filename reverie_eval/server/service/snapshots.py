@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session, load_only
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.organising import NewSnapshot
-from reverie_eval.schemas.service import Leaderboard, Snapshot, SnapshotEntry
+from reverie_eval.schemas.service import Envelope, Leaderboard, Snapshot, SnapshotEntry
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.audit import INSPECTED, SERVER
@@ -57,7 +57,7 @@ _ENTRIES = select(StoredSnapshot).options(
         raiseload=True,
     )
 )
-"""Without the content, which is the whole leaderboard."""
+"""Without the envelope, which has the whole leaderboard."""
 _CHANGES_NOTHING = (
     *(SUBMITTED, SNAPSHOT_TAKEN, INSPECTED, SAME_FILE),
     *("upload deleted", "team added", "person added", "person changed"),
@@ -190,7 +190,9 @@ class Snapshots:
         )
         corrections = corrections_of(session, [board])[split]
         last = select(func.max(StoredSnapshot.number)).where(StoredSnapshot.split == split)
-        snapshot = transaction.audit_log.signer.sign_snapshot(
+        signer = transaction.audit_log.signer
+        snapshot = Snapshot(
+            server=signer.server,
             split=split,
             number=(session.scalar(last) or 0) + 1,
             title=title,
@@ -205,7 +207,7 @@ class Snapshots:
             title=title,
             phase=closing and closing.phase,
             as_of=as_of,
-            content=snapshot.model_dump(mode="json"),
+            envelope=signer.sign(snapshot).model_dump(mode="json"),
             created_at=transaction.now,
         )
         transaction.record(
@@ -290,12 +292,12 @@ def list_snapshots(session: Session, page: Page, split: str | None = None) -> Li
     return list_page(session, rows, key, page, SnapshotEntry.model_validate, newest_first=True)
 
 
-def snapshot_of(session: Session, split: str, number: int) -> Snapshot:
-    """Return a snapshot. Raises NotFoundError if none has this number."""
-    chosen = select(StoredSnapshot.content).where(
+def snapshot_of(session: Session, split: str, number: int) -> Envelope:
+    """Return a signed snapshot. Raises NotFoundError if none has this number."""
+    chosen = select(StoredSnapshot.envelope).where(
         StoredSnapshot.split == split, StoredSnapshot.number == number
     )
-    content = session.scalar(chosen)
-    if content is None:
+    envelope = session.scalar(chosen)
+    if envelope is None:
         raise NotFoundError(f"there is no snapshot {number} of {split!r}")
-    return Snapshot.model_validate(content)
+    return Envelope.model_validate(envelope)

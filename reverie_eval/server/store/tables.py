@@ -213,6 +213,7 @@ class Submission(Base):
     report: Mapped[dict[str, Any]]
     """The score report; for private splits, with rounded means only."""
     receipt: Mapped[dict[str, Any]]
+    """An envelope: the bytes that were signed, and their signature."""
     rescored_at: Mapped[datetime | None]
     """When it was last scored again, after a correction."""
     earlier: Mapped[list[dict[str, Any]]] = mapped_column(default=list)
@@ -434,8 +435,8 @@ class StoredSnapshot(Base):
     phase: Mapped[str | None] = mapped_column(String(100))
     """The phase after which it was taken; None if the organiser took it."""
     as_of: Mapped[datetime]
-    content: Mapped[dict[str, Any]]
-    """The signed snapshot."""
+    envelope: Mapped[dict[str, Any]]
+    """The bytes that were signed, and their signature."""
     created_at: Mapped[datetime]
 
 

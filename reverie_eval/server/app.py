@@ -22,7 +22,6 @@ from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
-from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.pages import add_pages
 from reverie_eval.server.pages.home import warm_up
@@ -40,10 +39,8 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
 
 
-def create_app(
-    server: ServerState, address: str = "http://localhost", workers: Workers = ALONE
-) -> FastAPI:
-    """Make the application around an opened server, or that of one of its worker processes.
+def create_app(server: ServerState, address: str = "http://localhost") -> FastAPI:
+    """Make the application around an opened server.
 
     ``address`` is printed where people copy the server's address, unless the settings have another:
     what a request's Host header says is anybody's choice.
@@ -71,7 +68,7 @@ def create_app(
     app.state.server = server
     app.state.address = server.settings.public_address or address
     app.state.is_copy = False
-    app.state.runtime = RuntimeState.of(server, jobs, workers)
+    app.state.runtime = RuntimeState.of(server, jobs)
     for part in (access, joining, splits, submissions, organising):
         app.include_router(part.router, dependencies=[Depends(known_query)])
     app.include_router(operations.router)

@@ -17,7 +17,7 @@ RequestError
     TooManyError          more requests than an address, a token or a session may make
     TooLargeError         the body is larger than the limit
     TooSlowError          the upload did not arrive in time
-    BusyError             too many uploads are waiting
+    BusyError             too many uploads are waiting, or what scores them starts again
     WrongMethodError      the address does not accept this method
     DatabaseDownError     the database does not answer
     KeyReplacedError      the signing key was replaced since this server started
@@ -294,19 +294,21 @@ class TooSlowError(RequestError):
 
 
 class BusyError(RequestError):
-    """Too many uploads are waiting."""
+    """Too many uploads are waiting, or what scores them has to start again."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     code = "busy"
     heading = "Server busy"
     example_arguments = (10,)
 
-    def __init__(self, seconds: int) -> None:
+    def __init__(self, seconds: int, why: str = "too many uploads are waiting") -> None:
         self.seconds = seconds
-        super().__init__(
-            f"too many uploads are waiting; send yours again in {seconds} seconds. No submission "
-            "was used"
-        )
+        self._given = seconds, why
+        super().__init__(f"{why}; send yours again in {seconds} seconds. No submission was used")
+
+    def __reduce__(self) -> tuple[type[Self], tuple[int, str]]:
+        """Let processes that score raise it."""
+        return type(self), self._given
 
 
 class WrongMethodError(RequestError):

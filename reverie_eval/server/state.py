@@ -31,6 +31,8 @@ from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.retention import Retention
 from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.scoring import Scoring, ScoringHere
+from reverie_eval.server.service.scoring_processes import ScoringProcesses
 from reverie_eval.server.service.snapshots import Snapshots
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
@@ -50,7 +52,12 @@ class ServerState:
     """Settings, ground truth, database and key of a server, and the services that use them."""
 
     def __init__(
-        self, settings: Settings, boards: Mapping[str, Board], database: Database, clock: Clock
+        self,
+        settings: Settings,
+        boards: Mapping[str, Board],
+        database: Database,
+        clock: Clock,
+        scoring: Scoring | None = None,
     ) -> None:
         if not database.is_current():
             remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
@@ -58,6 +65,7 @@ class ServerState:
         self.settings, self.boards, self.database, self.clock = settings, boards, database, clock
         self.signer = signer_of(settings, database)
         self.uploads = uploads = open_uploads(settings.uploads, settings.folder)
+        self.scoring = scoring = scoring or ScoringHere(boards, uploads)
         self.notices = Notices(settings.banner, paused=settings.paused)
         self.audit_log = AuditLog(self.signer)
         self.schedules = schedules = Schedules(settings.splits)
@@ -67,25 +75,28 @@ class ServerState:
         )
         attempts = Attempts(database, clock)
         self.intake = Intake(
-            boards, uploads, transactions, self.notices, attempts, schedules, settings
+            boards, uploads, scoring, transactions, self.notices, attempts, schedules, settings
         )
         self.submissions = SubmissionService(
-            boards, uploads, transactions, schedules, settings.required_metadata
+            boards, uploads, scoring, transactions, schedules, settings.required_metadata
         )
         self.emailed_files = EmailedFiles(self.intake, self.submissions)
-        self.rescoring = Rescoring(boards, uploads, transactions)
-        self.evidence = EvidenceService(boards, database, uploads, self.signer)
+        self.rescoring = Rescoring(boards, scoring, transactions)
+        self.evidence = EvidenceService(boards, database, scoring, self.signer)
         self.retention = Retention(uploads, transactions, settings.keep_uploads_days)
         self.sessions = Sessions(self.signer.secret_for("browser sessions"))
         self.entries = EntriesCache(schedules)
-        self.episodes = EpisodeService(boards, self.submissions)
+        self.episodes = EpisodeService(boards, scoring, self.submissions)
         self.rank_intervals = RankIntervals()
         self.warming = Event()
         """Set while a job computes what pages keep; meanwhile, they do without."""
 
     @classmethod
-    def open(cls, settings: Settings, clock: Clock = utc_now) -> Self:
+    def open(cls, settings: Settings, clock: Clock = utc_now, workers: int = 0) -> Self:
         """Open everything that a server needs, and check it.
+
+        Files are scored in so many processes, which start with the context of ``scoring``; with 0,
+        they are scored in this one.
 
         Raises
         ------
@@ -95,9 +106,10 @@ class ServerState:
             If the signing key is missing, others can read it, or another one is in use.
         """
         boards = load_boards(settings)
+        scoring = ScoringProcesses(settings, boards, workers) if workers else None
         database = Database(settings.database_url)
         try:
-            return cls(settings, boards, database, clock)
+            return cls(settings, boards, database, clock, scoring)
         except BaseException:
             database.close()
             raise

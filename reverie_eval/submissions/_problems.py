@@ -337,13 +337,26 @@ def too_deep() -> Problem:
     return Problem("too-deep", WHOLE_FILE, message)
 
 
+_ONLY_NEEDED = "a submission needs only instr_id, trajectory and predObjId: remove everything else"
+
+
 def too_large(limit: int, variable: str | None) -> Problem:
-    message = (
-        f"is larger than {limit >> 20} MiB unpacked; a submission needs only instr_id, trajectory "
-        "and predObjId: remove everything else"
-    )
+    message = f"is larger than {limit >> 20} MiB unpacked; {_ONLY_NEEDED}"
     if variable:
         message += f"; if it needs this size, set {variable} to the size in MiB"
+    return Problem("too-large", WHOLE_FILE, message)
+
+
+def too_much_time(seconds: int) -> Problem:
+    message = (
+        f"takes more than {seconds} seconds of processor time to read, and a real file about one; "
+        f"{_ONLY_NEEDED}"
+    )
+    return Problem("too-large", WHOLE_FILE, message)
+
+
+def too_much_memory(mebibytes: int) -> Problem:
+    message = f"takes more than {mebibytes:,} MiB of memory to read; {_ONLY_NEEDED}"
     return Problem("too-large", WHOLE_FILE, message)
 
 

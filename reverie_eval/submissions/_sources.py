@@ -35,6 +35,11 @@ RECEIPT_ENDING = ".receipt.json"
 _JSON_SUFFIX = re.compile(r"(?<=.)(\.json)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
+_GZIP_MEMBER = _GZIP_MAGIC + b"\x08"
+"""The first bytes of each member; in compressed bytes, one place in 16 million has the same."""
+_MAX_GZIP_MEMBERS = 10_000
+"""Writers that compress by blocks make a few thousand. Empty ones have 20 bytes, and each takes as
+long as a kilobyte of text."""
 _ZIP_MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
 """The first bytes of an archive with files, and of an empty one."""
 _ZIP_ENTRY = b"PK\x01\x02"
@@ -142,6 +147,10 @@ def unpack(content: bytes, limit: int, variable: str | None = None) -> bytes:
 def _unpack_gzip(content: bytes, limit: int) -> bytes:
     import gzip
 
+    # Counted in the raw bytes, as the files of an archive are.
+    if content.count(_GZIP_MEMBER) > _MAX_GZIP_MEMBERS:
+        reason = f"it has more than {_MAX_GZIP_MEMBERS:,} gzip members"
+        raise SubmissionError([problems.damaged_gzip(reason)])
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
             return _read_pieces(file.read, limit)

@@ -1,7 +1,6 @@
 """Room for uploads: to each team a share, which is free again before the reply is read."""
 
 import asyncio
-import os
 from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack
 from dataclasses import replace
@@ -14,8 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from reverie_eval.server.app import create_app
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.http.runtime import Admission, RuntimeState
-from reverie_eval.server.http.workers import Workers
+from reverie_eval.server.http.runtime import RuntimeState, Turns
 from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.settings import Limits
 from tests.support.serving import (
@@ -27,6 +25,7 @@ from tests.support.serving import (
     InProcess,
     OpenServer,
     Serving,
+    runtime_of,
     settings_of,
 )
 from tests.support.visiting import signed_in
@@ -36,38 +35,36 @@ MANY = 30
 """More places than any one team has."""
 BLUE, RED, GREEN = 1, 2, 3
 
-Around = Callable[[ASGIApp, Admission], ASGIApp]
+Around = Callable[[ASGIApp, Turns], ASGIApp]
 
 
 @pytest.fixture
 def crowded(
     folder: Path, open_server: OpenServer, portal: BlockingPortal
-) -> Iterator[Callable[..., tuple[Serving, Admission]]]:
+) -> Iterator[Callable[..., tuple[Serving, Turns]]]:
     """Return what opens a server with one place for each team, where nobody waits."""
     clients = []
 
-    def open_crowded(
-        at_once: int, around: Around = lambda app, _: app
-    ) -> tuple[Serving, Admission]:
+    def open_crowded(at_once: int, around: Around = lambda app, _: app) -> tuple[Serving, Turns]:
         limits = Limits(uploads_at_once=at_once, uploads_waiting=0)
         opened = open_server(settings_of(folder).model_copy(update={"limits": limits}))
         app = create_app(opened.state, "http://server")
-        admission: Admission = app.state.runtime.admission
-        transport = InProcess(around(app, admission), portal)
+        turns: Turns = app.state.runtime.uploads
+        transport = InProcess(around(app, turns), portal)
         clients.append(httpx.Client(transport=transport, base_url="http://server"))
-        return replace(opened, client=clients[-1]), admission
+        return replace(opened, client=clients[-1]), turns
 
     yield open_crowded
     for client in clients:
         client.close()
 
 
-def letting_another_in(app: ASGIApp, admission: Admission) -> ASGIApp:
+def letting_another_in(app: ASGIApp, turns: Turns) -> ASGIApp:
     """Return an application that lets in another upload before it sends anything."""
 
     async def answering(scope: Scope, receive: Receive, send: Send) -> None:
         async def sending(message: Message) -> None:
-            async with admission.hold(RED):
+            async with turns.hold(RED):
                 await send(message)
 
         await app(scope, receive, sending)
@@ -77,7 +74,7 @@ def letting_another_in(app: ASGIApp, admission: Admission) -> ASGIApp:
 
 @pytest.mark.parametrize("path", ["validate", "submissions?name=x"])
 def test_a_place_is_free_before_the_reply_is_taken(
-    path: str, crowded: Callable[..., tuple[Serving, Admission]]
+    path: str, crowded: Callable[..., tuple[Serving, Turns]]
 ) -> None:
     server, _ = crowded(1, letting_another_in)
     reply = server.ask(OWNER, "POST", f"/splits/{OPEN}/{path}", content=GOOD)
@@ -85,11 +82,11 @@ def test_a_place_is_free_before_the_reply_is_taken(
 
 
 def test_a_team_is_one_whoever_sends_and_how(
-    crowded: Callable[..., tuple[Serving, Admission]], portal: BlockingPortal
+    crowded: Callable[..., tuple[Serving, Turns]], portal: BlockingPortal
 ) -> None:
-    server, admission = crowded(4)
+    server, turns = crowded(4)
     visitor = signed_in(server, OWNER)
-    with portal.wrap_async_context_manager(admission.hold(server.person(OWNER).team_id)):
+    with portal.wrap_async_context_manager(turns.hold(server.person(OWNER).team_id)):
         assert server.upload(OWNER).status_code == 503
         assert server.upload(MATE).status_code == 503
         assert visitor.upload().status_code == 503
@@ -97,100 +94,111 @@ def test_a_team_is_one_whoever_sends_and_how(
     assert visitor.upload().status_code == 303
 
 
-async def held(admission: Admission, team: int, places: AsyncExitStack) -> int:
-    """Return how many uploads of a team are let in without waiting, and let them stay."""
+async def held(turns: Turns, whose: int, places: AsyncExitStack) -> int:
+    """Return how many places somebody gets without waiting, and let them keep these."""
     for count in range(MANY):
         try:
-            await places.enter_async_context(admission.hold(team))
+            await places.enter_async_context(turns.hold(whose))
         except BusyError:
             return count
     pytest.fail("there is no end of places")
 
 
-async def held_by_five(admission: Admission) -> list[int]:
+async def held_by_five(turns: Turns) -> list[int]:
     async with AsyncExitStack() as places:
-        return [await held(admission, team, places) for team in range(5)]
+        return [await held(turns, whose, places) for whose in range(5)]
 
 
 @pytest.mark.parametrize(
-    ("at_once", "expected"),
+    ("places", "share", "expected"),
     [
-        (1, [1, 0, 0, 0, 0]),
-        (3, [1, 1, 1, 0, 0]),
-        (7, [1, 1, 1, 1, 1]),
-        (8, [2, 2, 2, 2, 0]),
-        (11, [2, 2, 2, 2, 2]),
-        (32, [8, 8, 8, 8, 0]),
+        (1, 1, [1, 0, 0, 0, 0]),
+        (3, 1, [1, 1, 1, 0, 0]),
+        (7, 1, [1, 1, 1, 1, 1]),
+        (8, 2, [2, 2, 2, 2, 0]),
+        (11, 2, [2, 2, 2, 2, 2]),
+        (32, 8, [8, 8, 8, 8, 0]),
+        (2, 5, [2, 0, 0, 0, 0]),
     ],
 )
-def test_one_team_holds_no_more_than_a_quarter_of_the_places(
-    at_once: int, expected: list[int]
-) -> None:
-    admission = Admission(at_once, waiting=0, seconds=PATIENCE)
+def test_nobody_holds_more_than_their_share(places: int, share: int, expected: list[int]) -> None:
+    turns = Turns(places, share, waiting=0, seconds=PATIENCE)
 
     async def twice() -> list[list[int]]:
-        return [await held_by_five(admission), await held_by_five(admission)]
+        return [await held_by_five(turns), await held_by_five(turns)]
 
     assert asyncio.run(twice()) == [expected, expected], "all places were given back"
 
 
-def test_each_of_two_workers_has_half_of_the_places(folder: Path, open_server: OpenServer) -> None:
-    limits = Limits(uploads_at_once=32, uploads_waiting=0)
+@pytest.mark.parametrize(
+    ("at_once", "share"), [(1, 1), (3, 1), (7, 1), (8, 2), (11, 2), (32, 8), (40, 10)]
+)
+def test_a_team_holds_no_more_than_a_quarter_of_the_uploads_in_memory(
+    at_once: int, share: int, folder: Path, open_server: OpenServer
+) -> None:
+    limits = Limits(uploads_at_once=at_once, uploads_waiting=0)
     server = open_server(settings_of(folder).model_copy(update={"limits": limits}))
-    jobs = jobs_of(server.state, lambda: None)
-    admission = RuntimeState.of(server.state, jobs, Workers(2)).admission
-    assert asyncio.run(held_by_five(admission)) == [4, 4, 4, 4, 0]
+
+    async def one() -> int:
+        async with AsyncExitStack() as places:
+            return await held(runtime_of(server).uploads, BLUE, places)
+
+    assert asyncio.run(one()) == share
 
 
-@pytest.mark.parametrize("at_once", [1, 1000])
-def test_no_more_are_scored_at_once_than_there_are_cores(at_once: int) -> None:
-    admission = Admission(at_once, waiting=0, seconds=PATIENCE)
+@pytest.mark.parametrize(("processes", "share"), [(1, 1), (2, 1), (3, 2), (8, 7)])
+def test_a_team_leaves_a_process_that_scores_to_all_others(
+    processes: int, share: int, server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server.state.scoring, "number", processes)
+    turns = RuntimeState.of(server.state, jobs_of(server.state, lambda: None)).scoring
 
-    async def scored_at_once() -> int:
-        async with AsyncExitStack() as turns:
-            for count in range(at_once + 1):
-                if admission.score().locked():
-                    return count
-                await turns.enter_async_context(admission.score())
-        pytest.fail("more are scored than are let in")
+    async def scenario() -> int:
+        async with AsyncExitStack() as places:
+            for _ in range(share):
+                await places.enter_async_context(turns.hold(BLUE))
+            fourth = asyncio.create_task(turns.hold(BLUE).__aenter__())
+            await asyncio.sleep(0)
+            count = await held(turns, RED, places) if processes > 1 else 0
+            assert not fourth.done()
+            fourth.cancel()
+        return count
 
-    assert asyncio.run(scored_at_once()) == min(at_once, os.cpu_count() or 1)
+    monkeypatch.setattr(turns, "_most_waiting", 1)
+    assert asyncio.run(scenario()) == processes - share
 
 
 def test_who_has_their_share_waits_and_nobody_else() -> None:
-    admission = Admission(at_once=8, waiting=1, seconds=PATIENCE)
-
-    async def upload(team: int) -> None:
-        async with admission.hold(team):
-            pass
+    turns = Turns(8, 2, waiting=1, seconds=PATIENCE)
 
     async def scenario() -> None:
-        async with admission.hold(BLUE), admission.hold(BLUE):
-            third = asyncio.create_task(upload(BLUE))
+        async with turns.hold(BLUE), turns.hold(BLUE):
+            third = asyncio.create_task(once(turns, BLUE))
             await asyncio.sleep(0)
-            assert admission.waiting == 1
+            assert turns.waiting == 1
             with pytest.raises(BusyError):
-                await upload(BLUE)
-            await upload(RED)
+                await once(turns, BLUE)
+            await once(turns, RED)
             assert not third.done()
         await third
-        assert admission.waiting == 0
+        assert turns.waiting == 0
 
     asyncio.run(scenario())
 
 
-def test_a_full_queue_is_full_for_every_team() -> None:
-    admission = Admission(at_once=1, waiting=1, seconds=PATIENCE)
+async def once(turns: Turns, whose: int) -> None:
+    async with turns.hold(whose):
+        pass
 
-    async def upload(team: int) -> None:
-        async with admission.hold(team):
-            pass
+
+def test_a_full_queue_is_full_for_everyone() -> None:
+    turns = Turns(1, 1, waiting=1, seconds=PATIENCE)
 
     async def scenario() -> None:
-        async with admission.hold(BLUE):
-            second, third = (asyncio.create_task(upload(team)) for team in (RED, GREEN))
+        async with turns.hold(BLUE):
+            second, third = (asyncio.create_task(once(turns, whose)) for whose in (RED, GREEN))
             await asyncio.sleep(0)
-            assert admission.waiting == 1
+            assert turns.waiting == 1
             assert third.done()
             assert isinstance(third.exception(), BusyError)
         await second
@@ -198,41 +206,79 @@ def test_a_full_queue_is_full_for_every_team() -> None:
     asyncio.run(scenario())
 
 
-def test_one_team_fills_no_more_than_a_quarter_of_the_queue() -> None:
-    admission = Admission(at_once=4, waiting=8, seconds=PATIENCE)
-
-    async def upload(team: int) -> None:
-        async with admission.hold(team):
-            pass
+def test_one_fills_no_more_than_a_quarter_of_the_queue() -> None:
+    turns = Turns(4, 1, waiting=8, seconds=PATIENCE)
 
     async def scenario() -> None:
-        async with admission.hold(BLUE), admission.hold(RED):
-            queued = [asyncio.create_task(upload(BLUE)) for _ in range(2)]
+        async with turns.hold(BLUE), turns.hold(RED):
+            queued = [asyncio.create_task(once(turns, BLUE)) for _ in range(2)]
             await asyncio.sleep(0)
             with pytest.raises(BusyError):
-                await upload(BLUE)
-            queued.append(asyncio.create_task(upload(RED)))
+                await once(turns, BLUE)
+            queued.append(asyncio.create_task(once(turns, RED)))
             await asyncio.sleep(0)
-            assert admission.waiting == 3
+            assert turns.waiting == 3
         await asyncio.gather(*queued)
 
     asyncio.run(scenario())
 
 
-def test_whose_turn_never_comes_leaves_their_place_to_others() -> None:
-    admission = Admission(at_once=4, waiting=9, seconds=0.01)
+@pytest.mark.parametrize(
+    ("asked", "served"),
+    [
+        pytest.param([BLUE, BLUE, BLUE, RED], [RED, BLUE, BLUE, BLUE], id="who holds none"),
+        pytest.param([RED, GREEN], [RED, GREEN], id="who came first"),
+        pytest.param([GREEN, RED, GREEN], [GREEN, RED, GREEN], id="each in turn"),
+    ],
+)
+def test_who_holds_fewest_is_next_then_who_came_first(asked: list[int], served: list[int]) -> None:
+    turns, order = Turns(2, 2, waiting=100, seconds=PATIENCE), list[int]()
+
+    async def note(whose: int) -> None:
+        async with turns.hold(whose):
+            order.append(whose)
 
     async def scenario() -> None:
-        async with admission.hold(BLUE):
+        async with turns.hold(BLUE):
+            async with turns.hold(BLUE if BLUE in asked else 4):
+                queued = [asyncio.create_task(note(whose)) for whose in asked]
+                await asyncio.sleep(0)
+            await asyncio.gather(*queued)
+
+    asyncio.run(scenario())
+    assert order == served
+
+
+def test_whose_turn_never_comes_leaves_their_place_to_others() -> None:
+    turns = Turns(4, 1, waiting=9, seconds=0.01)
+
+    async def scenario() -> None:
+        async with turns.hold(BLUE):
             with pytest.raises(BusyError):
-                async with admission.hold(BLUE):
+                async with turns.hold(BLUE):
                     pytest.fail("there was a place")
         async with AsyncExitStack() as places:
-            for team in (BLUE, RED, 3, 4):
-                await places.enter_async_context(admission.hold(team))
+            for whose in (BLUE, RED, 3, 4):
+                await places.enter_async_context(turns.hold(whose))
             with pytest.raises(BusyError):
-                await places.enter_async_context(admission.hold(5))
-        async with admission.hold(5):
-            assert admission.waiting == 0
+                await places.enter_async_context(turns.hold(5))
+        async with turns.hold(5):
+            assert turns.waiting == 0
+
+    asyncio.run(scenario())
+
+
+def test_who_gives_up_in_the_moment_of_their_turn_passes_it_on() -> None:
+    turns = Turns(1, 1, waiting=9, seconds=PATIENCE)
+
+    async def scenario() -> None:
+        async with turns.hold(BLUE):
+            second, third = (asyncio.create_task(once(turns, whose)) for whose in (RED, GREEN))
+            await asyncio.sleep(0)
+        second.cancel()  # its place was handed out, but it has not run since
+        await third
+        with pytest.raises(asyncio.CancelledError):
+            await second
+        await once(turns, BLUE)
 
     asyncio.run(scenario())

@@ -12,7 +12,7 @@ from anyio.from_thread import BlockingPortal
 
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
-from reverie_eval.server.http.runtime import Admission
+from reverie_eval.server.http.runtime import Turns
 from tests.support.acting import NOON
 from tests.support.serving import (
     MATE,
@@ -22,6 +22,7 @@ from tests.support.serving import (
     OpenServer,
     Serving,
     adjusted,
+    runtime_of,
     settings_of,
 )
 from tests.support.signing import receipt_in
@@ -44,34 +45,19 @@ def closing(folder: Path, open_server: OpenServer) -> Serving:
     return open_server(adjusted(settings_of(folder), OPEN, phases=phases))
 
 
-def admission_of(server: Serving) -> Admission:
-    """Return what lets uploads in."""
-    app = server.client._transport._app.app  # type: ignore[attr-defined]  # noqa: SLF001
-    admission: Admission = app.state.runtime.admission
-    return admission
-
-
 @pytest.fixture
 def in_line_for_scoring(
-    portal: BlockingPortal, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[Serving], AbstractContextManager[list[int]]]:
-    """Return what lets nobody score for a while, and tells that an upload waits for its turn."""
+    portal: BlockingPortal,
+) -> Callable[[Serving], AbstractContextManager[Turns]]:
+    """Return what lets nobody score for a while; gives the turns, which tell who waits."""
 
     @contextmanager
-    def nobody_scores(server: Serving) -> Iterator[list[int]]:
-        admission = admission_of(server)
-        arrived: list[int] = []
-        real = admission.score
-
-        def score() -> object:
-            arrived.append(len(arrived))
-            return real()
-
-        with ExitStack() as turns:
-            while not real().locked():
-                turns.enter_context(portal.wrap_async_context_manager(real()))
-            monkeypatch.setattr(admission, "score", score)
-            yield arrived
+    def nobody_scores(server: Serving) -> Iterator[Turns]:
+        turns = runtime_of(server).scoring
+        with ExitStack() as held:
+            for number in range(server.state.scoring.number):
+                held.enter_context(portal.wrap_async_context_manager(turns.hold(1000 + number)))
+            yield turns
 
     return nobody_scores
 
@@ -86,12 +72,12 @@ def received_at(server: Serving) -> list[datetime]:
 def test_who_has_arrived_in_time_is_in_time_however_long_the_queue(
     upload: Upload,
     closing: Serving,
-    in_line_for_scoring: Callable[[Serving], AbstractContextManager[list[int]]],
+    in_line_for_scoring: Callable[[Serving], AbstractContextManager[Turns]],
 ) -> None:
     with ThreadPoolExecutor(1) as pool:
-        with in_line_for_scoring(closing) as arrived:
+        with in_line_for_scoring(closing) as turns:
             reply = pool.submit(upload, closing)
-            wait_until(lambda: arrived)
+            wait_until(lambda: turns.waiting)
             closing.clock.turn(hours=1)
         assert reply.result().status_code in ACCEPTED
     assert received_at(closing) == [NOON]
@@ -101,12 +87,12 @@ def test_who_has_arrived_in_time_is_in_time_however_long_the_queue(
 def test_a_pause_does_not_refuse_what_had_arrived(
     upload: Upload,
     server: Serving,
-    in_line_for_scoring: Callable[[Serving], AbstractContextManager[list[int]]],
+    in_line_for_scoring: Callable[[Serving], AbstractContextManager[Turns]],
 ) -> None:
     with ThreadPoolExecutor(1) as pool:
-        with in_line_for_scoring(server) as arrived:
+        with in_line_for_scoring(server) as turns:
             reply = pool.submit(upload, server)
-            wait_until(lambda: arrived)
+            wait_until(lambda: turns.waiting)
             server.clock.turn(seconds=1)
             with server.acting() as transaction:
                 server.state.notices.post(transaction, NewNotice(banner="", paused=True))
@@ -116,7 +102,7 @@ def test_a_pause_does_not_refuse_what_had_arrived(
 
 def test_a_pause_that_is_over_still_refuses_what_arrived_during_it(
     server: Serving,
-    in_line_for_scoring: Callable[[Serving], AbstractContextManager[list[int]]],
+    in_line_for_scoring: Callable[[Serving], AbstractContextManager[Turns]],
 ) -> None:
     def post(*, paused: bool) -> None:
         server.clock.turn(seconds=1)
@@ -125,9 +111,9 @@ def test_a_pause_that_is_over_still_refuses_what_arrived_during_it(
 
     post(paused=True)
     with ThreadPoolExecutor(1) as pool:
-        with in_line_for_scoring(server) as arrived:
+        with in_line_for_scoring(server) as turns:
             reply = pool.submit(server.upload, OWNER)
-            wait_until(lambda: arrived)
+            wait_until(lambda: turns.waiting)
             post(paused=False)
         assert reply.result().json()["code"] == "not-open"
 
@@ -136,14 +122,14 @@ def test_a_pause_that_is_over_still_refuses_what_arrived_during_it(
 def test_what_waits_unread_loses_no_time(
     upload: Upload, closing: Serving, portal: BlockingPortal
 ) -> None:
-    admission = admission_of(closing)
+    unread = runtime_of(closing).uploads
     with ThreadPoolExecutor(1) as pool:
         with ExitStack() as places:
             for number in range(closing.state.settings.limits.uploads_at_once):
-                place = portal.wrap_async_context_manager(admission.hold(1000 + number))
+                place = portal.wrap_async_context_manager(unread.hold(1000 + number))
                 places.enter_context(place)
             reply = pool.submit(upload, closing)
-            wait_until(lambda: admission.waiting == 1)
+            wait_until(lambda: unread.waiting == 1)
             closing.clock.turn(hours=1)
         assert reply.result().status_code in ACCEPTED
     assert received_at(closing) == [NOON]
@@ -151,17 +137,17 @@ def test_what_waits_unread_loses_no_time(
 
 def test_thirty_uploads_that_wait_for_one_slot_are_all_in_time(
     closing: Serving,
-    in_line_for_scoring: Callable[[Serving], AbstractContextManager[list[int]]],
+    in_line_for_scoring: Callable[[Serving], AbstractContextManager[Turns]],
 ) -> None:
     people = (OWNER, MATE, OTHER)
     replies: list[Future[httpx.Response]] = []
     with ThreadPoolExecutor(30) as pool:
-        with in_line_for_scoring(closing) as arrived:
+        with in_line_for_scoring(closing) as turns:
             for number in range(30):
                 content = closing.distinct()
                 replies.append(pool.submit(closing.upload, people[number % 3], content))
-            admission = admission_of(closing)
-            wait_until(lambda: len(arrived) + admission.waiting == 30)
+            unread = runtime_of(closing).uploads
+            wait_until(lambda: turns.waiting + unread.waiting == 30)
             closing.clock.turn(hours=1)
         assert [reply.result().status_code for reply in replies] == [201] * 30
 

@@ -219,7 +219,7 @@ def test_the_secret_half_follows_from_the_server_s_key(server: Serving) -> None:
     )
     rgs = evaluate(GOOD, split=OPEN, ground_truth=truth).episodes["rgs"]
     for signer in (state.signer, at_the_border):
-        service = EvidenceService(state.boards, state.database, state.uploads, signer)
+        service = EvidenceService(state.boards, state.database, state.scoring, signer)
         (team,) = service.report_on_all(OPEN).teams
         is_open = first_bytes(signer, truth) < 128
         expected = rgs[is_open].mean() - rgs[~is_open].mean()
@@ -245,7 +245,7 @@ def test_there_is_no_gap_if_all_targets_are_in_the_same_half(
             for signer in map(signer_of, count())
             if set((first_bytes(signer, truth) < 128).tolist()) == {is_open}
         )
-        service = EvidenceService(state.boards, state.database, state.uploads, signer)
+        service = EvidenceService(state.boards, state.database, state.scoring, signer)
         assert service.report_on_all(OPEN).teams[0].gap is None
 
 
@@ -327,7 +327,7 @@ def test_a_backup_has_no_fingerprints_and_needs_none(
     with database.reading() as session:
         assert session.query(Row).count() == 0
     state = server.state
-    again = EvidenceService(state.boards, database, state.uploads, state.signer).report_on_all(OPEN)
+    again = EvidenceService(state.boards, database, state.scoring, state.signer).report_on_all(OPEN)
     assert again.model_dump(mode="json") == before
     database.close()
 

@@ -135,7 +135,7 @@ def test_fingerprints_score_as_their_files_where_they_can(server: Serving) -> No
 
 def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
     state, board = server.state, server.state.boards[OPEN]
-    service = Fingerprints(board, state.database, state.uploads)
+    service = Fingerprints(board, state.database, state.scoring)
     episodes = len(board.truth.episodes.instr_ids)
     assert service.basis == f"full:{board.public_fingerprint}:{episodes}"
     good, drawn = (
@@ -161,7 +161,7 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
         assert (stored.split, stored.sha256, stored.basis) == (OPEN, good, service.basis)
     for sha256, content in ((drawn, DRAWN), (good, GOOD)):
         assert np.array_equal(loaded[sha256].episodes, Fingerprint.of(board, content).episodes)
-    private = Fingerprints(state.boards[PRIVATE], state.database, state.uploads)
+    private = Fingerprints(state.boards[PRIVATE], state.database, state.scoring)
     with state.database.trying() as session:
         session.execute(update(Submission).values(split=PRIVATE))
         assert missing(session) == missing(session, private) == [drawn, good]
@@ -182,7 +182,7 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
 
 def test_submissions_come_with_the_fingerprints_of_their_uploads(server: Serving) -> None:
     state = server.state
-    service = Fingerprints(state.boards[OPEN], state.database, state.uploads)
+    service = Fingerprints(state.boards[OPEN], state.database, state.scoring)
     good, drawn, unread = (
         server.upload(OWNER, content).json()["submission"]["sha256"]
         for content in (GOOD, DRAWN, GOOD + b" ")
@@ -200,7 +200,7 @@ def test_submissions_come_with_the_fingerprints_of_their_uploads(server: Serving
 
 def test_what_has_no_fingerprint_says_why(server: Serving) -> None:
     state, board = server.state, server.state.boards[OPEN]
-    service = Fingerprints(board, state.database, state.uploads)
+    service = Fingerprints(board, state.database, state.scoring)
     told = f"the upload {'0' * 64} is missing; run `reverie-eval server doctor`"
     state.uploads.put("1" * 64, BROKEN)
     assert service.read(["0" * 64, "1" * 64], 2).unreadable == {

@@ -15,7 +15,6 @@ from starlette.routing import Mount
 
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http.runtime import RuntimeState
-from reverie_eval.server.http.workers import ALONE
 from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.operations.logs import JsonLines
 from reverie_eval.server.pages.rendering import STATIC
@@ -379,7 +378,7 @@ def test_metrics_tell_of_nobody(server: Serving) -> None:
 
 
 def test_applications_in_one_process_count_for_themselves(server: Serving) -> None:
-    other = RuntimeState.of(server.state, jobs_of(server.state, lambda: None), ALONE)
+    other = RuntimeState.of(server.state, jobs_of(server.state, lambda: None))
     server.ask(OWNER, "GET", "/me")
     assert ("reverie_eval_requests_total", "GET", "/api/v1/me", "200") in metrics_of(server)
     assert b"/api/v1/me" not in other.metrics.text()

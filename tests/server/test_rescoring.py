@@ -1,7 +1,7 @@
 """Scoring again after a correction: results, ranks, receipts, what stays, and what is told."""
 
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from datetime import timedelta
 from hashlib import sha256
 from itertools import islice
@@ -27,11 +27,11 @@ from reverie_eval.server.service.rescoring import (
     Job,
     Outcome,
     Rescored,
-    Scorer,
     changes,
     count_outdated,
     list_corrections,
     outdated,
+    score_again,
 )
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
@@ -211,12 +211,17 @@ def test_nothing_is_left_to_score_again(corrected: Serving) -> None:
     assert len(board(corrected)["corrections"]) == 1
 
 
+def scoring_again(server: Serving, split: str) -> Callable[[Job], Outcome]:
+    """Return what scores a submission to a split again."""
+    return lambda job: server.state.scoring.run(score_again, split, "", job)
+
+
 def test_a_run_goes_on_where_another_was_interrupted(corrected: Serving) -> None:
     state = corrected.state
     place = state.boards[OPEN]
     with state.database.reading() as session:
         jobs = outdated(session, place)
-    outcomes = map(Scorer(place, state.uploads), jobs)
+    outcomes = map(scoring_again(corrected, OPEN), jobs)
     running = state.rescoring.replace_results(ORGANISER, place, WHY, jobs, outcomes)
     assert len(list(islice(running, 1))) == 1
     report = rescored(corrected, reason="another reason")
@@ -231,7 +236,7 @@ def test_two_runs_at_once_replace_each_result_once(corrected: Serving) -> None:
     place = state.boards[OPEN]
     with state.database.reading() as session:
         jobs = outdated(session, place)
-    outcomes = list(map(Scorer(place, state.uploads), jobs))
+    outcomes = list(map(scoring_again(corrected, OPEN), jobs))
     for _ in range(2):
         list(state.rescoring.replace_results(ORGANISER, place, WHY, jobs, outcomes))
     submissions = corrected.ask(ORGANISER, "GET", "/submissions").json()
@@ -291,7 +296,7 @@ def test_changes_are_listed_with_ranks_the_largest_first(corrected: Serving) -> 
     with state.database.reading() as session:
         jobs = outdated(session, place)
         outcomes: dict[str, Outcome] = {
-            job.submission_id: Scorer(place, state.uploads)(job) for job in jobs
+            job.submission_id: scoring_again(corrected, OPEN)(job) for job in jobs
         }
         expected = changes(session, place, outcomes)
     rescored(corrected)
@@ -359,7 +364,7 @@ def report_of(server: Serving, submission: str, **changes: object) -> dict[str, 
 
 def test_a_submission_is_scored_again_or_it_is_said_why_not(server: Serving) -> None:
     place, uploads = server.state.boards[OPEN], server.state.uploads
-    score = Scorer(place, uploads)
+    score = scoring_again(server, OPEN)
     sent(server, OWNER, GOOD)
     job = Job(
         submission_id="0" * 16,

@@ -8,10 +8,11 @@ from sqlalchemy import select
 
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.rescoring import Scorer, outdated
+from reverie_eval.server.service.rescoring import outdated, score_again
 from reverie_eval.server.service.retention import Tidied
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Fingerprint, Submission
+from reverie_eval.server.store.uploads import pack
 from tests.support.flat import Run
 from tests.support.serving import (
     OPEN,
@@ -136,7 +137,7 @@ def test_the_same_file_is_stored_again_for_another_team(server: Serving) -> None
 def test_a_file_that_is_deleted_while_the_same_arrives_is_not_lost(server: Serving) -> None:
     content, uploads = server.distinct(), server.state.uploads
     digest = server.upload(OWNER, content).json()["submission"]["sha256"]
-    with uploads.staged(digest, content) as keep:
+    with uploads.staged(digest, pack(content)) as keep:
         uploads.delete(digest)
         keep()
     assert uploads.get(digest) == content
@@ -181,7 +182,7 @@ def test_everything_knows_that_the_file_is_gone(
     with corrected.state.database.reading() as session:
         (job,) = outdated(session, board)
     told = "its upload was deleted on 2026-04-01 (keep_uploads_days)"
-    assert Scorer(board, corrected.state.uploads)(job) == told
+    assert corrected.state.scoring.run(score_again, board.name, "", job) == told
 
 
 def test_files_are_deleted_on_the_command_line(server: Serving, run: Run) -> None:

@@ -18,6 +18,7 @@ from reverie_eval.server.store.uploads import (
     UploadsError,
     name_of,
     open_uploads,
+    pack,
     stored_pieces,
     stored_upload,
 )
@@ -73,22 +74,22 @@ def test_what_is_repetitive_takes_little_room(tmp_path: Path) -> None:
 
 
 def test_what_is_staged_and_not_kept_leaves_nothing(uploads: Uploads) -> None:
-    with uploads.staged(SHA256, CONTENT):
+    with uploads.staged(SHA256, pack(CONTENT)):
         pass
-    with suppress(RuntimeError), uploads.staged(OTHER_SHA256, CONTENT):
+    with suppress(RuntimeError), uploads.staged(OTHER_SHA256, pack(CONTENT)):
         raise RuntimeError
     assert list(uploads.names()) == []
 
 
 def test_what_is_staged_and_kept_is_there_at_once(uploads: Uploads) -> None:
-    with uploads.staged(SHA256, CONTENT) as keep:
+    with uploads.staged(SHA256, pack(CONTENT)) as keep:
         keep()
         assert uploads.get(SHA256) == CONTENT
     assert list(uploads.names()) == [name_of(SHA256)]
 
 
 def test_who_does_not_keep_takes_nothing_from_who_does(uploads: Uploads) -> None:
-    with uploads.staged(SHA256, CONTENT), uploads.staged(SHA256, CONTENT) as keep:
+    with uploads.staged(SHA256, pack(CONTENT)), uploads.staged(SHA256, pack(CONTENT)) as keep:
         keep()
     assert uploads.get(SHA256) == CONTENT
     assert list(uploads.names()) == [name_of(SHA256)]

@@ -1,80 +1,59 @@
 """Whatever scores takes its turn: uploads, and what scores a kept submission again."""
 
-from asyncio import Semaphore
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from threading import Condition
+from threading import Lock
 from typing import Any
 
 import httpx
 import pytest
 
-from reverie_eval.server.http.runtime import Admission
+from reverie_eval.server.http.runtime import Turns
 from reverie_eval.server.service.boards import Board
-from tests.support.serving import OPEN, OWNER, OpenServer, Serving
+from tests.support.serving import OPEN, OWNER, Serving, runtime_of
 from tests.support.visiting import signed_in
-from tests.support.waiting import PATIENCE
+from tests.support.waiting import wait_until
 
 
 class Watched:
     """Counts how often a board scores, and how many do so at once."""
 
-    def __init__(self) -> None:
-        self.calls = self.most = self._now = self._waiting = self._awaited = 0
-        self._changed = Condition()
+    def __init__(self, turns: Turns) -> None:
+        self.calls = self.most = self._now = self._awaited = 0
+        self._turns = turns
+        self._counting = Lock()
 
     def around(self, score: Callable[..., Any]) -> Callable[..., Any]:
         """Return what scores, and is counted, when all others wait or one does not."""
 
         def watched(*given: Any) -> Any:
-            with self._changed:
+            with self._counting:
                 self.calls += 1
                 self._now += 1
                 self.most = max(self.most, self._now)
-                self._changed.notify_all()
-                assert self._changed.wait_for(self._is_settled, PATIENCE)
+            wait_until(lambda: self._turns.waiting >= self._awaited or self.most > 1)
             try:
                 return score(*given)
             finally:
-                with self._changed:
+                with self._counting:
                     self._now -= 1
-
-        return watched
-
-    def before(self, gate: Callable[[Admission], Semaphore]) -> Callable[[Admission], Semaphore]:
-        """Return what is asked for a turn, and counts who has to wait for it."""
-
-        def watched(admission: Admission) -> Semaphore:
-            with self._changed:
-                self._waiting += gate(admission).locked()
-                self._changed.notify_all()
-            return gate(admission)
+                self._awaited = 0
 
         return watched
 
     def all_at_once(self, *requests: Callable[[], httpx.Response]) -> list[int]:
         """Send requests, of which the first that scores is done after the others have come."""
-        self._waiting, self._awaited = 0, len(requests) - 1
+        self._awaited = len(requests) - 1
         with ThreadPoolExecutor(len(requests)) as pool:
             futures = [pool.submit(ask) for ask in requests]
             return [future.result().status_code for future in futures]
 
-    def _is_settled(self) -> bool:
-        return self._waiting >= self._awaited or self.most > 1
-
 
 @pytest.fixture
-def server(open_server: OpenServer, monkeypatch: pytest.MonkeyPatch) -> Serving:
-    """Return a server on a machine with one processor."""
-    monkeypatch.setattr("reverie_eval.server.http.runtime._SCORED_AT_ONCE", 1)
-    return open_server()
-
-
-@pytest.fixture
-def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
-    watched = Watched()
+def watched(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Watched:
+    """Watch a server that scores one file at a time."""
+    watched = Watched(runtime_of(server).scoring)
     monkeypatch.setattr(Board, "score", watched.around(Board.score))
-    monkeypatch.setattr(Admission, "score", watched.before(Admission.score))
     return watched
 
 
@@ -82,7 +61,7 @@ def sent(server: Serving) -> str:
     return str(server.upload(OWNER, server.distinct()).json()["submission"]["id"])
 
 
-def test_no_more_are_scored_at_once_than_there_are_processors(
+def test_no_more_score_at_once_than_there_are_processes_for_it(
     server: Serving, watched: Watched
 ) -> None:
     first, second, third = (sent(server) for _ in range(3))

@@ -129,6 +129,13 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
             "invalid block type",
             id="gzip of nonsense",
         ),
+        pytest.param(
+            gzip.compress(b"") * 10_001,
+            "damaged-gzip",
+            "file",
+            "more than 10,000 gzip members",
+            id="gzip of many empty files",
+        ),
         pytest.param(b"\x1f\x8b[{}]", "damaged-gzip", "file", "", id="no gzip but its first bytes"),
     ],
 )
@@ -136,6 +143,12 @@ def test_a_file_that_is_no_submission(content: bytes, code: str, where: str, fra
     (problem,) = problems_of(content)
     assert (problem.code, problem.where) == (code, where)
     assert fragment in problem.message
+
+
+def test_a_gzip_file_may_have_many_members() -> None:
+    parts = [gzip.compress(b"")] * 9_999
+    content = b"".join([*parts, gzip.compress(document(record()))])
+    assert read_predictions(content).instr_ids == read_predictions(document(record())).instr_ids
 
 
 def test_a_trailing_comma_is_shown_in_its_line() -> None:

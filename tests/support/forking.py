@@ -10,9 +10,8 @@ import multiprocessing.forkserver
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import chdir
-from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -22,6 +21,7 @@ from unittest.mock import patch
 
 from prometheus_client import values
 
+from reverie_eval.server.service import scoring_processes
 from tests.conftest import REPOSITORY
 from tests.support.flat import Outcome
 
@@ -161,16 +161,24 @@ def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any,
         return
     # It would start another process to fork from, which would import everything once more.
     asking = patch.object(server, "ensure_running")
-    with asking, patch("uvicorn._subprocess.spawn", _Beside(surroundings)):
+    with asking, patch.object(scoring_processes, "get_context", lambda _: Beside(surroundings)):
         work(*given)
 
 
-class _Beside(NamedTuple):
-    """Forks a server's workers from the process that the server was forked from."""
+class Beside:
+    """Forks a server's processes from the one that the server was forked from."""
 
-    surroundings: Surroundings
+    Pipe = staticmethod(PROCESSES.Pipe)
 
-    def Process(self, target: Callable[..., Any], kwargs: Mapping[str, Any]) -> ForkServerProcess:  # noqa: N802
+    def __init__(self, surroundings: Surroundings) -> None:
+        self._surroundings = surroundings
+
+    def set_forkserver_preload(self, _: Sequence[str]) -> None:
+        """Import nothing more."""
+
+    def Process(  # noqa: N802
+        self, *, target: Callable[..., Any], args: tuple[Any, ...], **kwargs: Any
+    ) -> ForkServerProcess:
         """Return a process that finds what this one does."""
-        here = self.surroundings._replace(folder=Path.cwd(), environment=dict(os.environ))
-        return PROCESSES.Process(target=_run, args=(partial(target, **kwargs), here, ()))
+        here = self._surroundings._replace(folder=Path.cwd(), environment=dict(os.environ))
+        return PROCESSES.Process(target=_run, args=(target, here, args), **kwargs)

@@ -21,7 +21,8 @@ from reverie_eval.server.http import uploads as reception
 from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.intake import Intake
+from reverie_eval.server.service.scoring_processes import ScoringProcesses
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store import uploads as store
@@ -42,8 +43,9 @@ STEPS: Mapping[str, Step] = MappingProxyType(
     {
         "the head of an upload is there": Step(reception, "receive"),
         "some of an upload is there": Step(middleware, "_in_time"),
-        "all of an upload is there": Step(Board, "read"),
-        "it is about to be scored": Step(Board, "score"),
+        "all of an upload is there": Step(ScoringProcesses, "hold"),
+        "it is unpacked": Step(Intake, "_known"),
+        "it is about to be scored": Step(Intake, "_known", "after"),
         "it is scored": Step(FolderUploads, "staged"),
         "its file is written": Step(Transactions, "begin"),
         "its rows are written": Step(AuditLog, "append", "after"),

@@ -45,6 +45,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware
 from reverie_eval.server.http.openapi import describe
+from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.pages import add_pages
@@ -293,7 +294,7 @@ def populate(transaction: Transaction, people: Mapping[str, str]) -> Mapping[str
 
 @contextmanager
 def running(folder: Path, workers: int = 1, /, **environment: str) -> Iterator[tuple[Forked, str]]:
-    """Run a server in a process of its own, or several; give the process and the URL.
+    """Run a server with some processes that score; give the server's process and the URL.
 
     What it logs is in the folder's ``log``. At the end the process is killed, if it still runs.
     """
@@ -314,6 +315,13 @@ def running(folder: Path, workers: int = 1, /, **environment: str) -> Iterator[t
 def _serve(folder: Path, workers: int) -> None:
     announce = partial(print, flush=True)
     run_server(load_settings(folder), "127.0.0.1", 0, announce, workers=workers)
+
+
+def runtime_of(server: Serving) -> RuntimeState:
+    """Return the state of a server's application."""
+    app = server.client._transport._app.app  # type: ignore[attr-defined]  # noqa: SLF001
+    runtime: RuntimeState = app.state.runtime
+    return runtime
 
 
 OpenServer = Callable[..., Serving]
@@ -430,14 +438,18 @@ def opening(folder: Path, portal: BlockingPortal, populated: Populated) -> Itera
     People are added to it, unless the tokens are given of those who are there.
     """
     opened: list[Serving] = []
+    scoring = ExitStack()
 
     def open_server(
-        settings: Settings | None = None, tokens: Mapping[str, str] | None = None
+        settings: Settings | None = None,
+        tokens: Mapping[str, str] | None = None,
+        workers: int = 0,
     ) -> Serving:
         clock, settings = Clock(), settings or settings_of(folder)
         if tokens is None and populated.replace(settings):
             tokens = populated.tokens
-        state = ServerState.open(settings, clock)
+        state = ServerState.open(settings, clock, workers)
+        scoring.enter_context(state.scoring)
         if tokens is None:
             with state.transactions.begin("test") as transaction:
                 tokens = populate(transaction, PEOPLE)
@@ -446,7 +458,8 @@ def opening(folder: Path, portal: BlockingPortal, populated: Populated) -> Itera
         opened.append(Serving(state, clock, client, tokens))
         return opened[-1]
 
-    yield open_server
+    with scoring:
+        yield open_server
     for server in opened:
         server.client.close()
         server.state.database.close()

@@ -26,14 +26,13 @@ _SAMPLE_SPLIT = "val_unseen"
     default=8000,
     help="Port to listen at; 0 for any free one.",
 )
-@options.with_default(
+@click.option(
     "--workers",
     metavar="N",
     type=options.Number(1, 64),
-    default=1,
-    help="Processes that score uploads and answer requests.",
+    help="Processes that read and score files.  [default: one per processor, at least 2]",
 )
-def serve(*, folder: Path | None, host: str, port: int, workers: int) -> None:
+def serve(*, folder: Path | None, host: str, port: int, workers: int | None) -> None:
     """Run an evaluation server.
 
     FOLDER is what `reverie-eval server init` made. Without it, a server with the demo world runs in
@@ -42,7 +41,7 @@ def serve(*, folder: Path | None, host: str, port: int, workers: int) -> None:
     Exit status: 0 stopped, 1 settings or data are not sound, 2 usage or system error.
     """
     from reverie_eval.server.operations.checks import check_sound
-    from reverie_eval.server.operations.run import run_server
+    from reverie_eval.server.operations.run import WORKERS, run_server
 
     gc.enable()  # off in this command, which pays off in short lives only
     token = None if folder or _DEMO.exists() else _make_demo()
@@ -50,7 +49,7 @@ def serve(*, folder: Path | None, host: str, port: int, workers: int) -> None:
     settings = check_sound(place, note)
     print(f"{settings.title}, data in {settings.folder}", flush=True)
     with suppress(KeyboardInterrupt):
-        run_server(settings, host, port, _announcement(place, token), workers=workers)
+        run_server(settings, host, port, _announcement(place, token), workers=workers or WORKERS)
 
 
 def _make_demo() -> str:

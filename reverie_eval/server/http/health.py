@@ -30,10 +30,11 @@ from reverie_eval.schemas.service import HealthReport, JobReport, QuotaReport, R
 from reverie_eval.server.errors import RequestError
 from reverie_eval.server.jobs.runner import Jobs
 from reverie_eval.server.service.audit import SERVER
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.keys import current_key
 from reverie_eval.server.service.outbox import announce_fault
 from reverie_eval.server.service.rules import LastRules, different, rules_of
+from reverie_eval.server.service.scoring import Context
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
 
@@ -118,6 +119,11 @@ class Health:
                 passed[name] = True
 
 
+def score_content(context: Context, split: str, further: str, content: bytes) -> ScoreReport:
+    """Score a JSON text on a leaderboard."""
+    return board_named(context.boards, split, further).scored(content).report
+
+
 class Canary:
     """A known submission to a split."""
 
@@ -134,7 +140,8 @@ class Canary:
 
         Raises UnhealthyError if its scores are wrong.
         """
-        report = self._board.scored(self._content).report
+        board, scoring = self._board, self._server.scoring
+        report = scoring.run(score_content, board.name, board.further, self._content)
         scores = report.scores
         # The agent stays where it starts; in the grounding track, no agent moves.
         if scores.get("path_length") or scores.get("success") != scores.get("oracle_success"):

@@ -1,28 +1,25 @@
-"""The state of one running application: admission of uploads, requests to join, metrics, health.
+"""The state of the running application: turns, requests to join, metrics, health.
 
-Admission limits how many uploads are held in memory, and how many are scored, at once; several
-worker processes divide both among them.
-
-Waiting uploads are not read yet: their bytes are still with the sender. So five hundred uploads at
-once need no more memory than the first few. The people of a team may together hold only a share of
-the slots, and of the queue, so a team that sends many slow uploads delays only its own.
+Uploads take turns twice: for a place in memory, and for a process that scores. Waiting uploads are
+not read yet: their bytes are still with the sender. So five hundred uploads at once need no more
+memory than the first few. A team holds only a share of the places, and one process less than there
+are: a file that takes as long as any file may leaves one to all others.
 """
 
 import asyncio
 import hashlib
 import hmac
 import math
-import os
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Hashable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from typing import Annotated, Self
-from weakref import WeakValueDictionary
+from typing import Annotated, NamedTuple, Self
 
 from fastapi import Depends, Request
 from limits import RateLimitItemPerDay
-from limits.storage import Storage
+from limits.storage import MemoryStorage, Storage
 from limits.strategies import FixedWindowRateLimiter
 from starlette.types import Scope
 
@@ -31,99 +28,124 @@ from reverie_eval.server.http.exchange import address_of
 from reverie_eval.server.http.health import Health
 from reverie_eval.server.http.middleware import site_of
 from reverie_eval.server.http.telemetry import Metrics
-from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.jobs.runner import Jobs
+from reverie_eval.server.service.scoring import SECONDS_TO_RETRY
 from reverie_eval.server.state import ServerState
 
-SECONDS_TO_RETRY = 10
 MOST_JOINING = 5
 """Requests to join that an address may send in 24 hours."""
 
 _SHARE = 4
 """A team may hold one in this many slots and places in the queue, and at least one."""
-_SCORED_AT_ONCE = os.cpu_count() or 1
-"""More would not be faster, but take more memory."""
 
 
-class Admission:
-    """Admits uploads, first come, first served, up to each team's share.
+class Turns:
+    """Places that several people want: who holds fewest is next, then who came first.
+
+    Nobody holds more than a share of the places, or of the queue, so one who asks for many delays
+    only themselves.
 
     Parameters
     ----------
-    at_once : int
-        Uploads in memory, at most.
+    places : int
+        Held at once, at most.
+    share : int
+        Held at once by the same people, at most.
     waiting : int
-        Uploads waiting to be read, at most.
+        Waiting for a place, at most.
     seconds : float
-        The longest that an upload waits.
-    workers : Workers
-        The processes among which all of this is divided.
+        The longest that one waits.
     show : callable
-        Called with the number of waiting uploads whenever it changes.
+        Called with the number of those who wait whenever it changes.
     """
 
     def __init__(
         self,
-        at_once: int,
+        places: int,
+        share: int,
         waiting: int,
         seconds: float,
-        workers: Workers = ALONE,
         show: Callable[[int], None] = lambda _: None,
     ) -> None:
-        at_once, waiting = workers.share(at_once), workers.share(waiting)
-        self._memory = asyncio.Semaphore(at_once)
-        self._slots_of_team = max(1, at_once // _SHARE)
-        self._teams: WeakValueDictionary[int, _Team] = WeakValueDictionary()
-        self._scoring = asyncio.Semaphore(min(at_once, workers.share(_SCORED_AT_ONCE)))
-        self._longest_queue = waiting
-        self._queue_of_team = min(waiting, max(1, waiting // _SHARE))
+        self._free = places
+        self._share = share
+        self._most_waiting = waiting
+        self._most_waiting_of_one = min(waiting, max(1, waiting // _SHARE))
         self._seconds = seconds
         self._show = show
-        self.waiting = 0
+        self._held: Counter[Hashable] = Counter()
+        self._queue: list[_Waiting] = []
+
+    @property
+    def waiting(self) -> int:
+        """How many wait for a place."""
+        return len(self._queue)
 
     @asynccontextmanager
-    async def hold(self, team_id: int) -> AsyncIterator[None]:
-        """Wait for a slot for a team's upload, and hold it.
+    async def hold(self, whose: Hashable) -> AsyncIterator[None]:
+        """Wait for a place and hold it.
 
-        Raises BusyError if too many uploads are waiting, or no slot became free in time.
+        Raises BusyError if too many are waiting, or no place became free in time.
         """
-        team = self._teams.setdefault(team_id, _Team(self._slots_of_team))
-        has_to_wait = team.slots.locked() or self._memory.locked()
-        is_full = self.waiting >= self._longest_queue or team.waiting >= self._queue_of_team
-        if has_to_wait and is_full:
-            raise BusyError(SECONDS_TO_RETRY)
-        async with AsyncExitStack() as places:
-            await self._wait(places, team)
+        await self._take(whose)
+        try:
             yield
+        finally:
+            self._held[whose] -= 1
+            self._held += Counter()  # forgets those who hold none
+            self._free += 1
+            self._hand_out()
 
-    async def _wait(self, places: AsyncExitStack, team: "_Team") -> None:
-        self._queue(team, 1)
+    async def _take(self, whose: Hashable) -> None:
+        waiting = _Waiting(whose, asyncio.get_running_loop().create_future())
+        self._queue.append(waiting)
+        self._hand_out()
+        if waiting.place.done():
+            return
+        own = sum(each.whose == whose for each in self._queue)
+        if self.waiting > self._most_waiting or own > self._most_waiting_of_one:
+            self._leave(waiting)
+            raise BusyError(SECONDS_TO_RETRY)
         try:
             async with asyncio.timeout(self._seconds):
-                # The team's own limit comes first, or its uploads would fill the queue.
-                await places.enter_async_context(team.slots)
-                await places.enter_async_context(self._memory)
+                await waiting.place
         except TimeoutError:
+            self._leave(waiting)
             raise BusyError(SECONDS_TO_RETRY) from None
-        finally:
-            self._queue(team, -1)
+        except asyncio.CancelledError:
+            self._leave(waiting)
+            raise
 
-    def _queue(self, team: "_Team", change: int) -> None:
-        team.waiting += change
-        self.waiting += change
+    def _leave(self, waiting: "_Waiting") -> None:
+        """Give up waiting, and the place if it was handed out in the same moment."""
+        if waiting in self._queue:
+            self._queue.remove(waiting)
+        else:
+            self._held[waiting.whose] -= 1
+            self._free += 1
+        self._hand_out()
+
+    def _hand_out(self) -> None:
+        while self._free and (
+            entitled := [
+                each
+                for each in self._queue
+                if self._held[each.whose] < self._share and not each.place.cancelled()
+            ]
+        ):
+            following = min(entitled, key=lambda each: self._held[each.whose])
+            self._queue.remove(following)
+            self._held[following.whose] += 1
+            self._free -= 1
+            following.place.set_result(None)
         self._show(self.waiting)
 
-    def score(self) -> asyncio.Semaphore:
-        """Return the semaphore to hold while scoring."""
-        return self._scoring
 
+class _Waiting(NamedTuple):
+    """One who waits for a place."""
 
-class _Team:
-    """What a team holds, for as long as it holds or waits for anything."""
-
-    def __init__(self, slots: int) -> None:
-        self.slots = asyncio.Semaphore(slots)
-        self.waiting = 0
+    whose: Hashable
+    place: asyncio.Future[None]
 
 
 class JoinLimit:
@@ -158,26 +180,28 @@ class JoinLimit:
 class RuntimeState:
     """What an application knows of its requests: who waits, who asked how often, how it went."""
 
-    admission: Admission
+    uploads: Turns
+    """Uploads in memory."""
+    scoring: Turns
+    """Requests that score, each with a process to itself."""
     counts: Storage
     joining: JoinLimit
     metrics: Metrics
     health: Health
 
     @classmethod
-    def of(cls, server: ServerState, jobs: Jobs, workers: Workers) -> Self:
-        """Create the state of one of the worker processes of a server."""
+    def of(cls, server: ServerState, jobs: Jobs) -> Self:
+        """Create the state of the application of a server."""
         limits, metrics = server.settings.limits, Metrics(server.boards, jobs)
-        admission = Admission(
-            limits.uploads_at_once,
-            limits.uploads_waiting,
-            limits.seconds_for_body,
-            workers,
-            metrics.uploads_waiting.set,
-        )
-        counts = workers.counts()
+        queue = limits.uploads_waiting, limits.seconds_for_body
+        at_once, processes = limits.uploads_at_once, server.scoring.number
+        share = max(1, at_once // _SHARE)
+        uploads = Turns(at_once, share, *queue, metrics.uploads_waiting.set)
+        share = max(1, processes - 1)
+        scoring = Turns(processes, share, *queue, metrics.scoring_waiting.set)
+        counts = MemoryStorage()
         joining = JoinLimit(counts, server.signer.secret_for("requests to join"))
-        return cls(admission, counts, joining, metrics, Health(server, jobs))
+        return cls(uploads, scoring, counts, joining, metrics, Health(server, jobs))
 
 
 async def runtime_of(request: Request) -> RuntimeState:

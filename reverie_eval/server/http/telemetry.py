@@ -1,15 +1,12 @@
 """The outermost layer of every request: its id, its line in the log, the metrics.
 
-No metric reveals a team, a person or a score: labels are routes, statuses, splits and codes. The
-worker processes of a server count in files, in prometheus_client's multiprocess mode, and each
-returns the sums over all of them.
+No metric reveals a team, a person or a score: labels are routes, statuses, splits and codes.
 
 Exceptions end here as problem documents; none reaches uvicorn. The reply to an error is rendered in
 a thread of its own, so refusing one request never delays another.
 """
 
 import logging
-import os
 from collections.abc import Collection, Iterable
 
 from anyio import CapacityLimiter
@@ -18,7 +15,6 @@ from fastapi import Request
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
-from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
@@ -41,9 +37,6 @@ from reverie_eval.server.jobs.runner import Jobs
 MEDIA_TYPE = CONTENT_TYPE_LATEST
 """The media type of the metrics."""
 REQUEST_ID = "X-Request-ID"
-COUNTING_TOGETHER = "PROMETHEUS_MULTIPROC_DIR"
-"""The environment variable that prometheus_client reads when it is imported: the folder in which
-several processes count."""
 HUNG_UP = "hung-up"
 """The outcome of a request whose client disconnected before the reply."""
 
@@ -63,7 +56,6 @@ class Metrics:
             "reverie_eval_requests_in_flight",
             "Requests being answered.",
             registry=registry,
-            multiprocess_mode="livesum",
         )
         self._requests = Counter(
             "reverie_eval_requests",
@@ -88,7 +80,11 @@ class Metrics:
             "reverie_eval_uploads_waiting",
             "Uploads waiting to be read.",
             registry=registry,
-            multiprocess_mode="livesum",
+        )
+        self.scoring_waiting = Gauge(
+            "reverie_eval_scoring_waiting",
+            "Requests waiting for a process that scores.",
+            registry=registry,
         )
         registry.register(_JobMetrics(jobs))
 
@@ -105,11 +101,7 @@ class Metrics:
 
     def text(self) -> bytes:
         """Return the metrics in Prometheus's text format."""
-        if COUNTING_TOGETHER not in os.environ:
-            return generate_latest(self._registry)
-        registry = CollectorRegistry()
-        MultiProcessCollector(registry)
-        return generate_latest(registry)
+        return generate_latest(self._registry)
 
 
 class _JobMetrics(Collector):

@@ -17,7 +17,13 @@ from reverie_eval.schemas.service import Method, QuotaReport
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Caller, Organiser, Server
 from reverie_eval.server.http.examples import FORM, SUBMISSION
-from reverie_eval.server.http.exchange import Exchange, exchange_of
+from reverie_eval.server.http.exchange import (
+    Exchange,
+    address_of,
+    exchange_of,
+    session_of,
+    token_of,
+)
 from reverie_eval.server.http.forms import parse_form
 from reverie_eval.server.http.middleware import allow_body, is_multipart
 from reverie_eval.server.http.openapi import BINARY
@@ -27,7 +33,6 @@ from reverie_eval.server.service.intake import Clock
 from reverie_eval.server.settings import Limits
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Person
-from reverie_eval.submissions._sources import unpack
 
 _FORM_OVERHEAD = 64 << 10
 """Bytes that a form may have besides the file."""
@@ -160,7 +165,7 @@ async def taken(
     An upload is not read while it waits for a slot, so its arrival is dated back by that time: a
     queue makes nobody late.
     """
-    async with runtime.admission.hold(person.team_id):
+    async with runtime.uploads.hold(person.team_id):
         waited = max(server.clock() - began, timedelta())
         upload = await receive(request, server.settings.limits, server.clock)
         yield upload._replace(arrived=upload.arrived - waited)
@@ -183,7 +188,7 @@ async def received(
         exchange_of(request.scope).quota = quota_left
     async with (
         taken(request, server, runtime, began, person) as upload,
-        runtime.admission.score(),
+        runtime.scoring.hold(person.team_id),
     ):
         yield upload
 
@@ -199,7 +204,7 @@ async def received_by_organiser(
     person = await run_in_threadpool(organiser.person)
     async with (
         taken(request, server, runtime, began, person) as upload,
-        runtime.admission.score(),
+        runtime.scoring.hold(person.team_id),
     ):
         yield upload
 
@@ -207,19 +212,15 @@ async def received_by_organiser(
 ReceivedByOrganiser = Annotated[Upload, Depends(received_by_organiser, scope="function")]
 
 
-async def scoring_slot(runtime: Runtime) -> AsyncIterator[None]:
-    """Wait for a slot for scoring, without occupying a thread."""
-    async with runtime.admission.score():
+async def scoring_turn(request: Request, runtime: Runtime) -> AsyncIterator[None]:
+    """Wait for a turn to score, without occupying a thread."""
+    scope = request.scope
+    async with runtime.scoring.hold(token_of(scope) or session_of(scope) or address_of(scope)):
         yield
 
 
-ScoringSlot = Annotated[None, Depends(scoring_slot, scope="function")]
+ScoringTurn = Annotated[None, Depends(scoring_turn, scope="function")]
 """For routes that may score a stored submission again."""
-
-
-def content_of(upload: Received, server: Server) -> bytes:
-    """Return the submission's JSON text."""
-    return unpack(upload.packed, server.settings.limits.unpacked_mebibytes << 20)
 
 
 async def method_of(request: Request, upload: Received) -> Method:
@@ -242,6 +243,3 @@ def method_from(given: Mapping[str, Any]) -> Method:
     Raises RequestValidationError, which names each field that is wrong.
     """
     return read_model(Method, {name: value for name, value in given.items() if value != ""})
-
-
-Content = Annotated[bytes, Depends(content_of)]

@@ -14,7 +14,8 @@ from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.errors import no_split
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.boards import Board, load_board, load_boards
-from reverie_eval.server.service.rescoring import Job, Outcome, Scorer, changes, outdated
+from reverie_eval.server.service.rescoring import Job, Outcome, changes, outdated, score_again
+from reverie_eval.server.service.scoring import Context
 from reverie_eval.server.settings import Settings, Split
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.uploads import open_uploads
@@ -104,15 +105,14 @@ class _Source(NamedTuple):
 
 
 def _score_one(source: _Source, job: Job) -> Outcome:
-    return _scorer(source)(job)
+    return score_again(_context(source), source.split, source.further, job)
 
 
 @cache
-def _scorer(source: _Source) -> Scorer:
+def _context(source: _Source) -> Context:
     rules = Split.model_validate_json(source.rules)
-    own = load_board(source.split, rules, source.folder / rules.bundle)
-    board = own.also[source.further] if source.further else own
-    return Scorer(board, open_uploads(source.uploads, source.folder))
+    board = load_board(source.split, rules, source.folder / rules.bundle)
+    return Context({source.split: board}, open_uploads(source.uploads, source.folder))
 
 
 def _collect(outcomes: Iterable[tuple[Job, Outcome]]) -> Mapping[str, Outcome]:

@@ -6,30 +6,23 @@ import socket
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import uvicorn
 from starlette.types import ASGIApp
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.server.app import create_app
-from reverie_eval.server.http.telemetry import COUNTING_TOGETHER
 from reverie_eval.server.http.timeouts import TimeoutProtocol
-from reverie_eval.server.http.workers import Workers
 from reverie_eval.server.operations.checks import database_errors
 from reverie_eval.server.operations.logs import LOGGING
-from reverie_eval.server.operations.supervisor import (
-    SECONDS_TO_ANSWER,
-    Supervisor,
-    settle_memory,
-    worker_app,
-)
 from reverie_eval.server.service.rules import record_rules, rules_of
+from reverie_eval.server.service.scoring_processes import settle_memory
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
+WORKERS = max(2, os.cpu_count() or 1)
+"""Processes that read and score files, unless another number is wanted. With two, a file that takes
+as long as any file may delays nobody but its own team."""
 SECONDS_TO_FINISH = 90
 """Seconds that requests that have begun may take to finish when the server is stopped."""
 _WAITING = 2048
@@ -42,7 +35,7 @@ def run_server(
     port: int,
     announce: Callable[[str], None] = lambda _: None,
     *,
-    workers: int = 1,
+    workers: int = WORKERS,
 ) -> None:
     """Serve until SIGTERM or SIGINT; requests that have begun are finished first.
 
@@ -57,27 +50,24 @@ def run_server(
     announce : callable
         Called with the URL as soon as the server accepts requests.
     workers : int
-        Processes that answer requests; with more than one, this process supervises them.
+        Processes that read and score files; this one answers the requests.
 
     Raises
     ------
     SettingsError, ReceiptError
         If the server cannot be opened.
     ReverieEvalError
-        If the address is in use or not this machine's, or a worker does not start.
+        If the address is in use or not this machine's.
     """
-    state = ServerState.open(settings)
+    state = ServerState.open(settings, workers=workers)
     with closing(state.database):  # the application opens it again
         listening = listen(host, port)
         with database_errors():
             record_rules(state.transactions, rules_of(state.boards))
-    if workers > 1:
-        _run_workers(state, listening, workers, announce)
-        return
     url = url_of(listening)
     server = _Server(configuration(create_app(state, url)), lambda: announce(url))
     settle_memory()
-    with _stopped_is_done():
+    with state.scoring, _stopped_is_done():
         server.run(sockets=[listening])
 
 
@@ -110,30 +100,10 @@ def url_of(listening: socket.socket) -> str:
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
-def _run_workers(
-    state: ServerState, listening: socket.socket, number: int, announce: Callable[[str], None]
-) -> None:
-    url = url_of(listening)
-    with TemporaryDirectory(prefix="reverie-eval-") as name:
-        os.environ[COUNTING_TOGETHER] = name  # read when the workers import prometheus_client
-        folder = Path(name)
-        workers = Workers(number, folder)
-        workers.counts()  # makes the file, which workers that start at once would find locked
-        make_app = partial(worker_app, state.settings, rules_of(state.boards), url, workers)
-        config = configuration(make_app, workers=number)
-        Supervisor(config, listening, folder, lambda: announce(url)).run()
-
-
-def configuration(app: ASGIApp | Callable[[], ASGIApp], *, workers: int = 1) -> uvicorn.Config:
-    """Return the configuration of uvicorn: our logs, no server header, limited shutdown time.
-
-    With several workers, each makes an application by calling ``app``.
-    """
+def configuration(app: ASGIApp) -> uvicorn.Config:
+    """Return the configuration of uvicorn: our logs, no server header, limited shutdown time."""
     return uvicorn.Config(
         app,
-        factory=workers > 1,
-        workers=workers,
-        timeout_worker_healthcheck=SECONDS_TO_ANSWER,
         http=TimeoutProtocol,
         ws="none",
         log_config=LOGGING,

@@ -23,7 +23,7 @@ from reverie_eval.schemas.service import Snapshot
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
-from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import address_of_site, page, render
 from reverie_eval.server.service.announcements import announcements, corrections_of
 from reverie_eval.server.service.boards import Board
@@ -303,7 +303,7 @@ def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown)
 def show_comparison(
     board: NamedBoard,
     visitor: Visitor,
-    _: ScoringSlot,
+    _: ScoringTurn,
     result: Annotated[list[str], Query(default_factory=list)],
 ) -> Response:
     """Compare two results, by their ids."""

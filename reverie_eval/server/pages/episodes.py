@@ -16,7 +16,7 @@ from reverie_eval.reporting._map_svg import interactive_map_svg, map_key
 from reverie_eval.reporting._maps import EpisodeMap, Step
 from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
 from reverie_eval.server.http.callers import Call, Snapshot, Visitor
-from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.episodes import Browsing, EpisodeFilter, Run
 from reverie_eval.server.service.leaderboard import make_distinct
@@ -114,7 +114,7 @@ def show_episodes(
     split: str,
     visitor: Visitor,
     selection: Selected,
-    _: ScoringSlot,
+    _: ScoringTurn,
     number: Annotated[int, Query(alias="page", ge=1)] = 1,
 ) -> Response:
     """List the episodes of an open split, with their outcomes."""
@@ -151,7 +151,7 @@ def show_episodes(
 
 @router.get("/episodes/{split}/{instr_id}")
 def show_episode(
-    split: str, instr_id: str, visitor: Visitor, selection: Selected, _: ScoringSlot
+    split: str, instr_id: str, visitor: Visitor, selection: Selected, _: ScoringTurn
 ) -> Response:
     """Show an episode on the map of its scan, with the routes of up to two submissions."""
     with visitor.snapshot() as snapshot:

@@ -19,7 +19,7 @@ from reverie_eval.reporting._map_svg import map_key, map_svg
 from reverie_eval.reporting._maps import EpisodeMap
 from reverie_eval.reporting._skyboxes import find_skybox
 from reverie_eval.server.http.callers import Visitor
-from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.play import MOST_STEPS, HumanWalk, sample
 
@@ -89,7 +89,7 @@ def play(
     number: Annotated[int, Path(ge=1)],
     visitor: Visitor,
     played: Asked,
-    _: ScoringSlot,
+    _: ScoringTurn,
 ) -> Response:
     """Show what a person sees from where they are; or, after the answer, how it is scored."""
     with visitor.snapshot() as snapshot:

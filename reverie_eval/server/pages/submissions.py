@@ -20,7 +20,7 @@ from reverie_eval.schemas.service import (
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.callers import Call, Member, Posted, Snapshot, Visitor
 from reverie_eval.server.http.problems import read_model
-from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
 from reverie_eval.server.service.audit import history
 from reverie_eval.server.service.boards import Board
@@ -60,7 +60,7 @@ def show_submission(
 
 
 @router.post("/submissions/{submission_id}")
-def change_submission(submission_id: str, member: Member, form: Posted, _: ScoringSlot) -> Response:
+def change_submission(submission_id: str, member: Member, form: Posted, _: ScoringTurn) -> Response:
     """Apply one of the forms on the page; each sends only its own fields."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
     with member.snapshot() as snapshot:

@@ -22,7 +22,7 @@ from reverie_eval.server.errors import MalformedError, RejectedFileError
 from reverie_eval.server.http.callers import Call, Member, Server
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.runtime import Runtime
-from reverie_eval.server.http.uploads import Began, Upload, content_of, method_from, taken
+from reverie_eval.server.http.uploads import Began, Upload, method_from, taken
 from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
 from reverie_eval.server.pages.teams import split_quotas
 
@@ -90,7 +90,7 @@ async def posted_upload(
         is_to_be_scored = upload.fields.get("what") == "score"
         exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
         check_form(member, upload, draw_fault)
-        async with runtime.admission.score():
+        async with runtime.scoring.hold(person.team_id):
             yield upload
 
 
@@ -113,7 +113,7 @@ def submit(member: Member, upload: PostedUpload) -> Response:
     server, person, typed = member.server, member.person(), upload.fields
     board = server.board(typed.get("split", ""))
     if typed.get("what") != "score":
-        report = server.intake.validate(person, board.name, content_of(upload, server))
+        report = server.intake.validate(person, board.name, upload.packed)
         return draw(member, typed, report=report)
     method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
     accepted = server.intake.submit(

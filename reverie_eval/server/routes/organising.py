@@ -20,7 +20,7 @@ from reverie_eval.server.http.uploads import (
     METHOD_PARAMETERS,
     OF_UPLOADS,
     ReceivedByOrganiser,
-    ScoringSlot,
+    ScoringTurn,
     fields_of,
     method_from,
     parameters_of,
@@ -225,7 +225,7 @@ def remove_reported_result(result_id: Number, organiser: Organiser) -> schemas.R
 
 @router.post("/corrections", responses=problems("not-found", "conflict"))
 def rescore(
-    new: schemas.NewCorrection, organiser: Organiser, _: ScoringSlot
+    new: schemas.NewCorrection, organiser: Organiser, _: ScoringTurn
 ) -> schemas.RescoringReport:
     """Score some submissions again after a correction of the ground truth or the rules.
 
@@ -297,7 +297,7 @@ def list_audit(organiser: Organiser, paging: Paging) -> list[schemas.AuditReport
 
 @router.get("/splits/{split}/evidence", responses=problems("not-found"))
 def show_evidence(
-    split: SplitName, organiser: Organiser, _: ScoringSlot, team: Team = None
+    split: SplitName, organiser: Organiser, _: ScoringTurn, team: Team = None
 ) -> EvidenceReport:
     """Show what the files of a split have in common, and how those of each team differ.
 

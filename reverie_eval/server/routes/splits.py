@@ -31,7 +31,6 @@ from reverie_eval.server.http.uploads import (
     METHOD_PARAMETERS,
     OF_FILES,
     OF_UPLOADS,
-    Content,
     Counted,
     Received,
     Sender,
@@ -114,12 +113,12 @@ def submit(
     responses=problems(*OF_FILES),
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
-def validate(split: SplitName, person: Sender, content: Content, server: Server) -> Checked:
+def validate(split: SplitName, person: Sender, upload: Received, server: Server) -> Checked:
     """Check a file as for scoring; nothing is stored, and no submission is used.
 
     Answers are not used. The parameters are those of an upload; the method is ignored.
     """
-    return server.intake.validate(person, split, content)
+    return server.intake.validate(person, split, upload.packed)
 
 
 @router.get(

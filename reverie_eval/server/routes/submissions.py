@@ -13,7 +13,7 @@ from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import TEXT, file_reply, problems
 from reverie_eval.server.http.paging import Paging
-from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.routes.splits import FurtherName
 from reverie_eval.server.service.submissions import list_submissions, result_on, submission_of
 
@@ -45,7 +45,7 @@ def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionRe
 
 @router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))
 def change_submission(
-    submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringSlot
+    submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringTurn
 ) -> SubmissionReport:
     """Publish, withdraw or edit a submission, or hide your team's name until a date."""
     return caller.server.submissions.change(caller.person(), submission_id, change)
@@ -81,7 +81,7 @@ def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
     response_class=Response,
     responses=file_reply("text/csv", *_REFUSALS, schema=TEXT, example=_CSV),
 )
-def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringSlot) -> Response:
+def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringTurn) -> Response:
     """Return the results of every episode as CSV, for open splits only."""
     scores = caller.server.submissions.episodes(show_submission(submission_id, caller))
     text = io.StringIO()

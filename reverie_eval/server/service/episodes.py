@@ -35,6 +35,7 @@ from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.service.boards import Board, load_board, tasks_of
 from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.results import submission_report
+from reverie_eval.server.service.scoring import Context, EpisodeValues, Scoring
 from reverie_eval.server.service.submissions import (
     SubmissionService,
     newest_of_each,
@@ -185,14 +186,16 @@ class Browsing:
 class EpisodeService:
     """Access to episodes."""
 
-    def __init__(self, boards: Mapping[str, Board], submissions: SubmissionService) -> None:
+    def __init__(
+        self, boards: Mapping[str, Board], scoring: Scoring, submissions: SubmissionService
+    ) -> None:
         self._first_task, *_ = tasks_of(boards)
         self.boards: Sequence[Board] = [board for board in boards.values() if not board.is_private]
         """The leaderboards of the open splits."""
         self._submissions = submissions
         self._annotations = lru_cache(len(boards))(lambda split: Annotations.of(self._board(split)))
         self._walked = lru_cache(len(boards) * len(AGENTS))(
-            lambda split, agent: _scores_of_agent(self._board(split), agent)
+            lambda split, agent: scoring.run(score_agent, split, agent).scores(self._board(split))
         )
 
     @cached_property
@@ -341,11 +344,13 @@ def _agent(name: str) -> Choice:
     return Choice(name, f"{name.capitalize()} (reference agent)", "agent")
 
 
-def _scores_of_agent(board: Board, agent: str) -> Scores:
+def score_agent(context: Context, split: str, agent: str) -> EpisodeValues:
+    """Let a reference agent walk, and score it."""
+    board = context.boards[split]
     records = run_agent(agent, board.truth)
     if board.split.track == "grounding":  # takes answers alone
         records = [{key: record[key] for key in ("instr_id", "predObjId")} for record in records]
-    return board.score(board.read(json.dumps(records).encode()))
+    return EpisodeValues.of(board.score(board.read(json.dumps(records).encode())))
 
 
 def align_walks(

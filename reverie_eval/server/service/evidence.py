@@ -47,10 +47,10 @@ from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.fingerprints import Fingerprint, Fingerprints
 from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.scoring import Scoring
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import IS_SHOWN, SAME_FILE, Submission, Team
-from reverie_eval.server.store.uploads import Uploads
 
 AT_ONCE = 100
 """Submissions that a request reads, at most; the next request continues."""
@@ -108,7 +108,7 @@ class EvidenceService:
 
     boards: Mapping[str, Board]
     database: Database
-    uploads: Uploads
+    scoring: Scoring
     signer: Signer
 
     def report(self, session: Session, split: str, team: str | None = None) -> Evidence:
@@ -167,7 +167,7 @@ class EvidenceService:
         return evidence.report
 
     def _fingerprints(self, split: str) -> Fingerprints:
-        return Fingerprints(board_named(self.boards, split), self.database, self.uploads)
+        return Fingerprints(board_named(self.boards, split), self.database, self.scoring)
 
 
 def _sent_and_missing(

@@ -22,10 +22,11 @@ from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import jumps
 from reverie_eval.scoring import Lookups, PreparedSubmission
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.scoring import Context, Scoring
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission
-from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
+from reverie_eval.server.store.uploads import UploadsError, stored_upload
 from reverie_eval.submissions import AlignedSubmission
 
 _EPISODE = np.dtype(
@@ -155,6 +156,12 @@ def _walks(aligned: AlignedSubmission, lookups: Lookups) -> Walks:
     )
 
 
+def fingerprint_of(context: Context, split: str, sha256: str) -> bytes:
+    """Return the packed fingerprint of a stored upload."""
+    content = stored_upload(context.uploads, sha256)
+    return Fingerprint.of(context.boards[split], content).to_bytes()
+
+
 class Read(NamedTuple):
     """What was read of some uploads."""
 
@@ -170,7 +177,7 @@ class Fingerprints:
 
     board: Board
     database: Database
-    uploads: Uploads
+    scoring: Scoring
 
     @property
     def basis(self) -> str:
@@ -193,13 +200,11 @@ class Fingerprints:
             if len(contents) == most:
                 break
             try:
-                found = Fingerprint.of(self.board, stored_upload(self.uploads, sha256))
+                contents[sha256] = self.scoring.run(fingerprint_of, self.board.name, sha256)
             except SubmissionError as error:
                 unreadable[sha256] = f"rejected: {error.problems[0]}"
             except UploadsError as error:
                 unreadable[sha256] = str(error)
-            else:
-                contents[sha256] = found.to_bytes()
         return Read(contents, unreadable)
 
     def store(self, contents: Mapping[str, bytes]) -> None:

@@ -6,16 +6,17 @@ A submission is received when the last byte of its upload has arrived, and the s
 at that time: scoring may end later.
 """
 
-import hashlib
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import NamedTuple
 
 from sqlalchemy import and_, bindparam, or_, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NoticeReport
+from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     Accepted,
     BoardResult,
@@ -35,13 +36,13 @@ from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.quotas import QuotaUsage, usage_of
 from reverie_eval.server.service.results import store_result
 from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.scoring import Context, Scoring, open_file
 from reverie_eval.server.service.submissions import check_metadata
 from reverie_eval.server.service.transactions import Actor, Transactions
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import SUBMITTED, Person, Submission
-from reverie_eval.server.store.uploads import Uploads
+from reverie_eval.server.store.uploads import Uploads, pack
 from reverie_eval.submissions import check_navigation_only
-from reverie_eval.submissions._sources import unpack
 
 Clock = Callable[[], datetime]
 
@@ -59,6 +60,33 @@ _SAME_FILE = select(Submission).where(_IS_SAME_FILE)
 _SAME_FILE_OR_KEY = select(Submission).where(or_(_IS_SAME_FILE, _IS_SAME_KEY))
 
 
+class Read(NamedTuple):
+    """What was read of a file, and its scores."""
+
+    reports: Mapping[str, ScoreReport]
+    """By leaderboard of the split."""
+    packed: bytes
+    """The file as it is kept."""
+
+
+def check_file(context: Context, split: str) -> Sequence[str]:
+    """Check the opened file without using the answers, and return the notes."""
+    return list(context.boards[split].check(context.content).validation().notes)
+
+
+def score_file(context: Context, split: str, *, navigation_only: bool | None) -> Read:
+    """Read and score the opened file; its method may be declared as navigation only, or as not.
+
+    Raises SubmissionError if it is rejected; lists all problems.
+    """
+    board = context.boards[split]
+    reading = board.read(context.content)
+    if board.task.has_targets:
+        found = reading.submission.is_navigation_only
+        check_navigation_only(found=found, declared=navigation_only)
+    return Read(board.reports(context.content, reading), pack(context.content))
+
+
 @dataclass
 class Intake:
     """Accepts submissions.
@@ -69,25 +97,28 @@ class Intake:
 
     boards: Mapping[str, Board]
     uploads: Uploads
+    scoring: Scoring
     transactions: Transactions
     notices: Notices
     attempts: Attempts
     schedules: Schedules
     settings: Settings
 
-    def validate(self, person: Person, split: str, content: bytes) -> Checked:
-        """Check a submission without using the answers; it is not stored or counted.
+    def validate(self, person: Person, split: str, packed: bytes) -> Checked:
+        """Unpack and check a submission without the answers; it is not stored or counted.
 
         Raises
         ------
         SubmissionError
             If it is rejected; lists all problems.
         """
-        board = board_named(self.boards, split)
-        notes = board.check(content).validation().notes
+        board_named(self.boards, split)  # or there is no such split
+        with self.scoring.hold() as runner:
+            runner.run(open_file, packed, self._most_unpacked)
+            notes = runner.run(check_file, split)
         with self.transactions.database.reading() as session:
             quota = self.quotas(session, person, split)[split]
-        return Checked(split=split, valid=True, notes=list(notes), quota=quota)
+        return Checked(split=split, valid=True, notes=notes, quota=quota)
 
     def quotas(self, session: Session, person: Person, *splits: str) -> Mapping[str, QuotaReport]:
         """Return the submissions left to a person on these splits, or on all splits."""
@@ -136,30 +167,40 @@ class Intake:
         """
         board_named(self.boards, split)  # or there is no such split
         with self.attempts.recording(person, split, len(packed)) as attempt:
-            content = unpack(packed, self.settings.limits.unpacked_mebibytes << 20)
-            attempt.size = len(content)
-            row = Submission(
-                split=split,
-                sha256=hashlib.sha256(content).hexdigest(),
-                received_at=arrived,
-                size=len(content),
-                idempotency_key=key,
-                method=method.model_dump(mode="json"),
-                also={},
+            with self.scoring.hold() as runner:
+                file = runner.run(open_file, packed, self._most_unpacked)
+                attempt.size = file.size
+                row = Submission(
+                    split=split,
+                    sha256=file.sha256,
+                    received_at=arrived,
+                    size=file.size,
+                    idempotency_key=key,
+                    method=method.model_dump(mode="json"),
+                    also={},
+                )
+                found = self._known(row, person, method, organiser) or runner.run(
+                    score_file, split, navigation_only=method.navigation_only
+                )
+            accepted = (
+                self._store(row, found, person, method, organiser)
+                if isinstance(found, Read)
+                else found
             )
-            accepted = self._submit(row, content, person, method, organiser)
             attempt.outcome = "repeat" if accepted.is_repeat else "scored"
         return accepted
 
-    def _submit(
-        self,
-        row: Submission,
-        content: bytes,
-        person: Person,
-        method: Method,
-        organiser: Actor | None,
-    ) -> Accepted:
-        """Complete and store the row of a submission, unless it repeats an earlier one."""
+    @property
+    def _most_unpacked(self) -> int:
+        return self.settings.limits.unpacked_mebibytes << 20
+
+    def _known(
+        self, row: Submission, person: Person, method: Method, organiser: Actor | None
+    ) -> Accepted | None:
+        """Return the result of the submission that a new one repeats, if any.
+
+        Otherwise the new one may be scored; raises the errors of :meth:`submit` if not.
+        """
         board = self.boards[row.split]
         with self.transactions.database.reading() as session:
             earlier = self._earlier(session, row, person)
@@ -171,14 +212,21 @@ class Intake:
                 self._check_paused(self.notices.current(session, row.received_at), board, schedule)
             self._check_open(board, schedule, row.received_at)
             self._check_quota(session, row, person, board, in_the_past=bool(organiser))
-        reading = board.read(content)
-        if board.task.has_targets:
-            is_navigation_only = reading.submission.is_navigation_only
-            check_navigation_only(found=is_navigation_only, declared=method.navigation_only)
-        reports = board.reports(content, reading)
+        return None
+
+    def _store(
+        self,
+        row: Submission,
+        read: Read,
+        person: Person,
+        method: Method,
+        organiser: Actor | None,
+    ) -> Accepted:
+        """Complete and store the row of a submission, unless it repeats an earlier one."""
+        board = self.boards[row.split]
         row.id = secrets.token_hex(8)
         with (
-            self.uploads.staged(row.sha256, content) as keep,
+            self.uploads.staged(row.sha256, read.packed) as keep,
             self.transactions.begin(organiser or person) as transaction,
         ):
             session = transaction.session
@@ -191,7 +239,7 @@ class Intake:
             row.person = session.merge(person, load=False)
             row.team = row.person.team
             row.scored_at = transaction.now
-            for further, report in reports.items():
+            for further, report in read.reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))
             announce_same_file(transaction, row)  # the log's last entry is one that the row shows

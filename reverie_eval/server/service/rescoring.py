@@ -11,6 +11,7 @@ A further leaderboard that was added to a split gets its results in the same way
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from itertools import chain
 from typing import NamedTuple, TypeAlias
 
@@ -31,9 +32,10 @@ from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store
 from reverie_eval.server.service.receipts import read_as
 from reverie_eval.server.service.results import results_of, store_result, stored_in_report
 from reverie_eval.server.service.reviews import is_disqualified, reviews_of
+from reverie_eval.server.service.scoring import Context, Scoring
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.tables import Correction, Review, Submission
-from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
+from reverie_eval.server.store.uploads import UploadsError, stored_upload
 
 AT_ONCE = 20
 """Submissions that a request scores, at most; the next request continues."""
@@ -62,26 +64,20 @@ Outcome: TypeAlias = Rescored | str
 """The result of scoring again, or why a submission cannot be scored again."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scorer:
-    """Scores uploads for a leaderboard again."""
-
-    board: Board
-    uploads: Uploads
-
-    def __call__(self, job: Job) -> Outcome:
-        """Score a submission again, or return why that cannot be done."""
-        if job.upload_deleted_at is not None:
-            return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
-        try:
-            content = stored_upload(self.uploads, job.sha256)
-            report, scores = self.board.scored(content, has_intervals=job.has_intervals)
-        except SubmissionError as error:
-            return f"rejected: {error.problems[0]}"
-        except UploadsError as error:
-            return str(error)
-        sums = cluster_sums(scores) if scores and report.intervals else None
-        return Rescored(report, sums)
+def score_again(context: Context, split: str, further: str, job: Job) -> Outcome:
+    """Score a submission again on a leaderboard, or return why that cannot be done."""
+    if job.upload_deleted_at is not None:
+        return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
+    board = board_named(context.boards, split, further)
+    try:
+        content = stored_upload(context.uploads, job.sha256)
+        report, scores = board.scored(content, has_intervals=job.has_intervals)
+    except SubmissionError as error:
+        return f"rejected: {error.problems[0]}"
+    except UploadsError as error:
+        return str(error)
+    sums = cluster_sums(scores) if scores and report.intervals else None
+    return Rescored(report, sums)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +85,7 @@ class Rescoring:
     """Scores the submissions of splits again."""
 
     boards: Mapping[str, Board]
-    uploads: Uploads
+    scoring: Scoring
     transactions: Transactions
 
     def rescore(self, actor: Actor, new: NewCorrection) -> RescoringReport:
@@ -112,7 +108,7 @@ class Rescoring:
             )
         outcomes = chain.from_iterable(
             self.replace_results(
-                actor, board, new.reason, jobs, map(Scorer(board, self.uploads), jobs)
+                actor, board, new.reason, jobs, map(partial(self._score_again, board), jobs)
             )
             for board, jobs in waiting
         )
@@ -128,6 +124,9 @@ class Rescoring:
         return RescoringReport(
             split=new.split, signature=own.signature, scored=scored, rejected=rejected, left=left
         )
+
+    def _score_again(self, board: Board, job: Job) -> Outcome:
+        return self.scoring.run(score_again, board.name, board.further, job)
 
     def replace_results(
         self,

@@ -4,11 +4,10 @@ Teams see all of their own submissions; everyone sees published ones.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
 from itertools import chain
-from types import MappingProxyType
 from typing import Any, TypeAlias, cast
 
 from sqlalchemy import Select, SQLColumnExpression, exists, select, tuple_, union_all
@@ -41,6 +40,7 @@ from reverie_eval.server.service.reviews import (
     standing_reviews,
 )
 from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.scoring import Context, EpisodeValues, Scoring
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions, difference
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission
@@ -256,6 +256,7 @@ class SubmissionService:
 
     boards: Mapping[str, Board]
     uploads: Uploads
+    scoring: Scoring
     transactions: Transactions
     schedules: Schedules
     required_metadata: Collection[str]
@@ -310,13 +311,9 @@ class SubmissionService:
             )
 
     def _score_again(self, split: str, further: str, sha256: str) -> Scores:
-        """Score an upload again; the ground truth does not change while the server runs.
-
-        The result does not refer to the data it was computed from, which may be 100 times as large.
-        """
-        board = board_named(self.boards, split, further)
-        scores = board.score(board.read(stored_upload(self.uploads, sha256)))
-        return replace(scores, episodes=MappingProxyType(dict(scores.episodes)))
+        """Score an upload again; the ground truth does not change while the server runs."""
+        values = self.scoring.run(score_episodes, split, further, sha256)
+        return values.scores(board_named(self.boards, split, further))
 
     def compare(self, board: Board, named: Mapping[str, SubmissionReport]) -> Comparison:
         """Compare results of a leaderboard on the same episodes, all others with the first.
@@ -458,13 +455,29 @@ class SubmissionService:
         ]
         if own.is_private or known.upload_deleted_at is not None or not waiting:
             return {}
-        content = stored_upload(self.uploads, known.sha256)
-        found = {board.further: board.scored(content, has_intervals=True) for board in waiting}
-        return {
-            further: (report.intervals, cluster_sums(scores))
-            for further, (report, scores) in found.items()
-            if report.intervals is not None and scores is not None
-        }
+        return self.scoring.run(
+            draw_intervals, known.split, [board.further for board in waiting], known.sha256
+        )
+
+
+def score_episodes(context: Context, split: str, further: str, sha256: str) -> EpisodeValues:
+    """Score a stored upload, and return the values of each episode."""
+    board = board_named(context.boards, split, further)
+    return EpisodeValues.of(board.score(board.read(stored_upload(context.uploads, sha256))))
+
+
+def draw_intervals(
+    context: Context, split: str, furthers: Sequence[str], sha256: str
+) -> Mapping[str, tuple[IntervalReport, Sums]]:
+    """Return intervals and cluster sums of a stored upload, by leaderboard that has intervals."""
+    content = stored_upload(context.uploads, sha256)
+    boards = [board_named(context.boards, split, further) for further in furthers]
+    found = {board.further: board.scored(content, has_intervals=True) for board in boards}
+    return {
+        further: (report.intervals, cluster_sums(scores))
+        for further, (report, scores) in found.items()
+        if report.intervals is not None and scores is not None
+    }
 
 
 def _editable(row: Submission) -> Mapping[str, Any]:

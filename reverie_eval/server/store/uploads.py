@@ -40,8 +40,8 @@ class UploadsError(ReverieEvalError):
 class Uploads(Protocol):
     """A store of uploads."""
 
-    def staged(self, sha256: str, content: bytes) -> AbstractContextManager[Keep]:
-        """Write an upload, to be kept by calling what is given, or else to leave no trace."""
+    def staged(self, sha256: str, packed: bytes) -> AbstractContextManager[Keep]:
+        """Write what :func:`pack` returned, kept by calling what is given, or leaving no trace."""
 
     def put(self, sha256: str, content: bytes) -> None:
         """Store an upload; storing it again changes nothing."""
@@ -155,7 +155,7 @@ class FolderUploads:
         self._making = Lock()
 
     @contextmanager
-    def staged(self, sha256: str, content: bytes) -> Iterator[Keep]:
+    def staged(self, sha256: str, packed: bytes) -> Iterator[Keep]:
         """Write a hidden file through to the disk, which is renamed or removed."""
         path = self._path(sha256)
         with self._making:
@@ -164,7 +164,7 @@ class FolderUploads:
         with NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
             hidden = Path(file.name)
             try:
-                file.write(pack(content))
+                file.write(packed)
                 file.flush()
                 os.fsync(file.fileno())
                 yield partial(_rename, hidden, path)
@@ -173,7 +173,7 @@ class FolderUploads:
 
     def put(self, sha256: str, content: bytes) -> None:
         """Write the file whole and through to the disk, or not at all."""
-        with self.staged(sha256, content) as keep:
+        with self.staged(sha256, pack(content)) as keep:
             keep()
 
     def get(self, sha256: str) -> bytes:
@@ -262,11 +262,11 @@ class S3Uploads:
             self._client: Any = boto3.client("s3")
 
     @contextmanager
-    def staged(self, sha256: str, content: bytes) -> Iterator[Keep]:
+    def staged(self, sha256: str, packed: bytes) -> Iterator[Keep]:
         """Write an object under another key; the store copies it, and it is removed."""
         staging = f"{self._key(sha256)}.{secrets.token_hex(8)}"
         with self._asking():
-            self._client.put_object(Bucket=self._bucket, Key=staging, Body=pack(content))
+            self._client.put_object(Bucket=self._bucket, Key=staging, Body=packed)
         try:
             yield partial(self._copy, staging, self._key(sha256))
         finally:

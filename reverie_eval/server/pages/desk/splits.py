@@ -18,7 +18,7 @@ from reverie_eval.schemas.organising import NewCorrection, NewGrant, NewSchedule
 from reverie_eval.schemas.service import ReleaseScores
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
-from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import people, quotas, rescoring, schedules
 from reverie_eval.server.service.schedules import Timetable
@@ -172,7 +172,7 @@ def draw_corrections(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Sh
 
 
 @router.post(CORRECTIONS)
-def rescore(desk: Desk, form: Posted, _: ScoringSlot) -> Response:
+def rescore(desk: Desk, form: Posted, _: ScoringTurn) -> Response:
     """Score the next submissions to a split again."""
     typed = forms.typed_by(desk, form, draw_corrections)
     new = read_model(NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")})

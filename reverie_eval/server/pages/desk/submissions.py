@@ -28,7 +28,7 @@ from reverie_eval.server.http.callers import Call, Desk, Posted, Server, Snapsho
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import Runtime
-from reverie_eval.server.http.uploads import Began, ScoringSlot, Upload, method_from, taken
+from reverie_eval.server.http.uploads import Began, ScoringTurn, Upload, method_from, taken
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.desk.overview import Sought
 from reverie_eval.server.pages.rendering import page
@@ -135,7 +135,7 @@ async def posted_file(
     organiser = await run_in_threadpool(desk.person)
     async with taken(request, server, runtime, began, organiser) as upload:
         check_form(desk, upload, draw_files)
-        async with runtime.admission.score():
+        async with runtime.scoring.hold(organiser.team_id):
             yield upload
 
 
@@ -166,7 +166,7 @@ def submit_emailed_file(desk: Desk, upload: PostedFile) -> Response:
 
 
 @router.get("/desk/evidence")
-def show_evidence(desk: Desk, _: ScoringSlot, split: Sought = "", team: Sought = "") -> Response:
+def show_evidence(desk: Desk, _: ScoringTurn, split: Sought = "", team: Sought = "") -> Response:
     """Show the evidence about a split, and about the submissions of a team to it."""
     service, evidence = desk.server.evidence, None
     with desk.snapshot() as snapshot:  # others than organisers may not have uploads read

@@ -1,0 +1,346 @@
+"""Files are read and scored in processes that no file holds up for long, and no kill for good."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from sqlalchemy import select
+
+from fixtures.servers import make_folder
+from reverie_eval import evaluate
+from reverie_eval.errors import SubmissionError
+from reverie_eval.server.errors import BusyError
+from reverie_eval.server.service import scoring_processes
+from reverie_eval.server.service.boards import load_boards
+from reverie_eval.server.service.scoring import Context, open_file
+from reverie_eval.server.service.scoring_processes import ScoringProcesses
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Submission
+from tests.support.forking import Beside, Forked, Surroundings
+from tests.support.participants import RealServer, private_submission
+from tests.support.serving import (
+    GOOD,
+    NO_TLS,
+    OPEN,
+    ORGANISER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Template,
+    running,
+    settings_of,
+    submission_for,
+)
+from tests.support.waiting import PATIENCE, wait_until
+
+MANY = 12
+ALLOWED = 2
+"""By default, in a day, on the private split."""
+
+
+@pytest.fixture(autouse=True)
+def _processes_are_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let processes be copies of the one that all tested servers are copies of."""
+    here = Surroundings(Path.cwd(), dict(os.environ), tmp_path / "output", tmp_path / "errors")
+    monkeypatch.setattr(scoring_processes, "get_context", lambda _: Beside(here))
+
+
+@pytest.fixture
+def processes(folder: Path) -> Iterator[ScoringProcesses]:
+    """Run two processes."""
+    settings = settings_of(folder)
+    with ScoringProcesses(settings, load_boards(settings), 2) as processes:
+        yield processes
+
+
+def number(_: Context) -> int:
+    """Return which process this is."""
+    return os.getpid()
+
+
+def burn(_: Context) -> None:
+    """Use the processor for ever."""
+    while True:
+        pass
+
+
+def fill(_: Context, mebibytes: int) -> int:
+    """Use memory."""
+    return len(bytearray(mebibytes << 20))
+
+
+def fail(_: Context, error: Exception) -> None:
+    """Raise an error."""
+    raise error
+
+
+def refuse_to_be_pickled(_: Context) -> object:
+    """Return what cannot be sent to another process."""
+    return lambda: None
+
+
+def is_running(process: int) -> bool:
+    """Whether there is such a process."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def kill(process: int) -> None:
+    """Kill a process, and wait until it has ended."""
+    os.kill(process, signal.SIGKILL)
+    wait_until(lambda: not is_running(process))
+
+
+def test_a_server_replies_the_same_wherever_it_scores(
+    folder: Path, open_server: OpenServer
+) -> None:
+    server = open_server(workers=2)
+    expected = evaluate(GOOD, split=OPEN).to_report().scores
+    uploaded = server.upload(OWNER)
+    assert uploaded.status_code == 201
+    submission = uploaded.json()["submission"]
+    assert submission["report"]["scores"] == expected
+    path = f"/submissions/{submission['id']}"
+    published = server.ask(OWNER, "PATCH", path, json={"published": True}).json()
+    assert published["report"]["intervals"]
+    episodes = server.ask(OWNER, "GET", f"{path}/episodes")
+    evidence = server.ask(ORGANISER, "GET", f"/organiser/splits/{OPEN}/evidence")
+    private = server.upload(OWNER, submission_for(PRIVATE), PRIVATE)
+    here = open_server(settings_of(folder), server.tokens)
+    assert here.ask(OWNER, "GET", path).json()["report"] == published["report"]
+    assert here.ask(OWNER, "GET", f"{path}/episodes").text == episodes.text
+    again = here.ask(ORGANISER, "GET", f"/organiser/splits/{OPEN}/evidence")
+    assert again.json() == evidence.json()
+    assert here.upload(OWNER, submission_for(PRIVATE), PRIVATE).json()["is_repeat"]
+    assert private.json()["submission"]["report"]["scores"]
+    assert server.client.get("/healthz").json()["failed"] == []
+
+
+def test_a_file_that_takes_too_long_is_refused_and_the_next_one_is_not(
+    processes: ScoringProcesses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scoring_processes, "SECONDS", 0)
+    with pytest.raises(SubmissionError, match="more than 0 seconds of processor time"):
+        processes.run(burn)
+    assert is_running(processes.run(number))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells how large a process is")
+def test_a_file_that_needs_too_much_memory_is_refused_and_the_next_one_is_not(
+    processes: ScoringProcesses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scoring_processes, "MEBIBYTES", 64)
+    with processes.hold() as runner:
+        before = runner.run(number)
+        with pytest.raises(SubmissionError, match="more than 64 MiB of memory"):
+            runner.run(fill, 65)
+        assert runner.run(fill, 16) == 16 << 20
+        assert runner.run(number) == before
+
+
+def test_a_process_that_is_killed_while_it_waits_is_not_missed(
+    processes: ScoringProcesses,
+) -> None:
+    with processes.hold() as first, processes.hold() as second:
+        dead = {first.run(number), second.run(number)}
+    for process in dead:
+        kill(process)
+    with processes.hold() as first, processes.hold() as second:
+        assert not {first.run(number), second.run(number)} & dead
+
+
+def test_a_process_that_is_killed_while_it_works_asks_to_try_again(
+    processes: ScoringProcesses,
+) -> None:
+    with processes.hold() as runner, ThreadPoolExecutor(1) as other:
+        process = runner.run(number)
+        burning = other.submit(runner.run, burn)
+        kill(process)
+        with pytest.raises(BusyError):
+            burning.result(PATIENCE)
+        assert runner.run(number) != process
+
+
+def test_what_was_opened_by_a_process_that_was_killed_is_not_taken_for_an_empty_file(
+    processes: ScoringProcesses,
+) -> None:
+    with processes.hold() as runner:
+        runner.run(open_file, GOOD, len(GOOD))
+        kill(runner.run(number))
+        with pytest.raises(BusyError):
+            runner.run(number)
+        with pytest.raises(BusyError):
+            runner.run(content_size)
+
+
+def content_size(context: Context) -> int:
+    """Return the size of the opened file."""
+    return len(context.content)
+
+
+def test_an_error_is_raised_as_it_was(processes: ScoringProcesses) -> None:
+    with pytest.raises(ZeroDivisionError, match="nothing") as raised:
+        processes.run(fail, ZeroDivisionError("nothing"))
+    assert "in fail" in "".join(raised.value.__notes__), "where it was raised"
+    with pytest.raises(RuntimeError, match="cannot be sent"):
+        processes.run(refuse_to_be_pickled)
+    assert is_running(processes.run(number))
+
+
+def test_processes_end_with_the_context_whatever_they_do(folder: Path) -> None:
+    settings = settings_of(folder)
+    with (
+        ScoringProcesses(settings, load_boards(settings), 2) as processes,
+        ThreadPoolExecutor(1) as other,
+    ):
+        with processes.hold() as first, processes.hold() as second:
+            all_of_them = {first.run(number), second.run(number)}
+        burning = other.submit(processes.run, burn)
+        processes.__exit__()
+        with suppress(BusyError, OSError):
+            burning.result(PATIENCE)
+    wait_until(lambda: not any(is_running(process) for process in all_of_them))
+
+
+@dataclass(frozen=True)
+class Crew:
+    """A real server with two processes that score, and a token of a participant."""
+
+    real: RealServer
+    process: Forked | subprocess.Popen[str]
+    token: str
+
+    def upload(self, content: bytes, split: str = OPEN) -> httpx.Response:
+        """Upload over a connection of its own."""
+        return httpx.post(
+            f"{self.real.url}/api/v1/splits/{split}/submissions?name=Walker",
+            headers={"Authorization": f"Bearer {self.token}"},
+            content=content,
+            timeout=PATIENCE,
+            verify=NO_TLS,
+        )
+
+    def failing(self) -> Sequence[str]:
+        """Return the health checks that fail."""
+        reply = httpx.get(f"{self.real.url}/healthz", timeout=PATIENCE, verify=NO_TLS)
+        failed: Sequence[str] = reply.json()["failed"]
+        return failed
+
+    def logged(self, event: str) -> Sequence[Mapping[str, Any]]:
+        """Return the lines of its log about an event."""
+        whole, _, _ = self.real.log.read_text().rpartition("\n")
+        return [line for line in map(json.loads, whole.splitlines()) if line["event"] == event]
+
+    def scorers(self) -> set[int]:
+        """Return the processes that score."""
+        started = {line["pid"] for line in self.logged("scoring process started")}
+        return started - {line["dead"] for line in self.logged("scoring process replaced")}
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def crew(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Crew]:
+    """Run a server on each kind of database."""
+    folder = tmp_path_factory.mktemp("crew") / "server"
+    make_folder(folder)
+    database = "sqlite:///server.db"
+    if request.param == "postgresql":
+        template: Template = request.getfixturevalue("postgresql_template")
+        database = request.getfixturevalue("postgresql")(template.ready)
+    settings = load_settings(folder).model_copy(update={"database": database})
+    limits = {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
+    with (
+        running(folder, 2, REVERIE_EVAL_DATABASE=database, **limits) as (process, url),
+        closing(Database(settings.database_url)) as opened,
+    ):
+        real = RealServer(url, settings, opened, folder / "log")
+        yield Crew(real, process, real.mint(real.newcomer()))
+
+
+def test_of_many_files_as_many_are_scored_as_the_quota_allows(crew: Crew) -> None:
+    content = private_submission()
+    files = [content + b" " * number for number in range(MANY)]
+    with ThreadPoolExecutor(MANY) as pool:
+        replies = list(pool.map(lambda file: crew.upload(file, PRIVATE), files))
+    statuses = Counter(reply.status_code for reply in replies)
+    assert statuses == {201: ALLOWED, 429: MANY - ALLOWED}
+    with crew.real.database.reading() as session:
+        assert len(session.scalars(select(Submission)).all()) == ALLOWED
+        assert not list(crew.real.audit_log.broken_links(session))
+
+
+def test_a_process_that_is_killed_loses_nothing_and_is_replaced(crew: Crew) -> None:
+    files = [GOOD + b" " * number for number in range(MANY)]
+    victims = crew.scorers()
+
+    def send(number: int) -> httpx.Response:
+        if number == MANY // 3:
+            for victim in victims:
+                os.kill(victim, signal.SIGKILL)
+        return crew.upload(files[number])
+
+    with ThreadPoolExecutor(4) as pool:
+        replies = list(pool.map(send, range(MANY)))
+    assert {reply.status_code for reply in replies} <= {201, 503}
+    assert {reply.headers.get("retry-after") for reply in replies} <= {None, "10"}
+    again = [crew.upload(file) for file in files]
+    for before, after in zip(replies, again, strict=True):
+        if before.status_code == 201:
+            assert after.status_code == 200
+            assert after.json()["submission"] == before.json()["submission"]
+        else:
+            assert after.status_code == 201
+    assert len(crew.scorers()) == 2
+    assert not crew.scorers() & victims
+    wait_until(lambda: not crew.failing())
+
+
+def test_processes_end_with_a_server_that_is_killed(folder: Path) -> None:
+    settings = load_settings(folder)
+    with running(folder, 2) as (process, url), closing(Database(settings.database_url)) as opened:
+        crew = Crew(RealServer(url, settings, opened, folder / "log"), process, "")
+        wait_until(lambda: len(crew.scorers()) == 2)
+        process.kill()
+        wait_until(lambda: not any(is_running(scorer) for scorer in crew.scorers()))
+
+
+def test_so_do_those_that_users_start(folder: Path) -> None:
+    """Those of other tests are forked from a process of the tests."""
+    words = (sys.executable, "-m", "reverie_eval_cli", "serve", folder, "--workers=2", "--port=0")
+    settings, log = load_settings(folder), folder / "log"
+    with (
+        log.open("w") as errors,
+        subprocess.Popen(words, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+        closing(Database(settings.database_url)) as opened,
+    ):
+        try:
+            assert process.stdout is not None
+            first, second = process.stdout.readline(), process.stdout.readline()
+            found = re.search(r"listening at (\S+),", first + second)
+            assert found, log.read_text()
+            real = RealServer(found[1], settings, opened, log)
+            crew = Crew(real, process, real.mint(real.newcomer()))
+            assert crew.upload(GOOD).status_code == 201
+            scorers = crew.scorers()
+            assert scorers
+        finally:
+            process.terminate()
+    assert process.returncode == 0
+    wait_until(lambda: not any(is_running(scorer) for scorer in scorers))

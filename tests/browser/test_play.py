@@ -67,7 +67,7 @@ def test_walks_through_all_episodes_can_be_submitted(own_site: Site, open_page: 
     expect(page.get_by_text("A leaderboard needs the whole split")).to_be_hidden()
     page.get_by_role("link", name="Submit your walks").click()
     expect(page.locator("#outcome")).to_contain_text("can be scored on val_unseen")
-    expect(page.get_by_label("Human")).to_be_checked()
+    expect(page.get_by_label("Human")).to_have_value("true")
     page.get_by_label("Name").fill("Our students")
     page.get_by_role("button", name="Score", exact=True).click()
     expect(page.get_by_role("heading", name="Our students")).to_be_visible()

@@ -66,7 +66,7 @@ function take(reply, what) {
 
 // Copies the server's message about a field.
 function renew(field, page) {
-  const input = field.querySelector("[id]:is(input, textarea)");
+  const input = field.querySelector("[id]:is(input, select, textarea)");
   const now = page?.getElementById(input.id);
   if (!now) return;
   field.querySelector(".wrong")?.remove();

@@ -186,7 +186,7 @@ FAULTS = [
             spoil_webhook,
             ["webhook"],
             "waiting",
-            "DeliveryError: 2 messages could not be sent yet (ConnectError)",
+            "DeliveryError: 2 messages could not be sent yet (webhook.url)",
         ),
         id="a webhook that is dead",
     ),

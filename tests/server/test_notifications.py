@@ -3,8 +3,8 @@
 import hashlib
 import hmac
 import json
-import smtplib
 import socket
+import ssl
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -18,11 +18,14 @@ from typing import Any
 
 import pytest
 from aiosmtpd.controller import Controller
+from aiosmtpd.smtp import AuthResult
 from sqlalchemy import select
 
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http import health
-from reverie_eval.server.jobs.delivery import SIGNATURE, DeliveryError
+from reverie_eval.server.jobs import smtp
+from reverie_eval.server.jobs.delivery import SIGNATURE
+from reverie_eval.server.jobs.smtp import DeliveryError
 from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.outbox import LEASE, PATIENCE, announce, claim
@@ -30,6 +33,7 @@ from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Mail, Settings, SettingsError, Webhook, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Message
+from tests.client.test_client_failures import certificate
 from tests.support.acting import NOON
 from tests.support.flat import Run
 from tests.support.serving import (
@@ -269,7 +273,7 @@ def test_a_webhook_that_refuses_is_asked_again(telling: Open, hook: Hook) -> Non
     hook.status = 500
     server.upload(OWNER)
     deliver_now(server)
-    assert outbox(server)[0].error == "DeliveryError: 127.0.0.1 replied with status 500"
+    assert outbox(server)[0].error == "webhook.url: 127.0.0.1 replied with status 500"
     hook.status = 200
     deliver_now(server)
     assert len(hook.requests) == 1  # not yet
@@ -364,7 +368,116 @@ def test_notify_says_whether_the_settings_work(
     file.write_text(file.read_text().replace('security = "none"', 'user = "reverie"'))
     outcome = run("server", "notify", str(folder))
     assert outcome.status == 1
-    assert outcome.out.startswith(f"mail: {smtplib.SMTPNotSupportedError.__name__}: STARTTLS")
+    assert outcome.out.startswith('mail: mail.security: is "starttls", but 127.0.0.1 port')
+
+
+def reason(folder: Path, run: Run, **mail: Any) -> str:
+    """Set up mail, and return why the test message was not sent."""
+    about = {"sender": "a@b.org", "recipients": ["c@d.org"], "host": "127.0.0.1", **mail}
+    lines = [f"{name} = {json.dumps(value)}" for name, value in about.items()]
+    file = folder / "reverie-eval.toml"
+    plain, *_ = file.read_text().partition("\n[mail]")
+    file.write_text("\n".join([plain, "[mail]", *lines, ""]))
+    outcome = run("server", "notify", str(folder))
+    assert outcome.status == 1
+    return outcome.out.removeprefix("mail: ")
+
+
+@pytest.fixture
+def tls_port(tmp_path: Path) -> Iterator[int]:
+    """Run a mail server that begins with TLS, and has a certificate that nobody signed."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate(tmp_path))
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    controller = Controller(Mailbox(), hostname="127.0.0.1", port=port, ssl_context=context)
+    controller.start()
+    yield port
+    controller.stop()
+
+
+class Refusing(Mailbox):
+    """Refuses senders and recipients by their names, and every login."""
+
+    async def handle_MAIL(self, _: Any, __: Any, envelope: Any, address: str, ___: Any) -> str:  # noqa: N802
+        """Refuse a sender."""
+        envelope.mail_from = address
+        return {"x": "550 no", "y": "530 log in"}.get(address[0], "250 OK")
+
+    async def handle_RCPT(self, *_: Any) -> str:  # noqa: N802
+        """Refuse every recipient."""
+        return "550 no such user"
+
+
+@pytest.fixture
+def refusing_port() -> Iterator[int]:
+    """Run a mail server that refuses everything."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    controller = Controller(
+        Refusing(),
+        hostname="127.0.0.1",
+        port=port,
+        authenticator=lambda *_: AuthResult(success=False, handled=False),
+        auth_require_tls=False,
+    )
+    controller.start()
+    yield port
+    controller.stop()
+
+
+@pytest.fixture
+def ports(mailbox: tuple[Mailbox, int], tls_port: int, refusing_port: int) -> tuple[int, int, int]:
+    """Return the ports of three mail servers."""
+    return mailbox[1], tls_port, refusing_port
+
+
+def test_why_no_mail_is_sent_is_said_by_the_setting(
+    folder: Path, ports: tuple[int, int, int], run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, tls_port, refusing_port = ports
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        closed = free.getsockname()[1]
+    plain = {"port": port, "security": "none"}
+    refusing = {"port": refusing_port, "security": "none"}
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"host": "nowhere.invalid"}, "mail.host: there is no host 'nowhere.invalid'"),
+        ({"port": closed}, "mail.host, mail.port: 127.0.0.1 port"),
+        ({"port": port}, 'mail.security: is "starttls", but'),
+        ({"port": port, "security": "tls"}, 'mail.security: is "tls", but'),
+        ({"port": tls_port}, 'mail.security: is "starttls", but'),
+        ({"port": tls_port, "security": "none"}, 'mail.security: is "none", but'),
+        ({"port": tls_port, "security": "tls"}, "mail.host: the certificate of '127.0.0.1'"),
+        ({**plain, "user": "reverie"}, 'mail.security: is "none", but'),
+        ({**refusing, "user": "reverie"}, "mail.user, mail.password: 127.0.0.1 refused the login"),
+        ({**plain, "user": "reverie", "password_file": "none"}, "mail.password_file: "),
+        ({**refusing, "sender": "x@b.org"}, "mail.sender: 127.0.0.1 refused x@b.org"),
+        ({**refusing, "sender": "y@b.org"}, "mail.user: 127.0.0.1 wants a login"),
+        (refusing, "mail.recipients: 127.0.0.1 refused all of them"),
+    ]
+    for section, expected in cases:
+        with monkeypatch.context() as patched:
+            patched.setenv("REVERIE_EVAL_MAIL__PASSWORD", "hunter2")
+            if section.get("port") == tls_port:  # which waits for the client to begin
+                patched.setattr(smtp, "SECONDS_TO_SEND", 1)
+            said = reason(folder, run, **section)
+        assert said.startswith(expected), said
+        assert "hunter2" not in said
+
+
+def test_why_a_webhook_is_not_told(folder: Path, hook: Hook, run: Run) -> None:
+    file = folder / "reverie-eval.toml"
+    plain = file.read_text()
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        closed = free.getsockname()[1]
+    for port, status, expected in (
+        (hook.port, 401, "webhook.secret: 127.0.0.1 replied with status 401"),
+        (hook.port, 404, "webhook.url: 127.0.0.1 replied with status 404"),
+        (closed, 0, "webhook.url: 127.0.0.1 cannot be reached"),
+    ):
+        hook.status = status
+        file.write_text(f'{plain}\n[webhook]\nurl = "http://127.0.0.1:{port}/"\n')
+        assert run("server", "notify", str(folder)).out.startswith(f"webhook: {expected}")
 
 
 def test_the_doctor_tells_of_faults(

@@ -2,18 +2,15 @@
 
 import hashlib
 import hmac
-import smtplib
-import ssl
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from email.message import EmailMessage
 from email.utils import format_datetime, make_msgid
-from functools import partial
 from typing import Any
 
 import httpx
 import msgspec
 
-from reverie_eval.errors import ReverieEvalError
+from reverie_eval.server.jobs.smtp import SECONDS_TO_SEND, DeliveryError, send_letter
 from reverie_eval.server.service.intake import Clock
 from reverie_eval.server.service.outbox import claim, is_any_due, settle, unsent_errors
 from reverie_eval.server.settings import Mail, Settings, Webhook
@@ -22,18 +19,13 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Message
 from reverie_eval.text import count_text
 
-SECONDS_TO_SEND = 10
 SIGNATURE = "X-Reverie-Signature"
 """The header with the HMAC-SHA256 of the body, under the webhook's secret."""
 
-_REFUSALS = (OSError, smtplib.SMTPException, httpx.HTTPError, ReverieEvalError, ValueError)
-"""Errors of the network or the other server, or from text that a header cannot contain."""
+_UNKNOWN_SENDER = frozenset({401, 403})
+"""Statuses of a webhook that does not accept the signature, or wants one."""
 
 Send = Callable[[Sequence[Message]], None]
-
-
-class DeliveryError(ReverieEvalError):
-    """A message cannot be sent."""
 
 
 def senders(settings: Settings) -> Mapping[str, Send]:
@@ -89,8 +81,8 @@ def _parcels(channel: str, messages: Sequence[Message]) -> Sequence[Sequence[Mes
 def _error_of(send: Send, messages: Sequence[Message]) -> str:
     try:
         send(messages)
-    except _REFUSALS as error:
-        return " ".join(f"{type(error).__name__}: {error}".split())
+    except (DeliveryError, ValueError) as error:  # the latter: text that a header cannot contain
+        return " ".join(str(error).split())
     return ""
 
 
@@ -105,16 +97,7 @@ def _send_mail(settings: Settings, mail: Mail, messages: Sequence[Message]) -> N
     letter["Message-ID"] = make_msgid(domain=mail.sender.rpartition("@")[2])
     letter["Auto-Submitted"] = "auto-generated"
     letter.set_content("\n\n".join(_paragraph(settings, message) for message in messages))
-    context = ssl.create_default_context()
-    connect: Callable[..., smtplib.SMTP] = smtplib.SMTP
-    if mail.security == "tls":
-        connect = partial(smtplib.SMTP_SSL, context=context)
-    with connect(mail.host, mail.port, timeout=SECONDS_TO_SEND) as smtp:
-        if mail.security == "starttls":
-            smtp.starttls(context=context)
-        if mail.user:
-            smtp.login(mail.user, settings.mail_password)
-        smtp.send_message(letter)
+    send_letter(mail, lambda: settings.mail_password, letter)
 
 
 def _paragraph(settings: Settings, message: Message) -> str:
@@ -137,6 +120,17 @@ def _post(settings: Settings, webhook: Webhook, messages: Sequence[Message]) -> 
         if webhook.secret:
             digest = hmac.new(webhook.secret.encode(), body, hashlib.sha256).hexdigest()
             headers[SIGNATURE] = f"sha256={digest}"
-        reply = httpx.post(str(webhook.url), content=body, headers=headers, timeout=SECONDS_TO_SEND)
+        host = webhook.url.host
+        try:
+            reply = httpx.post(
+                str(webhook.url), content=body, headers=headers, timeout=SECONDS_TO_SEND
+            )
+        except httpx.HTTPError as error:
+            raise DeliveryError(f"webhook.url: {host} cannot be reached: {error}") from None
+        if reply.status_code in _UNKNOWN_SENDER:
+            raise DeliveryError(
+                f"webhook.secret: {host} replied with status {reply.status_code}; does it know the "
+                "same secret?"
+            )
         if not reply.is_success:
-            raise DeliveryError(f"{webhook.url.host} replied with status {reply.status_code}")
+            raise DeliveryError(f"webhook.url: {host} replied with status {reply.status_code}")

@@ -13,13 +13,21 @@ from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
 from fastapi import Depends, Path, Request, Response
+from fastapi.dependencies.models import Dependant
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
+from fastapi.security.utils import get_authorization_scheme_param
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import Role
 from reverie_eval.schemas.wire import EXAMPLE_TOKEN
-from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
+from reverie_eval.server.errors import (
+    ForgedError,
+    NotAllowedError,
+    NotSignedInError,
+    RequestError,
+)
 from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.tokens import (
     HINT_LENGTH,
@@ -212,30 +220,74 @@ async def server_of(request: Request) -> ServerState:
 Server = Annotated[ServerState, Depends(server_of)]
 
 
+def call_of(request: Request) -> Call:
+    """Return a request to the API as a call that anyone may make."""
+    scheme, token = get_authorization_scheme_param(request.headers.get("authorization"))
+    session_id = session_id_of(request, request.cookies.get(COOKIE))
+    csrf_token = request.headers.get(CSRF_HEADER, "")
+    is_token = scheme.lower() == "bearer" and token
+    return Call(request, state_of(request), token if is_token else None, session_id, csrf_token)
+
+
 async def anybody(
     request: Request,
-    credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_Bearer)],
-    cookie: Annotated[str | None, Depends(_Cookie)],
+    _: Annotated[HTTPAuthorizationCredentials | None, Depends(_Bearer)],
+    __: Annotated[str | None, Depends(_Cookie)],
 ) -> Call:
-    """Return a call that anyone may make."""
-    token = None if credentials is None else credentials.credentials
-    csrf_token = request.headers.get(CSRF_HEADER, "")
-    return Call(request, state_of(request), token, session_id_of(request, cookie), csrf_token)
+    """Return a call that anyone may make; the API's description names the ways to sign in."""
+    return call_of(request)
 
 
-def of_role(role: Role, anyone: Callable[..., Awaitable[Call]]) -> Any:
-    """Return the dependency of routes for people with a role, made from that for anyone."""
+def of_role(
+    role: Role, anyone: Callable[..., Awaitable[Call]], make: Callable[[Request], Call]
+) -> Any:
+    """Return the dependency of routes for people with a role, made from that for anyone.
+
+    ``make`` makes the same call of a request alone.
+    """
 
     async def call_of_role(call: Annotated[Call, Depends(anyone)]) -> Call:
         return replace(call, required=role)
 
+    _MAKERS[call_of_role] = lambda request: replace(make(request), required=role)
     return Depends(call_of_role)
 
 
+_MAKERS: dict[Any, Callable[[Request], Call]] = {}
+"""What makes the call of a request, by the dependency of routes for people with a role."""
+
+
+def refusal_of(request: Request) -> RequestError | None:
+    """Return why the sender may not make a request, whatever it contains; None if they may.
+
+    The framework reads and checks a request before it calls a route. So anyone who sends an invalid
+    one would be told how to correct it before being told that it is not theirs to send.
+    """
+    make = _maker_in(getattr(request.scope.get("route"), "dependant", None))
+    if make is None:
+        return None
+    try:
+        make(request).person()
+    except RequestError as refusal:
+        return refusal
+    except SQLAlchemyError:  # a valid request will say so
+        return None
+    return None
+
+
+def _maker_in(dependant: Dependant | None) -> Callable[[Request], Call] | None:
+    """Return what makes the call that a route depends on; None if anyone may call it."""
+    if dependant is None:
+        return None
+    if dependant.call in _MAKERS:
+        return _MAKERS[dependant.call]
+    return next(filter(None, map(_maker_in, dependant.dependencies)), None)
+
+
 Anybody = Annotated[Call, Depends(anybody)]
-Caller = Annotated[Call, of_role("participant", anybody)]
+Caller = Annotated[Call, of_role("participant", anybody, call_of)]
 """A call that only people with a token or a session may make."""
-Organiser = Annotated[Call, of_role("organiser", anybody)]
+Organiser = Annotated[Call, of_role("organiser", anybody, call_of)]
 
 
 def visit_of(request: Request) -> Call:
@@ -270,9 +322,9 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> AsyncIterator[Form
 
 
 Visitor = Annotated[Call, Depends(visitor)]
-Member = Annotated[Call, of_role("participant", visitor)]
+Member = Annotated[Call, of_role("participant", visitor, visit_of)]
 """A visit to a page that requires signing in."""
-Desk = Annotated[Call, of_role("organiser", visitor)]
+Desk = Annotated[Call, of_role("organiser", visitor, visit_of)]
 """A visit to a page for organisers."""
 Posted = Annotated[FormData, Depends(posted)]
 

@@ -31,6 +31,7 @@ from reverie_eval.server.errors import (
     WrongMethodError,
     request_error,
 )
+from reverie_eval.server.http.callers import refusal_of
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.openapi import MEDIA_TYPE
 from reverie_eval.server.store.database import is_full, is_unreachable
@@ -96,6 +97,8 @@ def _on_error(request: Request, error: Exception) -> Response:
         known = _of_framework(error)
     else:
         known = request_error(error)
+    if isinstance(known, MalformedError) and exchange_of(request.scope).asks_database:
+        known = refusal_of(request) or known
     reply = _reply(request, known or _fault(request, error))
     if isinstance(error, HTTPException):
         reply.headers.update(error.headers or {})

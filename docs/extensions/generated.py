@@ -19,7 +19,7 @@ from typing import Any, get_args
 import click
 import docutils.nodes
 from docutils.parsers.rst import Directive
-from pydantic import BaseModel
+from pydantic import BaseModel, HttpUrl
 from pydantic_core import PydanticUndefined
 from sphinx.application import Sphinx
 
@@ -197,7 +197,11 @@ def dataset_measurements(_: str) -> str:
 
 @generated
 def settings(_: str) -> str:
-    """Write all settings with their defaults."""
+    """Write all settings with their defaults.
+
+    Their reference has this as text, for whoever reads it in the repository or a package beside the
+    settings; a test says when it has to be renewed.
+    """
     from reverie_eval.server.settings import Settings
 
     return table(("setting", "default", "meaning"), _settings_of(Settings))
@@ -230,7 +234,7 @@ def _default(default: object) -> str:
             return "none"
         case bool() | int():
             return f"`{json.dumps(default)}`"
-        case str() | Path():
+        case str() | Path() | HttpUrl():
             return f'`"{default}"`'
         case ():
             return "`[]`"

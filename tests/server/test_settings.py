@@ -1,6 +1,7 @@
 """Settings: what an organiser may decide, and how a mistake is told with its key."""
 
 import os
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -23,6 +24,7 @@ from reverie_eval.server.settings import (
     Webhook,
     load_settings,
 )
+from tests.conftest import REPOSITORY
 from tests.support.acting import NOON
 from tests.support.flat import Run
 from tests.support.processes import Laptop
@@ -36,6 +38,9 @@ from tests.support.serving import (
     settings_of,
 )
 
+REFERENCE = (REPOSITORY / "docs" / "reference" / "server-settings.md").read_text()
+ALL_SETTINGS = re.findall(r"^\| `([\w.]+)` \| .* \| .* \|$", REFERENCE, re.MULTILINE)
+"""Another test holds that the reference has all of them."""
 SPLIT = '[splits.test]\nbundle = "bundles/test.npz"\n'
 
 
@@ -91,12 +96,16 @@ def test_the_template_is_sound_and_says_what_would_be_anyway(folder: Path) -> No
             assert getattr(template, name) == field.default, name
 
 
-def test_the_template_names_every_setting(folder: Path) -> None:
+@pytest.mark.parametrize("setting", ALL_SETTINGS)
+def test_the_template_names_every_setting(setting: str, folder: Path) -> None:
+    """In its section, with a value, or in a table that is written in one line."""
     text = (folder / SETTINGS_FILE).read_text()
-    sections = (Settings, Split, Quota)
-    for section in sections:
-        for name in section.model_fields:
-            assert f"{name} =" in text or f"[{name}" in text, name
+    first, *sections = re.split(r"^(?:# )?\[(?=[a-z])", text, flags=re.MULTILINE)
+    section, _, name = setting.rpartition(".")
+    begins = section.partition(".")[0] or name
+    own = [each for each in sections if re.match(rf"{begins}[].]", each)]
+    text = own[0] if own else first
+    assert re.search(rf"^(# )?{name} = |[{{,] {name} = |^{name}\]", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from reverie_eval.reporting._table import MISSING, Table, cell_of, metric_cell, 
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     WINDOWS,
+    Accepted,
     QuotaReport,
     Receipt,
     Snapshot,
@@ -84,14 +85,16 @@ def result_tables(submission: SubmissionReport, server: str) -> Mapping[str, Tab
     }
 
 
-def submission_lines(
-    submission: SubmissionReport, *, is_repeat: bool, to_publish: str
-) -> Iterator[str]:
-    """Yield which submission it is, its status, and what to do to publish it."""
+def submission_lines(accepted: Accepted, *, to_publish: str, to_change: str) -> Iterator[str]:
+    """Yield which submission it is, its status, and what to do to publish or change it."""
+    submission = accepted.submission
     about = f"submission {submission.id} of {submission.team}: {submission.method.name}"
     yield printable(f"{about}, received {time_text(submission.received_at)}")
-    if is_repeat:
+    if accepted.is_repeat:
         yield "this file was already scored; no submission was used"
+    if accepted.ignored:
+        words = ", ".join(name.replace("_", " ") for name in accepted.ignored)
+        yield f"ignored, because the first upload said otherwise: {words}; {to_change}"
     for result in submission.earlier:
         scores = ", ".join(
             f"{metric.label} {metric.display(result.report.scores[metric.key])}"

@@ -511,6 +511,9 @@ class Accepted(WireModel):
     quota: QuotaReport
     is_repeat: bool
     """Whether this file or Idempotency-Key was scored before; then no submission was used."""
+    ignored: list[str] = Field([], examples=[["name", "extra_data"]])
+    """After a repeat, what this upload says otherwise than what is stored. The stored values stay;
+    ``PATCH /api/v1/submissions/{submission_id}`` changes those of the method."""
 
 
 class SubmissionChange(WireModel):

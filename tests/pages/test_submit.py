@@ -295,9 +295,13 @@ def test_the_same_file_leads_to_the_same_page_and_spends_once(owner: Visitor) ->
     again = owner.upload(name="Another name")
     mate = signed_in(owner.server, MATE).upload()
     assert place_of(first) == place_of(again) == place_of(mate)
-    assert again.headers["location"].endswith("?done=again")
+    assert again.headers["location"].endswith("?done=again&ignored=name")
     page = said(owner.get(again.headers["location"]))
     assert "This file was scored before." in page
+    assert "What you entered this time for name was not saved; you can edit it here." in page
+    assert "not saved" not in said(owner.get(mate.headers["location"]))
+    made_up = owner.get(f"/submissions/{place_of(first)}?done=again&ignored=<b>&ignored=x")
+    assert "not saved" not in said(made_up)
     assert "no submission was used" in page
     assert "Another name" not in page
     assert kept(owner.server) == 1

@@ -149,6 +149,8 @@ def test_again_is_the_same_result(office: Office, mailed: Path) -> None:
     again = office.submit(mailed / "first.json", received="2026-03-02T11:00:00+00:00")
     assert (first.status, again.status) == (0, 0)
     assert "already scored" in again.out
+    told = "ignored, because the first upload said otherwise: received at; answer this message"
+    assert told in again.out
     assert "not published: answer this message if you want it on the leaderboard" in again.out
     (only,) = office.submissions()
     assert only["received_at"] == WHEN
@@ -338,9 +340,9 @@ def test_every_door_gives_the_same_reply(
     assert at_desk.text.count("<tr><td><code>") == len(by_api.json().get("problems", []))
     by_command, is_scored, _ = office.submit(file).out.partition("submissions left")
     assert (by_command.rstrip("\n"), bool(is_scored)) == (
-        reply.partition("submissions left")[0].rstrip("\n"),
+        re.sub(r"ignored, .*\n", "", reply).partition("submissions left")[0].rstrip("\n"),
         status == 200,
-    )
+    )  # the others describe the method otherwise, which is ignored
 
 
 def test_the_audit_log_names_the_organiser_who_was_signed_in(server: Serving) -> None:

@@ -127,6 +127,27 @@ def test_a_file_is_the_same_however_it_is_packed(
     assert server.ask(OWNER, "GET", f"/submissions/{first['id']}/file").content == GOOD
 
 
+REPEATS: list[tuple[dict[str, str], list[str]]] = [
+    ({"name": "Walker"}, []),
+    ({"name": "Walker", "paper": "https://example.org/paper"}, []),
+    ({"name": "Runner"}, ["name"]),
+    ({"name": "Walker", "extra_data": "true", "code": "https://b.org/"}, ["code", "extra_data"]),
+    ({"name": "Walker", "ensemble": "false"}, ["ensemble"]),
+]
+
+
+@pytest.mark.parametrize(("method", "ignored"), REPEATS)
+def test_a_repeat_says_what_it_ignores(
+    server: Serving, method: dict[str, str], ignored: list[str]
+) -> None:
+    first = server.upload(OWNER, GOOD, paper="https://example.org/paper").json()
+    assert (first["is_repeat"], first["ignored"]) == (False, [])
+    path = f"/splits/{OPEN}/submissions"
+    again = server.ask(OWNER, "POST", path, content=GOOD, params=method).json()
+    assert (again["is_repeat"], again["ignored"]) == (True, ignored)
+    assert again["submission"] == first["submission"]
+
+
 @pytest.mark.parametrize("pack", [bytes, gzip.compress, zipped], ids=["plain", "gzip", "zip"])
 def test_a_form_says_the_same_as_the_query(server: Serving, pack: Callable[[bytes], bytes]) -> None:
     said = {"name": "Walker", "description": "walks", "extra_data": "true", "paper": ""}

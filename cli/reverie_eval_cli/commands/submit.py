@@ -242,9 +242,9 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
     print(
         "",
         *submission_lines(
-            submission,
-            is_repeat=accepted.is_repeat,
+            accepted,
             to_publish="submit it again with --publish, which does not use a submission",
+            to_change="edit the method on the page of the submission",
         ),
         *map("receipt: {}".format, kept),
         *quota_lines(accepted.quota, submission.split),

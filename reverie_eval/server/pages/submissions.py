@@ -1,7 +1,7 @@
 """``/submissions/{id}``: a submission for its team, or its published part for others."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -40,13 +40,16 @@ _EMPTY_IS_NONE = frozenset(
 
 @router.get("/submissions/{submission_id}")
 def show_submission(
-    submission_id: str, visitor: Visitor, done: Annotated[str, Query(max_length=20)] = ""
+    submission_id: str,
+    visitor: Visitor,
+    done: Annotated[str, Query(max_length=20)] = "",
+    ignored: Annotated[list[str], Query(max_length=len(Method.model_fields))] = [],  # noqa: B006
 ) -> Response:
     """Show a submission to its team, or its published part to others."""
     with visitor.snapshot() as snapshot:
         if snapshot.caller is not None:
             try:
-                return _own_page(visitor, snapshot, submission_id, done)
+                return _own_page(visitor, snapshot, submission_id, done, ignored)
             except NotFoundError:
                 pass  # it may be published
         shown = publication(snapshot.session, submission_id, snapshot.view)
@@ -81,6 +84,7 @@ def _own_page(
     snapshot: Snapshot,
     submission_id: str,
     done: str = "",
+    ignored: Sequence[str] = (),
     *,
     typed: Mapping[str, Any] = MappingProxyType({}),
     problem: ProblemDocument | None = None,
@@ -109,6 +113,7 @@ def _own_page(
         also=_further_boards(visit, shown.split),
         required=server.settings.required_metadata,
         done=done,
+        ignored=[name for name in Method.model_fields if name in ignored],
     )
 
 

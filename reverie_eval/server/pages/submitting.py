@@ -120,5 +120,8 @@ def submit(member: Member, upload: PostedUpload) -> Response:
         person, board.name, upload.packed, method, key=None, arrived=upload.arrived
     )
     exchange_of(member.request.scope).is_repeat = accepted.is_repeat
-    outcome = "again" if accepted.is_repeat else "scored"
-    return see_other(f"/submissions/{accepted.submission.id}?done={outcome}")
+    place = f"/submissions/{accepted.submission.id}"
+    if not accepted.is_repeat:
+        return see_other(f"{place}?done=scored")
+    ignored = "".join(f"&ignored={name}" for name in accepted.ignored)
+    return see_other(f"{place}?done=again{ignored}")

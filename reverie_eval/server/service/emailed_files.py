@@ -71,6 +71,9 @@ class EmailedFiles:
             opening = f"{about} not scored, and no submission was used."
             refusal.reply = _letter(file, opening, _reason(error))
             raise refusal from error
+        if accepted.is_repeat and accepted.submission.received_at != file.received_at:
+            ignored = [*accepted.ignored, "received_at"]
+            accepted = accepted.model_copy(update={"ignored": ignored})
         # A withdrawn submission stays withdrawn until its team restores it.
         if file.publish and accepted.submission.status == "unpublished":
             change = SubmissionChange(published=True)
@@ -99,7 +102,8 @@ def _result(accepted: Accepted, server: str) -> Iterator[str]:
         yield table.to_text()
         yield ""
     to_publish = "answer this message if you want it on the leaderboard"
-    yield from submission_lines(submission, is_repeat=accepted.is_repeat, to_publish=to_publish)
+    to_change = "answer this message if it should be changed"
+    yield from submission_lines(accepted, to_publish=to_publish, to_change=to_change)
     yield from quota_lines(accepted.quota, submission.split)
     yield ""
     yield f"The signed {'receipts are' if submission.also else 'receipt is'} attached."

@@ -205,7 +205,7 @@ class Intake:
         with self.transactions.database.reading() as session:
             earlier = self._earlier(session, row, person)
             if earlier is not None:
-                return self._repeated(session, earlier, board, person)
+                return self._repeated(session, earlier, board, person, method)
             check_metadata(method, self.settings.required_metadata)
             schedule = self.schedules.of(session, row.split).at(row.received_at)
             if not organiser:
@@ -232,7 +232,7 @@ class Intake:
             session = transaction.session
             earlier = self._earlier(session, row, person)
             if earlier is not None:
-                return self._repeated(session, earlier, board, person)
+                return self._repeated(session, earlier, board, person, method)
             usage = self._check_quota(session, row, person, board, in_the_past=bool(organiser))
             usage = usage.with_one_more(row.received_at)
             quota = usage.state(row.received_at)
@@ -273,10 +273,14 @@ class Intake:
         return next(iter([*by_key, *repeated]), None)
 
     def _repeated(
-        self, session: Session, row: Submission, board: Board, person: Person
+        self, session: Session, row: Submission, board: Board, person: Person, method: Method
     ) -> Accepted:
+        """Return the earlier result, and what a new description of the method says otherwise."""
         quota = self.quotas(session, person, board.name)[board.name]
-        return Accepted(submission=self._worded(session, row), quota=quota, is_repeat=True)
+        given = method.model_dump(mode="json", include=method.model_fields_set)
+        ignored = [name for name, value in given.items() if row.method.get(name) != value]
+        submission = self._worded(session, row)
+        return Accepted(submission=submission, quota=quota, is_repeat=True, ignored=ignored)
 
     def _worded(self, session: Session, row: Submission) -> SubmissionReport:
         transactions = self.transactions

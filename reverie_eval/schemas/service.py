@@ -667,6 +667,10 @@ class JobReport(WireModel):
     """What is still to do, by kind; empty if that is not known."""
 
 
+JOB = "job "
+"""Before the name of a job among the checks that failed."""
+
+
 class HealthReport(WireModel):
     """Whether the server can do its work."""
 
@@ -675,3 +679,12 @@ class HealthReport(WireModel):
     """What does not work: `database`, `uploads`, the scoring of a split, or a job: `job mail`."""
     jobs: list[JobReport] = Field(default_factory=list)
     """What the server does by itself; the jobs that `failed` names failed last time, or hang."""
+
+    @classmethod
+    def of(cls, failed: list[str], jobs: list[JobReport]) -> Self:
+        """Return a report."""
+        return cls(status="unhealthy" if failed else "ok", failed=failed, jobs=jobs)
+
+    def without_jobs(self) -> Self:
+        """Return the report of the same checks without jobs."""
+        return self.of([name for name in self.failed if not name.startswith(JOB)], [])

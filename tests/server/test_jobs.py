@@ -1,5 +1,7 @@
 """Work that a server does by itself: what fails or hangs harms nothing else, and is told."""
 
+import json
+import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -51,6 +53,7 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look at the health of a server whenever somebody asks, and do again at once what failed."""
     monkeypatch.setattr(health, "SECONDS_KEPT", 0)
     monkeypatch.setattr(runner, "SECONDS_TO_RETRY", 0.05)
+    monkeypatch.setattr("reverie_eval.server.jobs.work._SOON", 0.05)
 
 
 @pytest.fixture
@@ -155,6 +158,9 @@ def spoil_webhook(server: Serving) -> Callable[[], object]:
     return repair
 
 
+READY = {"status": "ok", "failed": [], "jobs": []}
+
+
 class Fault(NamedTuple):
     """Something that lets jobs fail."""
 
@@ -220,6 +226,8 @@ def test_a_job_that_fails_is_named_everywhere_and_stops_no_other(
         failed = [f"job {name}" for name in failing]
         assert reply.status_code == 503
         assert sorted(reply.json()["failed"]) == sorted(failed)
+        ready = client.get("/readyz")
+        assert (ready.status_code, ready.json()) == (200, READY)
         jobs = reports(client)
         assert {name for name, job in jobs.items() if job["error"]} == {*failing}
         assert jobs[failing[0]]["error"].startswith(error)
@@ -245,6 +253,19 @@ def desk_of(server: Serving, client: httpx.Client) -> httpx.Response:
 
 
 SAME_SITE = {"Origin": "http://server"}
+
+
+def test_a_job_that_begins_to_fail_is_told_though_nobody_asks(
+    busy_settings: Settings, open_server: OpenServer, hook: Hook, at_work: AtWork
+) -> None:
+    webhook = hook_at(hook, events=["unhealthy"])
+    server = after_the_phase(open_server(busy_settings.model_copy(update={"webhook": webhook})))
+    spoil_row(server)
+    with at_work(server):
+        wait_until(hook.requests.copy)
+    ((_, body),) = hook.requests
+    assert json.loads(body)["event"] == "unhealthy"
+    assert re.match("job (snapshots|warm-up) failed: ", json.loads(body)["text"])
 
 
 def test_two_servers_on_one_database_do_each_job_once(

@@ -262,7 +262,7 @@ def test_a_parameter_that_a_route_does_not_have_is_refused(
 
 
 def test_every_address_of_the_api_refuses_unknown_parameters(server: Serving) -> None:
-    of_monitors = {"GET /healthz", "GET /metrics"}
+    of_monitors = {"GET /healthz", "GET /readyz", "GET /metrics"}
     operations = {name for name, _ in Description(server).operations()} - of_monitors
     assert len(operations) > 60
     replies = {}
@@ -273,7 +273,7 @@ def test_every_address_of_the_api_refuses_unknown_parameters(server: Serving) ->
     assert replies == dict.fromkeys(replies, (400, ["zzz"]))
 
 
-@pytest.mark.parametrize("path", ["/healthz", "/metrics", "/"])
+@pytest.mark.parametrize("path", ["/healthz", "/readyz", "/metrics", "/"])
 def test_monitors_and_links_may_add_parameters(path: str, server: Serving) -> None:
     reply = server.client.get(path)
     assert server.client.get(f"{path}?zzz=1").status_code == reply.status_code

@@ -33,6 +33,7 @@ TABLE = """
                                             anonymous  other  mate  owner  organiser  revoked  invitation
 GET    /openapi.json                              200    200   200    200        200      200         200
 GET    /healthz                                   200    200   200    200        200      200         200
+GET    /readyz                                    200    200   200    200        200      200         200
 GET    /metrics                                   401    403   403    403        200      401         401
 GET    /server                                    200    200   200    200        200      200         200
 GET    /key                                       200    200   200    200        200      200         200
@@ -103,7 +104,7 @@ PUT    /organiser/schedules/{split}               401    403   403    403       
 POST   /organiser/snapshots                       401    403   403    403        201      401         401
 GET    /organiser/attempts                        401    403   403    403        200      401         401
 """  # noqa: E501  # a row is a line
-OUTSIDE = ("/healthz", "/metrics")
+OUTSIDE = ("/healthz", "/readyz", "/metrics")
 """Routes that are not of the API."""
 ROWS = {" ".join(line.split()[:2]): line.split()[2:] for line in TABLE.splitlines()[2:]}
 

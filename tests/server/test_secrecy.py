@@ -150,6 +150,9 @@ def server(planted_folder: Path, open_server: OpenServer) -> Serving:
 Ask = Callable[..., httpx.Response]
 
 
+MONITORS = ("/healthz", "/readyz", "/metrics")
+
+
 def everything_said(ask: Ask, server: Serving) -> Iterator[httpx.Response]:
     """Use the private split in every way, and everything else in a way or two."""
     ids: list[str] = []
@@ -158,7 +161,7 @@ def everything_said(ask: Ask, server: Serving) -> Iterator[httpx.Response]:
     yield from everything_shown(ask, server, ids[0])
     yield from shown_of_uploads(ask, server)
     for who in EVERYBODY:
-        for path in ("/", "/healthz", "/metrics", "/api/v1/openapi.json", "/docs", "/no-such"):
+        for path in ("/", *MONITORS, "/api/v1/openapi.json", "/docs", "/no-such"):
             yield ask(who, "GET", path)
 
 

@@ -524,6 +524,19 @@ def test_a_command_takes_one(server: Serving, folder: Path, run: Run) -> None:
     assert [each.title for each in snapshots(server)] == ["challenge", TITLE]
 
 
+def test_a_command_goes_on_without_one(server: Serving, folder: Path, run: Run) -> None:
+    damaged = publish(server, OWNER)
+    spoil(server)
+    ends = {"name": "challenge", "closes": "2026-03-02T12:00:01Z"}
+    schedule = {"phases": [ends], "release_scores": "at-once"}
+    server.ask(ORGANISER, "PUT", f"/organiser/schedules/{PRIVATE}", json=schedule)
+    outcome = run("server", "team", "add", str(folder), "Green")
+    assert (outcome.status, "Traceback" in outcome.err) == (0, False)
+    assert snapshots(server) == []
+    faults = [each.what for each in examine(folder) if each.kind == "fault"]
+    assert any(damaged in each and "cannot be read" in each for each in faults), faults
+
+
 # Afterwards.
 
 

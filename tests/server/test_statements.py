@@ -196,7 +196,7 @@ READS = (
 )
 ASKS_NOTHING = {"/key", "/metrics"}
 """Reads that do not ask the database."""
-TRIES_EVERYTHING = {"/healthz"}
+TRIES_EVERYTHING = {"/healthz", "/readyz"}
 """Reads that use the database to see whether it works, at most once in some seconds."""
 
 

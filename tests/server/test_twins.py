@@ -149,7 +149,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
 
 def compare_as_everybody(twins: Twins, path: str, cookies: Mapping[str, Mapping[str, str]]) -> None:
     """Look at a path as a visitor and as participants, and at metrics as the organiser."""
-    is_page = not path.startswith(("/api", "/healthz", "/metrics"))
+    is_page = not path.startswith(("/api", "/healthz", "/readyz", "/metrics"))
     people = [ANYBODY, OWNER, OTHER, *([ORGANISER] if path == "/metrics" else [])]
     for who in people:
         headers = cookies[who] if is_page and who else {}

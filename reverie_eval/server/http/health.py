@@ -20,19 +20,17 @@ from typing import Any
 from anyio import move_on_after
 from anyio.to_thread import run_sync
 from sqlalchemy import insert
-from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import DBAPIError
 
 from reverie_eval.agents import run_agent
 from reverie_eval.metrics import METRICS
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import HealthReport, JobReport, QuotaReport, Receipt
-from reverie_eval.server.errors import RequestError
+from reverie_eval.schemas.service import JOB, HealthReport, JobReport, QuotaReport, Receipt
 from reverie_eval.server.jobs.runner import Jobs
-from reverie_eval.server.service.audit import SERVER
+from reverie_eval.server.jobs.work import tell_fault
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.keys import current_key
-from reverie_eval.server.service.outbox import announce_fault
 from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.service.scoring import Context
 from reverie_eval.server.state import ServerState
@@ -84,8 +82,9 @@ class Health:
             if time.monotonic() >= self._until:
                 was_well = self._report.status == "ok"
                 self._report = await self._examine()
-                if was_well and self._report.failed and self._server.settings.channels:
-                    await run_sync(self._tell, self._report.failed)
+                if was_well and self._report.failed:
+                    text = f"the server is unhealthy: {', '.join(self._report.failed)}"
+                    await run_sync(tell_fault, self._server, text)
                 self._until = time.monotonic() + SECONDS_KEPT
             return self._report
 
@@ -96,16 +95,7 @@ class Health:
             await run_sync(self._run_checks, passed, abandon_on_cancel=True)
             jobs = await run_sync(self._jobs.reports, abandon_on_cancel=True)
         failed = [name for name in self._checks if not passed.get(name)]
-        failed += [f"job {name}" for name in self._jobs.failing()]
-        return HealthReport(status="unhealthy" if failed else "ok", failed=failed, jobs=jobs)
-
-    def _tell(self, failed: Sequence[str]) -> None:
-        """Notify the organiser, unless the fault prevents it."""
-        with (
-            suppress(SQLAlchemyError, RequestError),
-            self._server.transactions.begin(SERVER) as transaction,
-        ):
-            announce_fault(transaction, f"the server is unhealthy: {', '.join(failed)}")
+        return HealthReport.of([*failed, *(f"{JOB}{name}" for name in self._jobs.failing())], jobs)
 
     def _run_checks(self, passed: MutableMapping[str, bool]) -> None:
         """Run all checks and record each result at once, because a later check may hang."""

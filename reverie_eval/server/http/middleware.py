@@ -55,7 +55,7 @@ _NAMES_OF_UTF_8 = frozenset({_UTF_8, b"utf8", b"us-ascii"})
 FAILED_COST = 10
 """One in this many requests may have a wrong token or invitation. Expired sessions are not counted:
 browsers send them by themselves, and they cannot be guessed, because they are signed."""
-EXEMPT = ("/healthz", "/static/")
+EXEMPT = ("/healthz", "/readyz", "/static/")
 """Monitoring must never be refused, and its result is cached for some seconds; static files are
 cached by browsers."""
 

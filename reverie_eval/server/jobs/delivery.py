@@ -59,8 +59,9 @@ def deliver(database: Database, settings: Settings, channel: str, clock: Clock) 
     if is_due:
         with database.writing() as session:
             claimed = claim(session, clock(), channel)
+        send = senders(settings)[channel]
         for messages in _parcels(channel, claimed):
-            error = _error_of(senders(settings)[channel], messages)
+            error = _error_of(send, messages)
             with database.writing() as session:
                 settle(session, messages, clock(), error)
     with database.reading() as session:

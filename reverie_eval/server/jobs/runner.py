@@ -7,7 +7,7 @@ why it failed, and what is still to do.
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from threading import Event, Thread
@@ -23,7 +23,7 @@ SECONDS_TO_RETRY = 10 * 60
 SECONDS_TO_RUN = 10 * 60
 """A run that takes longer is overdue, unless the time between two runs is longer still."""
 SECONDS_TO_STOP = 5
-"""How long the server, when it is stopped, waits for a run to end."""
+"""How long the server, when it is stopped, waits for runs to end."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 
@@ -64,6 +64,8 @@ class Jobs:
     jobs: Sequence[Job]
     database: Database
     clock: Callable[[], datetime]
+    tell: Callable[[str], object] = lambda _: None
+    """Notifies the organiser of a job that begins to fail."""
     _runs: dict[str, _Runs] = field(default_factory=dict, init=False)
     """By name, of the jobs that were started; each is replaced by the thread of its job."""
 
@@ -82,34 +84,33 @@ class Jobs:
             yield
         finally:
             is_over.set()
+            deadline = time.monotonic() + SECONDS_TO_STOP
             for thread in threads:
-                thread.join(SECONDS_TO_STOP)
+                thread.join(max(0, deadline - time.monotonic()))
 
     def failing(self) -> Sequence[str]:
         """Return the names of the jobs that failed the last time, or are overdue."""
-        runs = self._runs.copy()
-        started = [job for job in self.jobs if job.name in runs]
-        return [
-            job.name for job in started if runs[job.name].error or _is_overdue(job, runs[job.name])
-        ]
+        return [job.name for job, runs in self._started() if runs.error or _is_overdue(job, runs)]
 
     def reports(self) -> list[JobReport]:
         """Report all jobs that were started."""
-        runs = self._runs.copy()
-        started = [job for job in self.jobs if job.name in runs]
         return [
             JobReport(
                 name=job.name,
-                runs=runs[job.name].ended,
-                failures=runs[job.name].failed,
-                last_run_at=runs[job.name].last_at,
-                last_success_at=runs[job.name].last_success_at,
-                error=runs[job.name].error,
-                is_overdue=_is_overdue(job, runs[job.name]),
+                runs=runs.ended,
+                failures=runs.failed,
+                last_run_at=runs.last_at,
+                last_success_at=runs.last_success_at,
+                error=runs.error,
+                is_overdue=_is_overdue(job, runs),
                 backlog=self._backlog(job),
             )
-            for job in started
+            for job, runs in self._started()
         ]
+
+    def _started(self) -> Sequence[tuple[Job, _Runs]]:
+        runs = self._runs.copy()
+        return [(job, runs[job.name]) for job in self.jobs if job.name in runs]
 
     def _backlog(self, job: Job) -> dict[str, int]:
         """Count what is still to do; empty if nobody can tell, as while the database is away."""
@@ -142,6 +143,9 @@ class Jobs:
             if error != earlier.error:  # what fails again in the same way is logged once
                 fields = {"job": job.name, "error": error}
                 _LOGGER.exception("job failed", extra={"fields": fields})
+            if not earlier.error:
+                with suppress(Exception):  # the fault may prevent that too
+                    self.tell(f"job {job.name} failed: {error}")
         now = self.clock()
         return _Runs(
             ended=earlier.ended + 1,

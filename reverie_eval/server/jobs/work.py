@@ -1,15 +1,23 @@
 """The jobs of a server."""
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from datetime import datetime
 from functools import partial
 
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from reverie_eval.server.errors import RequestError
 from reverie_eval.server.jobs.delivery import deliver
 from reverie_eval.server.jobs.runner import Job, Jobs
 from reverie_eval.server.service.audit import SERVER
-from reverie_eval.server.service.outbox import announce_ends, backlog_of, untold_ends
+from reverie_eval.server.service.outbox import (
+    announce_ends,
+    announce_fault,
+    backlog_of,
+    untold_ends,
+)
 from reverie_eval.server.state import ServerState
 
 _SOON, _MINUTE, _DAY = 10, 60, 24 * 60 * 60
@@ -21,7 +29,19 @@ def jobs_of(server: ServerState, warm_up: Callable[[], object]) -> Jobs:
 
     ``warm_up`` computes what pages keep, so that their first readers need not wait for it.
     """
-    return Jobs([*_jobs(server, warm_up)], server.database, server.clock)
+    jobs = [*_jobs(server, warm_up)]
+    return Jobs(jobs, server.database, server.clock, partial(tell_fault, server))
+
+
+def tell_fault(server: ServerState, text: str) -> None:
+    """Notify the organiser of a fault, unless the fault prevents it, or no channel is set up."""
+    if not server.settings.channels:
+        return
+    with (
+        suppress(SQLAlchemyError, RequestError),
+        server.transactions.begin(SERVER) as transaction,
+    ):
+        announce_fault(transaction, text)
 
 
 def _jobs(server: ServerState, warm_up: Callable[[], object]) -> Iterator[Job]:

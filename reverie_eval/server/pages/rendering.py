@@ -80,7 +80,7 @@ _SHORT_FLAGS: Mapping[str, tuple[str, str]] = MappingProxyType(
     }
 )
 """What a method discloses, where there is little room, and on a phone."""
-_NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
+_NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/readyz", "/metrics")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""``/healthz`` and ``/metrics``, for monitoring."""
+"""``/healthz``, ``/readyz`` and ``/metrics``, for monitoring."""
 
 import ipaddress
 from dataclasses import replace
@@ -19,9 +19,22 @@ _METRICS = "# TYPE reverie_eval_requests_total counter\n..."
 
 @router.get("/healthz", responses={503: {"model": HealthReport}})
 async def show_health(runtime: Runtime, response: Response) -> HealthReport:
-    """Check whether the server can score submissions, sign receipts and store uploads."""
-    report = await runtime.health.report()
-    if report.status != "ok":
+    """Check whether the server can score and store submissions, and does its jobs; for monitors."""
+    return _with_status(await runtime.health.report(), response)
+
+
+@router.get("/readyz", responses={503: {"model": HealthReport}})
+async def show_readiness(runtime: Runtime, response: Response) -> HealthReport:
+    """Check whether the server can score and store submissions; for load balancers.
+
+    A job that fails, such as mail, fails on all servers alike, and is no reason to send requests to
+    none of them.
+    """
+    return _with_status((await runtime.health.report()).without_jobs(), response)
+
+
+def _with_status(report: HealthReport, response: Response) -> HealthReport:
+    if report.failed:
         response.status_code = status.HTTP_503_SERVICE_UNAVAILABLE
     return report
 

@@ -309,8 +309,8 @@ def test_reviews_are_shown_with_who_and_when(five: Serving) -> None:
     number = judge(five, rows[1]["submission_id"], "flagged", "a question is open")
     page = get(five).text
     assert ranking(five)[0] == ("1", "Bee")
-    assert 'title="run again from the code (Olga, 2026-03-02)">verified</a>' in page
-    assert re.search(r"a question is open.*Olga.*2026-03-02", page, re.DOTALL)
+    assert 'title="run again from the code (the organiser, 2026-03-02)">verified</a>' in page
+    assert re.search(r"a question is open.*the organiser.*2026-03-02", page, re.DOTALL)
     with five.acting(ORGANISER) as transaction:
         lift_review(transaction, number)
     assert "a question is open" not in get(five).text
@@ -321,7 +321,7 @@ def test_what_is_disqualified_is_not_ranked(five: Serving) -> None:
     number = judge(five, rows[0]["submission_id"], "disqualified", "trained on the split")
     assert ranking(five) == [("1", "Ant"), ("1", "Cat"), ("3", "Dog"), ("-", "Elk")]
     (row,) = tables(get(five))[1]
-    assert row[0] == "disqualified trained on the split (Olga, 2026-03-02)"
+    assert row[0] == "disqualified trained on the split (the organiser, 2026-03-02)"
     assert row[1].startswith("Bee")
     with five.acting(ORGANISER) as transaction:
         lift_review(transaction, number)

@@ -297,11 +297,11 @@ def test_reviews_stand_with_who_when_and_why(owner: Visitor) -> None:
         lift_review(transaction, review(transaction, submission, "baseline", "Not so.").id)
     for visitor in (owner, Visitor(owner.server)):
         page = said(visitor.get(f"/submissions/{submission}"))
-        assert "verified We ran its code. Olga, 2026-03-02 14:00 UTC" in page
+        assert "verified We ran its code. The organiser, 2026-03-02 14:00 UTC" in page
         assert "baseline Not so." not in page
     history = said(owner.get(f"/submissions/{submission}"))
-    assert "verified, by Olga: We ran its code." in history
-    assert "no longer baseline, by Olga" in history
+    assert "verified, by the organiser: We ran its code." in history
+    assert "no longer baseline, by the organiser" in history
 
 
 def test_a_disqualified_submission_cannot_be_taken_off_the_board(owner: Visitor) -> None:

@@ -247,7 +247,7 @@ def test_what_no_backup_has_is_refused(
     ("files", "told"),
     [
         pytest.param({"signing_key": "../evil"}, "../evil: is missing", id="up"),
-        pytest.param({}, "signing-key.pem: does not belong in a backup", id="none"),
+        pytest.param({}, "signing_key: is not in the backup", id="none"),
     ],
 )
 def test_files_that_no_backup_has_are_refused(

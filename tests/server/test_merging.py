@@ -153,12 +153,13 @@ def test_grants_go_over(server: Serving) -> None:
     assert quota["remaining"] == 5
 
 
-def test_names_pass_through_teams_that_were_merged_in_turn(server: Serving) -> None:
+@pytest.mark.parametrize("hours", [1, 0, -1], ids=["later", "at once", "clock set back"])
+def test_names_pass_through_teams_that_were_merged_in_turn(hours: int, server: Serving) -> None:
     with server.acting() as transaction:
         add_team(transaction, "Green")
         rename_team(transaction, "Red", NewTeam(name="Crimson"))
         merge_teams(transaction, NewMerge(team="Crimson", into="Green"))
-    server.clock.turn(hours=1)
+    server.clock.turn(hours=hours)
     with server.acting() as transaction:
         merge_teams(transaction, NewMerge(team="Green", into="Blue"))
         names = all_names_of_teams(transaction.session)

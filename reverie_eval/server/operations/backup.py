@@ -44,7 +44,7 @@ DATABASE = "database.jsonl"
 MANIFEST = "manifest.json"
 UPLOADS = "uploads/"
 FORMAT = 1
-_SIGNING_KEY = "signing_key"
+KEY_SETTING = "signing_key"
 _LEVEL = 6
 """The usual level of gzip. At 9, as of tarfile, submissions take 2.5 times as long for 2 % less."""
 
@@ -130,7 +130,7 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
         revision, key_id = _dump(settings, lines, expected, counts)
         contents.add_file(DATABASE, lines)
     for setting, (name, path) in _files(settings).items():
-        file = file_of_key(path, key_id) if setting == _SIGNING_KEY else path
+        file = file_of_key(path, key_id) if setting == KEY_SETTING else path
         contents.add(name, file.read_bytes())
     uploads = open_uploads(settings.uploads, settings.folder)
     lacking = tuple(name for name in sorted(expected) if not contents.add_upload(uploads, name))
@@ -211,7 +211,7 @@ def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:
         f"splits.{name}.bundle": (split.bundle, f"bundles/{bundle_name(name, public=False)}")
         for name, split in settings.splits.items()
     }
-    named = {_SIGNING_KEY: (settings.signing_key, SIGNING_KEY), **bundles}
+    named = {KEY_SETTING: (settings.signing_key, SIGNING_KEY), **bundles}
     taken = {_name(settings, path) for path, _ in named.values()}
     files = {}
     for setting, (path, otherwise) in named.items():

@@ -151,8 +151,6 @@ def upgrade_folder(folder: Path) -> None:
 
 
 def make_private(database: Database) -> None:
-    """Create a missing SQLite file, and its folder, so that other users cannot read it."""
+    """Create a missing SQLite file so that other users cannot read it."""
     if database.is_sqlite:
-        file = Path(str(database.engine.url.database))
-        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        file.touch(_OWNER_ONLY)
+        Path(str(database.engine.url.database)).touch(_OWNER_ONLY)

@@ -25,7 +25,14 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
-from reverie_eval.server.operations.backup import DATABASE, FORMAT, MANIFEST, UPLOADS, Manifest
+from reverie_eval.server.operations.backup import (
+    DATABASE,
+    FORMAT,
+    KEY_SETTING,
+    MANIFEST,
+    UPLOADS,
+    Manifest,
+)
 from reverie_eval.server.operations.checks import database_errors, opened_server
 from reverie_eval.server.operations.folder import building, check_empty, make_private
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
@@ -143,14 +150,14 @@ def _of_archive(settings: Settings, manifest: Manifest) -> Settings:
         for name, split in settings.splits.items()
         if f"splits.{name}.bundle" in manifest.files
     }
-    key = Path(manifest.files["signing_key"])
-    return settings.model_copy(update={"signing_key": key, "splits": splits})
+    own = {KEY_SETTING: Path(manifest.files[KEY_SETTING]), "splits": splits}
+    return settings.model_copy(update=own)
 
 
 def _keep_inside(folder: Path, manifest: Manifest) -> Sequence[ChangedPlace]:
     """Let the settings in a folder name no place outside, and return what was changed."""
     file = folder / SETTINGS_FILE
-    text = file.read_text(encoding="utf-8")
+    text = file.read_bytes().decode()
     content = tomllib.loads(text)
     changed = []
     for key, own in _own_places(content, manifest):
@@ -159,7 +166,7 @@ def _keep_inside(folder: Path, manifest: Manifest) -> Sequence[ChangedPlace]:
             text = _with_value(text, key, own)
             variable = f"REVERIE_EVAL_{setting.upper()}" if setting in _OWN else None
             changed.append(ChangedPlace(setting, _without_password(place), own, variable))
-    file.write_text(text, encoding="utf-8")
+    file.write_bytes(text.encode())
     return changed
 
 
@@ -173,7 +180,7 @@ def _own_places(
         yield (setting,), place if is_own else own
     splits = content.get("splits")
     names = splits if isinstance(splits, dict) else ()
-    for key in [("signing_key",), *(("splits", name, "bundle") for name in names)]:
+    for key in [(KEY_SETTING,), *(("splits", name, "bundle") for name in names)]:
         setting, place = ".".join(key), _value(content, key)
         if setting not in manifest.files:
             message = "is not in the backup; use another"
@@ -240,6 +247,9 @@ def _keep_uploads(settings: Settings, folder: Path) -> None:
 
 def _load(settings: Settings, manifest: Manifest, file: Path) -> None:
     with closing(Database(settings.database_url)) as database:
+        if database.is_sqlite:
+            folder = Path(str(database.engine.url.database)).parent
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         make_private(database)
         with file.open(encoding="utf-8") as lines:
             try:
@@ -314,6 +324,8 @@ def _extract(members: tarfile.TarFile, member: tarfile.TarInfo, target: Path) ->
 
 
 def _problems(manifest: Manifest, digests: Mapping[str, str]) -> Iterator[Problem]:
+    if KEY_SETTING not in manifest.files:
+        yield Problem("damaged-backup", KEY_SETTING, "is not in the backup; use another")
     known = {SETTINGS_FILE, DATABASE, MANIFEST, *manifest.files.values()}
     for name in sorted({*manifest.sha256, *manifest.files.values(), *digests} - {MANIFEST}):
         upload = _UPLOAD.fullmatch(name)

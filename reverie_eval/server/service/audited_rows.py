@@ -264,14 +264,17 @@ def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
     names = defaultdict(set)
     for row, name in _recorded_names(session):
         names[row].add(name)
-    # In the order in which they were merged, so that names pass through every team on their way.
-    teams = session.scalars(select(Team).order_by(Team.merged_at)).all()
+    teams = session.scalars(select(Team)).all()
     for team in teams:
         names[row_name(team)].add(team.name)
+    all_names = {row: set(own) for row, own in names.items()}
     for team in teams:
-        if team.merged_into is not None:
-            names[row_name(team.merged_into)] |= names[row_name(team)]
-    return {team.name: frozenset(names[row_name(team)]) for team in teams}
+        # Followed team by team, not by the times of the merges: a clock may have run back.
+        way = [team]
+        while (into := way[-1].merged_into) is not None and into not in way:
+            all_names[row_name(into)] |= names[row_name(team)]
+            way.append(into)
+    return {team.name: frozenset(all_names[row_name(team)]) for team in teams}
 
 
 def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:

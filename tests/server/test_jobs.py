@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import httpx
 import pytest
+from aiosmtpd.controller import Controller
 from anyio.from_thread import BlockingPortal
 from sqlalchemy import select
 
@@ -26,7 +27,7 @@ from reverie_eval.server.jobs import runner
 from reverie_eval.server.jobs.runner import Job, Jobs, one_line
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, Message, StoredSnapshot, Submission
-from tests.server.test_notifications import Hook, hook, hook_at, mail_to
+from tests.server.test_notifications import Hook, Mailbox, hook, hook_at, mail_to
 from tests.support.acting import NOON
 from tests.support.serving import (
     ORGANISER,
@@ -305,6 +306,30 @@ def is_done(client: httpx.Client) -> bool:
     """Whether all jobs have run, and nothing is left to do."""
     jobs = reports(client).values()
     return all(job["runs"] and not any(job["backlog"].values()) for job in jobs)
+
+
+def test_a_mail_server_that_is_dead_is_told_by_webhook(
+    folder: Path, hook: Hook, open_server: OpenServer, at_work: AtWork
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    channels = {"mail": mail_to(port), "webhook": hook_at(hook)}
+    server = open_server(settings_of(folder).model_copy(update=channels))
+    assert server.upload(OWNER).status_code == 201
+    with at_work(server) as client:
+        wait_until(lambda: sorted(hook.events()) == ["submission", "unhealthy"])
+        assert client.get("/healthz").json()["failed"] == ["job mail"]
+        assert client.get("/readyz").status_code == 200
+        assert reports(client)["mail"]["backlog"]["waiting"] == 2
+        assert "(mail.host, mail.port)" in reports(client)["mail"]["error"]
+        assert f"{port}" not in reports(client)["mail"]["error"]
+        box = Mailbox()
+        mail_server = Controller(box, hostname="127.0.0.1", port=port)
+        mail_server.start()
+        server.clock.turn(hours=7)
+        wait_until(lambda: client.get("/healthz").json()["status"] == "ok")
+        mail_server.stop()
+        assert len(box.mails) == 1
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 from sqlalchemy import delete, event, select
 
 from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
@@ -23,7 +24,7 @@ from reverie_eval.server.service.snapshots import SnapshotError, Snapshots, snap
 from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings
-from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
+from reverie_eval.server.store.tables import AuditEntry, SetSchedule, StoredSnapshot, Submission
 from tests.support.acting import NOON, add_team, review
 from tests.support.flat import Run
 from tests.support.serving import (
@@ -428,6 +429,19 @@ def test_a_row_that_cannot_be_read_fails_no_write(ended: Serving, run: Run) -> N
     (kept,) = snapshots(ended)
     assert (kept.as_of, len(kept.leaderboard.rows)) == (END, 2)
     assert [row.submissions for row in kept.leaderboard.rows] == [1, 1]
+
+
+def test_a_schedule_that_cannot_be_read_fails_no_write_elsewhere(server_on: Serving) -> None:
+    damaged = {"phases": [{"closes": "soon"}], "release_scores": "at-once", "paused": False}
+    with server_on.state.database.writing() as session:
+        session.add(SetSchedule(split=PRIVATE, **damaged, created_at=NOON))
+    added = server_on.ask(ORGANISER, "POST", "/organiser/teams", json={"name": "Green"})
+    assert added.status_code == 201
+    assert server_on.upload(OWNER).status_code == 201
+    with server_on.acting() as transaction:
+        assert revoke_token(transaction, server_on.tokens[OTHER][:11])
+    with pytest.raises(ValidationError):
+        look(server_on)
 
 
 def test_a_write_does_not_try_again_what_has_failed(ended: Serving) -> None:

@@ -199,6 +199,19 @@ def test_a_method_without_a_name_has_the_file_s(
 
 
 @pytest.mark.usefixtures("token")
+def test_what_no_option_names_is_not_declared_and_can_be_later(run: Run) -> None:
+    flags = ("extra_data", "pre_exploration", "ground_truth_objects", "ensemble", "human")
+    first, second = (
+        accepted(run(*SUBMIT, *JSON, *options))["submission"]["method"]
+        for options in ((), ("--no-extra-data", "--human"))
+    )
+    assert isinstance(first, dict)
+    assert isinstance(second, dict)
+    assert [first[flag] for flag in flags] == [None] * 5
+    assert [second[flag] for flag in flags] == [False, None, None, None, True]
+
+
+@pytest.mark.usefixtures("token")
 def test_sending_again_publishes_and_renames(run: Run) -> None:
     first = accepted(run(*SUBMIT, *JSON))
     about = ["--paper", "https://x.org/p", "--human", "--publish"]

@@ -122,7 +122,8 @@ def submit(
     """Send a submission to be scored, and keep the receipt.
 
     The file is checked here first if a bundle of the split is at hand. Sending the same file again
-    uses no submission and returns the same result.
+    uses no submission and returns the same result. Properties of the method that no option names
+    are not declared, which is not a no.
 
     Exit status: 0 scored and everything done, 1 submission rejected, 2 something could not be
     done; a result is shown in any case.

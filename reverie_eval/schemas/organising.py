@@ -48,6 +48,8 @@ class NewTeam(WireModel):
 class TeamReport(WireModel):
     """People who submit together and share a quota."""
 
+    id: int = Field(examples=[2])
+    """Its number, by which the log names it."""
     name: TeamName
     people: list[str] = Field(examples=[["Ada", "Ben"]])
     created_at: datetime

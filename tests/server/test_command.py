@@ -217,7 +217,7 @@ def test_people_tokens_and_grants_are_listed(lab: str, run: Run) -> None:
         assert TOKEN.fullmatch(shown.out.strip())
         assert "of Ada, until 20" in shown.err
     teams = run("server", "team", "list", lab).out.splitlines()
-    assert re.fullmatch(r"Blue +\d{4}-\d\d-\d\d \d\d:\d\d +Ada", teams[1])
+    assert re.fullmatch(r"Blue +\d+ +\d{4}-\d\d-\d\d \d\d:\d\d +Ada", teams[1])
     assert re.search(
         r"^Ada +Blue +participant ", run("server", "person", "list", lab).out, re.MULTILINE
     )

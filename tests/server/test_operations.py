@@ -13,6 +13,7 @@ from fastapi.routing import iter_route_contexts
 from prometheus_client.parser import text_string_to_metric_families
 from starlette.routing import Mount
 
+from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.jobs.work import jobs_of
@@ -23,6 +24,7 @@ from reverie_eval.server.service.boards import Board
 from tests.support.serving import (
     BROKEN,
     GOOD,
+    MATE,
     OPEN,
     ORGANISER,
     OTHER,
@@ -152,8 +154,48 @@ def test_a_request_is_a_line(server: Serving, log: Callable[..., list[dict[str, 
         "received": len(GOOD),
         "sent": len(reply.content),
         "outcome": "ok",
+        "caller": "participant, token",
+        "split": OPEN,
+        "team": server.person(OWNER).team_id,
+        "submission": reply.json()["submission"]["id"],
         "token": server.tokens[OWNER][:11],
     }
+
+
+WHO = ("caller", "split", "team", "submission", "outcome")
+
+
+def test_the_line_of_an_upload_says_who_and_what(
+    server: Serving, log: Callable[..., list[dict[str, Any]]]
+) -> None:
+    """By numbers and ids: names of people and teams are nowhere in the log."""
+    submission = server.upload(OWNER).json()["submission"]["id"]
+    server.upload(OWNER)
+    server.upload(OWNER, BROKEN)
+    server.ask(OWNER, "POST", f"/splits/{PRIVATE}/validate", content=GOOD)
+    server.ask(None, "POST", f"/splits/{OPEN}/submissions", content=GOOD)
+    server.upload(OTHER, split="none-of-ours")
+    mate, desk = signed_in(server, MATE), signed_in(server, ORGANISER)
+    mate.upload()
+    mate.upload(GOOD, "check")
+    received = {"person": "1", "received_at": "2026-03-02T11:00:00Z", "name": "Walker"}
+    desk.send("/desk/emailed-files", {"split": OPEN, **received}, file=GOOD)
+    teams = [server.person(who).team_id for who in (OWNER, OTHER, ORGANISER)]
+    sent = [line for line in log() if line["method"] == "POST" and line["route"] != "/sign-in"]
+    own, other, organiser = teams
+    assert [tuple(line.get(name) for name in WHO) for line in sent] == [
+        ("participant, token", OPEN, own, submission, "ok"),
+        ("participant, token", OPEN, own, submission, "ok"),
+        ("participant, token", OPEN, own, None, "submission-rejected"),
+        ("participant, token", PRIVATE, own, None, "submission-rejected"),
+        ("anonymous", OPEN, None, None, "not-signed-in"),
+        ("participant, token", None, other, None, "not-found"),
+        ("participant, session", OPEN, own, submission, "ok"),
+        ("participant, session", OPEN, own, None, "ok"),
+        ("organiser, session", OPEN, organiser, submission, "ok"),
+    ]
+    names = (OWNER, MATE, OTHER, ORGANISER, "Blue", "Red", "Walker")
+    assert not [name for name in names if f'"{name}"' in json.dumps(sent)]
 
 
 @pytest.mark.parametrize(
@@ -315,6 +357,22 @@ def metrics_of(server: Serving, who: str | None = ORGANISER) -> Samples:
         for family in text_string_to_metric_families(reply.text)
         for sample in family.samples
     }
+
+
+def test_metrics_say_how_much_is_stored(server_on: Serving) -> None:
+    server_on.upload(OWNER)
+    server_on.upload(OTHER)  # the same file, which is stored once
+    other = submission_for(PRIVATE)
+    server_on.upload(OTHER, other, PRIVATE)
+    with server_on.acting() as transaction:
+        server_on.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="Now"))
+    samples = metrics_of(server_on)
+    assert samples[("reverie_eval_uploads_bytes",)] == len(GOOD) + len(other)
+    assert samples[("reverie_eval_database_bytes",)] > 100_000
+    taken = ("reverie_eval_last_snapshot_timestamp_seconds", OPEN)
+    assert samples[taken] == server_on.clock().timestamp()
+    server_on.upload(OTHER, server_on.distinct())  # it is not measured at once again
+    assert metrics_of(server_on)[("reverie_eval_uploads_bytes",)] == len(GOOD) + len(other)
 
 
 def test_metrics_count_what_was_answered(server: Serving) -> None:

@@ -13,7 +13,7 @@ from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
-from reverie_eval.schemas.service import QuotaReport
+from reverie_eval.schemas.service import Accepted, QuotaReport
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.service.tokens import HINT_LENGTH, PREFIX, name_in
 
@@ -46,11 +46,21 @@ class Exchange:
     """For an upload to be scored, the requested split; empty until it is known."""
     is_repeat: bool = False
     """Whether the same upload was scored before."""
+    team: int | None = None
+    """For an upload that was read, the number of the sender's team."""
+    split: str = ""
+    """For an upload that was read, the split that the sender wrote."""
+    submission: str = ""
+    """The id of the submission that an upload became or repeats."""
     quota: Callable[[], QuotaReport] | None = None
     """Returns the caller's submissions left, if a problem document should include them."""
     asks_database: bool = True
     """Whether the reply to a problem may query the database: not outside the routes, nor after a
     fault of the server."""
+
+    def note(self, accepted: Accepted) -> None:
+        """Note the outcome of an upload."""
+        self.submission, self.is_repeat = accepted.submission.id, accepted.is_repeat
 
     @property
     def seconds(self) -> float:
@@ -107,6 +117,14 @@ def token_of(scope: Scope) -> str:
 def session_of(scope: Scope) -> str:
     """Return the name of the browser session in the cookie; empty if there is none."""
     return name_in(HTTPConnection(scope).cookies.get(COOKIE, ""))
+
+
+def caller_of(scope: Scope) -> str:
+    """Return by what the sender is known, and whether as an organiser: ``organiser, session``."""
+    browser, person = scope.get("state", {}).get("sender", (None, None))
+    if person is None:
+        return "anonymous"
+    return f"{person.role}, {'token' if browser is None else 'session'}"
 
 
 def hint_of(scope: Scope) -> str:

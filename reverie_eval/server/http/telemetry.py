@@ -7,7 +7,8 @@ a thread of its own, so refusing one request never delays another.
 """
 
 import logging
-from collections.abc import Collection, Iterable
+import time
+from collections.abc import Collection, Iterable, Sequence
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
@@ -16,6 +17,8 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, gene
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
+from sqlalchemy import func, select
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -26,6 +29,7 @@ from reverie_eval.server.http.exchange import (
     Exchange,
     address_of,
     begin,
+    caller_of,
     hint_of,
     method_of,
     route_of,
@@ -33,6 +37,8 @@ from reverie_eval.server.http.exchange import (
 from reverie_eval.server.http.middleware import Middleware
 from reverie_eval.server.http.problems import log_fault, reply_to
 from reverie_eval.server.jobs.runner import Jobs
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import StoredSnapshot, Submission
 
 MEDIA_TYPE = CONTENT_TYPE_LATEST
 """The media type of the metrics."""
@@ -46,11 +52,24 @@ _TRACED = frozenset({NotSignedInError.status, TooManyError.status})
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 
 
+_SECONDS_MEASURED = 60
+_LATEST_SNAPSHOTS = select(StoredSnapshot.split, func.max(StoredSnapshot.created_at)).group_by(
+    StoredSnapshot.split
+)
+_FILES = (  # several teams may have sent one
+    select(Submission.sha256, Submission.size)
+    .where(Submission.upload_deleted_at.is_(None))
+    .distinct()
+    .subquery()
+)
+_UPLOADED = select(func.sum(_FILES.c.size))
+
+
 class Metrics:
     """The counts of one application."""
 
     def __init__(self, splits: Collection[str], jobs: Jobs) -> None:
-        self._splits = frozenset(splits)
+        self.splits = frozenset(splits)
         self._registry = registry = CollectorRegistry()
         self.in_flight = Gauge(
             "reverie_eval_requests_in_flight",
@@ -87,6 +106,7 @@ class Metrics:
             registry=registry,
         )
         registry.register(_JobMetrics(jobs))
+        registry.register(_StorageMetrics(jobs.database))
 
     def count(self, exchange: Exchange, scope: Scope) -> None:
         """Count a request that has been answered."""
@@ -94,7 +114,7 @@ class Metrics:
         self._requests.labels(method, route, exchange.status or "none").inc()
         self._seconds.labels(method, route).observe(exchange.seconds)
         if exchange.uploaded_to is not None:
-            split = exchange.uploaded_to if exchange.uploaded_to in self._splits else "unknown"
+            split = exchange.uploaded_to if exchange.uploaded_to in self.splits else "unknown"
             scored = "repeated" if exchange.is_repeat else "scored"
             outcome = scored if exchange.outcome == OK else exchange.outcome
             self._uploads.labels(split, outcome).inc()
@@ -148,6 +168,49 @@ class _JobMetrics(Collector):
         return runs, failures, is_failing, last_success, backlog
 
 
+class _StorageMetrics(Collector):
+    """How much is stored; measured at most once a minute, because all submissions are added up."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._measured: Sequence[Metric] = ()
+        self._until = 0.0
+
+    def describe(self) -> Iterable[Metric]:
+        """Return nothing, so that registering it does not read the database."""
+        return ()
+
+    def collect(self) -> Iterable[Metric]:
+        """Return the metrics; none while the database is unavailable, which others show."""
+        if time.monotonic() >= self._until:
+            try:
+                self._measured = self._measure()
+            except (SQLAlchemyError, OSError):
+                self._measured = ()
+            self._until = time.monotonic() + _SECONDS_MEASURED
+        return self._measured
+
+    def _measure(self) -> Sequence[Metric]:
+        with self._database.reading() as session:
+            uploads = session.scalar(_UPLOADED) or 0
+            latest = session.execute(_LATEST_SNAPSHOTS).all()
+        snapshots = GaugeMetricFamily(
+            "reverie_eval_last_snapshot_timestamp_seconds",
+            "When the latest snapshot of a split was taken.",
+            labels=["split"],
+        )
+        for split, taken in latest:
+            snapshots.add_metric([split], taken.timestamp())
+        size = self._database.size()
+        return (
+            GaugeMetricFamily("reverie_eval_database_bytes", "Size of the database.", size),
+            GaugeMetricFamily(
+                "reverie_eval_uploads_bytes", "Size of all stored uploads, unpacked.", uploads
+            ),
+            snapshots,
+        )
+
+
 class RequestTelemetry(Middleware):
     """Logs and counts every request."""
 
@@ -174,7 +237,8 @@ class RequestTelemetry(Middleware):
                 await self._answer(exchange, scope, receive, recording)
             finally:
                 self._metrics.count(exchange, scope)
-                _LOGGER.info("request", extra={"fields": _line(exchange, scope)})
+                line = _line(exchange, scope, self._metrics.splits)
+                _LOGGER.info("request", extra={"fields": line})
 
     async def _answer(self, exchange: Exchange, scope: Scope, receive: Receive, send: Send) -> None:
         try:
@@ -189,7 +253,7 @@ class RequestTelemetry(Middleware):
                 await run_sync(log_fault, Request(scope), error, limiter=self._thread)
 
 
-def _line(exchange: Exchange, scope: Scope) -> dict[str, object]:
+def _line(exchange: Exchange, scope: Scope, splits: Collection[str]) -> dict[str, object]:
     line: dict[str, object] = {
         "id": exchange.id,
         "method": method_of(scope),
@@ -199,7 +263,15 @@ def _line(exchange: Exchange, scope: Scope) -> dict[str, object]:
         "received": exchange.received,
         "sent": exchange.sent,
         "outcome": exchange.outcome,
+        "caller": caller_of(scope),
     }
+    split = exchange.split or scope.get("path_params", {}).get("split")
+    if split in splits:  # else it is text that the sender made up
+        line["split"] = split
+    if exchange.team is not None:
+        line["team"] = exchange.team
+    if exchange.submission:
+        line["submission"] = exchange.submission
     if exchange.status in _TRACED:
         line["address"] = address_of(scope)
     elif hint := hint_of(scope):

@@ -165,9 +165,12 @@ async def taken(
     An upload is not read while it waits for a slot, so its arrival is dated back by that time: a
     queue makes nobody late.
     """
+    exchange = exchange_of(request.scope)
+    exchange.team = person.team_id
     async with runtime.uploads.hold(person.team_id):
         waited = max(server.clock() - began, timedelta())
         upload = await receive(request, server.settings.limits, server.clock)
+        exchange.split = fields_of(request, upload).get("split", "")
         yield upload._replace(arrived=upload.arrived - waited)
 
 

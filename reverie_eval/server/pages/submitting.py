@@ -119,7 +119,7 @@ def submit(member: Member, upload: PostedUpload) -> Response:
     accepted = server.intake.submit(
         person, board.name, upload.packed, method, key=None, arrived=upload.arrived
     )
-    exchange_of(member.request.scope).is_repeat = accepted.is_repeat
+    exchange_of(member.request.scope).note(accepted)
     place = f"/submissions/{accepted.submission.id}"
     if not accepted.is_repeat:
         return see_other(f"{place}?done=scored")

@@ -11,7 +11,7 @@ from reverie_eval.schemas.personal_data import PersonalData
 from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser, TokenHint
-from reverie_eval.server.http.exchange import API
+from reverie_eval.server.http.exchange import API, exchange_of
 from reverie_eval.server.http.openapi import BINARY, file_reply, problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
@@ -79,6 +79,7 @@ def submit_emailed_file(
     report = organiser.server.emailed_files.submit(
         organiser.person(), file, upload.filename, upload.packed, method
     )
+    exchange_of(request.scope).note(report)
     response.status_code = 200 if report.is_repeat else 201
     return report
 

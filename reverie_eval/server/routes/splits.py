@@ -103,7 +103,7 @@ def submit(
     accepted = server.intake.submit(
         person, split, upload.packed, method, idempotency_key, arrived=upload.arrived
     )
-    counted.is_repeat = accepted.is_repeat
+    counted.note(accepted)
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
     return accepted
 

@@ -76,8 +76,10 @@ def list_teams(*, folder: Folder) -> None:
     from reverie_eval.server.service import people
 
     teams = folder.all_of(people.list_teams)
-    rows = [(each.name, minute(each.created_at), ", ".join(each.people)) for each in teams]
-    print_list(("team", "since (UTC)", "people"), rows)
+    rows = [
+        (each.name, str(each.id), minute(each.created_at), ", ".join(each.people)) for each in teams
+    ]
+    print_list(("team", "number", "since (UTC)", "people"), rows)
 
 
 @team.command()

@@ -25,6 +25,7 @@ from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.schemas.wire import LONGEST_ID
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Server, Snapshot
+from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import Runtime
@@ -162,6 +163,7 @@ def submit_emailed_file(desk: Desk, upload: PostedFile) -> Response:
     report = desk.server.emailed_files.submit(
         desk.person(), read_model(EmailedFile, given), upload.filename, upload.packed, method
     )
+    exchange_of(desk.request.scope).note(report)
     return draw_files(desk, typed, report=report, filename=upload.filename)
 
 

@@ -49,6 +49,7 @@ def create_app(server: ServerState, address: str = "http://localhost") -> FastAP
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        work_out_routes(app)
         server.warming.set()  # before the first visitor
         with jobs.running():
             yield
@@ -77,6 +78,16 @@ def create_app(server: ServerState, address: str = "http://localhost") -> FastAP
     add_edge(app, server.settings)
     describe(app, server.settings.path_prefix)
     return app
+
+
+def work_out_routes(app: FastAPI) -> None:
+    """Let FastAPI work out what all routes take, before it accepts requests.
+
+    It would do so on the event loop when the first request comes, and let everyone wait.
+    """
+    nowhere = {"type": "http", "method": "GET", "path": "\0", "root_path": "", "headers": []}
+    for route in app.routes:
+        route.matches(nowhere)
 
 
 def contact_of(settings: Settings) -> dict[str, str] | None:

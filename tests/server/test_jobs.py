@@ -25,6 +25,7 @@ from reverie_eval.server.app import create_app
 from reverie_eval.server.http import health
 from reverie_eval.server.jobs import runner
 from reverie_eval.server.jobs.runner import Job, Jobs, one_line
+from reverie_eval.server.pages import add_pages
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, Message, StoredSnapshot, Submission
 from tests.server.test_notifications import Hook, Mailbox, hook, hook_at, mail_to
@@ -391,6 +392,15 @@ def test_a_server_computes_what_its_first_page_shows(
         monkeypatch.delattr("reverie_eval.server.service.episodes.run_agent")
         monkeypatch.delattr("reverie_eval.server.pages.home.map_svg")
         assert 'class="example"' in client.get("/").text
+
+
+def test_a_server_knows_its_routes_before_the_first_request(
+    server: Serving, at_work: AtWork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(application, "add_pages", add_pages)  # tests share routes otherwise
+    with at_work(server) as client, monkeypatch.context() as broken:
+        broken.delattr("fastapi.routing.get_dependant")
+        assert client.get("/guide").status_code == 200
 
 
 # Any job.

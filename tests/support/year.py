@@ -237,7 +237,7 @@ def live(year: Year, organiser: Organiser) -> None:
     organiser.open_phase("after the challenge", at(6, 3, 0), None)
     year.move_to(at(6, 10))
     before = year.ask("GET", f"/splits/{PRIVATE}/snapshots/1").json()
-    assert before["title"] == CHALLENGE
+    assert payload_in(before)["title"] == CHALLENGE
     year.upload(TEAMS[2], year.new_file())
     assert year.ask("GET", f"/splits/{PRIVATE}/snapshots/1").json() == before
 

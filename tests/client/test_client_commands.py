@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import shutil
 import stat
 import sys
 from pathlib import Path
@@ -233,6 +234,12 @@ def test_sending_again_publishes_and_renames(run: Run) -> None:
     )
     assert after == before | {"name": "Ours"}
     assert first["submission"]["receipt"] == third["submission"]["receipt"]
+    # The command has made the changes; under another name without an option, nothing is changed.
+    assert not any(each["ignored"] for each in (first, second, third))
+    shutil.copy("submit.json", "copy.json")
+    renamed = run("submit", "copy.json", *SUBMIT[2:])
+    told = "ignored, because the first upload said otherwise: name; options such as --method"
+    assert told in renamed.out
 
 
 @pytest.mark.usefixtures("token")

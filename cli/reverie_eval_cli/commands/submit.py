@@ -229,7 +229,8 @@ def _change(client: "Client", accepted: "Accepted", asked: Mapping[str, Any]) ->
         undone = "published" if "published" in asked else "changed"
         _warn(f"scored, but not {undone}: {error}; {_AGAIN} with the same options")
         return None
-    return accepted.model_copy(update={"submission": submission})
+    ignored = [name for name in accepted.ignored if name not in asked.get("method", ())]
+    return accepted.model_copy(update={"submission": submission, "ignored": ignored})
 
 
 def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
@@ -245,7 +246,7 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
         *submission_lines(
             accepted,
             to_publish="submit it again with --publish, which does not use a submission",
-            to_change="edit the method on the page of the submission",
+            to_change="options such as --method change it, which uses no submission",
         ),
         *map("receipt: {}".format, kept),
         *quota_lines(accepted.quota, submission.split),

@@ -1,6 +1,6 @@
 """The state of a running server, opened once and shared by all requests."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from threading import Event
@@ -13,6 +13,7 @@ from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import (
     Board,
+    Boards,
     board_named,
     leaderboards,
     load_boards,
@@ -30,6 +31,7 @@ from reverie_eval.server.service.rank_intervals import RankIntervals
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.retention import Retention
+from reverie_eval.server.service.rules import RulesInForce
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.scoring import Scoring, ScoringHere
 from reverie_eval.server.service.scoring_processes import ScoringProcesses
@@ -54,7 +56,7 @@ class ServerState:
     def __init__(
         self,
         settings: Settings,
-        boards: Mapping[str, Board],
+        boards: Boards,
         database: Database,
         clock: Clock,
         scoring: Scoring | None = None,
@@ -62,7 +64,9 @@ class ServerState:
         if not database.is_current():
             remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
             raise SettingsError([Problem("old-database", "database", remedy)])
-        self.settings, self.boards, self.database, self.clock = settings, boards, database, clock
+        self.settings, self.database, self.clock = settings, database, clock
+        self.boards = boards
+        self.rules = rules = RulesInForce(boards, settings)
         self.signer = signer_of(settings, database)
         self.uploads = uploads = open_uploads(settings.uploads, settings.folder)
         self.scoring = scoring = scoring or ScoringHere(boards, uploads)
@@ -75,10 +79,18 @@ class ServerState:
         )
         attempts = Attempts(database, clock)
         self.intake = Intake(
-            boards, uploads, scoring, transactions, self.notices, attempts, schedules, settings
+            boards,
+            uploads,
+            scoring,
+            rules,
+            transactions,
+            self.notices,
+            attempts,
+            schedules,
+            settings,
         )
         self.submissions = SubmissionService(
-            boards, uploads, scoring, transactions, schedules, settings.required_metadata
+            boards, uploads, scoring, rules, transactions, schedules, settings.required_metadata
         )
         self.emailed_files = EmailedFiles(self.intake, self.submissions)
         self.rescoring = Rescoring(boards, scoring, transactions)
@@ -105,7 +117,7 @@ class ServerState:
         ReceiptError
             If the signing key is missing, others can read it, or another one is in use.
         """
-        boards = load_boards(settings)
+        boards = Boards(load_boards(settings))
         scoring = ScoringProcesses(settings, boards, workers) if workers else None
         database = Database(settings.database_url)
         try:
@@ -144,6 +156,8 @@ class ServerState:
         This takes as many statements as reading the one that takes most.
         """
         now = self.clock()
+        self.rules.follow(session)
+        boards = [self.board(board.name, board.further) for board in boards]
         self.entries.entries_of_all(session, boards, now)  # each is in the cache then
         return [
             leaderboard(

@@ -141,7 +141,7 @@ def test_entries_are_read_again_if_a_leaderboard_has_changed(several: Serving) -
     ],
 )
 def test_entries_are_over_when_scores_are_released(held: object, *, expected: bool) -> None:
-    entries = BoardEntries(1, [], [], frozenset(), held_until=held)  # type: ignore[arg-type]
+    entries = BoardEntries(1, "", [], [], frozenset(), held_until=held)  # type: ignore[arg-type]
     assert entries.is_over(NOON + 0.9 * SECOND) is expected
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from reverie_eval.errors import SubmissionError
+from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
@@ -21,6 +21,7 @@ from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import audit_reports, entries
 from reverie_eval.server.service.audited_rows import mismatches
+from reverie_eval.server.service.intake import Intake
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.rank_intervals import cluster_sums
 from reverie_eval.server.service.rescoring import (
@@ -33,6 +34,8 @@ from reverie_eval.server.service.rescoring import (
     outdated,
     score_again,
 )
+from reverie_eval.server.service.rules import append_rules, record_rules, rules_of
+from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
 from tests.support.acting import NOON, review
@@ -632,7 +635,7 @@ def test_the_command_previews_and_then_corrects(
     assert "1 -> 1" in preview.out
     done = run("server", "rescore", *options, "--reason", WHY)
     assert (done.status, done.out) == (0, preview.out), done.err
-    assert "restart the server" in done.err
+    assert "servers that run use the new ground truth" in done.err
     assert shown(server, best)["report"]["scores"] != before["report"]["scores"]
     kept = folder / "bundles" / f"{OPEN}.{before['report']['fingerprint'][:12]}.npz"
     assert Bundle.load(kept).header.fingerprint == before["report"]["fingerprint"]
@@ -683,3 +686,130 @@ def test_a_wrong_bundle_is_not_installed(server: Serving, folder: Path, run: Run
     outcome = run("server", "rescore", str(folder), OPEN, "--bundle", str(wrong), "--reason", WHY)
     assert "this is the ground truth of val_seen, not of val_unseen" in outcome.err
     assert place.read_bytes() == before
+
+
+def corrects(run: Run, folder: Path) -> Bundle:
+    """Correct the open split by the command, as a process beside the server would."""
+    done = run(
+        *("server", "rescore", str(folder), OPEN, "--bundle", str(correct(folder))),
+        *("--reason", WHY, "--jobs", "1"),
+    )
+    assert done.status == 0, done.err
+    return Bundle.load(folder / "bundles" / f"{OPEN}.npz")
+
+
+def test_a_server_that_runs_uses_the_new_ground_truth_at_once(
+    server: Serving, folder: Path, run: Run
+) -> None:
+    record_rules(server.state.transactions, rules_of(server.state.boards))
+    first, second, third = agents(3)
+    sent(server, OWNER, first)
+    sent(server, OTHER, second)
+    before = board(server)
+    walks = server.client.get(f"/episodes/{OPEN}?submission=random").text
+    new = corrects(run, folder).header.fingerprint
+    after = board(server)
+    assert [len(found["rows"]) for found in (before, after)] == [2, 2]
+    assert after["apart"] == []
+    assert [each["reason"] for each in after["corrections"]] == [WHY]
+    assert server.upload(OWNER, third).json()["submission"]["report"]["fingerprint"] == new
+    assert server.client.get(f"/episodes/{OPEN}?submission=random").text != walks
+    assert server.client.get("/healthz").json()["failed"] == []
+    with server.state.database.reading() as session:
+        assert list(server.state.audit_log.broken_links(session)) == []
+
+
+@pytest.mark.parametrize("moment", ["_known", "_store"])
+def test_an_upload_during_a_correction_is_scored_by_the_new_ground_truth(
+    moment: str, server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The correction comes when the upload was read, or when it was scored."""
+    first, second = agents(2)
+    earlier = sent(server, OWNER, first)["id"]
+    found: list[str] = []
+    real = getattr(Intake, moment)
+
+    def interrupted(*given: Any) -> Any:
+        if not found:
+            found.append(corrects(run, folder).header.fingerprint)
+        return real(*given)
+
+    monkeypatch.setattr(Intake, moment, interrupted)
+    reply = server.upload(OTHER, second).json()
+    assert reply["submission"]["report"]["fingerprint"] == found[0]
+    assert reply["submission"]["earlier"] == []
+    assert [row["rank"] for row in board(server)["rows"]] == [1]
+    assert shown(server, {"id": earlier})["report"]["fingerprint"] == found[0]
+    with server.state.database.reading() as session:
+        assert outdated(session, server.state.boards[OPEN]) == []
+
+
+def test_an_upload_that_comes_while_others_are_scored_again_is_not_forgotten(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second, third = agents(3)
+    sent(server, OWNER, first)
+    late = iter([second, third])
+    real = rescoring._score  # noqa: SLF001
+
+    def interrupted(*given: Any) -> Any:
+        found = real(*given)
+        for content in late:
+            assert server.upload(OTHER, content).status_code == 201
+            break
+        return found
+
+    monkeypatch.setattr(rescoring, "_score", interrupted)
+    new = corrects(run, folder).header.fingerprint
+    submissions = server.ask(ORGANISER, "GET", "/submissions").json()
+    assert [each["report"]["fingerprint"] for each in submissions] == [new] * 3
+
+
+def test_a_correction_that_fails_changes_nothing(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent(server, OWNER, submission_for(OPEN))
+    place = folder / "bundles" / f"{OPEN}.npz"
+    before, kept = board(server), place.read_bytes()
+
+    def fail(*_: object) -> None:
+        raise ReverieEvalError("there is no power")
+
+    monkeypatch.setattr(rescoring, "append_rules", fail)
+    words = ["server", "rescore", str(folder), OPEN, "--bundle", str(correct(folder))]
+    done = run(*words, "--reason", WHY)
+    assert (done.status, "there is no power" in done.err) == (2, True)
+    assert place.read_bytes() == kept
+    assert board(server) == before
+    assert server.upload(OTHER).status_code == 201
+
+
+def test_a_server_without_the_new_ground_truth_asks_to_wait(server: Serving) -> None:
+    """It is on another machine, whose files nobody has replaced yet."""
+    rules = {**rules_of(server.state.boards), OPEN: "split:val_unseen|of another bundle"}
+    with server.acting() as transaction:
+        append_rules(transaction, rules)
+    reply = server.upload(OWNER)
+    assert (reply.status_code, reply.json()["code"]) == (503, "busy")
+    assert reply.json()["detail"].startswith(f"the ground truth of {OPEN} was just corrected;")
+    assert server.upload(OWNER, submission_for(PRIVATE), PRIVATE).status_code == 201
+    assert server.client.get("/healthz").json()["failed"] == ["same rules as other servers"]
+
+
+def test_a_submission_that_is_scored_again_while_it_is_published_gets_no_older_intervals(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submission = server.upload(OWNER).json()["submission"]["id"]
+    real = SubmissionService._intervals  # noqa: SLF001
+
+    def interrupted(*given: Any) -> Any:
+        found = real(*given)
+        corrects(run, folder)
+        return found
+
+    monkeypatch.setattr(SubmissionService, "_intervals", interrupted)
+    reply = server.ask(OWNER, "PATCH", f"/submissions/{submission}", json={"published": True})
+    assert (reply.status_code, reply.json()["code"]) == (409, "conflict")
+    monkeypatch.setattr(SubmissionService, "_intervals", real)
+    reply = server.ask(OWNER, "PATCH", f"/submissions/{submission}", json={"published": True})
+    assert reply.json()["report"]["intervals"]

@@ -21,6 +21,7 @@ from sqlalchemy import select
 from fixtures.servers import make_folder
 from reverie_eval import evaluate
 from reverie_eval.errors import SubmissionError
+from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.service import scoring_processes
 from reverie_eval.server.service.boards import load_boards
@@ -29,6 +30,7 @@ from reverie_eval.server.service.scoring_processes import ScoringProcesses
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
+from tests.support.flat import Run
 from tests.support.forking import Beside, Forked, Surroundings
 from tests.support.participants import RealServer, private_submission
 from tests.support.serving import (
@@ -43,6 +45,7 @@ from tests.support.serving import (
     running,
     settings_of,
     submission_for,
+    with_arrays,
 )
 from tests.support.waiting import PATIENCE, wait_until
 
@@ -344,3 +347,26 @@ def test_so_do_those_that_users_start(folder: Path) -> None:
             process.terminate()
     assert process.returncode == 0
     wait_until(lambda: not any(is_running(scorer) for scorer in scorers))
+
+
+def test_they_load_the_ground_truth_of_a_correction(
+    folder: Path, open_server: OpenServer, run: Run
+) -> None:
+    server = open_server(workers=2)
+    before = server.upload(OWNER).json()["submission"]
+    bundle = Bundle.load(folder / "bundles" / f"{OPEN}.npz")
+    new = folder / "new.npz"
+    with_arrays(bundle, task_target=bundle.arrays["task_target"] + 1).save(new)
+    done = run(
+        *("server", "rescore", str(folder), OPEN, "--bundle", str(new)),
+        *("--reason", "The answers were wrong.", "--jobs", "1"),
+    )
+    assert done.status == 0, done.err
+    path = f"/submissions/{before['id']}"
+    now = server.ask(OWNER, "GET", path).json()
+    again = server.upload(OWNER, server.distinct())
+    assert again.status_code == 201, again.text
+    again = again.json()["submission"]
+    assert again["report"]["scores"] == now["report"]["scores"] != before["report"]["scores"]
+    assert again["report"]["fingerprint"] == Bundle.load(new).header.fingerprint
+    assert server.client.get("/healthz").json()["failed"] == []

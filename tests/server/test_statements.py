@@ -42,9 +42,9 @@ from tests.support.serving import (
 )
 from tests.support.visiting import Visitor, signed_in
 
-PAGE, READ, UPLOAD = 8, 6, 15
+PAGE, READ, UPLOAD = 8, 6, 16
 """The most statements of a page, of a read of the API, and of an upload that is scored."""
-PUBLICATION = 9
+PUBLICATION = 10
 """The most of publishing a submission, besides looking up who does: intervals are computed between
 two transactions. It is the same with further leaderboards."""
 FORM = 3

@@ -14,7 +14,7 @@ import secrets
 import time
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from contextlib import suppress
-from functools import cached_property, partial
+from functools import lru_cache, partial
 from typing import Any
 
 from anyio import move_on_after
@@ -31,7 +31,7 @@ from reverie_eval.server.jobs.runner import Jobs
 from reverie_eval.server.jobs.work import tell_fault
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.keys import current_key
-from reverie_eval.server.service.rules import LastRules, different, rules_of
+from reverie_eval.server.service.rules import rules_of
 from reverie_eval.server.service.scoring import Context
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
@@ -67,7 +67,7 @@ class Health:
                 for board in server.leaderboards
             },
             "signing key": partial(_compare_key, server),
-            "same rules as other servers": partial(_compare_rules, server, LastRules()),
+            "same rules as other servers": partial(_compare_rules, server),
             "database": partial(_write, server),
             "uploads": server.uploads.try_out,
         }
@@ -119,10 +119,14 @@ class Canary:
 
     def __init__(self, server: ServerState, board: Board) -> None:
         self._server = server
-        self._board = board
+        self._place = board.name, board.further
+        self._content = lru_cache(1)(lambda _signature: self._walk())
 
-    @cached_property
-    def _content(self) -> bytes:
+    @property
+    def _board(self) -> Board:
+        return self._server.board(*self._place)
+
+    def _walk(self) -> bytes:
         return json.dumps(run_agent(_AGENT, self._board.truth, 0)).encode()
 
     def score(self) -> None:
@@ -130,8 +134,8 @@ class Canary:
 
         Raises UnhealthyError if its scores are wrong.
         """
-        board, scoring = self._board, self._server.scoring
-        report = scoring.run(score_content, board.name, board.further, self._content)
+        content = self._content(self._board.signature)
+        report = self._server.scoring.run(score_content, *self._place, content)
         scores = report.scores
         # The agent stays where it starts; in the grounding track, no agent moves.
         if scores.get("path_length") or scores.get("success") != scores.get("oracle_success"):
@@ -171,19 +175,19 @@ def _compare_key(server: ServerState) -> None:
         raise UnhealthyError
 
 
-def _compare_rules(server: ServerState, last: LastRules) -> None:
+def _compare_rules(server: ServerState) -> None:
     """Check that no other server of the database has started since with other rules.
 
     A database that cannot be read is not reported here; the next check does that.
     """
-    rules = rules_of(server.boards)
     splits: Sequence[str] = ()
     with suppress(DBAPIError), server.database.reading() as session:
-        splits = different(rules, last.read(session))
+        splits = server.rules.follow(session)
     if splits:
+        rules = rules_of(server.boards)
         _LOGGER.error(
             "another server on this database started later and uses other rules",
-            extra={"fields": {"splits": splits, "rules": rules, "other": last.rules}},
+            extra={"fields": {"splits": splits, "rules": rules, "other": server.rules.recorded}},
         )
         raise UnhealthyError
 

@@ -20,7 +20,7 @@ from reverie_eval.server.service.outbox import (
 )
 from reverie_eval.server.state import ServerState
 
-_SOON, _MINUTE, _DAY = 10, 60, 24 * 60 * 60
+_SECOND, _SOON, _MINUTE, _DAY = 1, 10, 60, 24 * 60 * 60
 """Seconds between two runs."""
 
 
@@ -63,6 +63,7 @@ def _jobs(server: ServerState, warm_up: Callable[[], object]) -> Iterator[Job]:
             server.warming.clear()
 
     yield Job("warm-up", warm_up_once, None)
+    yield Job("ground-truth", partial(_follow_rules, server), _SECOND)
     yield Job(
         "snapshots", partial(snapshots.take_if_due, server.transactions), _MINUTE, snapshots_due
     )
@@ -86,3 +87,9 @@ def _announce_ends(server: ServerState) -> None:
             return
     with server.database.writing() as session:
         announce_ends(session, schedules, channels, server.clock())
+
+
+def _follow_rules(server: ServerState) -> None:
+    """Use corrected ground truth; uploads and leaderboards do not wait for this."""
+    with server.database.reading() as session:
+        server.rules.follow(session)

@@ -1,11 +1,13 @@
 """Score a split's submissions again from the server's own machine, in several processes."""
 
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
+
+from sqlalchemy.orm import Session
 
 from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
@@ -15,6 +17,7 @@ from reverie_eval.server.errors import no_split
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.boards import Board, load_board, load_boards
 from reverie_eval.server.service.rescoring import Job, Outcome, changes, outdated, score_again
+from reverie_eval.server.service.rules import append_rules, rules_of
 from reverie_eval.server.service.scoring import Context
 from reverie_eval.server.settings import Settings, Split
 from reverie_eval.server.state import ServerState
@@ -24,6 +27,14 @@ Progress: TypeAlias = Callable[[Iterable[tuple[Job, Outcome]], int], Iterable[tu
 """Shows progress while iterating over the outcomes; takes their number, too."""
 FOR_ONE = 100
 """Submissions for each process: starting one takes as long as scoring about 80 of val_unseen."""
+
+
+class Correction(NamedTuple):
+    """How results changed when ground truth was replaced."""
+
+    changes: Sequence[ResultChange]
+    earlier: Path
+    """Where the earlier ground truth is kept."""
 
 
 def preview(
@@ -47,10 +58,9 @@ def preview(
     found: list[ResultChange] = []
     with opened_server(settings) as state:
         for board in state.board(split).all:
-            with _scoring(state, board, jobs) as (waiting, outcomes):
-                scored = _collect(progress(zip(waiting, outcomes, strict=True), len(waiting)))
+            outcomes = _score(state, board, _outdated(state, board), jobs, progress)
             with state.database.reading() as session:
-                found += changes(session, board, scored)
+                found += changes(session, board, _named(outcomes))
     return found
 
 
@@ -69,28 +79,122 @@ def rescore(
     found: list[ResultChange] = []
     with opened_server(settings) as state:
         for board in state.board(split).all:
-            with _scoring(state, board, jobs) as (waiting, outcomes):
+            waiting = _outdated(state, board)
+            with _scoring(state, board, waiting, jobs) as outcomes:
                 replaced = state.rescoring.replace_results(actor, board, reason, waiting, outcomes)
-                scored = _collect(progress(replaced, len(waiting)))
-            new = {job.submission_id for job in waiting if not job.was_scored}
+                scored = dict(progress(replaced, len(waiting)))
             with state.database.reading() as session:
-                found += changes(session, board, scored, first_results=new)
+                found += changes(session, board, _named(scored), first_results=_first(waiting))
     return found
+
+
+def correct(
+    settings: Settings,
+    split: str,
+    bundle: Path,
+    reason: str,
+    *,
+    actor: str,
+    jobs: int,
+    progress: Progress,
+) -> Correction:
+    """Replace a split's ground truth, and with it all results, at once.
+
+    Submissions are scored while servers still use the earlier ground truth. Then one transaction
+    replaces the file, records the new rules, which running servers follow, and stores all results,
+    so nobody sees a leaderboard of some old and some new ones. If it fails or is interrupted,
+    nothing has changed.
+
+    Raises
+    ------
+    SettingsError
+        If the server cannot start with the bundle, or the database is not up to date.
+    NotFoundError
+        If the server has no such split.
+    """
+    corrected = _with_bundle(settings, split, bundle)
+    load_boards(corrected)
+    with opened_server(settings) as state:  # the phases that have ended, by the earlier results
+        state.snapshots.take_if_due(state.transactions)
+    with opened_server(corrected) as state:
+        boards = state.board(split).all
+        outcomes: dict[str, dict[Job, Outcome]] = {board.further: {} for board in boards}
+        while True:
+            with state.database.reading() as session:
+                missing = _missing(session, boards, outcomes)
+            if not missing:
+                break
+            for board, waiting in missing:
+                outcomes[board.further] |= _score(state, board, waiting, jobs, progress)
+        with (
+            _installed(settings, split, bundle) as aside,
+            state.transactions.begin(actor) as transaction,
+        ):
+            # Uploads that came since the last look; there is hardly ever one.
+            for board, waiting in _missing(transaction.session, boards, outcomes):
+                outcomes[board.further] |= _score(state, board, waiting, 1, _quietly)
+            append_rules(transaction, rules_of(state.boards))
+            for board in boards:
+                of_board = outcomes[board.further]
+                state.rescoring.replace_at_once(transaction, board, reason, of_board)
+    found: list[ResultChange] = []
+    with opened_server(settings) as state, state.database.reading() as session:
+        for board in state.board(split).all:
+            of_board = outcomes[board.further]
+            named = _named(of_board)
+            found += changes(session, board, named, first_results=_first(of_board))
+    return Correction(found, aside)
+
+
+def _missing(
+    session: Session, boards: Sequence[Board], outcomes: Mapping[str, Mapping[Job, Outcome]]
+) -> Sequence[tuple[Board, Sequence[Job]]]:
+    """Return what is still to be scored on each leaderboard, if anything is."""
+    found = [
+        (board, [job for job in outdated(session, board) if job not in outcomes[board.further]])
+        for board in boards
+    ]
+    return [(board, waiting) for board, waiting in found if waiting]
+
+
+def _outdated(state: ServerState, board: Board) -> Sequence[Job]:
+    with state.database.reading() as session:
+        return outdated(session, board)
+
+
+def _score(
+    state: ServerState, board: Board, waiting: Sequence[Job], jobs: int, progress: Progress
+) -> dict[Job, Outcome]:
+    with _scoring(state, board, waiting, jobs) as outcomes:
+        return dict(progress(zip(waiting, outcomes, strict=True), len(waiting)))
 
 
 @contextmanager
 def _scoring(
-    state: ServerState, board: Board, jobs: int
-) -> Iterator[tuple[Sequence[Job], Iterable[Outcome]]]:
-    """Score what is outdated on a leaderboard in processes that each load the ground truth."""
-    with state.database.reading() as session:
-        waiting = outdated(session, board)
+    state: ServerState, board: Board, waiting: Sequence[Job], jobs: int
+) -> Iterator[Iterable[Outcome]]:
+    """Score submissions in processes that each load the ground truth."""
     settings = state.settings
     rules = settings.splits[board.name].model_dump_json()
     source = _Source(settings.folder, settings.uploads, board.name, board.further, rules)
     processes = min(jobs, 1 + len(waiting) // FOR_ONE)
     with closing(map_in_processes(partial(_score_one, source), waiting, processes)) as outcomes:
-        yield waiting, outcomes
+        yield outcomes
+
+
+def _quietly(
+    outcomes: Iterable[tuple[Job, Outcome]], _number: int
+) -> Iterable[tuple[Job, Outcome]]:
+    return outcomes
+
+
+def _named(outcomes: Mapping[Job, Outcome]) -> Mapping[str, Outcome]:
+    return {job.submission_id: outcome for job, outcome in outcomes.items()}
+
+
+def _first(jobs: Iterable[Job]) -> Collection[str]:
+    """Return the submissions that had no result before."""
+    return {job.submission_id for job in jobs if not job.was_scored}
 
 
 class _Source(NamedTuple):
@@ -115,28 +219,24 @@ def _context(source: _Source) -> Context:
     return Context({source.split: board}, open_uploads(source.uploads, source.folder))
 
 
-def _collect(outcomes: Iterable[tuple[Job, Outcome]]) -> Mapping[str, Outcome]:
-    return {job.submission_id: outcome for job, outcome in outcomes}
-
-
-def install_bundle(settings: Settings, split: str, bundle: Path) -> Path:
-    """Replace a split's ground truth; return where the earlier one is kept.
-
-    Raises
-    ------
-    SettingsError
-        If the server cannot start with it.
-    NotFoundError
-        If the server has no such split.
-    """
-    load_boards(_with_bundle(settings, split, bundle))
+@contextmanager
+def _installed(settings: Settings, split: str, bundle: Path) -> Iterator[Path]:
+    """Replace a split's bundle, and put it back after an error; give where it is kept."""
     place = settings.path(settings.splits[split].bundle)
     earlier = Bundle.load(place).header.fingerprint[:12]
     aside = place.with_name(f"{place.stem}.{earlier}{place.suffix}")
     shutil.copy2(place, aside)
-    with staged_file(place) as file, bundle.open("rb") as new:
-        shutil.copyfileobj(new, file)
-    return aside
+    try:
+        _copy(bundle, place)
+        yield aside
+    except BaseException:
+        _copy(aside, place)
+        raise
+
+
+def _copy(source: Path, target: Path) -> None:
+    with staged_file(target) as file, source.open("rb") as content:
+        shutil.copyfileobj(content, file)
 
 
 def _with_bundle(settings: Settings, split: str, bundle: Path) -> Settings:

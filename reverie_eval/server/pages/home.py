@@ -62,7 +62,7 @@ class Leaders:
 @router.get("/")
 def show_home(visitor: Visitor) -> Response:
     """Show the task by an example, the first of every leaderboard, and how to take part."""
-    server = visitor.server
+    server, episodes = visitor.server, visitor.server.episodes
     links = {name.casefold(): str(url) for name, url in server.settings.links.items()}
     task, *_ = server.tasks
     with visitor.snapshot() as snapshot:
@@ -72,7 +72,7 @@ def show_home(visitor: Visitor) -> Response:
             task=task,
             leaders=_leaders(server, snapshot.session),
             # Nobody waits for what a job is computing; a moment later, it is there.
-            example=None if server.warming.is_set() else _example(server.episodes),
+            example=None if server.warming.is_set() else _example(episodes, episodes.signatures),
             # A link in the settings comes before what is known of the task.
             data=links.get("data", f"https://{task.source}"),
             paper_page=links.get("paper", task.paper.url if task.paper else ""),
@@ -83,7 +83,7 @@ def show_home(visitor: Visitor) -> Response:
 
 def warm_up(server: ServerState) -> None:
     """Compute what takes long the first time: the example, reference agents, leaderboards."""
-    _example(server.episodes)
+    _example(server.episodes, server.episodes.signatures)
     for board in server.episodes.boards:
         server.episodes.references(board)
     with server.database.reading() as session:
@@ -103,8 +103,8 @@ class Example:
 
 
 @lru_cache(1)
-def _example(episodes: EpisodeService) -> Example | None:
-    """Draw the example once: its photographs take longer than the rest of the page."""
+def _example(episodes: EpisodeService, _signatures: tuple[str, ...]) -> Example | None:
+    """Draw the example once for these signatures: it takes longer than the rest of the page."""
     if episodes.example is None:
         return None
     board, episode = episodes.example

@@ -282,6 +282,29 @@ class Board:
         return not self.is_private or report == _rounded(report, report.notes)
 
 
+class Boards(Mapping[str, Board]):
+    """The leaderboards of a server by split, which a correction replaces while the server runs.
+
+    Looking one up twice may give two; each is complete and never changes.
+    """
+
+    def __init__(self, boards: Mapping[str, Board]) -> None:
+        self._boards = boards
+
+    def __getitem__(self, split: str) -> Board:
+        return self._boards[split]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._boards)
+
+    def __len__(self) -> int:
+        return len(self._boards)
+
+    def replace(self, boards: Mapping[str, Board]) -> None:
+        """Use other ground truth from now on, of the same splits."""
+        self._boards = boards
+
+
 def _with_values(report: ScoreReport) -> ScoreReport:
     """Leave out metrics without a value, as JSON has no NaN.
 

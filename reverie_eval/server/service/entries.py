@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import groupby
 from threading import Lock
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 from sqlalchemy import (
@@ -29,6 +29,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.service import Standing, SubmissionReport
+from reverie_eval.server.service.audit import RULES
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reviews import PublishedReview, is_disqualified
 from reverie_eval.server.service.schedules import Schedules, Timetable
@@ -46,7 +47,7 @@ from reverie_eval.server.store.tables import (
 )
 
 _NUMBERS = "last recorded"
-"""Where a session that only reads keeps what :func:`_last_recorded` returns."""
+"""Where a session that only reads keeps what :func:`last_recorded` returns."""
 _KEY = ("split", "number", "id")
 """Columns that tell results apart: the number is that of a reported one, the id of a submission."""
 _COLUMNS = (
@@ -146,6 +147,8 @@ class BoardEntries:
 
     number: int
     """The number of the last entry in the audit log."""
+    signature: str
+    """What results of the leaderboard are scored by."""
     entries: Sequence[Entry]
     """The ranked entries in the order of publication, then the reported ones."""
     apart: Sequence[Row]
@@ -190,7 +193,7 @@ class EntriesCache:
 
         Reading those that have changed takes as many statements as reading one of them.
         """
-        number, _ = _last_recorded(session)
+        number = last_recorded(session).change
         with self._lock:
             changed = [board for board in boards if self._is_old(board, number, now)]
             if changed:
@@ -200,7 +203,12 @@ class EntriesCache:
 
     def _is_old(self, board: Board, number: int, now: datetime) -> bool:
         cached = self._cached.get(board.path)
-        return cached is None or cached.number < number or cached.is_over(now)
+        return (
+            cached is None
+            or cached.number < number
+            or cached.signature != board.signature
+            or cached.is_over(now)
+        )
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
         """Count the submissions of each team to a split, published or not.
@@ -208,7 +216,7 @@ class EntriesCache:
         Submissions are never deleted, so uploads only add to the counts. Anything else may have
         changed them, as merging teams does; then all are counted again.
         """
-        change, number = _last_recorded(session)
+        change, number, _ = last_recorded(session)
         known, counts = self._counts
         if known < number:
             is_changed = known < change or not known
@@ -264,14 +272,15 @@ def _read_entries(
         )
         if entry is not None:
             found[split].append(entry)
-    return {board.path: _entries_of(number, found[board.name]) for board in boards}
+    return {board.path: _entries_of(number, board, found[board.name]) for board in boards}
 
 
-def _entries_of(number: int, entries: Sequence[Entry]) -> BoardEntries:
+def _entries_of(number: int, board: Board, entries: Sequence[Entry]) -> BoardEntries:
     listed = [entry for entry in entries if entry.standing in _LISTED]
     held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
     return BoardEntries(
         number,
+        board.signature,
         listed,
         apart=[Row(None, entry) for entry in entries if entry.standing not in _LISTED],
         metrics=frozenset(key for entry in listed for key in entry.scores),
@@ -330,17 +339,28 @@ def _as_result(**columns: Any) -> Select[*tuple[Any, ...]]:
     return select(*(columns.get(name, null()).label(name) for name in _COLUMNS))
 
 
-def _last_recorded(session: Session) -> tuple[int, int]:
-    """Return the numbers of the last entry that changed a leaderboard, and of the last of all."""
+class Recorded(NamedTuple):
+    """The numbers of entries of the audit log; 0 if there is none."""
+
+    change: int
+    """The last one that changed a leaderboard."""
+    last: int
+    rules: int
+    """The last one about rules after the number that was asked about."""
+
+
+def last_recorded(session: Session, known_rules: int = 0) -> Recorded:
+    """Return the numbers of the last entries; those about rules after ``known_rules`` only."""
     if _NUMBERS in session.info:
         return session.info[_NUMBERS]  # type: ignore[no-any-return]
     last = select(AuditEntry.id).order_by(AuditEntry.id.desc()).limit(1)
     change = last.where(IS_CHANGE, AuditEntry.action != SAME_FILE)
-    row = session.execute(select(change.scalar_subquery(), last.scalar_subquery())).one()
-    numbers = row[0] or 0, row[1] or 0
+    rules = last.where(AuditEntry.action == RULES, AuditEntry.id > known_rules)
+    row = session.execute(select(*(each.scalar_subquery() for each in (change, last, rules)))).one()
+    recorded = Recorded(*(number or 0 for number in row))
     if IS_SNAPSHOT in session.info:
-        session.info[_NUMBERS] = numbers
-    return numbers
+        session.info[_NUMBERS] = recorded
+    return recorded
 
 
 def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: datetime) -> Entry | None:

@@ -190,20 +190,35 @@ class EpisodeService:
         self, boards: Mapping[str, Board], scoring: Scoring, submissions: SubmissionService
     ) -> None:
         self._first_task, *_ = tasks_of(boards)
-        self.boards: Sequence[Board] = [board for board in boards.values() if not board.is_private]
-        """The leaderboards of the open splits."""
-        self._submissions = submissions
-        self._annotations = lru_cache(len(boards))(lambda split: Annotations.of(self._board(split)))
+        self._boards, self._scoring, self._submissions = boards, scoring, submissions
+        # A correction changes the signatures.
+        self._example = lru_cache(1)(lambda _signatures: self._choose_example())
+        self._annotations = lru_cache(len(boards))(
+            lambda split, _signature: Annotations.of(self._board(split))
+        )
         self._walked = lru_cache(len(boards) * len(AGENTS))(
-            lambda split, agent: scoring.run(score_agent, split, agent).scores(self._board(split))
+            lambda split, _signature, agent: self._walk(split, agent)
         )
 
-    @cached_property
+    @property
+    def boards(self) -> Sequence[Board]:
+        """The leaderboards of the open splits."""
+        return [board for board in self._boards.values() if not board.is_private]
+
+    @property
+    def signatures(self) -> tuple[str, ...]:
+        """What the open splits are scored by."""
+        return tuple(board.signature for board in self.boards)
+
+    @property
     def example(self) -> tuple[Board, Episode] | None:
         """An example of the first task, and its split: an open one, otherwise that of the demo.
 
         Its shortest length is the median of all episodes. None if there is no such split.
         """
+        return self._example(self.signatures)
+
+    def _choose_example(self) -> tuple[Board, Episode] | None:
         own = [board for board in self.boards if board.task is self._first_task]
         unseen_first = sorted(own, key=lambda board: board.truth.split != "val_unseen")
         board = unseen_first[0] if unseen_first else _demo_board(self._first_task)
@@ -213,6 +228,9 @@ class EpisodeService:
         by_length = np.argsort(scores.episodes["shortest_length"], kind="stable")
         return board, episode(scores, scores.instr_ids[by_length[len(by_length) // 2]])
 
+    def _walk(self, split: str, agent: str) -> Scores:
+        return self._scoring.run(score_agent, split, agent).scores(self._board(split))
+
     def references(self, board: Board) -> Mapping[str, Scores]:
         """Return the reference agents' scores on a split, the best first; none on a private one.
 
@@ -220,7 +238,7 @@ class EpisodeService:
         """
         if board.is_private:
             return {}
-        scores = {agent: self._walked(board.name, agent) for agent in AGENTS}
+        scores = {agent: self._walked(board.name, board.signature, agent) for agent in AGENTS}
         primary = board.primary.key
         best_first = sorted(scores, key=lambda agent: scores[agent][primary], reverse=True)
         return {agent: scores[agent] for agent in best_first}
@@ -242,7 +260,7 @@ class EpisodeService:
         board = self._board(split)
         runs = self._runs(session, person, split, submissions)
         choices = self.choices(session, person, [board])[split]
-        return Browsing(board, self._annotations(split), runs, choices)
+        return Browsing(board, self._annotations(split, board.signature), runs, choices)
 
     def choices(
         self, session: Session, person: Person | None, boards: Sequence[Board]
@@ -310,7 +328,7 @@ class EpisodeService:
     ) -> Run:
         """Return a submission or an agent; ``public`` is its row if everyone may look at it."""
         if chosen in AGENTS:
-            return Run(_agent(chosen), self._walked(split, chosen))
+            return Run(_agent(chosen), self._walked(split, self._board(split).signature, chosen))
         if public is not None and (person is None or public.team_id != person.team_id):
             return Run(self._public(public), self._submissions.episodes(submission_report(public)))
         if person is None:

@@ -35,6 +35,7 @@ from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.quotas import QuotaUsage, usage_of
 from reverie_eval.server.service.results import store_result
+from reverie_eval.server.service.rules import RulesInForce
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.scoring import Context, Scoring, open_file
 from reverie_eval.server.service.submissions import check_metadata
@@ -98,6 +99,7 @@ class Intake:
     boards: Mapping[str, Board]
     uploads: Uploads
     scoring: Scoring
+    rules: RulesInForce
     transactions: Transactions
     notices: Notices
     attempts: Attempts
@@ -167,26 +169,28 @@ class Intake:
         """
         board_named(self.boards, split)  # or there is no such split
         with self.attempts.recording(person, split, len(packed)) as attempt:
-            with self.scoring.hold() as runner:
-                file = runner.run(open_file, packed, self._most_unpacked)
-                attempt.size = file.size
-                row = Submission(
-                    split=split,
-                    sha256=file.sha256,
-                    received_at=arrived,
-                    size=file.size,
-                    idempotency_key=key,
-                    method=method.model_dump(mode="json"),
-                    also={},
+            accepted = None
+            while accepted is None:  # again if the ground truth was corrected meanwhile
+                with self.scoring.hold() as runner:
+                    file = runner.run(open_file, packed, self._most_unpacked)
+                    attempt.size = file.size
+                    row = Submission(
+                        split=split,
+                        sha256=file.sha256,
+                        received_at=arrived,
+                        size=file.size,
+                        idempotency_key=key,
+                        method=method.model_dump(mode="json"),
+                        also={},
+                    )
+                    found = self._known(row, person, method, organiser) or runner.run(
+                        score_file, split, navigation_only=method.navigation_only
+                    )
+                accepted = (
+                    self._store(row, found, person, method, organiser)
+                    if isinstance(found, Read)
+                    else found
                 )
-                found = self._known(row, person, method, organiser) or runner.run(
-                    score_file, split, navigation_only=method.navigation_only
-                )
-            accepted = (
-                self._store(row, found, person, method, organiser)
-                if isinstance(found, Read)
-                else found
-            )
             attempt.outcome = "repeat" if accepted.is_repeat else "scored"
         return accepted
 
@@ -221,18 +225,24 @@ class Intake:
         person: Person,
         method: Method,
         organiser: Actor | None,
-    ) -> Accepted:
-        """Complete and store the row of a submission, unless it repeats an earlier one."""
-        board = self.boards[row.split]
+    ) -> Accepted | None:
+        """Complete and store the row of a submission, unless it repeats an earlier one.
+
+        Returns None if other rules than those that it was scored by are now in force.
+        """
         row.id = secrets.token_hex(8)
         with (
             self.uploads.staged(row.sha256, read.packed) as keep,
             self.transactions.begin(organiser or person) as transaction,
         ):
             session = transaction.session
+            self.rules.check(session, row.split)
+            board = self.boards[row.split]
             earlier = self._earlier(session, row, person)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person, method)
+            if not all(each.measures_as(read.reports[each.further]) for each in board.all):
+                return None
             usage = self._check_quota(session, row, person, board, in_the_past=bool(organiser))
             usage = usage.with_one_more(row.received_at)
             quota = usage.state(row.received_at)

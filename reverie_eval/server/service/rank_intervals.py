@@ -76,10 +76,10 @@ def store_sums(session: Session, submission_id: str, sums: Mapping[str, Sums]) -
 class RankIntervals:
     """The rank intervals of all results, computed again only when the results have changed."""
 
-    _found: dict[tuple[str, str], tuple[_Means, Mapping[str, RankInterval]]] = field(
+    _found: dict[tuple[str, str, str], tuple[_Means, Mapping[str, RankInterval]]] = field(
         default_factory=dict
     )
-    """By leaderboard and metric: the values that were compared, and their intervals."""
+    """By signature, leaderboard and metric: the values that were compared, and their intervals."""
     _lock: Lock = field(default_factory=Lock)
     """Makes concurrent requests compute them only once."""
 
@@ -99,10 +99,10 @@ class RankIntervals:
         if not _is_compared(board, METRICS[metric], len(means)):
             return {}
         with self._lock:
-            compared, found = self._found.get((board.path, metric), ({}, {}))
+            compared, found = self._found.get((board.signature, board.path, metric), ({}, {}))
             if [*compared.items()] != [*means.items()]:  # in the same order, too
                 found = _computed(session, board, METRICS[metric], means)
-                self._found[board.path, metric] = means, found
+                self._found[board.signature, board.path, metric] = means, found
             return found
 
 

@@ -150,6 +150,20 @@ class Rescoring:
                     self._replace(transaction, board, reason, job, outcome)
             yield job, outcome
 
+    def replace_at_once(
+        self,
+        transaction: Transaction,
+        board: Board,
+        reason: str,
+        outcomes: Mapping[Job, Outcome],
+    ) -> None:
+        """Announce the correction, and replace all results in one transaction."""
+        if any(job.was_scored for job in outcomes):
+            reason = _announced(transaction, board, reason)
+        for job, outcome in outcomes.items():
+            if isinstance(outcome, Rescored):
+                self._replace(transaction, board, reason, job, outcome)
+
     def _replace(
         self, transaction: Transaction, board: Board, reason: str, job: Job, rescored: Rescored
     ) -> None:

@@ -1,19 +1,32 @@
 """The rules by which the servers of a database score: each split's protocol, track, ground truth.
 
-A server that starts records its rules in the audit log, unless the last server had the same. So
-each server can tell whether another one has since started with other rules, with another bundle for
-example: it would score the same file differently.
+A server that starts records its rules in the audit log, unless the last server had the same, and so
+does a correction, in the transaction that replaces the results. So each server can tell whether its
+own rules are still in force: it would score the same file differently otherwise.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
+from threading import Lock
 
-from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.server.errors import BusyError
 from reverie_eval.server.service.audit import RULES, SERVER
-from reverie_eval.server.service.boards import Board, leaderboards, without_version
-from reverie_eval.server.service.transactions import Transactions
+from reverie_eval.server.service.boards import (
+    Board,
+    Boards,
+    leaderboards,
+    load_boards,
+    without_version,
+)
+from reverie_eval.server.service.entries import last_recorded
+from reverie_eval.server.service.scoring import SECONDS_TO_RETRY
+from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.tables import AuditEntry
+
+_LOGGER = logging.getLogger("reverie_eval.server")
 
 
 def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
@@ -27,19 +40,24 @@ def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:
         if LastRules().read(session) == rules:
             return
     with transactions.begin(SERVER) as transaction:
-        transaction.audit_log.append(
-            transaction.session,
-            transaction.now,
-            transaction.actor,
-            RULES,
-            row=SERVER,
-            subject=SERVER,
-            splits=dict(rules),
-        )
+        append_rules(transaction, rules)
+
+
+def append_rules(transaction: Transaction, rules: Mapping[str, str]) -> None:
+    """Record that these rules are in force from now on."""
+    transaction.audit_log.append(
+        transaction.session,
+        transaction.now,
+        SERVER,
+        RULES,
+        row=SERVER,
+        subject=SERVER,
+        splits=dict(rules),
+    )
 
 
 class LastRules:
-    """The rules of the server that started last; only new entries of the audit log are read."""
+    """The rules that were recorded last; only new entries of the audit log are read."""
 
     def __init__(self) -> None:
         self.rules: Mapping[str, str] = {}
@@ -47,18 +65,67 @@ class LastRules:
         self._known_until = 0
 
     def read(self, session: Session) -> Mapping[str, str]:
-        """Return the rules as they are recorded now."""
-        chosen = select(AuditEntry).where(
-            AuditEntry.action == RULES, AuditEntry.id > self._known_until
-        )
-        entry = session.scalars(chosen.order_by(AuditEntry.id.desc()).limit(1)).first()
-        if entry is not None:
-            self.rules = entry.details["splits"]
-        self._known_until = session.scalar(select(func.max(AuditEntry.id))) or 0
+        """Return the rules as they are recorded now; one statement unless there are new ones."""
+        _, last, found = last_recorded(session, self._known_until)
+        if found > self._known_until:
+            self.rules = session.get_one(AuditEntry, found).details["splits"]
+        self._known_until = last
         return self.rules
 
 
 def different(rules: Mapping[str, str], last: Mapping[str, str]) -> Sequence[str]:
-    """Return the leaderboards whose rules differ from those of the server that started last."""
+    """Return the leaderboards whose rules differ from those that were recorded last."""
     names = {**rules, **last} if last else {}
     return [name for name in names if rules.get(name) != last.get(name)]
+
+
+class RulesInForce:
+    """The rules of a running server, which follow a correction that another process makes."""
+
+    def __init__(self, boards: Boards, settings: Settings) -> None:
+        self._boards = boards
+        self._settings = settings
+        self._last = LastRules()
+        self._without_files: Mapping[str, str] = {}
+        """Rules whose ground truth this server does not have."""
+        self._lock = Lock()
+
+    @property
+    def recorded(self) -> Mapping[str, str]:
+        """The rules in force, by leaderboard, as they were last looked at."""
+        return self._last.rules
+
+    def follow(self, session: Session) -> Sequence[str]:
+        """Load the ground truth again if it was replaced; return what still differs.
+
+        Leaderboards do if another server of the database, with files of its own, has other rules.
+        """
+        with self._lock:
+            last = self._last.read(session)
+            splits = different(rules_of(self._boards), last)
+            if splits and last != self._without_files:
+                self._load(last)
+                splits = different(rules_of(self._boards), last)
+            return splits
+
+    def check(self, session: Session, split: str) -> None:
+        """Follow, before something is scored or stored.
+
+        Raises BusyError if the split has to be scored by rules that this server does not have.
+        """
+        differing = self.follow(session)
+        own = {board.label for board in self._boards[split].all}
+        if own.intersection(differing) & self._last.rules.keys():
+            raise BusyError(SECONDS_TO_RETRY, f"the ground truth of {split} was just corrected")
+
+    def _load(self, last: Mapping[str, str]) -> None:
+        try:
+            loaded = load_boards(self._settings)
+        except SettingsError:
+            _LOGGER.exception("the corrected ground truth cannot be loaded")
+            loaded = {}
+        if different(rules_of(loaded), last):
+            self._without_files = last
+        else:
+            self._boards.replace(loaded)
+            _LOGGER.info("the corrected ground truth was loaded")

@@ -39,6 +39,7 @@ from reverie_eval.server.service.reviews import (
     is_disqualified,
     standing_reviews,
 )
+from reverie_eval.server.service.rules import RulesInForce
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.scoring import Context, EpisodeValues, Scoring
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions, difference
@@ -257,6 +258,7 @@ class SubmissionService:
     boards: Mapping[str, Board]
     uploads: Uploads
     scoring: Scoring
+    rules: RulesInForce
     transactions: Transactions
     schedules: Schedules
     required_metadata: Collection[str]
@@ -297,7 +299,8 @@ class SubmissionService:
             truth or the protocol has changed since the submission was scored.
         """
         self._check_episodes(submission, further)
-        return self._scored(submission.split, further, submission.sha256)
+        board = board_named(self.boards, submission.split, further)
+        return self._scored(board.name, further, board.signature, submission.sha256)
 
     def _check_episodes(self, submission: SubmissionReport, further: str) -> None:
         board = board_named(self.boards, submission.split, further)
@@ -310,8 +313,8 @@ class SubmissionService:
                 "see its signature"
             )
 
-    def _score_again(self, split: str, further: str, sha256: str) -> Scores:
-        """Score an upload again; the ground truth does not change while the server runs."""
+    def _score_again(self, split: str, further: str, _signature: str, sha256: str) -> Scores:
+        """Score an upload again; a result is kept for the signature that it has."""
         values = self.scoring.run(score_episodes, split, further, sha256)
         return values.scores(board_named(self.boards, split, further))
 
@@ -328,12 +331,14 @@ class SubmissionService:
         for each in named.values():
             self._check_episodes(each, board.further)
         files = tuple((name, each.sha256) for name, each in named.items())
-        return self._compared(board.name, board.further, files)
+        return self._compared(board.name, board.further, board.signature, files)
 
     def _compare_again(
-        self, split: str, further: str, files: tuple[tuple[str, str], ...]
+        self, split: str, further: str, signature: str, files: tuple[tuple[str, str], ...]
     ) -> Comparison:
-        return Comparison.of({name: self._scored(split, further, file) for name, file in files})
+        return Comparison.of(
+            {name: self._scored(split, further, signature, file) for name, file in files}
+        )
 
     def change(
         self,
@@ -357,6 +362,7 @@ class SubmissionService:
             If required information about the method would be missing.
         """
         with self.transactions.database.reading() as session:
+            self.rules.follow(session)
             known = submission_report(_row_of(session, person, submission_id))
             if not change.model_fields_set:
                 view = self.view(session, self.transactions.clock())
@@ -371,6 +377,13 @@ class SubmissionService:
                     "it cannot be unpublished or withdrawn"
                 )
             results, before = results_of(row), _editable(row)
+            if any(
+                results[further].report.signature != known.results[further].report.signature
+                for further in drawn
+            ):
+                raise ConflictError(
+                    "this submission was scored again meanwhile, after a correction; try again"
+                )
             for further, (intervals, _) in drawn.items():
                 report = results[further].report.model_copy(update={"intervals": intervals})
                 store_result(row, further, results[further].model_copy(update={"report": report}))

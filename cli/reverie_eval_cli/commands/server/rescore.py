@@ -46,8 +46,9 @@ def rescore(
 
     All submissions to SPLIT that were scored with other ground truth or rules than the current ones
     are scored from their uploads; so are those without a result on a further leaderboard. Dates,
-    quotas and reviews stay the same; the earlier results and receipts are kept. If it is
-    interrupted, run it again without --bundle.
+    quotas and reviews stay the same; the earlier results and receipts are kept. With --bundle, the
+    ground truth and all results are replaced at once, also of servers that run. If it is
+    interrupted, run it again.
 
     Prints how every result changed, the largest changes first, for each leaderboard of the split.
 
@@ -63,11 +64,14 @@ def rescore(
     else:
         new = options.checked(NewCorrection, split=split, reason=reason)
         if bundle is not None:
-            aside = rescoring.install_bundle(settings, split, bundle)
-            note(f"the earlier ground truth is now {aside}; restart the server to use the new one")
-        changes = rescoring.rescore(
-            settings, split, new.reason, actor=actor(), jobs=jobs, progress=_progress
-        )
+            changes, earlier = rescoring.correct(
+                settings, split, bundle, new.reason, actor=actor(), jobs=jobs, progress=_progress
+            )
+            note(f"servers that run use the new ground truth; the earlier one is now {earlier}")
+        else:
+            changes = rescoring.rescore(
+                settings, split, new.reason, actor=actor(), jobs=jobs, progress=_progress
+            )
     _print(changes, settings.tasks[split])
     failed = sum(bool(change.problem) for change in changes)
     if failed:

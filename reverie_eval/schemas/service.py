@@ -669,6 +669,8 @@ class JobReport(WireModel):
 
 JOB = "job "
 """Before the name of a job among the checks that failed."""
+SETTINGS = "settings"
+"""The check that a server could start again."""
 
 
 class HealthReport(WireModel):
@@ -679,12 +681,17 @@ class HealthReport(WireModel):
     """What does not work: `database`, `uploads`, the scoring of a split, or a job: `job mail`."""
     jobs: list[JobReport] = Field(default_factory=list)
     """What the server does by itself; the jobs that `failed` names failed last time, or hang."""
+    remedies: dict[str, str] = Field(default_factory=dict)
+    """What each of them means, and what the organiser can do."""
 
     @classmethod
-    def of(cls, failed: list[str], jobs: list[JobReport]) -> Self:
-        """Return a report."""
-        return cls(status="unhealthy" if failed else "ok", failed=failed, jobs=jobs)
+    def of(cls, remedies: dict[str, str], jobs: list[JobReport]) -> Self:
+        """Return a report on the checks that failed, with what to do about each."""
+        status: Literal["ok", "unhealthy"] = "unhealthy" if remedies else "ok"
+        return cls(status=status, failed=list(remedies), remedies=remedies, jobs=jobs)
 
-    def without_jobs(self) -> Self:
-        """Return the report of the same checks without jobs."""
-        return self.of([name for name in self.failed if not name.startswith(JOB)], [])
+    def readiness(self) -> Self:
+        """Return the report of what requests need: without jobs and the file of settings."""
+        remedies = self.remedies.items()
+        own = {name: text for name, text in remedies if not name.startswith((JOB, SETTINGS))}
+        return self.of(own, [])

@@ -20,6 +20,7 @@ RequestError
     BusyError             too many uploads are waiting, or what scores them starts again
     WrongMethodError      the address does not accept this method
     DatabaseDownError     the database does not answer
+    DamagedError          stored data cannot be read
     KeyReplacedError      the signing key was replaced since this server started
     StorageFullError      the disk or the database is full
     FaultError            the server failed
@@ -337,6 +338,23 @@ class DatabaseDownError(RequestError):
         super().__init__(
             f"the server's database does not answer; try again in {self.seconds} seconds: no file "
             "is counted twice"
+        )
+
+
+class DamagedError(RequestError):
+    """Stored data cannot be read."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    code = "damaged"
+    heading = "Server data is damaged"
+    example_arguments = (_EXAMPLE_REQUEST,)
+
+    def __init__(self, request_id: str) -> None:
+        self.request_id = request_id
+        super().__init__(
+            "data that the server has stored cannot be read; nothing was saved and no submission "
+            "was used. Tell the organiser: `reverie-eval server doctor` finds what is damaged, and "
+            "`reverie-eval server restore` restores the last backup"
         )
 
 

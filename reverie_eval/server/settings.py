@@ -498,8 +498,9 @@ class Settings(BaseSettings):
         if hidden:  # pydantic would treat them as options of its own
             raise SettingsError([_no_setting([key]) for key in hidden])
         settings = cls(**content)
-        settings._folder = folder.resolve()
-        if settings._folder.is_relative_to(settings.path(settings.uploads).resolve()):
+        # Path.resolve() would fail at a link that leads to itself.
+        settings._folder = Path(os.path.realpath(folder))
+        if settings._folder.is_relative_to(os.path.realpath(settings.path(settings.uploads))):
             remedy = "is the server's folder or contains it; choose a separate folder for uploads"
             raise SettingsError([Problem("wrong-setting", "uploads", remedy)])
         unknown = list(settings._phases_without_split())
@@ -614,7 +615,10 @@ def load_settings(folder: Path) -> Settings:
         raise SettingsError([Problem("no-settings", str(folder), remedy)]) from None
     except OSError as error:
         raise SettingsError([Problem("no-settings", str(file), f"{error.strerror}")]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        reason = f"invalid UTF-8 from byte {error.start} on; restore it from a backup"
+        raise SettingsError([Problem("not-toml", str(file), reason)]) from None
+    except tomllib.TOMLDecodeError as error:
         raise SettingsError([Problem("not-toml", str(file), str(error))]) from None
     except UnreadableVariableError as error:
         raise SettingsError([Problem("wrong-setting", _PREFIX, str(error))]) from None

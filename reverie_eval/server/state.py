@@ -36,6 +36,7 @@ from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.scoring import Scoring, ScoringHere
 from reverie_eval.server.service.scoring_processes import ScoringProcesses
 from reverie_eval.server.service.snapshots import Snapshots
+from reverie_eval.server.service.soundness import DatabaseWatch
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
@@ -67,6 +68,7 @@ class ServerState:
         self.settings, self.database, self.clock = settings, database, clock
         self.boards = boards
         self.rules = rules = RulesInForce(boards, settings)
+        self.database_watch = DatabaseWatch(settings.database_url)
         self.signer = signer_of(settings, database)
         self.uploads = uploads = open_uploads(settings.uploads, settings.folder)
         self.scoring = scoring = scoring or ScoringHere(boards, uploads)

@@ -265,7 +265,7 @@ DAMAGES = [
         "refers to a missing team",
         id="team removed",
     ),
-    pytest.param(spoil_pages, "database", "is malformed; restore the last", id="page"),
+    pytest.param(spoil_pages, "database", "; restore the last backup", id="page"),
 ]
 
 

@@ -352,7 +352,7 @@ def pem(key: Any, encryption: Any) -> bytes:
         ),
         pytest.param(
             lambda path: path.write_bytes(b"key"),
-            "{} is not a private key in PEM format",
+            "{} is not a private key in PEM format; restore it from the backup of the server",
             id="no key",
         ),
         pytest.param(
@@ -367,7 +367,7 @@ def pem(key: Any, encryption: Any) -> bytes:
         ),
         pytest.param(
             lambda path: (path.unlink(), path.mkdir(mode=0o700)),
-            "{} cannot be read: Is a directory",
+            "{} cannot be read: Is a directory; restore it from the backup of the server",
             id="a folder",
         ),
     ],

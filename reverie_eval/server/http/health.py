@@ -3,8 +3,10 @@
 For every split, a known submission is read, scored, rounded and signed; the signing key is the one
 in use; the rules of all splits are those of the server that started last on the database; the
 database writes the rows of an upload, and rolls them back; the folder or store of uploads is
-accessed; no job failed the last time, or is overdue. The result is cached for some seconds, so
-frequent checks cost nothing. The reply names what failed; the log says why.
+accessed; no job failed the last time, or is overdue. Files that the server has read are still
+there, and the same. The database is searched for damage in the background; the last result counts.
+All of this is cached for some seconds, so frequent checks cost nothing. The reply names what failed
+and what to do; the log says why.
 """
 
 import asyncio
@@ -23,24 +25,36 @@ from sqlalchemy import insert
 from sqlalchemy.exc import DBAPIError
 
 from reverie_eval.agents import run_agent
+from reverie_eval.errors import GroundTruthError
 from reverie_eval.metrics import METRICS
-from reverie_eval.receipts import verify
+from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import JOB, HealthReport, JobReport, QuotaReport, Receipt
+from reverie_eval.schemas.service import (
+    JOB,
+    SETTINGS,
+    HealthReport,
+    JobReport,
+    QuotaReport,
+    Receipt,
+)
 from reverie_eval.server.jobs.runner import Jobs
 from reverie_eval.server.jobs.work import tell_fault
 from reverie_eval.server.service.boards import Board, board_named
-from reverie_eval.server.service.keys import current_key
 from reverie_eval.server.service.rules import rules_of
 from reverie_eval.server.service.scoring import Context
+from reverie_eval.server.service.soundness import FileWatch, UnsoundError, check_key, try_newest
+from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
+from reverie_eval.server.store.uploads import UploadsError
 
 SECONDS_KEPT = 10
 SECONDS_TO_ANSWER = 20
 """A check that takes longer has failed."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
+_TELLING = (UnsoundError, GroundTruthError, ReceiptError, SettingsError, UploadsError)
+"""Errors that quote no answer, so the log has their messages."""
 _AGENT = "stop"
 """The reference agent that never moves: its scores are known in advance."""
 _NO_DIGEST = "0" * 64
@@ -53,23 +67,59 @@ _EMPTY: Mapping[str, Any] = {
 """Values of columns that do not matter here."""
 
 
+REMEDIES: Mapping[str, str] = {
+    "scoring": "a known submission gets wrong scores or none; do not accept results, see the log, "
+    "and restart the server",
+    "ground truth": "a split's bundle is missing, damaged or not the one that the server scores "
+    "with; put the right file back, or run `reverie-eval server rescore` after a correction",
+    SETTINGS: "the server could not start again with its settings as they are; run "
+    "`reverie-eval server check`",
+    "signing key": "the key's file is missing or damaged, or another key is in use; restore the "
+    "file from a backup, or restart the server after `server key rotate`",
+    "same rules as other servers": "another server of the database scores under other rules; "
+    "restart all of them with the same bundles and settings",
+    "database": "the database cannot be written; check that it is running and has space, and run "
+    "`reverie-eval server doctor`",
+    "stored data": "the database is damaged, or its file was removed or replaced; stop the server, "
+    "and restore the last backup with `reverie-eval server restore`",
+    JOB: "work that the server does by itself failed the last time, or hangs; the error is in "
+    "`jobs`, and in the log",
+    "uploads": "files cannot be stored, or the newest one cannot be read; check the folder or "
+    "store and its space, and run `reverie-eval server doctor`",
+}
+"""What a failed check means and what to do, by how its name begins; for everyone to see."""
+
+
+def remedy_of(check: str) -> str:
+    """Return what a failed check means, and what to do."""
+    return next(remedy for kind, remedy in REMEDIES.items() if check.startswith(kind))
+
+
 class UnhealthyError(Exception):
-    """The known submission got wrong scores, or another server has other rules or another key."""
+    """The known submission got wrong scores, or another server has other rules."""
 
 
 class Health:
     """Checks a server, at most once every few seconds."""
 
     def __init__(self, server: ServerState, jobs: Jobs) -> None:
-        self._checks: Mapping[str, Callable[[], None]] = {
+        files = FileWatch(server.settings)
+        self.checks: Mapping[str, Callable[[], None]] = {
+            # First, because it loads ground truth that was corrected.
+            "same rules as other servers": partial(_compare_rules, server),
             **{
                 f"scoring of {board.label}": Canary(server, board).score
                 for board in server.leaderboards
             },
+            **{
+                f"ground truth of {name}": partial(_compare_bundle, server, files, name)
+                for name in server.boards
+            },
+            SETTINGS: files.check_settings,
             "signing key": partial(_compare_key, server),
-            "same rules as other servers": partial(_compare_rules, server),
+            "stored data": server.database_watch.check,
             "database": partial(_write, server),
-            "uploads": server.uploads.try_out,
+            "uploads": partial(_try_uploads, server),
         }
         self._server, self._jobs = server, jobs
         self._lock = asyncio.Lock()
@@ -94,16 +144,19 @@ class Health:
         with move_on_after(SECONDS_TO_ANSWER):
             await run_sync(self._run_checks, passed, abandon_on_cancel=True)
             jobs = await run_sync(self._jobs.reports, abandon_on_cancel=True)
-        failed = [name for name in self._checks if not passed.get(name)]
-        return HealthReport.of([*failed, *(f"{JOB}{name}" for name in self._jobs.failing())], jobs)
+        failed = [name for name in self.checks if not passed.get(name)]
+        failed += [f"{JOB}{name}" for name in self._jobs.failing()]
+        return HealthReport.of({name: remedy_of(name) for name in failed}, jobs)
 
     def _run_checks(self, passed: MutableMapping[str, bool]) -> None:
         """Run all checks and record each result at once, because a later check may hang."""
-        for name, check in self._checks.items():
+        for name, check in self.checks.items():
             try:
                 check()
-            except Exception:
-                _LOGGER.exception("unhealthy", extra={"fields": {"failed": name}})
+            except Exception as error:
+                reason = str(error) if isinstance(error, _TELLING) else ""
+                fields = {"failed": name, "reason": reason}
+                _LOGGER.exception("unhealthy", extra={"fields": fields})
                 passed[name] = False
             else:
                 passed[name] = True
@@ -161,18 +214,28 @@ class Canary:
         verify(signer.sign(receipt), signer.public_pem)
 
 
+def _compare_bundle(server: ServerState, files: FileWatch, split: str) -> None:
+    """Check that a split's bundle is there, and the one that scores."""
+    files.check_bundle(server.boards[split])
+
+
 def _compare_key(server: ServerState) -> None:
-    """Check that the signing key was not replaced since this server started.
+    """Check that the signing key is in use, and its file in its place.
 
     A database that cannot be read is reported by another check.
     """
-    current = None
     with suppress(DBAPIError), server.database.reading() as session:
-        current = current_key(session)
-    if current is not None and current.key_id != server.signer.key_id:
-        fields = {"key": server.signer.key_id, "current": current.key_id}
-        _LOGGER.error("the signing key was replaced; restart this server", extra={"fields": fields})
-        raise UnhealthyError
+        check_key(session, server.settings, server.signer)
+
+
+def _try_uploads(server: ServerState) -> None:
+    """Check that uploads can be stored and read.
+
+    A database that cannot be read is reported by another check.
+    """
+    server.uploads.try_out()
+    with suppress(DBAPIError), server.database.reading() as session:
+        try_newest(session, server.uploads)
 
 
 def _compare_rules(server: ServerState) -> None:

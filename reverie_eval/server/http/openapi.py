@@ -14,6 +14,7 @@ from fastapi.responses import JSONResponse
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import (
     ERRORS,
+    DamagedError,
     DatabaseDownError,
     FaultError,
     ForgedError,
@@ -39,6 +40,7 @@ _MODELS = "#/components/schemas/"
 _EVERYWHERE: tuple[str, ...] = (
     TooManyError.code,
     DatabaseDownError.code,
+    DamagedError.code,
     FaultError.code,
 )
 _OF_FASTAPI = ("HTTPValidationError", "ValidationError")

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
 from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -20,6 +20,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import (
     WRONG_FORM,
+    DamagedError,
     DatabaseDownError,
     FaultError,
     MalformedError,
@@ -34,8 +35,12 @@ from reverie_eval.server.errors import (
 from reverie_eval.server.http.callers import refusal_of
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.openapi import MEDIA_TYPE
+from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import is_full, is_unreachable
 from reverie_eval.server.wrong_values import unreadable_json, wrong_value
+
+if TYPE_CHECKING:
+    from reverie_eval.server.service.soundness import DatabaseWatch
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -131,6 +136,10 @@ def _fault(request: Request, error: Exception) -> RequestError:
     exchange.asks_database = False
     if is_full(error):
         return StorageFullError(exchange.id)
+    watch: DatabaseWatch = request.app.state.server.database_watch
+    if damage_in(error) is not None or watch.found:
+        watch.hurry()
+        return DamagedError(exchange.id)
     return (DatabaseDownError if is_unreachable(error) else FaultError)(exchange.id)
 
 

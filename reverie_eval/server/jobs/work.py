@@ -64,6 +64,7 @@ def _jobs(server: ServerState, warm_up: Callable[[], object]) -> Iterator[Job]:
 
     yield Job("warm-up", warm_up_once, None)
     yield Job("ground-truth", partial(_follow_rules, server), _SECOND)
+    yield Job("damage", server.database_watch.search, _MINUTE)
     yield Job(
         "snapshots", partial(snapshots.take_if_due, server.transactions), _MINUTE, snapshots_due
     )

@@ -156,7 +156,8 @@ def _dump(
     Returns the migration, and the id of the signing key in use, if any.
     """
     key_id = None
-    with database_errors(), closing(Database(settings.database_url)) as database:
+    url = settings.database_url
+    with database_errors(url), closing(Database(url)) as database:
         revision = check_known(database)
         if revision is None:
             raise ReverieEvalError(

@@ -1,15 +1,16 @@
 """Checks before a server starts; all problems are reported at once, each with its remedy."""
 
 import os
+import sqlite3
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from sqlalchemy import func, select
+from sqlalchemy import URL, func, select
 from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -24,6 +25,7 @@ from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.snapshots import Snapshots
+from reverie_eval.server.service.soundness import try_newest
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -34,22 +36,27 @@ from reverie_eval.server.settings import (
     variables_ignored,
 )
 from reverie_eval.server.state import ServerState, signer_of, utc_now
+from reverie_eval.server.store.damage import damage_in, find_damage
 from reverie_eval.server.store.database import (
     AT_ONCE,
     Database,
-    is_damaged,
     is_full,
     is_unreachable,
     known_revisions,
 )
 from reverie_eval.server.store.tables import IS_SHOWN, Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
-from reverie_eval.text import count_text
+from reverie_eval.server.store.write_ahead import has_lost_transactions
+from reverie_eval.text import count_text, first_few
 from reverie_eval.version import __version__
 
 _DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "change-me", "admin"})
 REFUSALS = (SQLAlchemyError, ModuleNotFoundError, ValueError)
 """Errors from using a database; a stored value that cannot be read is a ValueError."""
+_OF_FILE = {"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_PERM"}
+"""SQLite's errors about files that it may not use."""
+NEWEST_UPLOAD = "newest upload"
+"""A check that ``server doctor`` does not need, as it reads all uploads."""
 _OTHERS_MAY_READ = 0o077
 _FEW_EPISODES = 1000
 _LATER_VERSION = f"was made by a later version than {__version__}; install the latest reverie-eval"
@@ -84,15 +91,35 @@ def check_folder(folder: Path) -> Sequence[Finding]:
 def _findings(settings: Settings) -> Iterator[Finding]:
     yield from _at_settings(settings)
     boards = yield from _at_ground_truth(settings)
-    fault = database_fault(settings)
+    fault = database_fault(settings) or _damage(settings)
     yield from _at_signing_key(settings, fault)
     yield from _at_database(settings, fault)
     if fault is None:
-        with closing(Database(settings.database_url)) as database, database.reading() as session:
-            yield from _at_rules(session, boards)
-            yield from _at_schedules(session, settings)
-            yield from _at_results(session, boards, settings.folder)
-    yield from _at_uploads(settings)
+        yield from guarded("database", _at_rows(settings, boards))
+    yield from guarded("uploads", _at_uploads(settings))
+
+
+def _at_rows(settings: Settings, boards: Mapping[str, Board]) -> Iterator[Finding]:
+    with closing(Database(settings.database_url)) as database, database.reading() as session:
+        yield from _at_rules(session, boards)
+        yield from _at_schedules(session, settings)
+        yield from _at_results(session, boards, settings.folder)
+
+
+def guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
+    """Yield findings; if stored rows cannot be read, yield that as the last one."""
+    try:
+        yield from findings
+    except REFUSALS as error:
+        yield Finding(check, "fault", reason_of(error))
+    except (LookupError, TypeError, AttributeError):  # JSON of another shape
+        yield Finding(check, "fault", damaged("a stored value cannot be read"))
+
+
+def _damage(settings: Settings) -> str | None:
+    """Return what is damaged in a database of this version, and the remedy; None if nothing is."""
+    found = find_damage(settings.database_url)
+    return damaged(first_few(found, 1)) if found else None
 
 
 def check_sound(folder: Path, note: Callable[[str], None]) -> Settings:
@@ -124,7 +151,12 @@ def database_fault(settings: Settings) -> str | None:
 
 
 def _revision_fault(settings: Settings) -> str | None:
-    with closing(Database(settings.database_url)) as database:
+    url = settings.database_url
+    if url.drivername == "sqlite" and Path(str(url.database)).is_dir():
+        return damaged(f"{url.database} is a folder")
+    if (lost := _lost_transactions(url)) is not None:
+        return lost
+    with closing(Database(url)) as database:
         revision = database.revision()
         is_current = revision is not None and database.is_current()
     if is_current:
@@ -142,11 +174,22 @@ def _revision_fault(settings: Settings) -> str | None:
     )
 
 
-def check_known(database: Database) -> str | None:
-    """Return the migration of a database. Raises FolderError if it was made by a later version.
+def _lost_transactions(url: URL) -> str | None:
+    """Return that SQLite would forget transactions, and the remedy; None if it would not.
 
-    None if the database is empty.
+    This comes before the file is opened, which would delete them.
     """
+    if url.drivername == "sqlite" and has_lost_transactions(Path(str(url.database))):
+        return damaged(f"transactions in {url.database}-wal cannot be read")
+    return None
+
+
+def check_known(database: Database) -> str | None:
+    """Return the migration of a database, None if it is empty.
+
+    Raises FolderError if it is damaged, or was made by a later version.
+    """
+    _refuse(_lost_transactions(database.engine.url))
     revision = database.revision()
     if revision is not None and revision not in known_revisions():
         raise FolderError([Problem("unsound", "database", _LATER_VERSION)])
@@ -154,14 +197,31 @@ def check_known(database: Database) -> str | None:
 
 
 @contextmanager
-def database_errors() -> Iterator[None]:
-    """Turn errors of a database into a ReverieEvalError with a remedy."""
+def database_errors(url: URL | None = None) -> Iterator[None]:
+    """Turn errors of a database into a ReverieEvalError with a remedy.
+
+    With the URL of an SQLite file, it is looked through after an error that damage may have caused.
+    """
     try:
         yield
     except REFUSALS as error:
-        if is_damaged(error):
-            raise FolderError([Problem("unsound", "database", reason_of(error))]) from None
+        _refuse(_damage_behind(error, url))
         raise ReverieEvalError(f"database error: {reason_of(error)}") from None
+    except (LookupError, TypeError, AttributeError) as error:
+        _refuse(_damage_behind(error, url))
+        raise
+
+
+def _damage_behind(error: Exception, url: URL | None) -> str | None:
+    """Return the damage that an error is about or may come from, and the remedy."""
+    found = damage_in(error)
+    if found is None and url is not None:
+        if isinstance(error, ValueError):
+            found = "a stored value cannot be read"
+        elif not is_unreachable(error):
+            with suppress(SQLAlchemyError):
+                found = first_few(find_damage(url), 1)
+    return damaged(found) if found else None
 
 
 @contextmanager
@@ -170,11 +230,15 @@ def opened(settings: Settings) -> Iterator[Database]:
 
     Raises FolderError if this version cannot use it.
     """
-    fault = database_fault(settings)
-    if fault is not None:
-        raise FolderError([Problem("unsound", "database", fault)])
-    with database_errors(), closing(Database(settings.database_url)) as database:
+    _refuse(database_fault(settings))
+    url = settings.database_url
+    with database_errors(url), closing(Database(url)) as database:
         yield database
+
+
+def _refuse(fault: str | None) -> None:
+    if fault is not None:
+        raise FolderError([Problem("unsound", "database", fault)]) from None
 
 
 @contextmanager
@@ -186,7 +250,8 @@ def opened_server(settings: Settings) -> Iterator[ServerState]:
     SettingsError, ReceiptError
         As :meth:`ServerState.open`.
     """
-    with database_errors():
+    _refuse(database_fault(settings))
+    with database_errors(settings.database_url):
         state = ServerState.open(settings)
         with closing(state.database):
             yield state
@@ -219,25 +284,33 @@ def acting(
 
 def reason_of(error: Exception) -> str:
     """Return a database's error message, and what to do."""
+    damage = damage_in(error)
+    return f"{said_by(error)}; {_remedy(error)}" if damage is None else damaged(damage)
+
+
+def _remedy(error: Exception) -> str:
     match error:
         case ModuleNotFoundError():
-            return f"{error}; install it: pip install 'reverie-eval[postgresql]'"
+            return "install it: pip install 'reverie-eval[postgresql]'"
         case OperationalError(orig=said) if "locked" in str(said):
-            return f"{said}; another program has locked it: stop that program, or try again"
+            return "another program has locked it: stop that program, or try again"
         case _ if is_full(error):
-            return f"{said_by(error)}; free some space"
-        case _ if is_damaged(error):
-            return damaged_file(said_by(error))
+            return "free some space"
+        case OperationalError(orig=sqlite3.Error(sqlite_errorname=name)) if name in _OF_FILE:
+            return (
+                "check that `database` in the settings names a file that the server can read and "
+                "write"
+            )
         case _ if is_unreachable(error):
-            return f"{said_by(error)}; check that it is running, and `database` in the settings"
+            return "check that it is running, and `database` in the settings"
         case _:
-            return f"{said_by(error)}; `reverie-eval server doctor` checks all stored data"
+            return "`reverie-eval server doctor` checks all stored data"
 
 
-def damaged_file(what: str) -> str:
-    """Return that SQLite's file is damaged and what was found, and what to do."""
+def damaged(what: str) -> str:
+    """Return that the database is damaged and what was found, and what to do."""
     remedy = "`reverie-eval server restore BACKUP FOLDER`"
-    return f"the file is damaged ({what}); restore the last backup to another folder: {remedy}"
+    return f"is damaged ({what}); restore the last backup to another folder: {remedy}"
 
 
 def said_by(error: Exception) -> str:
@@ -355,11 +428,6 @@ def _key_of(settings: Settings, fault: str | None) -> Ed25519PrivateKey:
 def _at_database(settings: Settings, fault: str | None) -> Iterator[Finding]:
     if fault is not None:
         yield Finding("database", "fault", fault)
-        return
-    with closing(Database(settings.database_url)) as database:
-        damage = database.damage()
-    if damage:
-        yield Finding("database", "fault", damaged_file(damage))
         return
     # The URL's query may contain the passphrase of a key.
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
@@ -480,3 +548,15 @@ def _at_uploads(settings: Settings) -> Iterator[Finding]:
         yield Finding("uploads", "fault", message)
     else:
         yield Finding("uploads", "ok", place)
+        yield from _at_newest_upload(settings)
+
+
+def _at_newest_upload(settings: Settings) -> Iterator[Finding]:
+    """Check that the uploads are those of the database; ``server doctor`` reads all of them."""
+    if database_fault(settings) is None:
+        uploads = open_uploads(settings.uploads, settings.folder)
+        with closing(Database(settings.database_url)) as database, database.reading() as session:
+            try:
+                try_newest(session, uploads)
+            except UploadsError as error:
+                yield Finding(NEWEST_UPLOAD, "fault", str(error))

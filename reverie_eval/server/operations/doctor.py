@@ -31,12 +31,12 @@ from reverie_eval.schemas.service import (
     SubmissionReport,
 )
 from reverie_eval.server.operations.checks import (
+    NEWEST_UPLOAD,
     REFUSALS,
     Finding,
     acting,
     check_folder,
-    damaged_file,
-    said_by,
+    guarded,
 )
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.audited_rows import (
@@ -66,7 +66,7 @@ _LITTLE_SPACE = 1 << 30
 
 def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Finding]:
     """Check what a server needs to start, then all stored data, if it can be read at all."""
-    yield from check_folder(folder)
+    yield from (each for each in check_folder(folder) if each.check != NEWEST_UPLOAD)
     try:
         state = ServerState.open(load_settings(folder))
     except (ReverieEvalError, *REFUSALS):
@@ -74,11 +74,11 @@ def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Fi
         yield Finding("stored data", "note", message)
         return
     with closing(state.database), state.database.reading() as session:
-        yield from _guarded("database", _at_the_file(state.database, session))
-        yield from _guarded("submissions", _at_submissions(session, state, track))
-        yield from _guarded("snapshots", _at_snapshots(session, state))
-        yield from _guarded("audit log", _at_audit_log(session, state.audit_log))
-        yield from _at_messages(session)
+        yield from guarded("database", _at_references(state.database, session))
+        yield from guarded("submissions", _at_submissions(session, state, track))
+        yield from guarded("snapshots", _at_snapshots(session, state))
+        yield from guarded("audit log", _at_audit_log(session, state.audit_log))
+        yield from guarded("messages", _at_messages(session))
     yield from _at_disk(state.settings.folder)
 
 
@@ -97,20 +97,9 @@ def tell_of_faults(folder: Path, findings: Iterable[Finding], actor: str) -> Non
                 announce_fault(transaction, text)
 
 
-def _guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
-    """Yield findings; if the database fails, yield that as the last one."""
-    try:
-        yield from findings
-    except REFUSALS as error:
-        yield Finding(check, "fault", f"{said_by(error)}; restore the last backup")
-
-
-def _at_the_file(database: Database, session: Session) -> Iterator[Finding]:
+def _at_references(database: Database, session: Session) -> Iterator[Finding]:
     if not database.is_sqlite:
         return
-    for (said,) in session.execute(text("PRAGMA integrity_check")):
-        if said != "ok":
-            yield Finding("database", "fault", damaged_file(" ".join(said.split())))
     for table, row, parent, _ in session.execute(text("PRAGMA foreign_key_check")):
         message = f"row {row} of {table} refers to a missing {parent}; restore the last backup"
         yield Finding("database", "fault", message)

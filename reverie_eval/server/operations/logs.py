@@ -13,6 +13,8 @@ from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from reverie_eval.server.store.damage import damage_in
+
 _SAID_BY_OTHERS = (OSError, SQLAlchemyError)
 
 
@@ -41,7 +43,7 @@ def told(error: BaseException) -> Iterator[dict[str, Any]]:
         yield from told(cause)
     yield {
         "kind": f"{type(error).__module__}.{type(error).__qualname__}",
-        "said": str(error) if isinstance(error, _SAID_BY_OTHERS) else "",
+        "said": damage_in(error) or str(error) if isinstance(error, _SAID_BY_OTHERS) else "",
         "frames": [
             f"{frame.filename}:{frame.lineno} in {frame.name}"
             for frame in traceback.extract_tb(error.__traceback__)

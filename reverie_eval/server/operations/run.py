@@ -59,7 +59,8 @@ def run_server(
     ReverieEvalError
         If the address is in use or not this machine's.
     """
-    state = ServerState.open(settings, workers=workers)
+    with database_errors():
+        state = ServerState.open(settings, workers=workers)
     with closing(state.database):  # the application opens it again
         listening = listen(host, port)
         with database_errors():

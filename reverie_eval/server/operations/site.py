@@ -124,7 +124,8 @@ def _opened(source: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Ro
             yield settings, manifest.made_at, manifest.revision, rows
         return
     settings = load_settings(source)
-    with database_errors(), closing(Database(settings.database_url)) as database:
+    url = settings.database_url
+    with database_errors(url), closing(Database(url)) as database:
         revision = check_known(database)
         if revision is None:
             raise ReverieEvalError(

@@ -30,7 +30,7 @@ async def show_readiness(runtime: Runtime, response: Response) -> HealthReport:
     A job that fails, such as mail, fails on all servers alike, and is no reason to send requests to
     none of them.
     """
-    return _with_status((await runtime.health.report()).without_jobs(), response)
+    return _with_status((await runtime.health.report()).readiness(), response)
 
 
 def _with_status(report: HealthReport, response: Response) -> HealthReport:

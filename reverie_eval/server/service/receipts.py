@@ -40,6 +40,9 @@ from reverie_eval.server.store.tables import Submission
 Kind = TypeVar("Kind", Receipt, Snapshot)
 
 
+_RESTORE = "restore it from the backup of the server"
+
+
 class KeyMissingError(ReceiptError):
     """The file of the signing key does not exist, or contains another key."""
 
@@ -127,16 +130,16 @@ def load_key(path: Path) -> Ed25519PrivateKey:
     Raises ReceiptError if the file is missing or holds no such key, or if other users can read it.
     """
     try:
+        pem = path.read_bytes()
         if not is_private(path):
             raise ReceiptError(f"other users can read {path}; run `chmod 600 {path}`")
-        key = load_pem_private_key(path.read_bytes(), password=None)
+        key = load_pem_private_key(pem, password=None)
     except FileNotFoundError:
-        message = f"{path} is missing; restore it from the backup of the server"
-        raise KeyMissingError(message) from None
+        raise KeyMissingError(f"{path} is missing; {_RESTORE}") from None
     except OSError as error:
-        raise ReceiptError(f"{path} cannot be read: {error.strerror}") from None
+        raise ReceiptError(f"{path} cannot be read: {error.strerror}; {_RESTORE}") from None
     except (ValueError, UnsupportedAlgorithm):
-        raise ReceiptError(f"{path} is not a private key in PEM format") from None
+        raise ReceiptError(f"{path} is not a private key in PEM format; {_RESTORE}") from None
     except TypeError:  # the library wants a password
         raise ReceiptError(f"{path} is locked with a password; store it without one") from None
     if not isinstance(key, Ed25519PrivateKey):

@@ -6,6 +6,7 @@ audit log, cannot be outdated when it is committed. Scoring comes before, so tra
 """
 
 import errno
+import json
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -49,9 +50,6 @@ _NO_CONNECTION_SQLSTATES = ("08", "57P", "53300")
 """Connection exceptions, an operator's intervention, too many connections."""
 _NO_SPACE_FOR_INDEX = sqlite3.SQLITE_IOERR_SHMSIZE
 _BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
-_DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
-_PRIMARY_CODE = 0xFF
-"""Bits of SQLite's error code; the others tell more: https://www.sqlite.org/rescode.html"""
 _WRITER_LOCK = 0x5EEDED
 """An arbitrary number that identifies the advisory lock."""
 
@@ -63,11 +61,17 @@ _SQLITE_PRAGMAS = (
 )
 
 
+class UnreadableValueError(ValueError):
+    """A stored value cannot be read; it is not quoted, as it may be anything."""
+
+
 class Database:
     """Database sessions for reading and for writing."""
 
     def __init__(self, url: URL | str) -> None:
-        self.engine = create_engine(url, pool_pre_ping=True, hide_parameters=True)
+        self.engine = create_engine(
+            url, pool_pre_ping=True, hide_parameters=True, json_deserializer=_read_json
+        )
         self._write_lock = Lock()
         """Of this process's writers. SQLite waits by polling, less and less often, so the writer
         that waited longest would come last."""
@@ -113,14 +117,6 @@ class Database:
             yield session
             session.flush()
             raise _UndoneError
-
-    def damage(self) -> str:
-        """Return what SQLite first finds wrong with its file; empty if nothing is."""
-        if not self.is_sqlite:
-            return ""
-        with self.engine.connect() as connection:
-            found = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
-        return "" if found == "ok" else " ".join(found.split())
 
     def upgrade(self) -> None:
         """Migrate the tables to this version, from any released version or from none."""
@@ -200,15 +196,6 @@ def is_full(error: BaseException | None) -> bool:
     return is_full(error.__cause__ or error.__context__)
 
 
-def is_damaged(error: Exception) -> bool:
-    """Whether an error is that SQLite's file is damaged, or not SQLite's."""
-    match error:
-        case DBAPIError(orig=sqlite3.Error(sqlite_errorcode=code)):
-            return code & _PRIMARY_CODE in _DAMAGED
-        case _:
-            return False
-
-
 def is_unreachable(error: BaseException | None) -> bool:
     """Whether an error, or what led to it, is that the database cannot be asked for the moment."""
     if error is None:
@@ -229,6 +216,13 @@ def _is_of_connection(said: BaseException | None) -> bool:
         return False
     state = getattr(said, "sqlstate", None)
     return state is None or state.startswith(_NO_CONNECTION_SQLSTATES)
+
+
+def _read_json(stored: str | bytes) -> Any:
+    try:
+        return json.loads(stored)
+    except (ValueError, RecursionError):
+        raise UnreadableValueError("a stored JSON text cannot be read") from None
 
 
 class _UndoneError(Exception):

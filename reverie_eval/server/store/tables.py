@@ -1,6 +1,7 @@
 """The tables of the database."""
 
 import hashlib
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any, Literal, TypeVar
 from unicodedata import category, normalize
@@ -22,6 +23,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import ReleaseScores, Role, Verdict
+from reverie_eval.server.store.database import UnreadableValueError
 
 Report = TypeVar("Report", bound=BaseModel)
 
@@ -43,6 +45,25 @@ class UtcDateTime(TypeDecorator[datetime]):
         if value is None or value.tzinfo is None:
             return value and value.replace(tzinfo=UTC)
         return value.astimezone(UTC)
+
+    def result_processor(self, dialect: Dialect, coltype: object) -> Callable[[Any], Any]:
+        """Read a time as the database stores it.
+
+        Raises UnreadableValueError if it is not one, which SQLite does not check.
+        """
+        process = super().result_processor(dialect, coltype) or _unchanged
+
+        def read(stored: Any) -> Any:
+            try:
+                return process(stored)
+            except (TypeError, ValueError):
+                raise UnreadableValueError("a stored time cannot be read") from None
+
+        return read
+
+
+def _unchanged(value: Any) -> Any:
+    return value
 
 
 class Base(DeclarativeBase):

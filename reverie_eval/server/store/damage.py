@@ -1,0 +1,141 @@
+"""Damage of the database: looked for in SQLite's file, and recognised in errors.
+
+SQLite keeps no checksums. Its own check finds malformed pages, rows out of order and indexes that
+differ from their tables, but not bytes that changed within a value. So every value is read as well:
+text must be UTF-8, and JSON, times and numbers must be such. PostgreSQL checks all of that itself.
+"""
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from typing import Any
+
+from pydantic import ValidationError
+from sqlalchemy import (
+    JSON,
+    URL,
+    Boolean,
+    Column,
+    ColumnElement,
+    Connection,
+    Integer,
+    LargeBinary,
+    String,
+    Table,
+    and_,
+    func,
+    or_,
+    select,
+    type_coerce,
+)
+from sqlalchemy.exc import DBAPIError
+
+from reverie_eval.server.store.database import AT_ONCE, Database, UnreadableValueError
+from reverie_eval.server.store.tables import Base, UtcDateTime
+
+_SAID = {
+    sqlite3.SQLITE_CORRUPT: "database disk image is malformed",
+    sqlite3.SQLITE_NOTADB: "file is not a database",
+}
+"""SQLite's messages, without what it may quote from the file."""
+_PRIMARY_CODE = 0xFF
+"""Bits of SQLite's error code; the others tell more: https://www.sqlite.org/rescode.html"""
+_NOT_UTF8 = "Could not decode to UTF-8"
+"""How Python's message about a text in SQLite begins; the text itself follows."""
+_OTHER_FORMAT = "unsupported file format"
+"""What SQLite says of one number in its header, with an unspecific code."""
+_SQLSTATES = {"XX001": "a page is malformed", "XX002": "an index is malformed"}
+"""PostgreSQL's ``data_corrupted`` and ``index_corrupted``."""
+_MEMORY = "cache_size = -262144"
+"""KiB; the check of indexes looks up each row in each of them, in any order."""
+
+
+def find_damage(url: URL) -> Sequence[str]:
+    """Return what is wrong with SQLite's file; empty for a sound one, and for PostgreSQL.
+
+    The tables must be those of this version. The file is read on a connection of its own, because
+    others may have its pages in memory.
+    """
+    try:
+        with closing(Database(url)) as database:
+            return list(_damages(database)) if database.is_sqlite else []
+    except DBAPIError as error:
+        found = damage_in(error)
+        if found is None:
+            raise
+        return [found]
+
+
+def damage_in(error: BaseException | None) -> str | None:
+    """Return the damage that an error, or one of its causes, is about; None if there is none.
+
+    Nothing that was read is quoted: it may be anything.
+    """
+    match error:
+        case None:
+            return None
+        case sqlite3.Error() if found := _said_by_sqlite(error):
+            return found
+        case UnreadableValueError() | UnicodeDecodeError() | ValidationError():
+            return "a stored value cannot be read"
+        case _ if found := _SQLSTATES.get(getattr(error, "sqlstate", None) or ""):
+            return found
+        case _:
+            return damage_in(error.__cause__ or error.__context__)
+
+
+def _said_by_sqlite(error: sqlite3.Error) -> str | None:
+    code = getattr(error, "sqlite_errorcode", 0)  # Python raises some itself
+    if str(error).startswith(_NOT_UTF8):
+        return "a stored text is not UTF-8"
+    return _SAID.get(code & _PRIMARY_CODE) or (
+        _OTHER_FORMAT if str(error) == _OTHER_FORMAT else None
+    )
+
+
+def _damages(database: Database) -> Iterator[str]:
+    with database.engine.connect() as connection:
+        connection.exec_driver_sql(f"PRAGMA {_MEMORY}")
+        for (said,) in connection.exec_driver_sql("PRAGMA integrity_check"):
+            lines = said.splitlines()
+            yield from (line for line in lines if line != "ok" and not line.startswith("***"))
+        for table in Base.metadata.sorted_tables:
+            if not _is_readable(connection, table):
+                yield f"a stored value of {table.name} cannot be read"
+
+
+def _is_readable(connection: Connection, table: Table) -> bool:
+    """Whether each value of a table is one that its column may have."""
+    texts = [
+        type_coerce(column, String)  # as it is stored
+        for column in table.columns
+        if isinstance(column.type, String | JSON)
+    ]
+    chosen = select(*texts, and_(*map(_is_sound, table.columns)))
+    try:
+        rows = connection.execute(chosen.execution_options(yield_per=AT_ONCE))
+        return all(row[-1] for row in rows)
+    except DBAPIError as error:
+        if damage_in(error) is None:
+            raise
+        return False
+
+
+def _is_sound(column: Column[Any]) -> ColumnElement[bool]:
+    """Return the condition that a column's value is of its type; SQLite takes any."""
+    kind = func.typeof(column)
+    match column.type:
+        case JSON():
+            is_sound = func.json_valid(column) == 1
+        case UtcDateTime():
+            is_sound = func.datetime(column).is_not(None) & (kind == "text")
+        case Boolean():
+            is_sound = type_coerce(column, Integer).in_((0, 1))
+        case Integer():
+            is_sound = kind == "integer"
+        case LargeBinary():
+            is_sound = kind == "blob"
+        case _:
+            has_nul = func.instr(column, func.char(0)) > 0
+            is_sound = (kind == "text") & ~has_nul
+    return or_(column.is_(None), is_sound) if column.nullable else is_sound

@@ -1,0 +1,388 @@
+"""Damage to any page of the database and any file of a server: it is found, and said in a line."""
+
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from random import Random
+
+import pytest
+from sqlalchemy.exc import DBAPIError
+
+from reverie_eval.server.http import health
+from reverie_eval.server.http.health import REMEDIES, Health
+from reverie_eval.server.jobs.work import jobs_of
+from reverie_eval.server.operations.checks import check_folder
+from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.settings import SETTINGS_FILE
+from reverie_eval.server.store.damage import damage_in
+from reverie_eval.server.store.database import Database
+from tests.conftest import REPOSITORY
+from tests.support.acting import add_person, add_team, create_token
+from tests.support.amounts import amount, tell
+from tests.support.damaging import (
+    PAGE,
+    SPOILS,
+    damage_at_random,
+    overwrite,
+    pages_by_kind,
+    rows_of_file,
+)
+from tests.support.kept import use
+from tests.support.processes import Laptop
+from tests.support.serving import (
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    CopyServer,
+    NewDatabase,
+    Serving,
+    replace_answers,
+)
+
+TEAMS = 120
+KINDS = (
+    "header",
+    "schema",
+    "leaf of a table",
+    "interior of a table",
+    "leaf of an index",
+    "interior of an index",
+    "overflow",
+    "free list",
+)
+LOG_HEADER, FRAME = 32, 24 + PAGE
+"""Bytes of the header of SQLite's write-ahead log, and of a frame with its page."""
+DATABASE, KEY, BUNDLE = "server.db", "signing-key.pem", f"bundles/{PRIVATE}.npz"
+REMEDY = "restore the last backup to another folder: `reverie-eval server restore BACKUP FOLDER`"
+
+
+@pytest.fixture(scope="module")
+def filled(original: Serving) -> Serving:
+    """Fill a server until its database has pages of all kinds."""
+    use(original)
+    with original.acting() as transaction:
+        for number in range(TEAMS):
+            add_team(transaction, f"Team {number}")
+            add_person(transaction, f"Team {number}", f"Person {number}")
+            create_token(transaction, f"Person {number}")
+    long = "what it does " * 150
+    assert original.upload(OTHER, original.distinct(), description=long).status_code == 201
+    original.state.database.close()
+    with closing(sqlite3.connect(file_of(original))) as database:
+        database.execute("CREATE TABLE filling (content)")
+        database.execute("INSERT INTO filling VALUES (zeroblob(100000))")
+        database.commit()
+        database.execute("DROP TABLE filling")  # its pages are free
+        database.commit()
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    return original
+
+
+def file_of(server: Serving) -> Path:
+    return server.state.settings.folder / DATABASE
+
+
+@pytest.fixture
+def folder(filled: Serving, tmp_path: Path) -> Path:
+    """Return a copy of its folder."""
+    return Path(shutil.copytree(filled.state.settings.folder, tmp_path / "lab"))
+
+
+@pytest.fixture
+def lively(filled: Serving, copy_server: CopyServer, monkeypatch: pytest.MonkeyPatch) -> Serving:
+    """Return a running copy of it, whose health is looked at whenever somebody asks."""
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
+    server = copy_server(filled)
+    assert failing(server) == []
+    return server
+
+
+def failing(server: Serving) -> list[str]:
+    """Return what health complains of; for each there is a remedy."""
+    reply = server.client.get("/healthz")
+    report = reply.json()
+    assert reply.status_code == (503 if report["failed"] else 200)
+    assert len(report["remedies"]) == len(report["failed"])
+    return list(report["failed"])
+
+
+def database_faults(folder: Path) -> list[str]:
+    """Return what a check finds wrong with the database; nothing that it read is repeated."""
+    faults = [each for each in check_folder(folder) if each.kind == "fault"]
+    found = [fault.what for fault in faults if fault.check == "database"]
+    assert len(found) <= 1
+    assert all(what.isascii() and what.isprintable() and "\\x" not in what for what in found)
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_damaged_page_of_any_kind_is_found_at_the_start(
+    kind: str, folder: Path, laptop: Laptop
+) -> None:
+    content = bytearray((folder / DATABASE).read_bytes())
+    overwrite(content, Random(kind).choice(pages_by_kind(content)[kind]), Random(kind))
+    (folder / DATABASE).write_bytes(content)
+    title, problem = laptop.run("serve", folder, "--port", "0", status=1).err.splitlines()
+    assert title == "reverie-eval: server folder rejected, 1 problem"
+    assert problem.startswith("database: is damaged (")
+    assert problem.endswith(f"; {REMEDY}")
+    assert laptop.run("server", "doctor", folder, status=1).out.count("is damaged") >= 1
+
+
+def test_damage_at_random_is_found_unless_no_row_is_affected(folder: Path, tmp_path: Path) -> None:
+    whole, found, harmless = rows_of_file(folder / DATABASE), 0, 0
+    original = shutil.copy(folder / DATABASE, tmp_path / "original")
+    seeds = amount(8)
+    for seed in range(seeds):
+        shutil.copy(original, folder / DATABASE)
+        damage_at_random(folder / DATABASE, seed, blocks=5 if seed % 2 else 1)
+        is_same = rows_of_file(Path(shutil.copy(folder / DATABASE, tmp_path / "copy"))) == whole
+        faults = database_faults(folder)
+        assert faults or is_same, seed
+        found, harmless = found + bool(faults), harmless + is_same
+    tell(damaged_databases=seeds, found_at_the_start=found, with_all_rows_intact=harmless)
+
+
+def test_a_real_server_ends_with_one_message(folder: Path, laptop: Laptop) -> None:
+    damage_at_random(folder / DATABASE, seed=0)
+    ended = replace(laptop, is_real=True).run("serve", folder, "--port", "0", status=1)
+    assert "database: is damaged (" in ended.err
+    assert len(ended.err.splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        pytest.param("UPDATE submission SET received_at = 'once'", id="time"),
+        pytest.param("UPDATE submission SET report = '{'", id="JSON"),
+        pytest.param("UPDATE person SET email = CAST(x'ff' AS TEXT)", id="text that is not UTF-8"),
+        pytest.param("UPDATE team SET name = name || char(0)", id="text with a zero byte"),
+        pytest.param("UPDATE submission SET size = 'large'", id="number"),
+        pytest.param("UPDATE submission SET shows_episodes = 7", id="yes or no"),
+        pytest.param("UPDATE fingerprint SET content = 'text'", id="bytes"),
+    ],
+)
+def test_a_value_that_its_column_cannot_hold_is_damage(statement: str, folder: Path) -> None:
+    with closing(sqlite3.connect(folder / DATABASE)) as database, database:
+        if statement.startswith("UPDATE fingerprint"):
+            database.execute("INSERT INTO fingerprint VALUES ('test', '0', '', x'00')")
+        assert database.execute(statement).rowcount > 0
+    (fault,) = database_faults(folder)
+    assert fault.endswith(f"cannot be read); {REMEDY}")
+
+
+@pytest.mark.parametrize(
+    ("change", "damage"),
+    [
+        ("received_at = 'once'", "a stored value cannot be read"),
+        ("report = '{'", "a stored value cannot be read"),
+        ("split = split || CAST(x'ff' AS TEXT)", "a stored text is not UTF-8"),
+    ],
+)
+def test_a_request_or_command_that_meets_damage_is_told_so(
+    change: str, damage: str, lively: Serving, laptop: Laptop
+) -> None:
+    lively.state.database.close()
+    with closing(sqlite3.connect(file_of(lively))) as database, database:
+        database.execute(f"UPDATE submission SET {change}")
+    reply = lively.ask(ORGANISER, "GET", "/submissions")
+    assert (reply.status_code, reply.json()["code"]) == (503, "damaged")
+    told = laptop.run("server", "submissions", lively.state.settings.folder, status=1).err
+    assert told.splitlines()[1:] == [f"database: is damaged ({damage}); {REMEDY}"]
+
+
+def test_a_request_that_meets_damage_has_health_look_for_more(lively: Serving) -> None:
+    watch = lively.state.database_watch
+    lively.state.database.close()
+    with closing(sqlite3.connect(file_of(lively))) as database, database:
+        database.execute("UPDATE submission SET report = '{'")
+    watch.search()
+    assert failing(lively) == []  # it is not yet time for the next search
+    assert lively.ask(OWNER, "GET", "/submissions").status_code == 503
+    watch.search()
+    assert failing(lively) == ["stored data"]
+
+
+def test_damage_under_a_running_server_is_found_in_the_background(lively: Serving) -> None:
+    content = bytearray(file_of(lively).read_bytes())
+    overwrite(content, pages_by_kind(content)["leaf of an index"][-1], Random(0))
+    with file_of(lively).open("r+b") as file:
+        file.write(content)
+    lively.state.database_watch.hurry()
+    lively.state.database_watch.search()
+    assert "stored data" in failing(lively)
+
+
+@pytest.mark.parametrize("how", ["missing", "cut off", "empty", "anything"])
+def test_health_notices_a_damaged_bundle_at_once(how: str, lively: Serving) -> None:
+    path = lively.state.settings.folder / BUNDLE
+    whole, mode = path.read_bytes(), path.stat().st_mode
+    SPOILS[how](path)
+    assert failing(lively) == [f"ground truth of {PRIVATE}"]
+    path.write_bytes(whole)
+    path.chmod(mode)
+    assert failing(lively) == []
+
+
+def test_health_notices_a_bundle_with_other_answers(lively: Serving) -> None:
+    replace_answers(lively.state.settings.folder, PRIVATE)
+    assert failing(lively) == [f"ground truth of {PRIVATE}"]
+
+
+def test_health_notices_answers_that_others_can_read(lively: Serving) -> None:
+    (lively.state.settings.folder / BUNDLE).chmod(0o644)
+    assert failing(lively) == [f"ground truth of {PRIVATE}"]
+
+
+def remove_newest_upload(folder: Path) -> None:
+    shutil.rmtree(folder / "uploads")
+
+
+def replace_database(folder: Path) -> None:
+    shutil.copy(folder / DATABASE, folder / "other.db")
+    (folder / "other.db").replace(folder / DATABASE)
+
+
+def replace_key(folder: Path) -> None:
+    (folder / KEY).unlink()
+    make_key(folder / KEY)
+
+
+@pytest.mark.parametrize(
+    ("damage", "failed"),
+    [
+        (lambda folder: (folder / SETTINGS_FILE).unlink(), "settings"),
+        (lambda folder: SPOILS["anything"](folder / SETTINGS_FILE), "settings"),
+        (lambda folder: (folder / KEY).unlink(), "signing key"),
+        (lambda folder: SPOILS["cut off"](folder / KEY), "signing key"),
+        (replace_key, "signing key"),
+        (remove_newest_upload, "uploads"),
+        (replace_database, "stored data"),
+        (lambda folder: (folder / DATABASE).unlink(), "stored data"),
+    ],
+)
+def test_health_notices_what_became_of_any_file(
+    damage: Callable[[Path], None], failed: str, lively: Serving
+) -> None:
+    damage(lively.state.settings.folder)
+    assert failing(lively) == [failed]
+    # A server whose settings are wrong could not start again, but it works.
+    assert lively.client.get("/readyz").status_code == (200 if failed == "settings" else 503)
+
+
+@pytest.mark.parametrize("how", SPOILS)
+@pytest.mark.parametrize("name", [SETTINGS_FILE, DATABASE, KEY, BUNDLE])
+def test_a_spoilt_file_keeps_a_server_from_starting(
+    name: str, how: str, folder: Path, laptop: Laptop
+) -> None:
+    file = folder / name
+    if (name, how) == (SETTINGS_FILE, "cut off"):
+        file.write_bytes(file.read_bytes()[:-1] + b"[")  # at most places it is valid when cut off
+    else:
+        mode = file.stat().st_mode
+        SPOILS[how](file)
+        if file.is_file():
+            file.chmod(mode)
+    refused = laptop.run("serve", folder, "--port", "0", status=1)
+    title, problem = refused.err.splitlines()[:2]
+    assert title == "reverie-eval: server folder rejected, 1 problem"
+    where = {SETTINGS_FILE: "settings", DATABASE: "database", KEY: "signing key"}
+    assert problem.startswith(f"{where.get(name, 'ground truth')}: ")
+    assert problem.isascii()
+    assert where.get(name, "ground truth") in laptop.run("server", "doctor", folder, status=1).out
+
+
+def test_uploads_that_are_gone_keep_a_server_from_starting(folder: Path, laptop: Laptop) -> None:
+    shutil.rmtree(folder / "uploads")
+    told = laptop.run("serve", folder, "--port", "0", status=1).err
+    assert "newest upload: the upload " in told
+    assert " is missing; run `reverie-eval server doctor`" in told
+
+
+@pytest.mark.parametrize("how", SPOILS)
+def test_a_spoilt_key_that_was_not_finished_is_no_obstacle(how: str, folder: Path) -> None:
+    """A rotation that was interrupted may leave it; it is written again."""
+    pending = folder / f"{KEY}.new"
+    shutil.copy(folder / KEY, pending)
+    SPOILS[how](pending)
+    assert not [each for each in check_folder(folder) if each.kind == "fault"]
+
+
+@pytest.mark.parametrize("name", [SETTINGS_FILE, DATABASE, KEY, BUNDLE])
+def test_a_file_that_the_server_may_not_read_is_named(
+    name: str, folder: Path, laptop: Laptop
+) -> None:
+    (folder / name).chmod(0)
+    checked = laptop.like_anybody("server", "check", str(folder))
+    assert checked.status == 1
+    assert "fault" in checked.out
+    assert name in checked.out or name == DATABASE
+
+
+@pytest.fixture
+def killed(folder: Path, tmp_path: Path) -> Path:
+    """Return a copy of a server's folder as it is when the server is killed between two uploads."""
+    with closing(sqlite3.connect(folder / DATABASE, isolation_level=None)) as database:
+        for day in range(1, 6):
+            database.execute(f"UPDATE team SET created_at = '2026-01-0{day} 12:00:00.000000'")
+        return Path(shutil.copytree(folder, tmp_path / "killed"))
+
+
+def test_transactions_that_sqlite_would_forget_are_damage(killed: Path, laptop: Laptop) -> None:
+    log = killed / f"{DATABASE}-wal"
+    content = bytearray(log.read_bytes())
+    content[LOG_HEADER + FRAME + 100] ^= 1  # in the second frame
+    log.write_bytes(content)
+    for words in (["serve", "--port", "0"], ["server", "team", "list"], ["server", "check"]):
+        told = laptop.run(*words, killed, status=1)
+        assert f"is damaged (transactions in {log} cannot be read); {REMEDY}" in told.out + told.err
+    output = killed.with_name("backup.tar.gz")
+    assert "cannot be read" in laptop.run("server", "backup", killed, "-o", output, status=1).err
+    assert log.read_bytes() == content  # nothing was forgotten
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda content: content, id="all of it"),
+        pytest.param(lambda content: content[:-FRAME], id="without the last frame"),
+        pytest.param(lambda content: content[:-20], id="with an incomplete frame"),
+        pytest.param(lambda content: content + content[LOG_HEADER:][::-1], id="with older frames"),
+        pytest.param(lambda content: content[:0], id="nothing"),
+    ],
+)
+def test_a_server_that_was_killed_starts_again(
+    change: Callable[[bytes], bytes], killed: Path, laptop: Laptop
+) -> None:
+    log = killed / f"{DATABASE}-wal"
+    log.write_bytes(change(log.read_bytes()))
+    (killed / f"{DATABASE}-shm").write_bytes(Random(0).randbytes(1 << 15))
+    listed = laptop.run("server", "team", "list", killed)
+    assert "Team 1" in listed.out
+
+
+def test_damage_that_postgresql_finds_is_recognised(postgresql: NewDatabase) -> None:
+    with closing(Database(postgresql())) as database:
+        known = {"XX001": "a page is malformed", "XX002": "an index is malformed"}
+        for state, damage in known.items():
+            failing = f"DO $$ BEGIN RAISE EXCEPTION 'x' USING ERRCODE = '{state}'; END $$"
+            with database.engine.connect() as connection, pytest.raises(DBAPIError) as error:
+                connection.exec_driver_sql(failing)
+            assert damage_in(error.value) == damage
+
+
+@pytest.mark.parametrize("page", ["SECURITY.md", "docs/reference/server-operations.md"])
+def test_every_check_of_health_is_explained(page: str, lively: Serving) -> None:
+    state = lively.state
+    names = [*Health(state, jobs_of(state, lambda: None)).checks, "job mail"]
+    lines = (REPOSITORY / page).read_text().splitlines()
+    explained = [line.split(" | ") for line in lines if line.startswith("| `")]
+    for name in names:
+        kind = next(kind for kind in REMEDIES if name.startswith(kind))
+        (row,) = [row for row in explained if row[0].startswith(f"| `{kind}") and len(row) == 3]
+        assert all(row), name  # what it means, and what to do
+    assert all(any(name.startswith(kind) for name in names) for kind in REMEDIES)

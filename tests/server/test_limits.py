@@ -14,7 +14,7 @@ import re
 import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from fixtures.servers import make_folder
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware, timeouts
 from reverie_eval.server.http.exchange import begin, exchange_of
-from reverie_eval.server.http.middleware import BodyLimits
+from reverie_eval.server.http.middleware import MOST_AT_ONCE, BodyLimits
 from reverie_eval.server.operations import run
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.run import listen
@@ -579,3 +579,23 @@ def test_nothing_more_is_awaited_of_a_request_that_is_being_answered() -> None:
 
     begin(scope)
     asyncio.run(BodyLimits(app, seconds=0, kibibytes_per_second=1)(scope, hang_up, AsyncMock()))
+
+
+def test_a_crowd_of_slow_connections_with_one_token_is_small(tmp_path: Path) -> None:
+    room = {"UPLOADS_AT_ONCE": 4 * MOST_AT_ONCE, "SECONDS_FOR_BODY": PATIENCE}
+    with serving_few(tmp_path / "server", **room) as server, ExitStack() as stack:
+        slow = [stack.enter_context(server.connect()) for _ in range(MOST_AT_ONCE)]
+        for connection in slow:
+            connection.sendall(server.upload("Content-Length: 100") + b"[")
+
+        def ask(token: str) -> httpx.Response:
+            url = f"http://127.0.0.1:{server.port}/api/v1/me"
+            headers = {"Authorization": f"Bearer {token}"}
+            return httpx.get(url, headers=headers, timeout=PATIENCE, verify=NO_TLS)
+
+        wait_until(lambda: ask(server.token).status_code == 503)
+        refusal = ask(server.token)
+        assert (refusal.json()["code"], refusal.headers["Retry-After"]) == ("busy", "10")
+        assert ask(server.organiser).status_code == 200
+        slow[0].close()
+        wait_until(lambda: ask(server.token).status_code == 200)

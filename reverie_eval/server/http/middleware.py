@@ -15,7 +15,9 @@ import math
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -27,6 +29,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from reverie_eval.server.errors import (
+    BusyError,
     MalformedError,
     NotSignedInError,
     TooLargeError,
@@ -35,6 +38,7 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.exchange import address_of, exchange_of, session_of, token_of
+from reverie_eval.server.service.scoring import SECONDS_TO_RETRY
 
 SMALL = 256 << 10
 """Bytes; several times the longest JSON, other than a submission, that any route accepts."""
@@ -52,6 +56,8 @@ _UTF_8 = b"utf-8"
 _NAMES_OF_UTF_8 = frozenset({_UTF_8, b"utf8", b"us-ascii"})
 """ASCII is a subset of UTF-8."""
 
+MOST_AT_ONCE = 32
+"""Requests with a token, or of a browser session, that are answered at the same time."""
 FAILED_COST = 10
 """One in this many requests may have a wrong token or invitation. Expired sessions are not counted:
 browsers send them by themselves, and they cannot be guessed, because they are signed."""
@@ -132,7 +138,9 @@ class HeadRequests(Middleware):
 
 
 class RateLimits(Middleware):
-    """Refuses requests over the limit.
+    """Refuses requests over the limit, and those of whom too many are being answered already.
+
+    The latter need no database: a crowd of slow connections with one token costs nothing else.
 
     Wrong tokens count only against those who guess: against that token, and against further wrong
     ones from the same address. Valid tokens from the address, and its requests without a token, are
@@ -144,9 +152,19 @@ class RateLimits(Middleware):
         self._limit = RateLimitItemPerMinute(per_minute)
         self._failed_limit = RateLimitItemPerMinute(max(1, per_minute // FAILED_COST))
         self._counts = FixedWindowRateLimiter(counts)
+        self._answering: Counter[str] = Counter()
+        """Requests being answered, by token or session."""
 
     async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request that is within the limits. Raises TooManyError if it exceeds one."""
+        """Answer a request that is within the limits.
+
+        Raises
+        ------
+        TooManyError
+            If it exceeds a limit.
+        BusyError
+            If too many of the sender's requests are being answered.
+        """
         if scope["path"].startswith(EXEMPT):
             await self.app(scope, receive, send)
             return
@@ -157,6 +175,27 @@ class RateLimits(Middleware):
         for kind, shown in whose.items():
             if shown and not self._counts.hit(self._limit, kind, shown):
                 raise self._error(self._limit, kind, shown)
+        with self._at_once(token or whose["session"]):
+            await self._watch(scope, receive, send, address, token)
+
+    @contextmanager
+    def _at_once(self, sender: str) -> Iterator[None]:
+        """Count a request as being answered; those without token and session are not counted."""
+        if sender and self._answering[sender] >= MOST_AT_ONCE:
+            why = f"the server is answering {MOST_AT_ONCE} other requests of yours"
+            raise BusyError(SECONDS_TO_RETRY, why)
+        self._answering[sender] += 1
+        try:
+            yield
+        finally:
+            self._answering[sender] -= 1
+            if not self._answering[sender]:
+                del self._answering[sender]
+
+    async def _watch(
+        self, scope: Scope, receive: Receive, send: Send, address: str, token: str
+    ) -> None:
+        """Answer a request, and count it again if its token is wrong."""
         attempts = bool(token) or scope["method"] == "POST"
         is_throttled = False
 

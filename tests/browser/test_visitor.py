@@ -7,6 +7,7 @@ from playwright.sync_api import FilePayload, Page, expect
 
 from tests.support.browser import OpenPage, copied_site
 from tests.support.demo_site import OPEN, ORGANISER, SAMPLES, Site, sound
+from tests.support.waiting import wait_until
 
 CONTACT = {"REVERIE_EVAL_CONTACT": "lab@example.org"}
 
@@ -36,7 +37,15 @@ def understand(page: Page) -> None:
 
 
 def play(page: Page) -> None:
-    page.get_by_role("link", name="Be the agent").click()
+    invitation = page.get_by_role("link", name="Be the agent")
+
+    def is_invited() -> bool:
+        """Whether the server has computed the example since it started."""
+        page.reload()
+        return invitation.count() > 0
+
+    wait_until(is_invited)
+    invitation.click()
     page.get_by_role("link", name="Begin").click()
     page.get_by_role("region", name="Walk").get_by_role("link").first.click()
     expect(page.get_by_role("main")).to_contain_text("1 step,")

@@ -356,7 +356,7 @@ def spoil_a_result(folder: Path) -> None:
             id="team",
         ),
         pytest.param(cut_a_bundle_off, "server: settings rejected", id="bundle"),
-        pytest.param(spoil_a_result, "server: database error: ", id="result"),
+        pytest.param(spoil_a_result, "stored value cannot be read", id="result"),
     ],
 )
 def test_a_backup_that_does_not_restore_is_not_kept(

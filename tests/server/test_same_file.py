@@ -11,7 +11,7 @@ from sqlalchemy import select
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.settings import Settings, Webhook
-from reverie_eval.server.store.tables import Message
+from reverie_eval.server.store.tables import Message, Team
 from tests.support.flat import Run
 from tests.support.serving import (
     GOOD,
@@ -87,7 +87,9 @@ def test_the_same_file_from_two_teams_is_told_at_once(
     assert messages(server) == [(TOLD, f"/desk/evidence?split={PRIVATE}")]
     assert logged(server) == [("server", f"submission:{second}", PRIVATE, {"same_as": [first]})]
     (line,) = [each for each in caplog.records if each.getMessage() == "same file from two teams"]
-    fields = {"split": PRIVATE, "team": "Red", "submission": second, "same_as": [first]}
+    with server.state.database.reading() as session:
+        red = session.scalars(select(Team.id).where(Team.name == "Red")).one()
+    fields = {"split": PRIVATE, "team": red, "submission": second, "same_as": [first]}
     assert line.fields == fields  # type: ignore[attr-defined]
     page = on_desk(server)
     assert f"{ON_DESK}, once in the last 30 days, the last time on {PRIVATE}. See the" in page

@@ -222,14 +222,14 @@ def announce_same_file(transaction: Transaction, new: Submission) -> None:
     others = transaction.session.execute(_SAME_FROM_OTHERS, given).all()
     if not others:
         return
-    same_as, team = [each.id for each in others], new.team.name
+    same_as = [each.id for each in others]
     # About the split, not the submission, whose history its team sees.
     transaction.as_actor(SERVER).record(SAME_FILE, new, new.split, same_as=same_as)
     names = ", ".join(f"{each.name}{' (published)' * each.is_shown}" for each in others)
     whose = "other teams" if len(others) > 1 else "another team"
-    text = f"{team} submitted to {new.split} the file that {whose} had submitted: {names}"
+    text = f"{new.team.name} submitted to {new.split} the file that {whose} had submitted: {names}"
     announce(transaction, "same-file", text, f"/desk/evidence?split={quote(new.split)}")
-    about = {"split": new.split, "team": team, "submission": new.id, "same_as": same_as}
+    about = {"split": new.split, "team": new.team.id, "submission": new.id, "same_as": same_as}
     _LOGGER.warning("same file from two teams", extra={"fields": about})
 
 

@@ -128,7 +128,7 @@ def spoil_pages(folder: Path) -> None:
 
 
 SIGNATURE = "$.signatures[0].sig"
-FIRST = "id = (SELECT min(id) FROM submission)"
+FIRST = "id = (SELECT id FROM submission ORDER BY received_at LIMIT 1)"
 DAMAGES = [
     pytest.param(lambda folder: upload(folder).unlink(), "uploads", "is missing", id="no upload"),
     pytest.param(
@@ -214,7 +214,7 @@ DAMAGES = [
     pytest.param(
         sql(f"UPDATE submission SET id = 'f00' WHERE {FIRST}"),
         "audit log",
-        "submitted (submission:f00, 2026-03-02 13:00:00): in the database, but not logged",
+        "submitted (submission:f00, 2026-03-02 12:00:00): in the database, but not logged",
         id="submission slipped in",
     ),
     pytest.param(

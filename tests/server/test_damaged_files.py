@@ -1,8 +1,9 @@
 """Damage to any page of the database and any file of a server: it is found, and said in a line."""
 
+import re
 import shutil
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -312,15 +313,25 @@ def test_a_spoilt_key_that_was_not_finished_is_no_obstacle(how: str, folder: Pat
     assert not [each for each in check_folder(folder) if each.kind == "fault"]
 
 
-@pytest.mark.parametrize("name", [SETTINGS_FILE, DATABASE, KEY, BUNDLE])
-def test_a_file_that_the_server_may_not_read_is_named(
-    name: str, folder: Path, laptop: Laptop
+@pytest.mark.parametrize(
+    ("names", "checks"),
+    [
+        pytest.param([SETTINGS_FILE], ["settings"], id="the settings"),
+        pytest.param(
+            [DATABASE, KEY, BUNDLE], ["database", "signing key", "ground truth"], id="all others"
+        ),
+    ],
+)
+def test_files_that_the_server_may_not_read_are_named(
+    names: Sequence[str], checks: Sequence[str], folder: Path, laptop: Laptop
 ) -> None:
-    (folder / name).chmod(0)
+    for name in names:
+        (folder / name).chmod(0)
     checked = laptop.like_anybody("server", "check", str(folder))
     assert checked.status == 1
-    assert "fault" in checked.out
-    assert name in checked.out or name == DATABASE
+    for name, check in zip(names, checks, strict=True):
+        (fault,) = re.findall(rf"^{check} +fault +(.*)$", checked.out, re.MULTILINE)
+        assert name in fault or name == DATABASE
 
 
 @pytest.fixture

@@ -13,6 +13,13 @@ def processor_milliseconds(*processes: int) -> float:
     return 1000 * ticks / os.sysconf("SC_CLK_TCK")
 
 
+def family_of(process: int) -> list[int]:
+    """Return a process and all running ones that it has started, or that these have."""
+    children = Path(f"/proc/{process}/task").glob("*/children")
+    started = [int(child) for file in children for child in file.read_text().split()]
+    return [process, *(each for child in started for each in family_of(child))]
+
+
 def busy_milliseconds() -> float:
     """Return the time for which the processors of the machine have been busy so far, together."""
     total = Path("/proc/stat").read_text().partition("\n")[0].split()[1:]

@@ -7,9 +7,9 @@ The figure with a bar is throughput as a ratio to a bare FastAPI route under the
 settings that only reads the same bodies and calls ``orjson.loads``. Both run in turn, several
 times, and the median of the ratios counts. Beside it stands what an upload costs the processors in
 either process, which depends less on what else the machine does. The uploads come from many teams
-in turn, as they would before a deadline. Then two worker processes are compared with one in the
-same way, each upload over a connection of its own, as proxies send them; the sender takes its part
-of the same processors.
+in turn, as they would before a deadline. The server has one process that scores, beside the one
+that answers. Then two processes that score are compared with one in the same way; the sender takes
+its part of the same processors.
 Needs the published files (see ``fixtures/published.py``).
 """
 
@@ -33,7 +33,7 @@ from urllib.parse import urlsplit
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.processors import busy_milliseconds, processor_milliseconds
+from benchmarks.processors import busy_milliseconds, family_of, processor_milliseconds
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
@@ -196,34 +196,27 @@ def compare(visibility: str, scored: Target, bare: Target, bodies: Iterator[byte
 
 
 def compare_workers(visibility: str, one: Target, crew: Target, bodies: Iterator[bytes]) -> float:
-    """Print the throughput of several workers against that of one; return the ratio."""
+    """Print the throughput of several scoring processes against that of one; return the ratio."""
     for target in (one, crew):
         upload(target, itertools.islice(bodies, 32), COMPARED_AT)
-    ratio, (several, single), _, busy = in_turns(crew, one, bodies, keeps_connections=False)
+    ratio, (several, single), _, busy = in_turns(crew, one, bodies)
     verdict = "ok" if ratio >= BAR_OF_WORKERS else "MISSED"
     print(
-        f"{visibility} split, {COMPARED_AT} at once: {WORKERS} workers {several:.1f} uploads/s, "
-        f"one {single:.1f}; ratio {ratio:.2f}   at least {BAR_OF_WORKERS}   {verdict}"
+        f"{visibility} split, {COMPARED_AT} at once: {WORKERS} scoring processes {several:.1f} "
+        f"uploads/s, one {single:.1f}; ratio {ratio:.2f}   at least {BAR_OF_WORKERS}   {verdict}"
     )
     print(
-        f"{visibility} split, {COMPARED_AT} at once: with {WORKERS} workers, {busy[0]:.2f} of "
+        f"{visibility} split, {COMPARED_AT} at once: with {WORKERS}, {busy[0]:.2f} of "
         f"{os.cpu_count()} processors are busy, with one {busy[1]:.2f}, the sender included"
     )
     return ratio
 
 
-def in_turns(
-    first: Target, second: Target, bodies: Iterator[bytes], *, keeps_connections: bool = True
-) -> Comparison:
+def in_turns(first: Target, second: Target, bodies: Iterator[bytes]) -> Comparison:
     """Send the same uploads to two targets in turn, in several rounds."""
     rounds = [
         [
-            upload(
-                target,
-                itertools.islice(bodies, UPLOADS),
-                COMPARED_AT,
-                keeps_connections=keeps_connections,
-            )
+            upload(target, itertools.islice(bodies, UPLOADS), COMPARED_AT)
             for target in (first, second)
         ]
         for _ in range(ROUNDS)
@@ -286,15 +279,13 @@ def running(program: str, *arguments: Path | int) -> Iterator[tuple[str, int]]:
             process.terminate()
 
 
-def upload(
-    target: Target, bodies: Iterator[bytes], concurrency: int, *, keeps_connections: bool = True
-) -> Load:
-    """Send bodies, so many at once; each sender keeps a connection, or opens one for each."""
+def upload(target: Target, bodies: Iterator[bytes], concurrency: int) -> Load:
+    """Send bodies, so many at once; each sender keeps a connection."""
     address = urlsplit(target.url).netloc
     own = local()
 
     def send(body: bytes, token: str) -> float:
-        if not (keeps_connections and hasattr(own, "connection")):
+        if not hasattr(own, "connection"):
             own.connection = http.client.HTTPConnection(address)
         headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
         start = time.perf_counter()
@@ -308,9 +299,10 @@ def upload(
     prepared = list(bodies)
     with ThreadPoolExecutor(concurrency) as senders:
         start, busy = time.perf_counter(), busy_milliseconds()
-        spent = processor_milliseconds(target.process)
+        spent = processor_milliseconds(*family_of(target.process))
         latencies = list(senders.map(send, prepared, target.tokens))
-        seconds, spent = time.perf_counter() - start, processor_milliseconds(target.process) - spent
+        seconds = time.perf_counter() - start
+        spent = processor_milliseconds(*family_of(target.process)) - spent
         return Load(seconds, latencies, spent, busy_milliseconds() - busy)
 
 

@@ -1,15 +1,16 @@
 """Whatever is killed, and whenever: an upload counts once, or it has cost nothing.
 
-Servers are killed at every step of an upload and at random moments, and so is PostgreSQL, while
-several people upload. After each kill the database is read without our code. What was acknowledged
-has to be there once, with its scores, its file, its entry in the audit log and its place in the
-quota. Everything else is there as completely, or has left no trace. Then the server starts again;
-what was not acknowledged is sent once more, together with something that was.
+Servers are killed at every step of an upload and at random moments, and so are PostgreSQL and the
+processes that score, while several people upload. Many of the kills come between the commit and the
+reply, because some uploads wait there for it. After each kill the database is read without our
+code. What was acknowledged has to be there once, with its scores, its file, its entry in the audit
+log and its place in the quota. Everything else is there as completely, or has left no trace. Then
+the server starts again, unless it has gone on; what was not acknowledged is sent once more,
+together with something that was.
 """
 
 import gzip
 import hashlib
-import signal
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,9 +18,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import count
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from random import Random
+from signal import SIGKILL
 from typing import Any, NamedTuple, get_args
 
 import httpx
@@ -31,7 +32,18 @@ from reverie_eval.server.operations.folder import upgrade_folder
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from tests.support.amounts import amount, tell
 from tests.support.kept import faults
-from tests.support.killing import STEPS, Part, kill_postgresql, restart_postgresql, serving
+from tests.support.killing import (
+    PAUSES,
+    STEPS,
+    STEPS_OF_SCORING,
+    Part,
+    Running,
+    is_running,
+    kill_postgresql,
+    kill_process,
+    restart_postgresql,
+    serving,
+)
 from tests.support.plain_sql import Stored, stored
 from tests.support.serving import (
     GOOD,
@@ -46,7 +58,7 @@ from tests.support.serving import (
     running_postgresql,
 )
 from tests.support.signing import payload_in
-from tests.support.waiting import PATIENCE
+from tests.support.waiting import PATIENCE, wait_until
 
 SENDERS = (OWNER, MATE, OTHER)
 """The first two are of one team."""
@@ -56,7 +68,11 @@ PADDING = 1 << 18
 """Bytes, so that an upload arrives in several pieces."""
 QUOTA = 100_000
 BEFORE_THE_FIRST = "0" * 64
-NOT_REACHED = "database-down"
+NOT_REACHED, BUSY = "database-down", "busy"
+BETWEEN_COMMIT_AND_REPLY = 5
+"""One in so many kills, at least."""
+OF_SCORING = 5
+"""One in so many kills of the others."""
 
 SETTINGS = """
 database = "{database}"
@@ -80,8 +96,12 @@ class Kill(NamedTuple):
     step: str | None = None
     """Of an upload to a server; None for a random moment."""
 
+    def __str__(self) -> str:
+        return self.part or self.step or "at any moment"
+
 
 AT_STEPS = tuple(Kill(step=step) for step in STEPS)
+AT_PAUSES = tuple(Kill(step=step) for step in PAUSES) * 3
 AT_ANY_MOMENT = (Kill(),) * 3
 OF_POSTGRESQL = tuple(Kill(part) for part in get_args(Part))
 
@@ -117,11 +137,16 @@ class Lab:
     """Those that were sent since the database was last read, and not acknowledged."""
     fates: Counter[str] = field(default_factory=Counter)
     """How many of these were stored."""
+    between: int = 0
+    """Kills of the server after which something was there that had been committed without a
+    reply."""
     serial: Iterator[int] = field(default_factory=count)
     known: dict[str, Any] = field(default_factory=dict)
     """The receipts that were in the database when it was last read, by SHA-256."""
     typical_seconds: float = 0.0
     """That a round of uploads takes if nothing is killed."""
+    excuse: str = ""
+    """The code of a reply with status 503; there is none if it is empty."""
 
     def __post_init__(self) -> None:
         """Set up the server."""
@@ -134,41 +159,69 @@ class Lab:
 
     def calmly(self) -> None:
         """Upload something while nothing is killed."""
-        with serving(self.folder) as (_, url):
-            self.ask_quotas(url)
+        with serving(self.folder) as server:
+            self.ask_quotas(server.url)
             began = time.monotonic()
-            self.send_all(url, self.plans())
+            self.send_all(server.url, self.plans())
             self.typical_seconds = time.monotonic() - began
         assert not self.unacknowledged()
         self.check()
 
     def disturb(self, kill: Kill) -> None:
         """Upload something, kill meanwhile, and check what is left."""
-        times = self.random.randint(1, FILES * len(SENDERS))
-        with serving(self.folder, kill.step, times) as (process, url):
-            self.ask_quotas(url)
+        with serving(self.folder) as server:
+            self.ask_quotas(server.url)
+            if kill.step is not None:
+                server.plant(kill.step, self.random.randint(1, FILES * len(SENDERS)))
             with ThreadPoolExecutor(1) as other:
-                sending = other.submit(self.send_all, url, self.plans())
-                self.kill(process, kill)
+                sending = other.submit(self.send_all, server.url, self.plans())
+                self.kill(server, kill)
                 sending.result()
             if kill.part is not None:
                 restart_postgresql(self.postgresql)
                 self.check()
-                self.send_all(url, [self.unacknowledged()])
-                assert not self.unacknowledged(), "the server works again, without a restart"
+                self.send_again(server)
         self.check()
 
-    def kill(self, process: BaseProcess, kill: Kill) -> None:
+    def kill(self, server: Running, kill: Kill) -> None:
         """Kill what is to be killed, while uploads are sent."""
-        if kill.step is not None:
-            process.join(PATIENCE)
-            assert process.exitcode == -signal.SIGKILL, kill
+        if kill.step in STEPS:
+            assert server.process.wait(PATIENCE) == -SIGKILL, kill
             return
-        time.sleep(self.random.uniform(0, self.typical_seconds))
+        if kill.step in PAUSES:
+            server.told()
+        self.wait_for_any_moment()
         if kill.part is None:
-            process.kill()
+            server.process.kill()
         else:
             kill_postgresql(self.postgresql, kill.part)
+
+    def disturb_scoring(self, server: Running, step: str | None) -> None:
+        """Upload something, kill a process that scores meanwhile, and check what is left."""
+        self.ask_quotas(server.url)
+        if step is not None:
+            server.plant(step, self.random.randint(1, FILES * len(SENDERS)))
+        with ThreadPoolExecutor(1) as other:
+            sending = other.submit(self.send_all, server.url, self.plans())
+            if step is None:
+                self.wait_for_any_moment()
+                kill_process(self.random.choice(sorted(server.scorers())))
+            else:
+                victim = server.told()
+                wait_until(lambda: not is_running(victim))
+            sending.result()
+        self.check()
+        self.send_again(server)
+        self.check()
+
+    def wait_for_any_moment(self) -> None:
+        """Wait for a part of the time that uploads take."""
+        time.sleep(self.random.uniform(0, self.typical_seconds))
+
+    def send_again(self, server: Running) -> None:
+        """Send what was not acknowledged to the server that went on."""
+        self.send_all(server.url, [self.unacknowledged()])
+        assert not self.unacknowledged(), "the server works again, without a restart"
 
     def plans(self) -> Sequence[Sequence[Upload]]:
         """Return what each sends: what was not acknowledged, something that was, and new files."""
@@ -217,8 +270,8 @@ class Lab:
             self.unheard.append(upload)
             return False
         self.statuses[str(reply.status_code)] += 1
-        if self.postgresql is not None and reply.status_code == 503:
-            assert reply.json()["code"] == NOT_REACHED, reply.text
+        if self.excuse and reply.status_code == 503:
+            assert reply.json()["code"] == self.excuse, reply.text
             assert reply.headers["retry-after"]
             self.unheard.append(upload)
             return True
@@ -263,6 +316,8 @@ class Lab:
             assert gzip.decompress(packed.read_bytes()) == upload.content
         self.check_counts(found)
         self.fates.update("stored" if each.sha256 in rows else "absent" for each in self.unheard)
+        new = rows.keys() - self.known.keys()
+        self.between += any(each.sha256 in new for each in self.unheard)
         self.unheard.clear()
         self.known = {row.sha256: row.receipt for row in found.submissions}
 
@@ -288,12 +343,12 @@ def lab(kind_of_database: str, folder: Path) -> Iterator[Lab]:
         yield Lab(folder, f"sqlite:///{folder}/server.db", None)
         return
     with running_postgresql() as running:
-        yield Lab(folder, make_database(running, "killed"), running)
+        yield Lab(folder, make_database(running, "killed"), running, excuse=NOT_REACHED)
 
 
 @pytest.mark.slow
 def test_no_kill_loses_an_upload_or_counts_it_twice(lab: Lab) -> None:
-    kinds = [*AT_STEPS, *AT_ANY_MOMENT, *(OF_POSTGRESQL if lab.postgresql else ())]
+    kinds = [*AT_PAUSES, *AT_STEPS, *AT_ANY_MOMENT, *(OF_POSTGRESQL if lab.postgresql else ())]
     kills = [kinds[number % len(kinds)] for number in range(amount(len(kinds)))]
     lab.calmly()
     for kill in kills:
@@ -301,13 +356,39 @@ def test_no_kill_loses_an_upload_or_counts_it_twice(lab: Lab) -> None:
     lab.calmly()
     assert faults(lab.folder) == []
     assert lab.fates["stored"] > 0 < lab.fates["absent"]
+    assert lab.between >= len(kills) // BETWEEN_COMMIT_AND_REPLY
     tell(
         database=lab.database.partition(":")[0],
         kills=len(kills),
-        killed=dict(Counter(kill.part or kill.step or "at any moment" for kill in kills)),
+        killed=dict(Counter(map(str, kills))),
+        between_commit_and_reply=lab.between,
         uploads=len(lab.uploads),
         replies=dict(lab.statuses),
         without_a_reply=dict(lab.fates),
+    )
+
+
+@pytest.mark.slow
+def test_a_server_loses_nothing_when_what_scores_is_killed(folder: Path) -> None:
+    lab = Lab(folder, f"sqlite:///{folder}/server.db", None, excuse=BUSY)
+    kinds = [*STEPS_OF_SCORING, None, None]
+    kills = amount(OF_SCORING * len(kinds)) // OF_SCORING
+    steps = [kinds[number % len(kinds)] for number in range(kills)]
+    lab.calmly()
+    with serving(folder) as server:
+        for step in steps:
+            lab.disturb_scoring(server, step)
+        assert server.process.poll() is None
+    lab.calmly()
+    assert faults(folder) == []
+    assert lab.fates["stored"] == 0 < lab.statuses["503"]
+    assert lab.statuses["none"] == 0
+    tell(
+        kills_of_a_scoring_process=kills,
+        killed=dict(Counter(step or "at any moment" for step in steps)),
+        uploads=len(lab.uploads),
+        replies=dict(lab.statuses),
+        with_503=dict(lab.fates),
     )
 
 

@@ -1,18 +1,16 @@
 """Files are read and scored in processes that no file holds up for long, and no kill for good."""
 
-import json
 import os
 import re
 import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
@@ -32,6 +30,7 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
 from tests.support.flat import Run
 from tests.support.forking import Beside, Forked, Surroundings
+from tests.support.killing import is_running, kill_process, scorers
 from tests.support.participants import RealServer, private_submission
 from tests.support.serving import (
     GOOD,
@@ -95,21 +94,6 @@ def refuse_to_be_pickled(_: Context) -> object:
     return lambda: None
 
 
-def is_running(process: int) -> bool:
-    """Whether there is such a process."""
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
-def kill(process: int) -> None:
-    """Kill a process, and wait until it has ended."""
-    os.kill(process, signal.SIGKILL)
-    wait_until(lambda: not is_running(process))
-
-
 def test_a_server_replies_the_same_wherever_it_scores(
     folder: Path, open_server: OpenServer
 ) -> None:
@@ -163,7 +147,7 @@ def test_a_process_that_is_killed_while_it_waits_is_not_missed(
     with processes.hold() as first, processes.hold() as second:
         dead = {first.run(number), second.run(number)}
     for process in dead:
-        kill(process)
+        kill_process(process)
     with processes.hold() as first, processes.hold() as second:
         assert not {first.run(number), second.run(number)} & dead
 
@@ -174,7 +158,7 @@ def test_a_process_that_is_killed_while_it_works_asks_to_try_again(
     with processes.hold() as runner, ThreadPoolExecutor(1) as other:
         process = runner.run(number)
         burning = other.submit(runner.run, burn)
-        kill(process)
+        kill_process(process)
         with pytest.raises(BusyError):
             burning.result(PATIENCE)
         assert runner.run(number) != process
@@ -185,7 +169,7 @@ def test_what_was_opened_by_a_process_that_was_killed_is_not_taken_for_an_empty_
 ) -> None:
     with processes.hold() as runner:
         runner.run(open_file, GOOD, len(GOOD))
-        kill(runner.run(number))
+        kill_process(runner.run(number))
         with pytest.raises(BusyError):
             runner.run(number)
         with pytest.raises(BusyError):
@@ -245,15 +229,9 @@ class Crew:
         failed: Sequence[str] = reply.json()["failed"]
         return failed
 
-    def logged(self, event: str) -> Sequence[Mapping[str, Any]]:
-        """Return the lines of its log about an event."""
-        whole, _, _ = self.real.log.read_text().rpartition("\n")
-        return [line for line in map(json.loads, whole.splitlines()) if line["event"] == event]
-
     def scorers(self) -> set[int]:
         """Return the processes that score."""
-        started = {line["pid"] for line in self.logged("scoring process started")}
-        return started - {line["dead"] for line in self.logged("scoring process replaced")}
+        return scorers(self.real.log)
 
 
 @pytest.fixture(scope="module", params=["sqlite", "postgresql"])

@@ -4,10 +4,8 @@ Uploads are as large as those to REVERIE's val_unseen. Every one has to be score
 be shown, the memory of the server stays within bounds, and all teams get on equally.
 """
 
-import gzip
 import http.client
 import json
-import re
 import statistics
 import threading
 import time
@@ -21,13 +19,21 @@ from typing import NamedTuple
 
 import pytest
 
-from fixtures.published import published_folder
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from tests.support.amounts import amount, is_evidence, tell
-from tests.support.crowd import Reply, ask, connect, idling, reading, sending_slowly
+from tests.support.crowd import (
+    Reply,
+    ask,
+    connect,
+    idling,
+    large,
+    peak_megabytes,
+    reading,
+    sending_slowly,
+)
 from tests.support.plain_sql import stored
-from tests.support.serving import GOOD, OPEN, populate, running
+from tests.support.serving import OPEN, populate, running
 
 UPLOADS_IN_SUITE = 40
 FILES = 5
@@ -37,8 +43,6 @@ SLOW = 8
 """Teams with slow connections."""
 SLOW_SECONDS, SLOW_SECONDS_IN_SUITE = 40, 2
 """That an upload of theirs takes; more than 60 are not allowed."""
-SIZE = 1_400_000
-"""Bytes of a file for REVERIE's val_unseen, with its 3,521 episodes."""
 MOST_MEGABYTES = 600
 """Of the server process at its peak."""
 MOST_AHEAD = 3
@@ -100,13 +104,7 @@ class Storm(NamedTuple):
 @pytest.fixture
 def storm(folder: Path, request: pytest.FixtureRequest) -> Storm:
     """Return a server with many teams, which has the published ground truth if it is there."""
-    bundle, content = f"bundles/{OPEN}.npz", long_submission()
-    published = published_folder() if is_evidence() else None
-    if published is not None:
-        bundles: Path = request.getfixturevalue("published_bundles")
-        bundle = str(bundles / f"{OPEN}.npz")
-        file = published / "reference" / "submissions" / f"{OPEN}.mixed1.json.gz"
-        content = gzip.decompress(file.read_bytes())
+    bundle, content = large(request)
     (folder / SETTINGS_FILE).write_text(SETTINGS.format(bundle=bundle))
     (folder / bundle).chmod(0o600)
     uploads = amount(UPLOADS_IN_SUITE)
@@ -115,15 +113,6 @@ def storm(folder: Path, request: pytest.FixtureRequest) -> Storm:
         tokens = dict(populate(transaction, {f"P of {team}": team for team in teams}))
     slow = [tokens.pop(f"P of {team}") for team in teams[-SLOW:]]
     return Storm(folder, tokens, slow, content)
-
-
-def long_submission() -> bytes:
-    """Return a submission to the demo world that is as large as one to REVERIE."""
-    records = json.loads(GOOD)
-    laps = SIZE // len(json.dumps([record["trajectory"] for record in records]))
-    for record in records:
-        record["trajectory"] *= laps
-    return json.dumps(records).encode()
 
 
 @pytest.fixture
@@ -210,12 +199,6 @@ def publish(connection: http.client.HTTPConnection, reply: Reply, token: str) ->
     path = f"/api/v1/submissions/{submission}"
     changed = ask(connection, "PATCH", path, b'{"published": true}', token)
     assert changed.status == 200, changed.body
-
-
-def peak_megabytes(process: int) -> float:
-    """Return the most memory that a process has had."""
-    status = Path(f"/proc/{process}/status").read_text()
-    return int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) / 1000
 
 
 def percentiles(replies: Sequence[Reply]) -> str:

@@ -1,21 +1,32 @@
 """Everybody who is at a server besides those who upload: readers, idle and slow connections."""
 
 import asyncio
+import gzip
 import http.client
+import json
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
+import pytest
+
+from fixtures.published import published_folder
+from tests.support.amounts import is_evidence
+from tests.support.serving import GOOD, OPEN
 from tests.support.waiting import PATIENCE
 
 PAUSE = 0.05
 """Seconds between two requests of a reader."""
 DRIP = 1 << 14
 """Bytes that a slow sender sends at a time."""
+SIZE = 1_400_000
+"""Bytes of a file for REVERIE's val_unseen, with its 3,521 episodes."""
 
 
 class Reply(NamedTuple):
@@ -42,9 +53,38 @@ def ask(
     return Reply(reply.status, time.monotonic() - began, content)
 
 
-def connect(url: str) -> http.client.HTTPConnection:
-    """Return a connection to a server."""
-    return http.client.HTTPConnection(urlsplit(url).netloc, timeout=PATIENCE)
+def connect(url: str, address: str = "127.0.0.1") -> http.client.HTTPConnection:
+    """Return a connection to a server, from an address of this machine."""
+    netloc = urlsplit(url).netloc
+    return http.client.HTTPConnection(netloc, timeout=PATIENCE, source_address=(address, 0))
+
+
+def large(request: pytest.FixtureRequest) -> tuple[str, bytes]:
+    """Return the path of a bundle of the open split, and a large submission to it.
+
+    They are the published ones, if these are there and not only the suite is run.
+    """
+    published = published_folder() if is_evidence() else None
+    if published is None:
+        return f"bundles/{OPEN}.npz", long_submission()
+    bundles: Path = request.getfixturevalue("published_bundles")
+    file = published / "reference" / "submissions" / f"{OPEN}.mixed1.json.gz"
+    return str(bundles / f"{OPEN}.npz"), gzip.decompress(file.read_bytes())
+
+
+def long_submission() -> bytes:
+    """Return a submission to the demo world that is as large as one to REVERIE."""
+    records = json.loads(GOOD)
+    laps = SIZE // len(json.dumps([record["trajectory"] for record in records]))
+    for record in records:
+        record["trajectory"] *= laps
+    return json.dumps(records).encode()
+
+
+def peak_megabytes(process: int) -> float:
+    """Return the most memory that a process has had."""
+    status = Path(f"/proc/{process}/status").read_text()
+    return int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) / 1000
 
 
 @contextmanager

@@ -68,7 +68,7 @@ class ServerState:
         self.settings, self.database, self.clock = settings, database, clock
         self.boards = boards
         self.rules = rules = RulesInForce(boards, settings)
-        self.database_watch = DatabaseWatch(settings.database_url)
+        self.database_watch = DatabaseWatch(database)
         self.signer = signer_of(settings, database)
         self.uploads = uploads = open_uploads(settings.uploads, settings.folder)
         self.scoring = scoring = scoring or ScoringHere(boards, uploads)

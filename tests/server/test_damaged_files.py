@@ -34,6 +34,8 @@ from tests.support.damaging import (
 from tests.support.kept import use
 from tests.support.processes import Laptop
 from tests.support.serving import (
+    GOOD,
+    OPEN,
     ORGANISER,
     OTHER,
     OWNER,
@@ -248,6 +250,10 @@ def replace_database(folder: Path) -> None:
     (folder / "other.db").replace(folder / DATABASE)
 
 
+def remove_database(folder: Path) -> None:
+    (folder / DATABASE).unlink()
+
+
 def replace_key(folder: Path) -> None:
     (folder / KEY).unlink()
     make_key(folder / KEY)
@@ -256,23 +262,36 @@ def replace_key(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "failed"),
     [
-        (lambda folder: (folder / SETTINGS_FILE).unlink(), "settings"),
-        (lambda folder: SPOILS["anything"](folder / SETTINGS_FILE), "settings"),
-        (lambda folder: (folder / KEY).unlink(), "signing key"),
-        (lambda folder: SPOILS["cut off"](folder / KEY), "signing key"),
-        (replace_key, "signing key"),
-        (remove_newest_upload, "uploads"),
-        (replace_database, "stored data"),
-        (lambda folder: (folder / DATABASE).unlink(), "stored data"),
+        (lambda folder: (folder / SETTINGS_FILE).unlink(), ["settings"]),
+        (lambda folder: SPOILS["anything"](folder / SETTINGS_FILE), ["settings"]),
+        (lambda folder: (folder / KEY).unlink(), ["signing key"]),
+        (lambda folder: SPOILS["cut off"](folder / KEY), ["signing key"]),
+        (replace_key, ["signing key"]),
+        (remove_newest_upload, ["uploads"]),
+        (replace_database, ["stored data", "database"]),
+        (remove_database, ["stored data", "database"]),
     ],
 )
 def test_health_notices_what_became_of_any_file(
-    damage: Callable[[Path], None], failed: str, lively: Serving
+    damage: Callable[[Path], None], failed: Sequence[str], lively: Serving
 ) -> None:
     damage(lively.state.settings.folder)
-    assert failing(lively) == [failed]
+    assert failing(lively) == failed
     # A server whose settings are wrong could not start again, but it works.
-    assert lively.client.get("/readyz").status_code == (200 if failed == "settings" else 503)
+    assert lively.client.get("/readyz").status_code == (200 if failed == ["settings"] else 503)
+
+
+@pytest.mark.parametrize("damage", [replace_database, remove_database])
+def test_no_upload_is_accepted_into_a_file_that_is_gone(
+    damage: Callable[[Path], None], lively: Serving
+) -> None:
+    """SQLite would write on, to a file that nobody can open again."""
+    damage(lively.state.settings.folder)
+    reply = lively.upload(OWNER, GOOD + b" ", OPEN)
+    assert (reply.status_code, reply.json()["code"]) == (503, "damaged")
+    lively.state.database_watch.hurry()
+    lively.state.database_watch.search()
+    assert (lively.state.settings.folder / DATABASE).exists() == (damage is replace_database)
 
 
 @pytest.mark.parametrize("how", SPOILS)

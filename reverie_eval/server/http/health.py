@@ -45,6 +45,7 @@ from reverie_eval.server.service.scoring import Context
 from reverie_eval.server.service.soundness import FileWatch, UnsoundError, check_key, try_newest
 from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.database import FileReplacedError
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
 from reverie_eval.server.store.uploads import UploadsError
 
@@ -53,7 +54,10 @@ SECONDS_TO_ANSWER = 20
 """A check that takes longer has failed."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
-_TELLING = (UnsoundError, GroundTruthError, ReceiptError, SettingsError, UploadsError)
+_TELLING = (
+    *(UnsoundError, GroundTruthError, ReceiptError, SettingsError, UploadsError),
+    FileReplacedError,
+)
 """Errors that quote no answer, so the log has their messages."""
 _AGENT = "stop"
 """The reference agent that never moves: its scores are known in advance."""

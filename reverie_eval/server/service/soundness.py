@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
-from sqlalchemy import URL, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.files import is_private
@@ -14,6 +15,7 @@ from reverie_eval.server.service.keys import current_key, file_of_key
 from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.damage import find_damage
+from reverie_eval.server.store.database import Database, FileReplacedError
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import Uploads, stored_pieces
 from reverie_eval.text import first_few
@@ -35,39 +37,35 @@ class UnsoundError(Exception):
 class DatabaseWatch:
     """Looks for damage in the database, again and again, and remembers what it found."""
 
-    def __init__(self, url: URL) -> None:
-        self._url = url
-        self._file = Path(str(url.database)) if url.drivername == "sqlite" else None
-        self._opened = self._identity()
+    def __init__(self, database: Database) -> None:
+        self._database = database
         self._next = time.monotonic() + SECONDS_BETWEEN  # it was searched before the start
         self.found = ""
         """The damage that the last search found; empty if there is none."""
 
     def search(self) -> None:
-        """Search the whole database, if it is time to."""
+        """Search the whole database, if it is time to, and its file is still there."""
         begun = time.monotonic()
-        if begun >= self._next:
-            self.found = first_few(find_damage(self._url), 1)
-            now = time.monotonic()
-            self._next = now + max(SECONDS_BETWEEN, _SHARE * (now - begun))
+        if begun < self._next:
+            return
+        with suppress(FileReplacedError):
+            self._database.check_file()  # searching would create it
+            self.found = first_few(find_damage(self._database.engine.url), 1)
+        now = time.monotonic()
+        self._next = now + max(SECONDS_BETWEEN, _SHARE * (now - begun))
 
     def hurry(self) -> None:
         """Let the next call of :meth:`search` search: a request has met damage."""
         self._next = 0
 
     def check(self) -> None:
-        """Raise UnsoundError if the last search found damage, or the file is another one now."""
+        """Raise an error if the last search found damage, or the file is another one now.
+
+        Raises UnsoundError or FileReplacedError.
+        """
         if self.found:
             raise UnsoundError(self.found)
-        if self._identity() != self._opened:
-            raise UnsoundError(f"{self._file} was removed or replaced while the server runs")
-
-    def _identity(self) -> tuple[int, int] | None:
-        """Return what tells the file from another one in its place; None if there is none."""
-        if self._file is None or not self._file.is_file():
-            return None
-        status = self._file.stat()
-        return status.st_dev, status.st_ino
+        self._database.check_file()
 
 
 class FileWatch:

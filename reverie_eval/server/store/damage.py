@@ -30,7 +30,12 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DBAPIError
 
-from reverie_eval.server.store.database import AT_ONCE, Database, UnreadableValueError
+from reverie_eval.server.store.database import (
+    AT_ONCE,
+    Database,
+    FileReplacedError,
+    UnreadableValueError,
+)
 from reverie_eval.server.store.tables import Base, UtcDateTime
 
 _SAID = {
@@ -76,6 +81,8 @@ def damage_in(error: BaseException | None) -> str | None:
             return None
         case sqlite3.Error() if found := _said_by_sqlite(error):
             return found
+        case FileReplacedError():
+            return str(error)
         case UnreadableValueError() | UnicodeDecodeError() | ValidationError():
             return "a stored value cannot be read"
         case _ if found := _SQLSTATES.get(getattr(error, "sqlstate", None) or ""):

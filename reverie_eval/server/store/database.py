@@ -29,7 +29,7 @@ from sqlalchemy import (
     select,
     text,
 )
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as NoConnectionLeftError
 from sqlalchemy.orm import DeclarativeBase, Session
 
@@ -65,6 +65,10 @@ class UnreadableValueError(ValueError):
     """A stored value cannot be read; it is not quoted, as it may be anything."""
 
 
+class FileReplacedError(SQLAlchemyError):
+    """SQLite's file was removed or replaced: what is written to the open one would be lost."""
+
+
 class Database:
     """Database sessions for reading and for writing."""
 
@@ -75,17 +79,38 @@ class Database:
         self._write_lock = Lock()
         """Of this process's writers. SQLite waits by polling, less and less often, so the writer
         that waited longest would come last."""
+        self._opened: tuple[int, int] | None = None
+        """What tells SQLite's file from another one in its place, since it was opened."""
         # Every transaction of SQLite is a snapshot.
         isolation = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
         self._snapshots = self.engine.execution_options(**isolation)
         if self.is_sqlite:
-            event.listen(self.engine, "do_connect", _connect_sqlite)
+            event.listen(self.engine, "do_connect", self._connect_sqlite)
             event.listen(self.engine, "begin", _begin_sqlite)
 
     @property
     def is_sqlite(self) -> bool:
         """Whether the database is an SQLite file."""
         return self.engine.dialect.name == "sqlite"
+
+    def check_file(self) -> None:
+        """Raise FileReplacedError if SQLite's file was removed or replaced since it was opened."""
+        if self._opened is not None and self._file_now() != self._opened:
+            path = self.engine.url.database
+            raise FileReplacedError(f"{path} was removed or replaced while the server runs")
+
+    def _file_now(self) -> tuple[int, int] | None:
+        file = Path(self.engine.url.database or "")
+        if not file.is_file():
+            return None
+        status = file.stat()
+        return status.st_dev, status.st_ino
+
+    def _connect_sqlite(self, dialect: Dialect, _: Any, given: Any, named: Any) -> Any:
+        self.check_file()  # connecting would create the file
+        connection = _connect_sqlite(dialect, given, named)
+        self._opened = self._opened or self._file_now()
+        return connection
 
     def size(self) -> int:
         """Return the bytes that it takes on disk."""
@@ -141,7 +166,9 @@ class Database:
                     _check_foreign_keys(connection)
 
     def _take_write_lock(self, connection: Connection) -> None:
-        if not self.is_sqlite:  # SQLite locked its file when the transaction began
+        if self.is_sqlite:  # it locked its file when the transaction began
+            self.check_file()
+        else:
             connection.execute(text(f"SELECT pg_advisory_xact_lock({_WRITER_LOCK})"))
 
     def revision(self) -> str | None:
@@ -158,6 +185,7 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+        self._opened = None
 
 
 def count_rows(session: Session, table: type[DeclarativeBase], *where: ColumnElement[bool]) -> int:
@@ -236,7 +264,7 @@ def _alembic(connection: Connection) -> Config:
     return config
 
 
-def _connect_sqlite(dialect: Dialect, _: Any, given: Any, named: Any) -> Any:
+def _connect_sqlite(dialect: Dialect, given: Any, named: Any) -> Any:
     """Open the file; on a full disk without the index that processes share, which takes space.
 
     Then no other connection can use the file, but what is in it can still be read. If a server is

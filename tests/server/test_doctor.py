@@ -436,6 +436,7 @@ def test_files_among_the_uploads_that_nobody_has_sent_are_listed(kept: Path) -> 
     folder = upload.parent.name
     (note,) = (finding.what for finding in examine(kept) if finding.kind == "note")
     assert note.startswith(f"3 files without a submission: 00.txt, {folder}/0, {folder}/zz; left")
+    assert note.endswith("which their teams can send again")
 
 
 def test_a_stray_file_is_no_fault(kept: Path, run: Run) -> None:

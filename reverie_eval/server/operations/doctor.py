@@ -180,8 +180,9 @@ def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
     if strays:
         message = (
             f"{count_text(len(strays), 'file')} without a submission: {first_few(strays)}; left by "
-            "a crash, or part of an upload in progress. You can delete them while the server is "
-            "stopped"
+            "a crash, or part of an upload in progress: you can delete them while the server is "
+            "stopped. After a restore, they may be submissions that the backup does not have, "
+            "which their teams can send again"
         )
         yield Finding("uploads", "note", message)
 

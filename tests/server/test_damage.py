@@ -12,8 +12,11 @@ from warnings import catch_warnings, simplefilter
 
 import httpx
 import pytest
+from sqlalchemy import text
+from sqlalchemy.orm import Session
 
 from reverie_eval.server.http import health
+from reverie_eval.server.service.snapshots import Snapshots
 from reverie_eval.server.store.database import Database
 from tests.conftest import unavailable
 from tests.support.processes import COMMAND, Laptop
@@ -21,8 +24,10 @@ from tests.support.serving import (
     GOOD,
     NO_TLS,
     OWNER,
+    NewDatabase,
     OpenServer,
     Serving,
+    Template,
     running,
     settings_of,
 )
@@ -146,6 +151,27 @@ def test_a_database_that_is_gone_is_no_server_error(
         assert told(refused) == (503, "10")
         assert told(server.ask(None, "GET", "/splits/test/leaderboard")) == (503, "10")
         assert told(server.client.get("/boards/test")) == (503, "10")
+
+
+def test_a_connection_that_breaks_while_snapshots_are_looked_for_is_no_server_error(
+    folder: Path,
+    open_server: OpenServer,
+    postgresql: NewDatabase,
+    postgresql_template: Template,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every change begins with that, and nothing else about it keeps a change from being made."""
+    address = postgresql(postgresql_template.populated)
+    server = open_server(settings_of(folder, address), postgresql_template.tokens)
+
+    def break_off(_: Snapshots, session: Session, *__: object) -> None:
+        session.execute(text("SELECT pg_terminate_backend(pg_backend_pid())"))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Snapshots, "due", break_off)
+        refused = server.upload(OWNER)
+    assert (refused.status_code, refused.json()["code"]) == (503, "database-down")
+    assert server.upload(OWNER).status_code == 201
 
 
 def test_who_waits_in_vain_for_the_file_is_told_to_come_again(server: Serving) -> None:

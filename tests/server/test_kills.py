@@ -14,6 +14,7 @@ import hashlib
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -136,7 +137,7 @@ class Lab:
     unheard: list[Upload] = field(default_factory=list)
     """Those that were sent since the database was last read, and not acknowledged."""
     fates: Counter[str] = field(default_factory=Counter)
-    """How many of these were stored."""
+    """How many of these were stored, and how many had been before."""
     between: int = 0
     """Kills of the server after which something was there that had been committed without a
     reply."""
@@ -205,6 +206,7 @@ class Lab:
             sending = other.submit(self.send_all, server.url, self.plans())
             if step is None:
                 self.wait_for_any_moment()
+                wait_until(server.scorers)
                 kill_process(self.random.choice(sorted(server.scorers())))
             else:
                 victim = server.told()
@@ -315,11 +317,17 @@ class Lab:
             packed = self.folder / "uploads" / sha256[:2] / f"{sha256}.json.gz"
             assert gzip.decompress(packed.read_bytes()) == upload.content
         self.check_counts(found)
-        self.fates.update("stored" if each.sha256 in rows else "absent" for each in self.unheard)
-        new = rows.keys() - self.known.keys()
-        self.between += any(each.sha256 in new for each in self.unheard)
+        fates = [self.fate(each, rows.keys()) for each in self.unheard]
+        self.fates.update(fates)
+        self.between += "stored" in fates
         self.unheard.clear()
         self.known = {row.sha256: row.receipt for row in found.submissions}
+
+    def fate(self, upload: Upload, stored: AbstractSet[str]) -> str:
+        """Say what became of an upload that was not acknowledged."""
+        if upload.sha256 in self.known:
+            return "stored before"
+        return "stored" if upload.sha256 in stored else "absent"
 
     def check_counts(self, found: Stored) -> None:
         """Check that each row was counted once by the quota, and once by the audit log."""

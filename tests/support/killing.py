@@ -112,8 +112,8 @@ class Running(NamedTuple):
         return process
 
     def scorers(self) -> set[int]:
-        """Return the processes that score."""
-        return scorers(self.log)
+        """Return the processes that score and have not been killed."""
+        return {process for process in scorers(self.log) if is_running(process)}
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from reverie_eval.server.service.leaderboard import as_json, leaderboard
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.store.database import is_unreachable
 from reverie_eval.server.store.tables import (
     SAME_FILE,
     SNAPSHOT_TAKEN,
@@ -114,19 +115,24 @@ class Snapshots:
     def take_due(self, transaction: Transaction) -> None:
         """Take the snapshots of all phases that have ended, before anything else is changed.
 
-        What fails is only logged, because the change may have nothing to do with it.
+        What fails is only logged, because the change may have nothing to do with it. But without a
+        connection to the database, the change cannot be made either.
         """
         session, actor = transaction.session, transaction.as_actor(SERVER)
         try:
             due = self.due(session, transaction.now, self._failed)
-        except Exception as error:  # noqa: BLE001  # whatever it is, the change goes on
+        except Exception as error:  # whatever it is, the change goes on
+            if is_unreachable(error):
+                raise
             _LOGGER.warning("the schedules cannot be read: %s", type(error).__name__)
             return
         for closing in due:
             try:
                 with session.begin_nested():
                     self._take(actor, closing.split, closing.phase, closing.at, closing)
-            except Exception as error:  # noqa: BLE001
+            except Exception as error:
+                if is_unreachable(error):
+                    raise
                 self._failed[closing] = failure = SnapshotError(closing, error)
                 _LOGGER.warning("%s", failure)
 

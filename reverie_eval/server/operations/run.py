@@ -61,16 +61,15 @@ def run_server(
     """
     with database_errors():
         state = ServerState.open(settings, workers=workers)
-    with state.scoring:  # its processes start while the application is made
-        with closing(state.database):  # the application opens it again
-            listening = listen(host, port)
-            with database_errors():
-                record_rules(state.transactions, rules_of(state.boards))
-        url = url_of(listening)
-        server = _Server(configuration(create_app(state, url)), lambda: announce(url))
-        settle_memory()
-        with _stopped_is_done():
-            server.run(sockets=[listening])
+    with closing(state.database):  # the application opens it again
+        listening = listen(host, port)
+        with database_errors():
+            record_rules(state.transactions, rules_of(state.boards))
+    url = url_of(listening)
+    server = _Server(configuration(create_app(state, url)), lambda: announce(url))
+    settle_memory()
+    with state.scoring, _stopped_is_done():
+        server.run(sockets=[listening])
 
 
 def listen(host: str, port: int) -> socket.socket:

@@ -18,7 +18,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import JobReport
 from reverie_eval.server.store.database import Database
 
-SECONDS_TO_RETRY = 10 * 60
+SECONDS_TO_RETRY = 60
 """The longest time until a job that has failed is tried again."""
 SECONDS_TO_RUN = 10 * 60
 """A run that takes longer is overdue, unless the time between two runs is longer still."""

@@ -22,9 +22,11 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server import app as application
 from reverie_eval.server.app import create_app
+from reverie_eval.server.errors import BusyError
 from reverie_eval.server.http import health
 from reverie_eval.server.jobs import runner
 from reverie_eval.server.jobs.runner import Job, Jobs, one_line
+from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.pages import add_pages
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, Message, StoredSnapshot, Submission
@@ -442,3 +444,17 @@ def test_a_backlog_that_cannot_be_counted_is_left_out(server: Serving) -> None:
     jobs = Jobs([Job("test", lambda: None, 9, count)], server.state.database, server.clock)
     with jobs.running():
         assert jobs.reports()[0].backlog == {}
+
+
+def test_a_scoring_process_that_is_killed_while_a_server_warms_up_is_no_fault(
+    server: Serving,
+) -> None:
+    outcomes = iter([BusyError(10), None])
+
+    def warm_up() -> None:
+        if (error := next(outcomes)) is not None:
+            raise error
+
+    (job,) = (job for job in jobs_of(server.state, warm_up).jobs if job.name == "warm-up")
+    job.work()
+    assert next(outcomes, "warm") == "warm"

@@ -2,13 +2,14 @@
 
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -163,6 +164,47 @@ def test_a_process_that_is_killed_while_it_works_asks_to_try_again(
         with pytest.raises(BusyError):
             burning.result(PATIENCE)
         assert runner.run(number) != process
+
+
+def test_a_server_without_room_for_processes_asks_to_wait_until_there_is(folder: Path) -> None:
+    settings = settings_of(folder)
+    one = ScoringProcesses(settings, load_boards(settings), 1)
+    with ExitStack() as running:
+        with no_more_files():
+            running.enter_context(one)
+            for _ in range(2):
+                with pytest.raises(BusyError, match="no room"):
+                    one.run(number)
+        process = one.run(number)
+        with no_more_files():
+            kill(process)
+            for _ in range(2):
+                with pytest.raises(BusyError, match="no room"):
+                    one.run(number)
+        assert is_running(one.run(number))
+
+
+@contextmanager
+def no_more_files() -> Iterator[None]:
+    """Let this process open no file, so that it has no connection to a new process."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with Path(os.devnull).open() as next_one:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (next_one.fileno(), before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+def test_a_process_that_is_ended_leaves_no_core_file_with_the_answers(
+    processes: ScoringProcesses,
+) -> None:
+    assert processes.run(size_of_core_files) == (0, 0)
+
+
+def size_of_core_files(_: Context) -> tuple[int, int]:
+    """Return the limits of core files."""
+    return resource.getrlimit(resource.RLIMIT_CORE)
 
 
 def test_what_was_opened_by_a_process_that_was_killed_is_not_taken_for_an_empty_file(

@@ -8,7 +8,7 @@ from functools import partial
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.errors import RequestError
+from reverie_eval.server.errors import BusyError, RequestError
 from reverie_eval.server.jobs.delivery import deliver
 from reverie_eval.server.jobs.runner import Job, Jobs
 from reverie_eval.server.service.audit import SERVER
@@ -58,6 +58,8 @@ def _jobs(server: ServerState, warm_up: Callable[[], object]) -> Iterator[Job]:
 
     def warm_up_once() -> None:
         try:
+            warm_up()
+        except BusyError:  # a scoring process was killed; another has taken its place
             warm_up()
         finally:
             server.warming.clear()

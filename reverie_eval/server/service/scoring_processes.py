@@ -23,7 +23,7 @@ from pathlib import Path
 from pickle import PicklingError
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Any, Concatenate, NamedTuple, NoReturn, Self
+from typing import Any, Concatenate, NamedTuple, Self
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.server.errors import BusyError
@@ -48,6 +48,7 @@ MEBIBYTES = 2048
 """Memory for one call, besides the ground truth."""
 _MOST_SECONDS = 120
 """Time for one call that does not use the processor, but waits for a store of uploads."""
+_NO_ROOM = "the system has no room for a process that reads the file"
 _NICENESS = 5
 """The process that answers requests comes first."""
 _TOP_PAD = -2
@@ -96,9 +97,13 @@ class ScoringProcesses(Scoring):
 
     def _start(self) -> None:
         for each in self._all:
-            each.start()
-            with suppress(ReverieEvalError):  # the first call that needs it is told
+            try:
+                each.start()
                 each.run(_begin)
+            except BusyError:  # it is logged
+                pass
+            except Exception:  # whatever it is, the first call that needs the process tries again
+                _LOGGER.exception("scoring process not ready")
             self._free.put(each)
 
     @contextmanager
@@ -126,11 +131,18 @@ class _Call(NamedTuple):
     named: Mapping[str, Any]
 
 
+class _Running(NamedTuple):
+    """A process that was started."""
+
+    process: BaseProcess
+    connection: Connection
+
+
 class _Process:
     """One process; when it has ended, another takes its place."""
 
-    _process: BaseProcess
-    _connection: Connection
+    _running: _Running | None = None
+    """None before the start, and while the system has no room for it."""
 
     def __init__(
         self, settings: Settings, boards: Mapping[str, Board], context: BaseContext
@@ -138,26 +150,38 @@ class _Process:
         self._settings, self._boards, self._context = settings, boards, context
 
     def start(self) -> None:
-        """Start the process."""
-        self._connection, theirs = self._context.Pipe()
-        self._process = self._context.Process(  # type: ignore[attr-defined]
-            target=_serve, args=(theirs, self._settings), name="scoring", daemon=True
-        )
-        self._process.start()
-        theirs.close()
-        _LOGGER.info("scoring process started", extra={"fields": {"pid": self._process.pid}})
+        """Start the process. Raises BusyError if the system has no room for it."""
+        try:
+            connection, theirs = self._context.Pipe()
+            with theirs:
+                process: BaseProcess = self._context.Process(  # type: ignore[attr-defined]
+                    target=_serve, args=(theirs, self._settings), name="scoring", daemon=True
+                )
+                process.start()
+        except (EOFError, OSError) as error:  # the former if the fork server could not fork
+            _LOGGER.warning("scoring process not started", exc_info=error)
+            raise BusyError(SECONDS_TO_RETRY, _NO_ROOM) from None
+        self._running = _Running(process, connection)
+        _LOGGER.info("scoring process started", extra={"fields": {"pid": process.pid}})
 
     def revive(self) -> None:
-        """Start another process if this one was killed while it had nothing to do."""
-        if not self._process.is_alive():
-            with suppress(BusyError):
-                self._replace()
+        """Start another process if this one was killed while it had nothing to do, or never ran.
+
+        Raises BusyError if the system has no room for it.
+        """
+        if self._running is not None and not self._running.process.is_alive():
+            self._replace(self._running)
+        if self._running is None:
+            self.start()
 
     def stop(self) -> None:
         """End the process, whatever it does."""
-        self._connection.close()
-        self._process.kill()
-        self._process.join()
+        if self._running is not None:
+            process, connection = self._running
+            self._running = None
+            connection.close()
+            process.kill()
+            process.join()
 
     def run(
         self,
@@ -166,28 +190,35 @@ class _Process:
         **named: Given.kwargs,
     ) -> Result:
         """Let the process call a function."""
+        running = self._running
+        if running is None:
+            raise BusyError(SECONDS_TO_RETRY, STOPPED)
+        call = _Call(rules_of(self._boards), SECONDS, MEBIBYTES, work, given, named)
         try:
-            call = _Call(rules_of(self._boards), SECONDS, MEBIBYTES, work, given, named)
-            self._connection.send(call)
-            has_answer = self._connection.poll(_MOST_SECONDS)
-            is_result, answer = self._connection.recv() if has_answer else self._replace()
+            running.connection.send(call)
+            has_answer = running.connection.poll(_MOST_SECONDS)
+            answer = running.connection.recv() if has_answer else None
         except (EOFError, OSError):
-            self._replace()
+            answer = None
+        if answer is None:
+            raise self._replace(running)
+        is_result, returned = answer
         if is_result:
-            result: Result = answer
+            result: Result = returned
             return result
-        raise answer
+        raise returned
 
-    def _replace(self) -> NoReturn:
-        """Start another process and say why: the file took too long, or something killed it."""
+    def _replace(self, dead: _Running) -> ReverieEvalError:
+        """Start another process; return why: the file took too long, or something killed it."""
         self.stop()
-        dead, status = self._process.pid, self._process.exitcode
-        self.start()
-        fields = {"dead": dead, "status": status}
+        status = dead.process.exitcode
+        fields = {"dead": dead.process.pid, "status": status}
         _LOGGER.warning("scoring process replaced", extra={"fields": fields})
+        with suppress(BusyError):  # then the next call that needs it tries again
+            self.start()
         if status == -signal.SIGXCPU:
-            raise SubmissionError([problems.too_much_time(SECONDS)])
-        raise BusyError(SECONDS_TO_RETRY, STOPPED)
+            return SubmissionError([problems.too_much_time(SECONDS)])
+        return BusyError(SECONDS_TO_RETRY, STOPPED)
 
 
 def _begin(_: Context) -> None:
@@ -197,6 +228,8 @@ def _begin(_: Context) -> None:
 def _serve(connection: Connection, settings: Settings) -> None:
     """Answer calls until the server has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the server too
+    # The system would write a core file, with all answers, when a file takes too long.
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.nice(_NICENESS)
     context, rules = None, None
     # The server closes its end, or has been killed.

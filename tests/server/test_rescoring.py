@@ -1,8 +1,11 @@
 """Scoring again after a correction: results, ranks, receipts, what stays, and what is told."""
 
+import base64
 import json
+import os
+import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from itertools import islice
 from pathlib import Path
@@ -28,6 +31,7 @@ from reverie_eval.server.service.rescoring import (
     Job,
     Outcome,
     Rescored,
+    Rescoring,
     changes,
     count_outdated,
     list_corrections,
@@ -35,6 +39,7 @@ from reverie_eval.server.service.rescoring import (
     score_again,
 )
 from reverie_eval.server.service.rules import append_rules, record_rules, rules_of
+from reverie_eval.server.service.snapshots import Closing, Snapshots
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
@@ -813,3 +818,71 @@ def test_a_submission_that_is_scored_again_while_it_is_published_gets_no_older_i
     monkeypatch.setattr(SubmissionService, "_intervals", real)
     reply = server.ask(OWNER, "PATCH", f"/submissions/{submission}", json={"published": True})
     assert reply.json()["report"]["intervals"]
+
+
+def test_a_submission_that_is_published_while_others_are_scored_again_gets_intervals(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = f"/submissions/{server.upload(OWNER).json()['submission']['id']}"
+    real = rescoring._score  # noqa: SLF001
+
+    def interrupted(*given: Any) -> Any:
+        found = real(*given)
+        assert server.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
+        return found
+
+    monkeypatch.setattr(rescoring, "_score", interrupted)
+    new = corrects(run, folder).header.fingerprint
+    report = server.ask(OWNER, "GET", path).json()["report"]
+    assert (report["fingerprint"], bool(report["intervals"])) == (new, True)
+
+
+def test_the_new_ground_truth_comes_last_and_the_earlier_one_stays_private(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server that starts, or a correction that is killed, meanwhile finds the earlier one."""
+    sent(server, OWNER, submission_for(OPEN))
+    place = folder / "bundles" / f"{OPEN}.npz"
+    before = place.read_bytes()
+    place.chmod(0o600)
+    found: list[bytes] = []
+    copied: list[int] = []
+    real_replace, real_copy = Rescoring.replace_at_once, shutil.copyfileobj
+
+    def watched(*given: Any) -> None:
+        real_replace(*given)
+        found.append(place.read_bytes())
+
+    def watch_copy(source: Any, target: Any) -> None:
+        real_copy(source, target)
+        copied.append(os.fstat(target.fileno()).st_mode & 0o077)
+
+    monkeypatch.setattr(Rescoring, "replace_at_once", watched)
+    monkeypatch.setattr(shutil, "copyfileobj", watch_copy)
+    corrects(run, folder)
+    assert found == [before]
+    assert copied == [0, 0]
+    (kept,) = folder.glob(f"bundles/{OPEN}.*.npz")
+    assert (kept.read_bytes(), kept.stat().st_mode & 0o077) == (before, 0)
+
+
+def test_a_phase_that_ends_during_a_correction_has_a_snapshot_of_the_earlier_results(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent(server, OWNER, submission_for(OPEN))
+    earlier = server.state.boards[OPEN].signature
+    end = datetime.now(UTC).replace(microsecond=0)
+    ended: list[Closing] = []
+    real_score, real_due = rescoring._score, Snapshots.due  # noqa: SLF001
+
+    def score(*given: Any) -> Any:
+        found = real_score(*given)
+        ended.append(Closing(OPEN, "spring", end))
+        return found
+
+    monkeypatch.setattr(rescoring, "_score", score)
+    monkeypatch.setattr(Snapshots, "due", lambda *given: ended or real_due(*given))
+    corrects(run, folder)
+    snapshot = server.client.get(f"/api/v1/splits/{OPEN}/snapshots/1").json()
+    shown = json.loads(base64.b64decode(snapshot["payload"]))["leaderboard"]
+    assert (shown["signature"], len(shown["rows"])) == (earlier, 1)

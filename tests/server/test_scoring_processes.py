@@ -177,7 +177,7 @@ def test_a_server_without_room_for_processes_asks_to_wait_until_there_is(folder:
                     one.run(number)
         process = one.run(number)
         with no_more_files():
-            kill(process)
+            kill_process(process)
             for _ in range(2):
                 with pytest.raises(BusyError, match="no room"):
                     one.run(number)

@@ -1,6 +1,7 @@
 """Score a split's submissions again from the server's own machine, in several processes."""
 
 import shutil
+import stat
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import cache, partial
@@ -114,9 +115,9 @@ def correct(
     """
     corrected = _with_bundle(settings, split, bundle)
     load_boards(corrected)
-    with opened_server(settings) as state:  # the phases that have ended, by the earlier results
-        state.snapshots.take_if_due(state.transactions)
-    with opened_server(corrected) as state:
+    # The earlier ground truth is needed until the end: a snapshot of a phase that ends meanwhile
+    # shows the earlier results.
+    with opened_server(settings) as earlier, opened_server(corrected) as state:
         boards = state.board(split).all
         outcomes: dict[str, dict[Job, Outcome]] = {board.further: {} for board in boards}
         while True:
@@ -125,25 +126,28 @@ def correct(
             if not missing:
                 break
             for board, waiting in missing:
-                outcomes[board.further] |= _score(state, board, waiting, jobs, progress)
+                found = _score(state, board, waiting, jobs, progress)
+                outcomes[board.further] = _updated(outcomes[board.further], found)
         with (
-            _installed(settings, split, bundle) as aside,
-            state.transactions.begin(actor) as transaction,
+            _replacement(settings, split, bundle) as replacement,
+            earlier.transactions.begin(actor) as transaction,
         ):
             # Uploads that came since the last look; there is hardly ever one.
             for board, waiting in _missing(transaction.session, boards, outcomes):
-                outcomes[board.further] |= _score(state, board, waiting, 1, _quietly)
+                found = _score(state, board, waiting, 1, _quietly)
+                outcomes[board.further] = _updated(outcomes[board.further], found)
             append_rules(transaction, rules_of(state.boards))
             for board in boards:
                 of_board = outcomes[board.further]
                 state.rescoring.replace_at_once(transaction, board, reason, of_board)
-    found: list[ResultChange] = []
+            replacement.install()  # last, so that nobody finds it long before the new results
+    changed: list[ResultChange] = []
     with opened_server(settings) as state, state.database.reading() as session:
         for board in state.board(split).all:
             of_board = outcomes[board.further]
             named = _named(of_board)
-            found += changes(session, board, named, first_results=_first(of_board))
-    return Correction(found, aside)
+            changed += changes(session, board, named, first_results=_first(of_board))
+    return Correction(changed, replacement.aside)
 
 
 def _missing(
@@ -155,6 +159,13 @@ def _missing(
         for board in boards
     ]
     return [(board, waiting) for board, waiting in found if waiting]
+
+
+def _updated(known: Mapping[Job, Outcome], found: Mapping[Job, Outcome]) -> dict[Job, Outcome]:
+    """Add outcomes, also of submissions that were published since they were scored again."""
+    again = {job.submission_id for job in found}
+    rest = {job: outcome for job, outcome in known.items() if job.submission_id not in again}
+    return {**rest, **found}
 
 
 def _outdated(state: ServerState, board: Board) -> Sequence[Job]:
@@ -219,23 +230,36 @@ def _context(source: _Source) -> Context:
     return Context({source.split: board}, open_uploads(source.uploads, source.folder))
 
 
+class _Replacement(NamedTuple):
+    """Another bundle for a split, and where the earlier one is kept."""
+
+    bundle: Path
+    place: Path
+    aside: Path
+
+    def install(self) -> None:
+        """Put the bundle in its place."""
+        _copy(self.bundle, self.place)
+
+
 @contextmanager
-def _installed(settings: Settings, split: str, bundle: Path) -> Iterator[Path]:
-    """Replace a split's bundle, and put it back after an error; give where it is kept."""
+def _replacement(settings: Settings, split: str, bundle: Path) -> Iterator[_Replacement]:
+    """Keep a split's bundle, so that another one can be installed; put it back after an error."""
     place = settings.path(settings.splits[split].bundle)
     earlier = Bundle.load(place).header.fingerprint[:12]
     aside = place.with_name(f"{place.stem}.{earlier}{place.suffix}")
-    shutil.copy2(place, aside)
+    _copy(place, aside)
     try:
-        _copy(bundle, place)
-        yield aside
+        yield _Replacement(bundle, place, aside)
     except BaseException:
         _copy(aside, place)
         raise
 
 
 def _copy(source: Path, target: Path) -> None:
-    with staged_file(target) as file, source.open("rb") as content:
+    """Copy a file; a new one never has more readers than its source."""
+    mode = stat.S_IMODE(source.stat().st_mode)
+    with staged_file(target, mode=mode) as file, source.open("rb") as content:
         shutil.copyfileobj(content, file)
 
 

@@ -51,6 +51,8 @@ def test_the_service_unit_is_sound(tmp_path: Path) -> None:
     (unit,) = blocks("ini")
     words = shlex.split(re.findall(r"^ExecStart=(.*)$", unit, re.MULTILINE)[0])
     accepts(*words[1:])
+    # Processes that score are neither sent SIGTERM while uploads are finished, nor reason to stop.
+    assert {"KillMode=mixed", "OOMPolicy=continue"} <= set(unit.splitlines())
     file = tmp_path / "reverie-eval.service"
     file.write_text(unit.replace(words[0], f'"{COMMAND}"'))
     verified = subprocess.run(

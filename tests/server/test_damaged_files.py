@@ -210,6 +210,19 @@ def test_a_request_that_meets_damage_has_health_look_for_more(lively: Serving) -
     assert failing(lively) == ["stored data"]
 
 
+def test_a_row_that_a_leaderboard_cannot_show_is_damage(
+    filled: Serving, copy_server: CopyServer
+) -> None:
+    """It is valid JSON, so only those who read it notice."""
+    server = copy_server(filled)
+    with closing(sqlite3.connect(file_of(server))) as database, database:
+        shown = "published_at = received_at, report = '{\"x\": 1}'"
+        database.execute(f"UPDATE submission SET {shown} WHERE split = '{PRIVATE}'")
+    reply = server.ask(OTHER, "GET", f"/splits/{PRIVATE}/leaderboard")
+    assert (reply.status_code, reply.json()["code"]) == (503, "damaged")
+    assert failing(server) == ["stored data"]
+
+
 def test_damage_under_a_running_server_is_found_in_the_background(lively: Serving) -> None:
     content = bytearray(file_of(lively).read_bytes())
     overwrite(content, pages_by_kind(content)["leaf of an index"][-1], Random(0))

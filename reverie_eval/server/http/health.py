@@ -5,6 +5,7 @@ in use; the rules of all splits are those of the server that started last on the
 database writes the rows of an upload, and rolls them back; the folder or store of uploads is
 accessed; no job failed the last time, or is overdue. Files that the server has read are still
 there, and the same. The database is searched for damage in the background; the last result counts.
+Every leaderboard can be read.
 All of this is cached for some seconds, so frequent checks cost nothing. The reply names what failed
 and what to do; the log says why.
 """
@@ -45,6 +46,7 @@ from reverie_eval.server.service.scoring import Context
 from reverie_eval.server.service.soundness import FileWatch, UnsoundError, check_key, try_newest
 from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import FileReplacedError
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
 from reverie_eval.server.store.uploads import UploadsError
@@ -121,7 +123,7 @@ class Health:
             },
             SETTINGS: files.check_settings,
             "signing key": partial(_compare_key, server),
-            "stored data": server.database_watch.check,
+            "stored data": partial(_check_stored, server),
             "database": partial(_write, server),
             "uploads": partial(_try_uploads, server),
         }
@@ -216,6 +218,21 @@ class Canary:
             quota=QuotaReport(remaining=0, next_at=None, seconds_to_next=0, windows=[]),
         )
         verify(signer.sign(receipt), signer.public_pem)
+
+
+def _check_stored(server: ServerState) -> None:
+    """Check that the database is not damaged, and that every leaderboard can be read from it.
+
+    A database that does not answer is reported by another check.
+    """
+    server.database_watch.check()
+    try:
+        with server.database.reading() as session:
+            for board in server.leaderboards:
+                server.ranking(session, board)
+    except DBAPIError as error:
+        if damage_in(error) is not None:
+            raise
 
 
 def _compare_bundle(server: ServerState, files: FileWatch, split: str) -> None:

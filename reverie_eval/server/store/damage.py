@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from typing import Any
 
+from msgspec import ValidationError as WrongShapeError
 from pydantic import ValidationError
 from sqlalchemy import (
     JSON,
@@ -83,7 +84,7 @@ def damage_in(error: BaseException | None) -> str | None:
             return found
         case FileReplacedError():
             return str(error)
-        case UnreadableValueError() | UnicodeDecodeError() | ValidationError():
+        case UnreadableValueError() | UnicodeDecodeError() | ValidationError() | WrongShapeError():
             return "a stored value cannot be read"
         case _ if found := _SQLSTATES.get(getattr(error, "sqlstate", None) or ""):
             return found

@@ -1,7 +1,7 @@
 """When splits accept submissions and show scores: by the settings, or as set at the desk.
 
-A schedule that is set at the desk applies at once on all workers and machines, because each request
-reads it from the database. The latest schedule of a split applies. The earlier ones show what
+A schedule that is set at the desk applies at once on all servers of the database, because each
+request reads it from there. The latest schedule of a split applies. The earlier ones show what
 applied when a submission arrived, and whether its scores have been shown since: scores that were
 shown stay visible.
 """

@@ -36,7 +36,7 @@ MOST_JOINING = 5
 """Requests to join that an address may send in 24 hours."""
 
 _SHARE = 4
-"""A team may hold one in this many slots and places in the queue, and at least one."""
+"""A team may hold one in this many places in memory and in the queue, and at least one."""
 
 
 class Turns:

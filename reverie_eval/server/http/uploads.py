@@ -160,9 +160,9 @@ Sender = Annotated[Person, Depends(sender)]
 async def taken(
     request: Request, server: ServerState, runtime: RuntimeState, began: datetime, person: Person
 ) -> AsyncIterator[Upload]:
-    """Read a person's upload as soon as there is room for it, and hold its slot.
+    """Read a person's upload as soon as there is room for it, and hold its place.
 
-    An upload is not read while it waits for a slot, so its arrival is dated back by that time: a
+    An upload is not read while it waits for a place, so its arrival is dated back by that time: a
     queue makes nobody late.
     """
     exchange = exchange_of(request.scope)
@@ -177,7 +177,7 @@ async def taken(
 async def received(
     request: Request, server: Server, runtime: Runtime, began: Began, person: Sender
 ) -> AsyncIterator[Upload]:
-    """Read the upload when the sender is known and a slot is free.
+    """Read the upload when the sender is known and a place is free, and wait for a process.
 
     From here on, every problem document includes the submissions left.
     """
@@ -196,7 +196,7 @@ async def received(
         yield upload
 
 
-# The slots are released before the reply is sent, so slow readers do not hold them.
+# Place and process are released before the reply is sent, so slow readers do not hold them.
 Received = Annotated[Upload, Depends(received, scope="function")]
 
 

@@ -82,7 +82,7 @@ def check_form(
 async def posted_upload(
     request: Request, member: Member, server: Server, runtime: Runtime, began: Began
 ) -> AsyncIterator[Upload]:
-    """Read the form when a slot is free; after a problem, the input is kept."""
+    """Read the form when a place is free; after a problem, the input is kept."""
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = ""
     person = await run_in_threadpool(member.person)

@@ -247,7 +247,8 @@ def _serve(connection: Connection, settings: Settings) -> None:
             try:
                 connection.send(answer)
             except (PicklingError, AttributeError, TypeError) as error:
-                connection.send((False, RuntimeError(f"{answer[1]!r} cannot be sent: {error}")))
+                kind = type(answer[1]).__name__  # what it says may be an answer
+                connection.send((False, RuntimeError(f"a {kind} cannot be sent: {error}")))
 
 
 def _load(settings: Settings, rules: Mapping[str, str]) -> Context:

@@ -132,7 +132,7 @@ def draw_files(
 async def posted_file(
     request: Request, desk: Desk, server: Server, runtime: Runtime, began: Began
 ) -> AsyncIterator[Upload]:
-    """Read the form when a slot is free; after a problem, the input is kept."""
+    """Read the form when a place is free; after a problem, the input is kept."""
     organiser = await run_in_threadpool(desk.person)
     async with taken(request, server, runtime, began, organiser) as upload:
         check_form(desk, upload, draw_files)

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
@@ -20,7 +20,8 @@ def is_private(path: Path) -> bool:
 def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
     """Open a file for writing that replaces ``path`` once it is complete.
 
-    The new file keeps the permissions of the old one. Devices and pipes are written to directly.
+    The new file keeps the permissions of the old one, and its owner, if it may. Devices and pipes
+    are written to directly.
 
     Parameters
     ----------
@@ -42,7 +43,10 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
             raise
         with os.fdopen(descriptor, "wb") as file:
             if path.exists():
-                draft.chmod(path.stat().st_mode)
+                status = path.stat()
+                draft.chmod(status.st_mode)
+                with suppress(PermissionError):  # an administrator may write for a service
+                    os.chown(draft, status.st_uid, status.st_gid)
             yield file
         draft.replace(path)
     finally:

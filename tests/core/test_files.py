@@ -1,10 +1,11 @@
 """Folders that appear complete or not at all, and files that nobody else may read."""
 
+import os
 from pathlib import Path
 
 import pytest
 
-from reverie_eval.files import is_private, replacing_folder, staged_folder
+from reverie_eval.files import is_private, replacing_folder, staged_file, staged_folder
 
 
 def test_a_new_folder_appears_at_once(tmp_path: Path) -> None:
@@ -96,3 +97,16 @@ def test_a_file_is_private_if_only_its_owner_may_use_it(
     file.touch()
     file.chmod(mode)
     assert is_private(file) is expected
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only an administrator can give files away")
+def test_a_file_that_an_administrator_replaces_stays_that_of_the_service(tmp_path: Path) -> None:
+    place = tmp_path / "answers"
+    place.write_text("old")
+    place.chmod(0o600)
+    os.chown(place, 12345, 12346)
+    with staged_file(place) as file:
+        file.write(b"new")
+    status = place.stat()
+    assert (status.st_uid, status.st_gid, status.st_mode & 0o777) == (12345, 12346, 0o600)
+    assert place.read_bytes() == b"new"

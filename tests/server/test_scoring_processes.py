@@ -86,6 +86,12 @@ def fill(_: Context, mebibytes: int) -> int:
     return len(bytearray(mebibytes << 20))
 
 
+def limit_more(_: Context) -> None:
+    """Do what an administrator may have done: limit the process for good."""
+    for kind, most in ((resource.RLIMIT_CPU, 3_600), (resource.RLIMIT_AS, 8 << 30)):
+        resource.setrlimit(kind, (most, most))
+
+
 def fail(_: Context, error: Exception) -> None:
     """Raise an error."""
     raise error
@@ -141,6 +147,16 @@ def test_a_file_that_needs_too_much_memory_is_refused_and_the_next_one_is_not(
             runner.run(fill, 65)
         assert runner.run(fill, 16) == 16 << 20
         assert runner.run(number) == before
+
+
+def test_the_limits_of_the_system_may_be_lower(
+    processes: ScoringProcesses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scoring_processes, "SECONDS", 10_000)
+    monkeypatch.setattr(scoring_processes, "MEBIBYTES", 1 << 20)
+    with processes.hold() as runner:
+        runner.run(limit_more)
+        assert runner.run(fill, 1) == 1 << 20
 
 
 def test_a_process_that_is_killed_while_it_waits_is_not_missed(

@@ -277,9 +277,16 @@ def _within_limits(context: Context, call: _Call) -> Any:
 
 def _limit_time(seconds: int | None) -> None:
     used = resource.getrusage(resource.RUSAGE_SELF)
-    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
-    soft = hard if seconds is None else int(used.ru_utime + used.ru_stime) + 1 + seconds
-    resource.setrlimit(resource.RLIMIT_CPU, (soft, hard))
+    until = int(used.ru_utime + used.ru_stime) + 1
+    _limit(resource.RLIMIT_CPU, resource.RLIM_INFINITY if seconds is None else until + seconds)
+
+
+def _limit(kind: int, value: int) -> None:
+    """Set a limit of the process, as far as the system allows."""
+    hard = resource.getrlimit(kind)[1]
+    # Infinity may be -1.
+    finite = [each for each in (value, hard) if each != resource.RLIM_INFINITY]
+    resource.setrlimit(kind, (min(finite, default=resource.RLIM_INFINITY), hard))
 
 
 @contextmanager
@@ -288,13 +295,12 @@ def _limited_memory(size: int) -> Iterator[None]:
     if not sys.platform.startswith("linux"):
         yield
         return
-    before = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(_PROCESS_SIZE.read_text().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + size, before[1]))
+    _limit(resource.RLIMIT_AS, pages * resource.getpagesize() + size)
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
+        _limit(resource.RLIMIT_AS, resource.RLIM_INFINITY)
 
 
 def settle_memory() -> None:

@@ -14,12 +14,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from types import MappingProxyType
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from tests.support.crowd import ask, connect
 from tests.support.forking import PROCESSES
 
-ADDRESS = "127.0.0.2"
 CONNECTIONS = 4
 """On which files are sent at once."""
 BEAT = 1.0
@@ -56,17 +56,27 @@ FILES: Mapping[str, tuple[Callable[[int], bytes], int]] = MappingProxyType(
 """What makes the worst files, and of how many pieces."""
 
 
+class Sender(NamedTuple):
+    """Who sends, and where to."""
+
+    url: str
+    path: str
+    token: str
+    address: str
+    """Of the sender, on this machine."""
+
+
 @contextmanager
-def sending(url: str, path: str, token: str, content: bytes) -> Iterator[Counter[int]]:
+def sending(sender: Sender, content: bytes) -> Iterator[Counter[int]]:
     """Send a file again and again, as often as a team may; give the statuses at the end."""
-    with _beside(_send, url, path, token, content) as statuses:
+    with _beside(_send, sender, content) as statuses:
         yield statuses
 
 
 @contextmanager
-def dripping(url: str, path: str, token: str, connections: int) -> Iterator[Counter[int]]:
+def dripping(sender: Sender, connections: int) -> Iterator[Counter[int]]:
     """Hold this many uploads that hardly go on; one that is refused begins again."""
-    with _beside(_drip, url, path, token, connections) as statuses:
+    with _beside(_drip, sender, connections) as statuses:
         yield statuses
 
 
@@ -88,14 +98,14 @@ def _beside(work: Callable[..., None], *given: object) -> Iterator[Counter[int]]
         here.close()
 
 
-def _send(connection: Connection, url: str, path: str, token: str, content: bytes) -> None:
+def _send(connection: Connection, sender: Sender, content: bytes) -> None:
     is_over = threading.Event()
 
     def send(_: int) -> list[int]:
         statuses = []
-        server = connect(url, ADDRESS)
+        server = connect(sender.url, sender.address)
         while not is_over.is_set():
-            reply = ask(server, "POST", path, content, token)
+            reply = ask(server, "POST", sender.path, content, sender.token)
             statuses.append(reply.status)
             if reply.status in {429, 503}:
                 is_over.wait(1)
@@ -109,22 +119,23 @@ def _send(connection: Connection, url: str, path: str, token: str, content: byte
         connection.send(Counter(status for each in sent for status in each.result()))
 
 
-def _drip(connection: Connection, url: str, path: str, token: str, connections: int) -> None:
-    connection.send(asyncio.run(_drip_all(connection, url, path, token, connections)))
+def _drip(connection: Connection, sender: Sender, connections: int) -> None:
+    connection.send(asyncio.run(_drip_all(connection, sender, connections)))
 
 
-async def _drip_all(
-    connection: Connection, url: str, path: str, token: str, connections: int
-) -> Counter[int]:
-    address, statuses = urlsplit(url), Counter[int]()
-    head = f"POST {path} HTTP/1.1\r\nHost: {address.netloc}\r\nAuthorization: Bearer {token}\r\n"
-    head += "Content-Type: application/json\r\nContent-Length: 1000000\r\n\r\n"
+async def _drip_all(connection: Connection, sender: Sender, connections: int) -> Counter[int]:
+    server, statuses = urlsplit(sender.url), Counter[int]()
+    head = (
+        f"POST {sender.path} HTTP/1.1\r\nHost: {server.netloc}\r\n"
+        f"Authorization: Bearer {sender.token}\r\nContent-Type: application/json\r\n"
+        "Content-Length: 1000000\r\n\r\n"
+    )
 
     async def drip() -> None:
         while True:
             with suppress(OSError):
                 reader, writer = await asyncio.open_connection(
-                    address.hostname, address.port, local_addr=(ADDRESS, 0)
+                    server.hostname, server.port, local_addr=(sender.address, 0)
                 )
                 writer.write(head.encode())
                 reply = asyncio.ensure_future(reader.readline())

@@ -56,7 +56,7 @@ _UTF_8 = b"utf-8"
 _NAMES_OF_UTF_8 = frozenset({_UTF_8, b"utf8", b"us-ascii"})
 """ASCII is a subset of UTF-8."""
 
-MOST_AT_ONCE = 32
+MOST_AT_ONCE = 64
 """Requests with a token, or of a browser session, that are answered at the same time."""
 FAILED_COST = 10
 """One in this many requests may have a wrong token or invitation. Expired sessions are not counted:

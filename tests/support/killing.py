@@ -204,7 +204,7 @@ def kill_scoring_at(step: ScoringStep, times: int, connection: Connection) -> No
         if work.__name__ != step.work or next(passed) != times:
             return real(process, work, *given, **named)
         setattr(_Process, real.__name__, real)
-        victim = process._process  # noqa: SLF001
+        victim = process._running.process  # noqa: SLF001
         connection.send(victim.pid)
         if step.when != "after":
             dying = {"before": _die_before, "within": _die_after}[step.when]

@@ -199,8 +199,8 @@ def dataset_measurements(_: str) -> str:
 def settings(_: str) -> str:
     """Write all settings with their defaults.
 
-    Their reference has this as text, for whoever reads it in the repository or a package beside the
-    settings; a test says when it has to be renewed.
+    Their reference has this as text, for readers of the repository or of a package; a test says
+    when it has to be renewed.
     """
     from reverie_eval.server.settings import Settings
 

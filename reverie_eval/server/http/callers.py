@@ -260,8 +260,8 @@ _MAKERS: dict[Any, Callable[[Request], Call]] = {}
 def refusal_of(request: Request) -> RequestError | None:
     """Return why the sender may not make a request, whatever it contains; None if they may.
 
-    The framework reads and checks a request before it calls a route. So anyone who sends an invalid
-    one would be told how to correct it before being told that it is not theirs to send.
+    The framework reads and checks a request before it calls a route. So senders of an invalid one
+    would correct it first, and then learn that they may not send it.
     """
     make = _maker_in(getattr(request.scope.get("route"), "dependant", None))
     if make is None:

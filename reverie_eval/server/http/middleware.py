@@ -138,7 +138,7 @@ class HeadRequests(Middleware):
 
 
 class RateLimits(Middleware):
-    """Refuses requests over the limit, and those of whom too many are being answered already.
+    """Refuses requests over the limit, and further ones of senders with many unanswered ones.
 
     The latter need no database: a crowd of slow connections with one token costs nothing else.
 

@@ -19,8 +19,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Self
 from unittest.mock import patch
 
-from prometheus_client import values
-
 from reverie_eval.server.service import scoring_processes
 from tests.conftest import REPOSITORY
 from tests.support.flat import Outcome
@@ -154,7 +152,6 @@ def run_command(*words: str | Path, folder: Path, environment: Mapping[str, str]
 
 def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any, ...]) -> None:
     surroundings.enter()
-    values.ValueClass = values.get_value_class()  # type: ignore[no-untyped-call]  # as if imported now
     server = multiprocessing.forkserver._forkserver  # noqa: SLF001
     if hasattr(server, "_forkserver_authkey"):  # Python 3.14: only who started it may ask it
         work(*given)

@@ -41,6 +41,7 @@ from reverie_eval.server.service.rescoring import (
 from reverie_eval.server.service.rules import append_rules, record_rules, rules_of
 from reverie_eval.server.service.snapshots import Closing, Snapshots
 from reverie_eval.server.service.submissions import SubmissionService
+from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
 from tests.support.acting import NOON, review
@@ -886,3 +887,21 @@ def test_a_phase_that_ends_during_a_correction_has_a_snapshot_of_the_earlier_res
     snapshot = server.client.get(f"/api/v1/splits/{OPEN}/snapshots/1").json()
     shown = json.loads(base64.b64decode(snapshot["payload"]))["leaderboard"]
     assert (shown["signature"], len(shown["rows"])) == (earlier, 1)
+
+
+def test_a_server_with_ground_truth_that_was_corrected_does_not_start(
+    server: Serving, folder: Path, run: Run
+) -> None:
+    """It is on another machine, and would score uploads by the earlier answers."""
+    transactions, earlier = server.state.transactions, rules_of(server.state.boards)
+    record_rules(transactions, earlier)
+    sent(server, OWNER, submission_for(OPEN))
+    before = folder / "before.npz"
+    shutil.copy2(folder / "bundles" / f"{OPEN}.npz", before)
+    corrects(run, folder)
+    with pytest.raises(SettingsError, match=r"splits\.val_unseen\.bundle: a correction has"):
+        record_rules(transactions, earlier)
+    back = ("server", "rescore", str(folder), OPEN, "--bundle", str(before), "--reason", WHY)
+    assert run(*back).status == 0
+    record_rules(transactions, earlier)
+    assert server.upload(OTHER).status_code == 201

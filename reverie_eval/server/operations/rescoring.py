@@ -18,7 +18,7 @@ from reverie_eval.server.errors import no_split
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.boards import Board, load_board, load_boards
 from reverie_eval.server.service.rescoring import Job, Outcome, changes, outdated, score_again
-from reverie_eval.server.service.rules import append_rules, rules_of
+from reverie_eval.server.service.rules import append_rules, different, rules_of
 from reverie_eval.server.service.scoring import Context
 from reverie_eval.server.settings import Settings, Split
 from reverie_eval.server.state import ServerState
@@ -136,7 +136,10 @@ def correct(
             for board, waiting in _missing(transaction.session, boards, outcomes):
                 found = _score(state, board, waiting, 1, _quietly)
                 outcomes[board.further] = _updated(outcomes[board.further], found)
-            append_rules(transaction, rules_of(state.boards))
+            in_force, before = rules_of(state.boards), rules_of(earlier.boards)
+            append_rules(
+                transaction, in_force, {name: before[name] for name in different(in_force, before)}
+            )
             for board in boards:
                 of_board = outcomes[board.further]
                 state.rescoring.replace_at_once(transaction, board, reason, of_board)

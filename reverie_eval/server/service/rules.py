@@ -9,8 +9,10 @@ import logging
 from collections.abc import Mapping, Sequence
 from threading import Lock
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from reverie_eval.errors import Problem
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.service.audit import RULES, SERVER
 from reverie_eval.server.service.boards import (
@@ -35,16 +37,43 @@ def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
 
 
 def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:
-    """Record the rules of a server that starts, if those of the last one were different."""
+    """Record the rules of a server that starts, if those of the last one were different.
+
+    Raises SettingsError if a correction has replaced its ground truth: it would undo the correction
+    for uploads to come.
+    """
     with transactions.database.reading() as session:
         if LastRules().read(session) == rules:
             return
     with transactions.begin(SERVER) as transaction:
+        _check_not_replaced(transaction.session, rules)
         append_rules(transaction, rules)
 
 
-def append_rules(transaction: Transaction, rules: Mapping[str, str]) -> None:
-    """Record that these rules are in force from now on."""
+def _check_not_replaced(session: Session, rules: Mapping[str, str]) -> None:
+    recorded = select(AuditEntry.details).where(AuditEntry.action == RULES).order_by(AuditEntry.id)
+    replaced: set[tuple[str, str]] = set()
+    for details in session.scalars(recorded):
+        replaced |= details.get("replaced", {}).items()
+        replaced -= details["splits"].items()
+    problems = [
+        Problem(
+            "replaced-ground-truth",
+            f"splits.{label.partition(',')[0]}.bundle",
+            "a correction has replaced this ground truth; put the corrected bundle here, or make "
+            "this one the correct one again: `reverie-eval server rescore --bundle`",
+        )
+        for label, of_board in rules.items()
+        if (label, of_board) in replaced
+    ]
+    if problems:
+        raise SettingsError(problems)
+
+
+def append_rules(
+    transaction: Transaction, rules: Mapping[str, str], replaced: Mapping[str, str] | None = None
+) -> None:
+    """Record that these rules are in force from now on, and which ones a correction replaced."""
     transaction.audit_log.append(
         transaction.session,
         transaction.now,
@@ -53,6 +82,7 @@ def append_rules(transaction: Transaction, rules: Mapping[str, str]) -> None:
         row=SERVER,
         subject=SERVER,
         splits=dict(rules),
+        **({"replaced": dict(replaced)} if replaced else {}),
     )
 
 

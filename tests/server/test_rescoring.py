@@ -905,3 +905,22 @@ def test_a_server_with_ground_truth_that_was_corrected_does_not_start(
     assert run(*back).status == 0
     record_rules(transactions, earlier)
     assert server.upload(OTHER).status_code == 201
+
+
+def test_episodes_that_are_scored_during_a_correction_are_not_kept_under_the_earlier_one(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submission = sent(server, OWNER, submission_for(OPEN))
+    path, real = f"/submissions/{submission['id']}/episodes", type(server.state.scoring).run
+
+    def interrupted(*given: Any) -> Any:
+        monkeypatch.setattr(type(server.state.scoring), "run", real)
+        corrects(run, folder)
+        with server.state.database.reading() as session:
+            server.state.rules.follow(session)
+        return real(*given)
+
+    monkeypatch.setattr(type(server.state.scoring), "run", interrupted)
+    reply = server.ask(OWNER, "GET", path)
+    assert (reply.status_code, reply.json()["code"]) == (503, "busy")
+    assert server.ask(OWNER, "GET", path).status_code == 200

@@ -35,7 +35,7 @@ from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.service.boards import Board, load_board, tasks_of
 from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.results import submission_report
-from reverie_eval.server.service.scoring import Context, EpisodeValues, Scoring
+from reverie_eval.server.service.scoring import Context, EpisodeValues, Scoring, check_signature
 from reverie_eval.server.service.submissions import (
     SubmissionService,
     newest_of_each,
@@ -194,10 +194,10 @@ class EpisodeService:
         # A correction changes the signatures.
         self._example = lru_cache(1)(lambda _signatures: self._choose_example())
         self._annotations = lru_cache(len(boards))(
-            lambda split, _signature: Annotations.of(self._board(split))
+            lambda split, signature: Annotations.of(self._board_of(split, signature))
         )
         self._walked = lru_cache(len(boards) * len(AGENTS))(
-            lambda split, _signature, agent: self._walk(split, agent)
+            lambda split, signature, agent: self._walk(self._board_of(split, signature), agent)
         )
 
     @property
@@ -228,8 +228,14 @@ class EpisodeService:
         by_length = np.argsort(scores.episodes["shortest_length"], kind="stable")
         return board, episode(scores, scores.instr_ids[by_length[len(by_length) // 2]])
 
-    def _walk(self, split: str, agent: str) -> Scores:
-        return self._scoring.run(score_agent, split, agent).scores(self._board(split))
+    def _board_of(self, split: str, signature: str) -> Board:
+        """Return the board of a split. Raises BusyError if it was corrected meanwhile."""
+        board = self._board(split)
+        check_signature(board, signature)
+        return board
+
+    def _walk(self, board: Board, agent: str) -> Scores:
+        return self._scoring.run(score_agent, board.name, agent).scores(board)
 
     def references(self, board: Board) -> Mapping[str, Scores]:
         """Return the reference agents' scores on a split, the best first; none on a private one.
@@ -368,7 +374,7 @@ def score_agent(context: Context, split: str, agent: str) -> EpisodeValues:
     records = run_agent(agent, board.truth)
     if board.split.track == "grounding":  # takes answers alone
         records = [{key: record[key] for key in ("instr_id", "predObjId")} for record in records]
-    return EpisodeValues.of(board.score(board.read(json.dumps(records).encode())))
+    return EpisodeValues.of(board, board.score(board.read(json.dumps(records).encode())))
 
 
 def align_walks(

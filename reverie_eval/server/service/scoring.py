@@ -124,9 +124,17 @@ class _Here:
         return work(self.context, *given, **named)
 
 
+def check_signature(board: Board, signature: str) -> None:
+    """Raise BusyError if a leaderboard was corrected since it had this signature."""
+    if board.signature != signature:
+        raise BusyError(SECONDS_TO_RETRY, f"the ground truth of {board.name} was just corrected")
+
+
 class EpisodeValues(NamedTuple):
     """Scores without the ground truth, which both processes have; it may be 100 times as large."""
 
+    signature: str
+    """What they were scored by."""
     episodes: Mapping[str, Array]
     hints: Sequence[str]
     qualifier: str
@@ -134,13 +142,20 @@ class EpisodeValues(NamedTuple):
     submission: AlignedSubmission | None
 
     @classmethod
-    def of(cls, scores: Scores) -> Self:
+    def of(cls, board: Board, scores: Scores) -> Self:
         """Compute all values of every episode."""
-        episodes = {key: scores.episodes[key] for key in scores.episodes}
-        return cls(episodes, scores.hints, scores.qualifier, scores.boxes, scores.submission)
+        return cls(
+            board.signature,
+            {key: scores.episodes[key] for key in scores.episodes},
+            scores.hints,
+            scores.qualifier,
+            scores.boxes,
+            scores.submission,
+        )
 
     def scores(self, board: Board) -> Scores:
-        """Return them as the scores of a leaderboard."""
+        """Return them as scores of a leaderboard. Raises BusyError if it was corrected since."""
+        check_signature(board, self.signature)
         return Scores(
             ground_truth=board.truth,
             protocol=board.rules,

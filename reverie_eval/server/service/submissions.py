@@ -41,7 +41,7 @@ from reverie_eval.server.service.reviews import (
 )
 from reverie_eval.server.service.rules import RulesInForce
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.scoring import Context, EpisodeValues, Scoring
+from reverie_eval.server.service.scoring import Context, EpisodeValues, Scoring, check_signature
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions, difference
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission
@@ -313,10 +313,11 @@ class SubmissionService:
                 "see its signature"
             )
 
-    def _score_again(self, split: str, further: str, _signature: str, sha256: str) -> Scores:
+    def _score_again(self, split: str, further: str, signature: str, sha256: str) -> Scores:
         """Score an upload again; a result is kept for the signature that it has."""
-        values = self.scoring.run(score_episodes, split, further, sha256)
-        return values.scores(board_named(self.boards, split, further))
+        board = board_named(self.boards, split, further)
+        check_signature(board, signature)
+        return self.scoring.run(score_episodes, split, further, sha256).scores(board)
 
     def compare(self, board: Board, named: Mapping[str, SubmissionReport]) -> Comparison:
         """Compare results of a leaderboard on the same episodes, all others with the first.
@@ -476,7 +477,7 @@ class SubmissionService:
 def score_episodes(context: Context, split: str, further: str, sha256: str) -> EpisodeValues:
     """Score a stored upload, and return the values of each episode."""
     board = board_named(context.boards, split, further)
-    return EpisodeValues.of(board.score(board.read(stored_upload(context.uploads, sha256))))
+    return EpisodeValues.of(board, board.score(board.read(stored_upload(context.uploads, sha256))))
 
 
 def draw_intervals(

@@ -34,6 +34,7 @@ import reverie_eval as rv
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.scoring import evaluate_many
 from reverie_eval.submissions import MAX_MEBIBYTES_VARIABLE, align, read_predictions
+from reverie_eval.tasks import find_task
 
 SPLIT = "val_unseen"
 SUBMISSION = f"{SPLIT}.mixed1"
@@ -41,7 +42,7 @@ SPLITS = ("val_seen", "val_unseen", "test")
 COPIES = (10, 285)
 """35,210 and 1,003,485 episodes."""
 FILES = 1_000
-HEADLINE = tuple(key for key, metric in rv.CATALOGUE.items() if metric.headline)
+HEADLINE = tuple(find_task("reverie").headline)
 FIDELITY = ("dtw", "ndtw", "sdtw", "cls")
 REVERIE_EVAL = str(Path(sys.executable).with_name("reverie-eval"))
 PACKAGES = ("reverie-eval", "numpy", "msgspec", "pydantic", "orjson")

@@ -104,13 +104,13 @@ def _first_paragraph(text: str | None) -> str:
 @generated
 def metrics(_: str) -> str:
     """Write the catalogue of metrics, of all tasks."""
-    from reverie_eval.metrics import METRICS
+    from reverie_eval.metrics import CATALOGUE
 
     return table(
         ("key", "label", "unit", "better", "definition"),
         (
             (f"`{each.key}`", each.label, each.unit, each.better, each.definition)
-            for each in METRICS.values()
+            for each in CATALOGUE.values()
         ),
     )
 

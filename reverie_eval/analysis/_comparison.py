@@ -17,7 +17,7 @@ from reverie_eval.analysis._runs import Method, RunIntervals, Runs, crossed_mean
 from reverie_eval.arrays import Array, FloatArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.metrics import METRICS, Metric, units_of
+from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     Clustering,
@@ -142,7 +142,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             name: {
                 key: difference(other.episodes[key], first.episodes[key])
                 for key in first
-                if key in other and not METRICS[key].is_partial
+                if key in other and not CATALOGUE[key].is_partial
             }
             for name, other in others
         }
@@ -184,7 +184,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     @property
     def correctness(self) -> Metric:
         """The metric that defines a correct episode: RGS if all have it, else success."""
-        return METRICS["rgs" if all("rgs" in each for each in self.values()) else "success"]
+        return CATALOGUE["rgs" if all("rgs" in each for each in self.values()) else "success"]
 
     def is_identical(self, name: str) -> bool:
         """Whether a submission and the first have the same value in every episode and metric."""
@@ -275,7 +275,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         values = {name: each.episodes[key] for name, each in self.scores.items()}
         index = pd.Index(self.scores[self.first].instr_ids, name="instr_id")
         frame = pd.DataFrame(values, index=index)
-        frame.attrs["units"] = dict.fromkeys(values, METRICS[key].unit)
+        frame.attrs["units"] = dict.fromkeys(values, CATALOGUE[key].unit)
         first = values[self.first]
         differs = np.any([difference(each, first) != 0 for each in values.values()], axis=0)
         return frame[differs]
@@ -446,7 +446,7 @@ def _differences(
         mcnemar[rows] = holm(mcnemar[rows], pairs)
     differences: dict[str, dict[str, Difference]] = {name: {} for name in changes}
     for column, (name, key) in enumerate(columns):
-        has_mcnemar = METRICS[key].is_binary and isinstance(intervals[name], Intervals)
+        has_mcnemar = CATALOGUE[key].is_binary and isinstance(intervals[name], Intervals)
         differences[name][key] = Difference(
             mean=float(changes[name][key].mean()),
             interval=intervals[name][key],

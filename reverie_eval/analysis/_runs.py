@@ -10,7 +10,7 @@ import numpy as np
 from reverie_eval.arrays import Array, FloatArray, frozen
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.scoring import (
     Clustering,
     ClusterIntervals,
@@ -214,7 +214,7 @@ def runs_of(method: Method) -> Sequence[Scores]:
 def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
     """Return the metrics that all have for all episodes, in the order of the CATALOGUE."""
     first, *others = scores
-    whole = [key for key in first if not METRICS[key].is_partial]
+    whole = [key for key in first if not CATALOGUE[key].is_partial]
     return [key for key in whole if all(key in each for each in others)]
 
 

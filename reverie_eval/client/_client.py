@@ -131,7 +131,7 @@ class Client:
         split : str
             ``test``.
         metric : str, optional
-            A key of ``METRICS`` whose metric has a direction; by default the leaderboard's
+            A key of ``CATALOGUE`` whose metric has a direction; by default the leaderboard's
             primary one.
         board : str, optional
             A further leaderboard of the split, by its name.

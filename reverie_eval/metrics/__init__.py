@@ -2,7 +2,6 @@
 
 from reverie_eval.metrics._catalogue import (
     CATALOGUE,
-    METRICS,
     PRIMARY_METRIC,
     Metric,
     Need,
@@ -38,7 +37,6 @@ __all__ = [
     "FIDELITY_DISTANCE",
     "IOU_THRESHOLD",
     "LOOSE_IOU_THRESHOLD",
-    "METRICS",
     "PRIMARY_METRIC",
     "STRICT_IOU_THRESHOLD",
     "SUCCESS_DISTANCE",

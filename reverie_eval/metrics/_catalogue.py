@@ -81,8 +81,6 @@ class Metric:
     is_partial: bool = False
     """Whether only some episodes have a value and the others are NaN; the mean is over those that
     have one, and there are no intervals."""
-    headline: bool = False
-    """Whether every score table shows it; JSON, CSV and the notebook give all metrics."""
 
     @property
     def upper_bound(self) -> float:
@@ -163,7 +161,6 @@ _METRICS = (
         better="neither",
         compute=path_length,
         inputs=("leg_length", "offsets"),
-        headline=True,
     ),
     _fraction(
         key="success",
@@ -175,7 +172,6 @@ _METRICS = (
         compute=success,
         inputs=("at_goal", "offsets"),
         is_binary=True,
-        headline=True,
     ),
     _fraction(
         key="oracle_success",
@@ -187,7 +183,6 @@ _METRICS = (
         compute=oracle_success,
         inputs=("oracle_at_goal", "offsets"),
         is_binary=True,
-        headline=True,
     ),
     _fraction(
         key="spl",
@@ -198,7 +193,6 @@ _METRICS = (
         protocol_rules=frozenset({"goal", "spl_numerator", "spl_floor"}),
         compute=spl,
         inputs=("success", "path_length", "reference_length", "spl_floor"),
-        headline=True,
     ),
     _fraction(
         key="rgs",
@@ -210,7 +204,6 @@ _METRICS = (
         compute=remote_grounding_success,
         inputs=("is_answer_correct", "success", "needs_success"),
         is_binary=True,
-        headline=True,
     ),
     _fraction(
         key="rgspl",
@@ -221,7 +214,6 @@ _METRICS = (
         protocol_rules=_ANSWER_RULES | {"spl_numerator", "rgspl_floor"},
         compute=spl,
         inputs=("rgs", "path_length", "reference_length", "rgspl_floor"),
-        headline=True,
     ),
     _fraction(
         key="iou",
@@ -341,14 +333,7 @@ _METRICS = (
         compute=jumps,
         inputs=("is_jump", "offsets"),
     ),
-)
-
-CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metric in _METRICS})
-"""Every metric of REVERIE by its key, in the order in which tables show them."""
-PRIMARY_METRIC = "rgspl"
-"""The metric that REVERIE ranks by, as its challenges of 2020 to 2022 did."""
-
-_OF_OTHER_TASKS = (
+    # The further metrics of other tasks.
     Metric(
         key="goal_progress",
         label="GP",
@@ -429,10 +414,11 @@ _OF_OTHER_TASKS = (
     ),
 )
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {**CATALOGUE, **{metric.key: metric for metric in _OF_OTHER_TASKS}}
-)
-"""Every metric of every task by its key: those of REVERIE, then further ones."""
+CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metric in _METRICS})
+"""Every metric of every task by its key, in the order in which tables show them: those of REVERIE,
+then further ones."""
+PRIMARY_METRIC = "rgspl"
+"""The metric that REVERIE ranks by, as its challenges of 2020 to 2022 did."""
 
 
 def units_of(keys: Iterable[str]) -> dict[str, Unit]:
@@ -441,4 +427,4 @@ def units_of(keys: Iterable[str]) -> dict[str, Unit]:
     >>> units_of(["path_length", "success"])
     {'path_length': 'metres', 'success': 'fraction'}
     """
-    return {key: METRICS[key].unit for key in keys}
+    return {key: CATALOGUE[key].unit for key in keys}

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.metrics._catalogue import Unit
 from reverie_eval.scoring import Scores
 
@@ -88,7 +88,7 @@ class Histogram:
         ``scores`` are by the submissions' names. A metric that is not scored is a KeyError.
         """
         values = {name: each.episodes[key] for name, each in scores.items()}
-        metric = METRICS[key]
+        metric = CATALOGUE[key]
         is_of_boxes = "box" in metric.needs
         if is_of_boxes:
             boxes = {name: each.boxes for name, each in scores.items() if each.boxes is not None}

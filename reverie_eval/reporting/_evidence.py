@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._table import MISSING, Table, cell_of
 from reverie_eval.schemas.evidence import (
     EvidenceReport,
@@ -106,7 +106,7 @@ def _shares(pair: SimilarPair) -> tuple[float, ...]:
 def _gap(gap: GapReport | None) -> tuple[str, str]:
     if gap is None:
         return MISSING, MISSING
-    label = METRICS[gap.metric].label
+    label = CATALOGUE[gap.metric].label
     return f"{label} {100 * gap.value:+.2f}", _percent(gap.standard_error)
 
 

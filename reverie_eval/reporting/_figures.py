@@ -14,7 +14,7 @@ import numpy as np
 from reverie_eval.analysis import Comparison, Episode, GroupingKey, Method
 from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._figure_style import (
     BLUE,
@@ -107,14 +107,14 @@ class Plots:
         bars = [
             (key, colour)
             for key, colour in colours
-            if key in shown and METRICS[key].unit == metric.unit
+            if key in shown and CATALOGUE[key].unit == metric.unit
         ]
         height = 0.8 / len(bars)
         rows = np.arange(len(shown))
         with styled_axes(ax) as axes:
             for number, (key, colour) in enumerate(bars):
                 y = rows + height * (number - (len(bars) - 1) / 2)
-                label = METRICS[key].label
+                label = CATALOGUE[key].label
                 axes.barh(y, scale * shown[key], height=0.9 * height, color=colour, label=label)
                 if key != primary:
                     continue
@@ -181,14 +181,14 @@ def plot_curve(
     first = scores[steps[0]]
     primary = first.ground_truth.task.primary_metric(first)
     keys = [key for key in ("success", primary.key) if key in first]
-    chosen = metrics or [key for key in keys if METRICS[key].unit == primary.unit]
+    chosen = metrics or [key for key in keys if CATALOGUE[key].unit == primary.unit]
     means = {key: _shown(key, np.array([scores[step][key] for step in steps])) for key in chosen}
-    unit, *others = dict.fromkeys(METRICS[key].suffix for key in means)
+    unit, *others = dict.fromkeys(CATALOGUE[key].suffix for key in means)
     if others:
         raise ProtocolError(f"{first_few(means)} have different units; draw each in its own figure")
     with styled_axes(ax) as axes:
         for (key, values), colour in zip(means.items(), cycle(_COLOURS), strict=False):
-            axes.plot(steps, values, marker="o", color=colour, label=METRICS[key].label)
+            axes.plot(steps, values, marker="o", color=colour, label=CATALOGUE[key].label)
             intervals = [scores[step].intervals for step in steps]
             ends = [
                 _shown(key, np.array([each[key].low, each[key].high])) for each in intervals if each
@@ -207,7 +207,7 @@ def plot_curve(
 
 def _shown(key: str, values: FloatArray) -> FloatArray:
     """Return values in the unit that is drawn: fractions in percent."""
-    return 100 * values if METRICS[key].unit == "fraction" else values
+    return 100 * values if CATALOGUE[key].unit == "fraction" else values
 
 
 def _sorted_steps(scores: Mapping[float, Method]) -> Sequence[float]:

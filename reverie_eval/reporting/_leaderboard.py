@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._submission import headline_of, known_task
 from reverie_eval.reporting._table import (
     MISSING,
@@ -110,7 +110,7 @@ def print_leaderboard(console: "Console", board: Leaderboard) -> None:
 
 def _board_notes(board: Leaderboard) -> Sequence[str]:
     """Return what the scores depend on, and the organiser's warnings."""
-    metric = METRICS.get(board.metric)
+    metric = CATALOGUE.get(board.metric)
     label = metric.label if metric else board.metric
     data = board.fingerprint[:_FINGERPRINT_SHOWN]
     track = "track:grounding|" if "|track:grounding|" in board.signature else ""
@@ -132,7 +132,7 @@ def _all_rows(board: Leaderboard) -> Sequence[LeaderboardRow]:
 def _metrics(board: Leaderboard) -> Sequence[Metric]:
     present: set[str] = set().union(*(row.scores for row in _all_rows(board)))
     shown = list(headline_of(board.signature, present))
-    sorted_by = METRICS.get(board.metric)
+    sorted_by = CATALOGUE.get(board.metric)
     if sorted_by and sorted_by.key in present and sorted_by not in shown:
         shown.append(sorted_by)
     return shown

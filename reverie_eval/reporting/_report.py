@@ -19,7 +19,7 @@ from reverie_eval.analysis import (
     with_different_routes,
 )
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting import _report_sections as sections
 from reverie_eval.reporting._answer_svg import ANSWER_STYLE, answer_svg
 from reverie_eval.reporting._answer_views import answer_views
@@ -120,7 +120,7 @@ def _context(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any
         "shown_groups": _SHOWN_GROUPS,
         "few_episodes": sections.FEW_EPISODES,
         "few_targets": FEW_CLUSTERS,
-        "success": METRICS["success"],
+        "success": CATALOGUE["success"],
         "primary": sections.shared_primary(scores),
         "charts": list(sections.charts(scores)),
         **(_outcomes(scores) if sections.has_outcomes(scores) else {}),

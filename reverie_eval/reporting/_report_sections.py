@@ -10,7 +10,7 @@ import numpy as np
 
 from reverie_eval.analysis import GROUPINGS, Grouping
 from reverie_eval.errors import GroundTruthError, ProtocolError
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._charts import Histogram, Walks, histogram_svg, walks_svg
 from reverie_eval.reporting._table import metric_cell
 from reverie_eval.reporting.resources import as_markup
@@ -264,7 +264,7 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
         GroupRow(
             name=name,
             episodes=int(row["episodes"]),
-            success=METRICS["success"].display(row["success"]) if "success" in row else None,
+            success=CATALOGUE["success"].display(row["success"]) if "success" in row else None,
             bars=[by_group.get(name) for by_group in bars],
         )
         for name, row in zip(bars[0], first.to_dict("records"), strict=True)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from reverie_eval.analysis import Method, Runs
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._table import MISSING, Bold, Table, metric_cell
 
 _COLUMNS = ("success", "oracle_success", "spl", "path_length", "rgs", "rgspl")
@@ -52,7 +52,7 @@ def results_table(results: Mapping[str, Method | Sequence[Method]]) -> Table:
     every = [scores for by_split in by_method.values() for scores in by_split.values()]
     _check_comparable(every)
     splits = list(dict.fromkeys(scores.split for scores in every))
-    metrics = [METRICS[key] for key in _COLUMNS if any(key in scores for scores in every)]
+    metrics = [CATALOGUE[key] for key in _COLUMNS if any(key in scores for scores in every)]
     return methods_table(
         {
             name: [by_split.get(split, {}) for split in splits]

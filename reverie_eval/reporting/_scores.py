@@ -9,7 +9,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from reverie_eval.analysis import GROUPINGS, Runs
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._results import results_table
 from reverie_eval.reporting._table import (
     MARK,
@@ -144,7 +144,7 @@ def runs_csv(runs: Runs) -> str:
     """Return the same rows as CSV: every metric by its key, unrounded, and the signature."""
     keys = runs.ground_truth.task.metrics
     summary = [
-        (name, {key: value(METRICS[key]) for key in keys if key in runs})
+        (name, {key: value(CATALOGUE[key]) for key in keys if key in runs})
         for name, value, _ in _rows_below(runs)
     ]
     named: list[tuple[str, Mapping[str, float]]] = [*runs.runs.items(), *summary]

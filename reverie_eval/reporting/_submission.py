@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import DEMO_DATASET
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._table import MISSING, Table, cell_of, metric_cell, metric_cells
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
@@ -41,7 +41,7 @@ def headline_of(signature: str, scored: Collection[str]) -> Sequence[Metric]:
     """
     task = known_task(signature)
     if task is None:
-        return [metric for key, metric in METRICS.items() if key in scored]
+        return [metric for key, metric in CATALOGUE.items() if key in scored]
     return task.headline_metrics(scored)
 
 
@@ -136,7 +136,7 @@ def snapshot_lines(snapshot: Snapshot) -> Iterator[str]:
     board = snapshot.leaderboard
     state = f"as of {time_text(snapshot.as_of)}: {snapshot.title}"
     yield printable(f"proven: the server's leaderboard of {snapshot.split} {state}")
-    metric = METRICS.get(board.metric)
+    metric = CATALOGUE.get(board.metric)
     for row in board.rows:
         rank, score = cell_of(row.rank), metric_cell(metric, row.scores) if metric else MISSING
         yield printable(f"  {rank:>3}  {score:>6}  {row.method.name}, {row.team or 'anonymous'}")

@@ -12,7 +12,7 @@ from functools import cache
 from itertools import groupby
 from typing import TYPE_CHECKING, TypeVar
 
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 
 if TYPE_CHECKING:
@@ -310,7 +310,7 @@ def _html_text(text: str) -> str:
 @cache
 def _meanings(task: Task) -> Mapping[str, str]:
     """Return what the headings of metrics mean in a task."""
-    metrics = map(task.metric, METRICS)
+    metrics = map(task.metric, CATALOGUE)
     return {metric.heading: f"{metric.name}: {metric.definition}" for metric in metrics}
 
 
@@ -386,7 +386,7 @@ def _rich_table(table: Table) -> "RichTable":
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    has_headings, primary = any(table.headings), METRICS[table.task.ranking[0]].heading
+    has_headings, primary = any(table.headings), CATALOGUE[table.task.ranking[0]].heading
     laid_out = RichTable(box=SIMPLE_HEAD if has_headings else None, show_header=has_headings)
     for number, heading in enumerate(table.flat_headings):
         laid_out.add_column(

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray, frozen
-from reverie_eval.metrics import METRICS, Need, candidate_match
+from reverie_eval.metrics import CATALOGUE, Need, candidate_match
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.tasks import Protocol
 from reverie_eval.text import did_you_mean
@@ -33,7 +33,7 @@ def scored_metrics(
         "box": has_boxes,
     }
     return tuple(
-        key for key, metric in METRICS.items() if all(available[need] for need in metric.needs)
+        key for key, metric in CATALOGUE.items() if all(available[need] for need in metric.needs)
     )
 
 
@@ -76,7 +76,7 @@ class EpisodeTable(Mapping[str, Array]):
         self._columns: dict[str, Array] = dict(columns)
 
     def __getitem__(self, key: str) -> Array:
-        if key not in METRICS:
+        if key not in CATALOGUE:
             raise KeyError(f"no metric has the key {key!r}{did_you_mean(key, self._keys)}")
         if key not in self._keys:
             raise KeyError(f"{key} is not scored; the scored metrics are {', '.join(self._keys)}")
@@ -137,7 +137,7 @@ class EpisodeTable(Mapping[str, Array]):
     def _value(self, key: str) -> Array:
         """Compute a metric, in the type that its function returns."""
         if key not in self._values:
-            metric = METRICS[key]
+            metric = CATALOGUE[key]
             self._values[key] = metric.compute(*map(self._input, metric.inputs))
         return self._values[key]
 

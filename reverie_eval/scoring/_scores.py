@@ -12,7 +12,7 @@ import numpy as np
 from reverie_eval.arrays import Array
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.metrics import METRICS, Metric, units_of
+from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
 from reverie_eval.scoring._episode_table import EpisodeTable, track_of
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
@@ -175,7 +175,7 @@ class Scores(Mapping[str, float]):
 
     def __getitem__(self, key: str) -> float:
         values = self.episodes[key]  # which tells a wrong key
-        return METRICS[key].mean(values)
+        return CATALOGUE[key].mean(values)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.episodes)
@@ -303,7 +303,7 @@ class Scores(Mapping[str, float]):
             If there is no such clustering, all episodes are in one cluster, or confidence,
             resamples or seed are out of range.
         """
-        whole = {key: self.episodes[key] for key in self if not METRICS[key].is_partial}
+        whole = {key: self.episodes[key] for key in self if not CATALOGUE[key].is_partial}
         intervals = Intervals.of_several(
             {"": whole},
             clusters_of(self.ground_truth, cluster),
@@ -528,7 +528,7 @@ def _interval_report(intervals: Intervals) -> "IntervalReport":
 
 
 def _box_note(boxes: BoxScores) -> str:
-    percent = METRICS["iou"].display
+    percent = CATALOGUE["iou"].display
     misses = ", ".join(f"{count:,} {reason}" for reason, count in boxes.misses.items())
     return (
         f"{count_text(len(boxes), 'box', 'boxes')} predicted, {boxes.is_correct.sum():,} correct "

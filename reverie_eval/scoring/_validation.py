@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from reverie_eval.arrays import Array, BoolArray
 from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.tasks import Protocol
 from reverie_eval.text import count_text
 
@@ -41,4 +41,4 @@ def jump_notes(jumps: Array, rules: Protocol | None = None) -> Sequence[str]:
     if rules is not None and rules.rejects_jumps:
         remark = f"; {rules.name}'s own evaluator stops at a jump"
     jumps_text = count_text(int(jumps.sum()), "jump")
-    return (f"{jumps_text} in {episodes}: {METRICS['jumps'].definition}{remark}",)
+    return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{remark}",)

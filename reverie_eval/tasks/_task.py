@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import METRICS, Metric, Need
+from reverie_eval.metrics import CATALOGUE, Metric, Need
 from reverie_eval.tasks._annotation import Annotation
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.text import did_you_mean
@@ -104,11 +104,11 @@ class Task:
             available |= {"answer", "box"}
         for rules in self.protocols:
             available |= rules.measures
-        return [key for key, metric in METRICS.items() if metric.needs <= available]
+        return [key for key, metric in CATALOGUE.items() if metric.needs <= available]
 
     def metric(self, key: str) -> Metric:
         """Return a metric with its definition by the task's goal."""
-        return METRICS[key].for_goal(self.goal)
+        return CATALOGUE[key].for_goal(self.goal)
 
     def protocol(self, name: str) -> Protocol:
         """Return the protocol with this name or alias.
@@ -133,7 +133,7 @@ class Task:
         """
         has_all = "success" in scored
         headline = [key for key in self.headline if has_all or key in scored]
-        boxes = [key for key in scored if "box" in METRICS[key].needs]
+        boxes = [key for key in scored if "box" in CATALOGUE[key].needs]
         return [self.metric(key) for key in (*headline, *boxes)]
 
     def headline_metrics(self, scored: Collection[str]) -> Sequence[Metric]:

@@ -6,7 +6,7 @@ from typing import Annotated
 from msgspec import Meta, field
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
-from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.tasks._annotation import PathAnnotation
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Paper, Task
@@ -136,6 +136,6 @@ TASK = Task(
     goal="the target object is visible",
     protocols=_PROTOCOLS,
     aliases=MappingProxyType({"hamt": "duet", "hm3d": "scalevln"}),
-    headline=[key for key, metric in CATALOGUE.items() if metric.headline],
+    headline=("path_length", "success", "oracle_success", "spl", "rgs", PRIMARY_METRIC),
     ranking=(PRIMARY_METRIC, "rgs", "spl"),
 )

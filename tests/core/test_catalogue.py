@@ -1,22 +1,31 @@
-"""Properties of every metric of the CATALOGUE, on random worlds and submissions."""
+"""Properties of every metric of the CATALOGUE, on random worlds and submissions.
+
+Most are tested on REVERIE, and again on the tasks that have further metrics.
+"""
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
-from itertools import combinations
+from itertools import combinations, product
+from pathlib import Path
 from random import Random
 from statistics import fmean
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from reverie_eval import CATALOGUE, GroundTruth, evaluate, evaluate_protocols
+from reverie_eval import CATALOGUE, GroundTruth, Scores, evaluate, evaluate_protocols
+from reverie_eval.arrays import Array
 from reverie_eval.scoring import BOX_OUTCOMES, Protocol
 from reverie_eval.submissions import Submission
 from reverie_eval.tasks import find_task
+from tests.support import ndh, soon
+from tests.support.family import walks_of
 from tests.support.oracle import Scan, score
 from tests.support.worlds import (
     SPLIT,
@@ -52,6 +61,13 @@ KINDS = {
     "shortest_length": "metres",
     "steps": "count",
     "jumps": "count",
+    "goal_progress": "metres",
+    "oracle_path_success": "fidelity",
+    "detection_success": "ratio",
+    "sfpl": "ratio",
+    "heading_error": "turns",
+    "elevation_error": "turns",
+    "point_error": "turns",
 }
 """How every metric scales with the world; add new metrics here."""
 UNITS = {
@@ -60,8 +76,9 @@ UNITS = {
     "overlap": "fraction",
     "fidelity": "fraction",
     "count": "count",
+    "turns": "turns",
 }
-GROWTH_IN_A_WORLD_TWICE_AS_LARGE = {"metres": 2, "ratio": 1, "overlap": 1, "count": 1}
+GROWTH_IN_A_WORLD_TWICE_AS_LARGE = {"metres": 2, "ratio": 1, "overlap": 1, "count": 1, "turns": 1}
 """Factor of every kind but fidelity, which depends on a fixed distance of 3 m."""
 
 ROUNDING = 1e-12
@@ -83,10 +100,13 @@ NEVER_ABOVE = [
 ]
 """The first never exceeds the second in an episode; DTW ends with the navigation error."""
 
+METRICS = find_task("reverie").metrics
 HEADLINE = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
 
 every_metric = pytest.mark.parametrize("key", CATALOGUE)
 few_examples = settings(max_examples=10)
+of_every_task = pytest.mark.parametrize("task", ["reverie", "ndh", "soon"])
+"""The tasks that have all metrics between them."""
 
 
 def test_every_metric_is_classified() -> None:
@@ -124,7 +144,7 @@ def test_rounding_keeps_the_digits_that_are_shown(
 @pytest.mark.parametrize(
     ("scored", "columns"),
     [
-        pytest.param(CATALOGUE, [*HEADLINE, *BOX_COLUMNS], id="everything"),
+        pytest.param(METRICS, [*HEADLINE, *BOX_COLUMNS], id="everything"),
         pytest.param(["success", "spl", "steps"], HEADLINE, id="navigation only: empty columns"),
         pytest.param(["rgs"], ["rgs"], id="grounding alone"),
         pytest.param(["rgs", "iou", "iou_25"], ["rgs", "iou", "iou_25"], id="grounding by boxes"),
@@ -188,12 +208,19 @@ def test_values_depend_on_the_declared_rules_only(case: Case) -> None:
                 assert first.episodes[key].tolist() == second.episodes[key].tolist(), key
 
 
-def test_metrics_are_binary_exactly_if_they_say_so() -> None:
-    not_binary = set()
-    for seed in range(100):
-        episodes = scores_of(random_case(Random(seed))).episodes
-        not_binary |= {key for key, values in episodes.items() if not set(values) <= {0, 1}}
-    assert not_binary == {key for key, metric in CATALOGUE.items() if not metric.is_binary}
+def test_metrics_are_binary_signed_or_partial_exactly_if_they_say_so(tmp_path: Path) -> None:
+    found: dict[str, set[str]] = {"other than 0 and 1": set(), "negative": set(), "NaN": set()}
+    for task, seed in product(("reverie", "ndh", "soon"), range(50)):
+        for scores in scores_of_task(task, seed, tmp_path).values():
+            for key, values in scores.episodes.items():
+                found["other than 0 and 1"] |= set() if set(values) <= {0, 1} else {key}
+                found["negative"] |= {key} if (values < 0).any() else set()
+                found["NaN"] |= {key} if np.isnan(values).any() else set()
+    assert found == {
+        "other than 0 and 1": {key for key, it in CATALOGUE.items() if not it.is_binary},
+        "negative": {key for key, it in CATALOGUE.items() if it.is_signed},
+        "NaN": {key for key, it in CATALOGUE.items() if it.is_partial},
+    }
 
 
 @given(case=cases)
@@ -206,14 +233,14 @@ def test_score_is_the_mean_over_episodes(case: Case) -> None:
 @few_examples
 @given(case=cases_with_boxes)
 def test_columns_are_in_the_order_of_the_catalogue(case: Case) -> None:
-    assert list(scores_of(case).episodes) == list(CATALOGUE)
+    assert list(scores_of(case).episodes) == list(METRICS)
 
 
 @few_examples
 @given(case=cases_without_boxes)
 def test_a_file_without_boxes_has_no_box_metrics(case: Case) -> None:
     scores = scores_of(case)
-    assert list(scores.episodes) == [key for key in CATALOGUE if key not in BOX_COLUMNS]
+    assert list(scores.episodes) == [key for key in METRICS if key not in BOX_COLUMNS]
     assert (scores.boxes, set(scores.box_outcomes)) == (None, {""})
     for key in BOX_COLUMNS:
         with pytest.raises(KeyError, match=f"{key} is not scored"):
@@ -224,7 +251,7 @@ def test_a_file_without_boxes_has_no_box_metrics(case: Case) -> None:
 def test_values_are_one_per_episode_and_within_the_declared_bounds(case: Case) -> None:
     for key, values in scores_of(case).episodes.items():
         assert values.shape == (len(case.predictions),), key
-        assert ((values >= 0) & (values <= CATALOGUE[key].upper_bound)).all(), key
+        assert within_bounds(key, values), key
 
 
 @given(case=cases_with_boxes, data=st.data())
@@ -265,6 +292,63 @@ def test_metrics_keep_their_order(case: Case) -> None:
         assert (episodes[smaller] <= episodes[larger]).all(), (smaller, larger)
 
 
+# The same for the metrics of all tasks, under all protocols.
+
+
+@of_every_task
+def test_values_of_a_task_are_within_the_declared_bounds(task: str, tmp_path: Path) -> None:
+    scored = set()
+    for seed in range(20):
+        for name, scores in scores_of_task(task, seed, tmp_path).items():
+            assert list(scores) == [key for key in find_task(task).metrics if key in scores]
+            scored |= set(scores)
+            for key, values in scores.episodes.items():
+                assert values.shape == (len(scores.instr_ids),)
+                assert within_bounds(key, values), (seed, name, key)
+    assert scored == set(find_task(task).metrics)
+
+
+@of_every_task
+def test_order_of_a_tasks_records_does_not_matter(task: str, tmp_path: Path) -> None:
+    for seed in range(10):
+        before = scores_of_task(task, seed, tmp_path)
+        after = scores_of_task(task, seed, tmp_path, is_shuffled=True)
+        for name, scores in before.items():
+            for key, values in scores.episodes.items():
+                found = after[name].episodes[key]
+                assert np.array_equal(found, values, equal_nan=True), (seed, name, key)
+
+
+@of_every_task
+def test_duplicating_every_episode_of_a_task_does_not_change_the_mean(
+    task: str, tmp_path: Path
+) -> None:
+    for seed in range(10):
+        doubled = scores_of_task(task, seed, tmp_path, copies=2)
+        for name, scores in scores_of_task(task, seed, tmp_path).items():
+            expected = pytest.approx(dict(scores), rel=ROUNDING, nan_ok=True)
+            assert dict(doubled[name]) == expected, (seed, name)
+
+
+@of_every_task
+def test_doubling_a_tasks_world_doubles_metres_only(task: str, tmp_path: Path) -> None:
+    """Other tasks' success depends on 3 m, so of these only the further metrics are looked at."""
+    keys = [key for key in find_task(task).metrics if task == "reverie" or key not in METRICS]
+    for seed in range(10):
+        larger = scores_of_task(task, seed, tmp_path, metres=2)
+        for name, scores in scores_of_task(task, seed, tmp_path).items():
+            if task == "reverie" and scores.protocol.goal != "visible":
+                continue  # its further protocols depend on 3 m
+            for key in scores.keys() & set(keys):
+                before, after = scores.episodes[key], larger[name].episodes[key]
+                if KINDS[key] == "fidelity":
+                    assert (after <= before + ROUNDING).all(), (seed, name, key)
+                else:
+                    growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[KINDS[key]]
+                    expected = pytest.approx(growth * before, rel=ROUNDING, nan_ok=True)
+                    assert after == expected, (seed, name, key)
+
+
 class Difference(NamedTuple):
     """A value on which the package and the oracle disagree."""
 
@@ -299,6 +383,48 @@ def _differences(
 
 def _is_same(key: str, found: float, expected: float) -> bool:
     return math.isclose(found, expected, rel_tol=0, abs_tol=TOLERANCE.get(KINDS[key], 0.0))
+
+
+def within_bounds(key: str, values: Array) -> bool:
+    """Whether all values are between a metric's bounds, or missing if only some have one."""
+    metric = CATALOGUE[key]
+    within = (values >= metric.lower_bound) & (values <= metric.upper_bound)
+    return bool((within | (np.isnan(values) & metric.is_partial)).all())
+
+
+def scores_of_task(
+    task: str,
+    seed: int,
+    folder: Path,
+    *,
+    metres: int = 1,
+    copies: int = 1,
+    is_shuffled: bool = False,
+) -> Mapping[str, Scores]:
+    """Score a random submission for a random world of a task under every protocol.
+
+    Distances are multiplied by ``metres``, and each episode is there ``copies`` times.
+    """
+    random = Random(seed)
+    case = random_case(random, (1, 0.5) if task == "reverie" else (0,))
+    regions = [ndh.random_region(random, case.world, each) for each in case.world.tasks]
+    made = soon.random_items(random, case.world)
+    case = _twice_as_large(case) if metres == 2 else case
+    case = _doubled(case) if copies == 2 else case
+    match task:
+        case "ndh":
+            truth, records = ndh.truth_of(case.world, regions * copies), walks_of(case.predictions)
+        case "soon":
+            numbers = {old + 10 * copy: old for copy in range(copies) for old in made.walks}
+            items = [{**made.items[old], "instr_id": new} for new, old in numbers.items()]
+            records = soon.records_of({new: made.walks[old] for new, old in numbers.items()})
+            with TemporaryDirectory(dir=folder) as temporary:
+                truth = soon.truth_of(Path(temporary) / "world", case.world, items)
+        case _:
+            truth, records = ground_truth_by_hand(case.world), records_of(case.predictions)
+    if is_shuffled:
+        random.shuffle(records)
+    return evaluate_protocols(records, split=SPLIT, ground_truth=truth)
 
 
 def _doubled(case: Case) -> Case:

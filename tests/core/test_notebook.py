@@ -14,12 +14,13 @@ import reverie_eval as rv
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.submissions import Submission
+from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
 from tests.support.metrics import BOX_METRICS
 
 GOOD = SAMPLES / "good.json"
 SPLIT = "val_unseen"
-SCORED = [key for key in rv.CATALOGUE if key not in BOX_METRICS]
+SCORED = [key for key in find_task("reverie").metrics if key not in BOX_METRICS]
 """The metrics that are scored without boxes."""
 
 

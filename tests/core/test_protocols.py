@@ -10,6 +10,7 @@ import pytest
 import reverie_eval as rv
 from reverie_eval import PROTOCOLS, GroundTruth, Scores, evaluate, evaluate_protocols
 from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, find_protocol, scored_metrics
+from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
 from tests.support.metrics import BOX_METRICS
 from tests.support.oracle import Position, Prediction, Scan, Task, Viewpoint, World
@@ -362,7 +363,7 @@ def test_a_public_bundle_cannot_be_scored(demo: GroundTruth) -> None:
 def test_r2r_style_does_not_score_grounding() -> None:
     scores = evaluate(GOOD, split=SPLIT, protocol="r2r-style")
     unscored = {"rgs", "rgspl", *BOX_METRICS}
-    assert list(scores) == [key for key in rv.CATALOGUE if key not in unscored]
+    assert list(scores) == [key for key in find_task("reverie").metrics if key not in unscored]
     for key in ("rgs", "rgspl"):
         assert key not in scores
         with pytest.raises(KeyError, match=key):

@@ -10,7 +10,7 @@ import html5lib
 import pytest
 from jsonschema import Draft202012Validator
 
-from reverie_eval import CATALOGUE, PROTOCOLS
+from reverie_eval import PROTOCOLS
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.service import Method, Phase
 from reverie_eval.server.errors import ERRORS
@@ -18,6 +18,7 @@ from reverie_eval.server.pages.boards import BoardQuery
 from reverie_eval.server.pages.guide import in_words
 from reverie_eval.server.settings import Limits, Quota
 from reverie_eval.submissions import submission_schema
+from reverie_eval.tasks import find_task
 from tests.support.acting import NOON
 from tests.support.serving import (
     OWNER,
@@ -89,9 +90,10 @@ def test_a_schema_in_words(schema: dict[str, object], expected: str) -> None:
 def test_every_metric_is_told_of_under_its_key(server: Serving) -> None:
     page = Visitor(server).get("/guide/metrics").text
     text = words(server, "/metrics")
-    for key, metric in CATALOGUE.items():
+    task = find_task("reverie")
+    for key in task.metrics:
         assert page.count(f'id="{key}"') == 1
-        assert metric.definition in text
+        assert task.metric(key).definition in text
 
 
 def test_every_protocol_is_told_of_under_its_name(server: Serving) -> None:

@@ -8,12 +8,14 @@ from typing import Any
 
 import pytest
 
-from reverie_eval import CATALOGUE, evaluate, validate
+from reverie_eval import evaluate, validate
+from reverie_eval.tasks import find_task
 from tests.support.flat import NOTE as JUMPS
 from tests.support.flat import TUB, WALKS, Run, signature, words
 from tests.support.metrics import BOX_METRICS
 from tests.support.worlds import SPLIT
 
+METRICS = find_task("reverie").metrics
 USUAL = [1, 2, 30, 40]
 """Where every object of the flat is, in the views that show it: the tub in view 12."""
 ANSWERS: Sequence[dict[str, Any]] = (
@@ -106,7 +108,7 @@ def test_the_note_in_other_formats(style: str, prefix: str, run: Run) -> None:
 def test_the_report(run: Run) -> None:
     report = json.loads(run(*SCORE, "--format", "json").out)
     assert report["boxes"] == BOX_REPORT
-    assert list(report["scores"]) == list(CATALOGUE)
+    assert list(report["scores"]) == list(METRICS)
     assert {key: report["scores"][key] for key in sorted(BOX_METRICS)} == {
         "iou": 0.2,
         "iou_25": 0.2,
@@ -119,7 +121,7 @@ def test_the_report(run: Run) -> None:
 def test_the_episode_table(boxes: Path, run: Run) -> None:
     run(*SCORE, "--episodes", "episodes.csv")
     headings, *rows = csv.reader((boxes / "episodes.csv").read_text().splitlines())
-    assert headings[: len(CATALOGUE) + 3] == ["instr_id", *CATALOGUE, "outcome", "box_outcome"]
+    assert headings[: len(METRICS) + 3] == ["instr_id", *METRICS, "outcome", "box_outcome"]
     assert [row[headings.index("box_outcome")] for row in rows] == OUTCOMES
     assert [row[headings.index("iou")] for row in rows] == ["1.0", "0.0", "0.0", "0.0", "0.0"]
 
@@ -134,7 +136,7 @@ def test_the_data_frame() -> None:
 
 def test_a_file_without_boxes_says_nothing_of_them(boxes: Path, run: Run) -> None:
     run(*words("submit.json {split} {full} --episodes episodes.csv"))
-    scored = [key for key in CATALOGUE if key not in BOX_METRICS]
+    scored = [key for key in METRICS if key not in BOX_METRICS]
     scores = evaluate("submit.json", split=SPLIT, ground_truth="full.npz")
     columns = [*scored, "outcome", "scan", "category", "instruction"]
     headings = (boxes / "episodes.csv").read_text().splitlines()[0]

@@ -11,7 +11,6 @@ import msgspec
 import pytest
 
 from reverie_eval import CATALOGUE
-from reverie_eval.metrics import METRICS
 from reverie_eval.schemas.service import CorrectionReport
 from reverie_eval.server.service.entries import Entry, Row
 from reverie_eval.server.service.leaderboard import (
@@ -95,7 +94,7 @@ def test_a_board_is_not_sorted_by_what_has_no_better(server: Serving, metric: st
 
 
 def test_every_other_metric_sorts(server: Serving) -> None:
-    metrics = [metric.key for metric in CATALOGUE.values() if metric.better != "neither"]
+    metrics = [key for key in find_task("reverie").metrics if CATALOGUE[key].better != "neither"]
     assert len(metrics) > 10
     for metric in metrics:
         assert rows_of(server, metric) == []
@@ -291,8 +290,8 @@ def test_which_rows_a_filter_shows(wanted: Any, expected: list[str]) -> None:
 
 def test_ranks_of_values() -> None:
     values = [0.5, None, 0.75, 0.5, 0.25]
-    assert ranks(values, METRICS["spl"]) == [2, None, 1, 2, 4]
-    assert ranks(values, METRICS["navigation_error"]) == [2, None, 4, 2, 1]
+    assert ranks(values, CATALOGUE["spl"]) == [2, None, 1, 2, 4]
+    assert ranks(values, CATALOGUE["navigation_error"]) == [2, None, 4, 2, 1]
 
 
 def full() -> Ranking:

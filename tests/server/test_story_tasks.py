@@ -12,7 +12,7 @@ import pytest
 
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.server.service.boards import Board
 from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK
 from tests.conftest import SAMPLES
@@ -152,10 +152,10 @@ def look_at_ranking(lab: Serving, board: Board, scores: Mapping[str, float]) -> 
     assert found["metric"] == board.task.ranking[0]
     assert [(row["rank"], row["scores"]) for row in found["rows"]] == [(1, scores)] * 2
     columns = next(csv.reader(io.StringIO(lab.ask(None, "GET", f"{place}.csv").text)))
-    assert {*columns} & METRICS.keys() == {*scores}
+    assert {*columns} & CATALOGUE.keys() == {*scores}
     page = lab.client.get(f"/boards/{board.name}").text
     names = re.findall(r'<th scope="col" class="number (?:primary)?".*?title="(.*?):', page)
-    assert {*names} == {METRICS[key].name for key in board.task.headline}
+    assert {*names} == {CATALOGUE[key].name for key in board.task.headline}
     unknown = lab.ask(None, "GET", f"{place}?metric=iou")
     assert (unknown.status_code, "cannot sort by 'iou'" in unknown.text) == (400, True)
 

@@ -2,14 +2,13 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
 
-from reverie_eval import GroundTruth, SubmissionError, evaluate
+from reverie_eval import SubmissionError, evaluate
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.submissions import read_predictions
 from reverie_eval.tasks import find_task
@@ -23,8 +22,9 @@ from tests.support.family import (
     published_task,
 )
 from tests.support.flat import Run
+from tests.support.ndh import Region, random_region, truth_of
 from tests.support.oracle import Scan, Task, Viewpoint, World, distance, trajectory_length, weighted
-from tests.support.worlds import SPLIT, ground_truth_arrays, random_case
+from tests.support.worlds import SPLIT, random_case
 
 SAMPLE = REPOSITORY / "fixtures" / "submissions" / "ndh.json"
 FILES = [
@@ -110,36 +110,6 @@ def test_published_files_are_known_by_their_digest(ndh: Published) -> None:
     assert {ndh.truth(split).header.dataset for split in ("val_seen", "val_unseen")} == {"NDH"}
 
 
-@dataclass(frozen=True)
-class Region:
-    """What NDH annotates of a task beside the trusted path."""
-
-    goals: Sequence[str]
-    planner: Sequence[str]
-    player: Sequence[str]
-
-
-def truth_of(world: World, regions: Sequence[Region]) -> GroundTruth:
-    """Return a world's ground truth as NDH's."""
-    arrays = {
-        name: array
-        for name, array in ground_truth_arrays(world).items()
-        if not name.startswith(("task_target", "candidate", "box"))
-    }
-    row = {viewpoint_id: index for index, viewpoint_id in enumerate(arrays["viewpoint_id"])}
-    kinds = {
-        ("path/planner", "path_offsets/planner"): [each.planner for each in regions],
-        ("path/player", "path_offsets/player"): [each.player for each in regions],
-        ("goal_viewpoint", "goal_offsets"): [each.goals for each in regions],
-    }
-    for (name, offsets), lists in kinds.items():
-        arrays |= {
-            name: np.array([row[it] for each in lists for it in each]),
-            offsets: np.cumsum([0, *map(len, lists)]),
-        }
-    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}, task="ndh"))
-
-
 @less_than_3_m
 def test_success_is_less_than_3_m_from_the_paths_end(metres: float, success: float) -> None:
     viewpoints = {
@@ -201,16 +171,6 @@ def test_every_protocol_agrees_with_the_rules_written_once_more() -> None:
                 values = [expected[id_][key] for id_ in scores.instr_ids]
                 assert scores.episodes[key].tolist() == values, (seed, protocol, key)
     tell(random_worlds_of_ndh=worlds)
-
-
-def random_region(random: Random, world: World, task: Task) -> Region:
-    """Draw goals and two paths among what can be reached from the start."""
-    reachable = list(world.scans[task.scan_id].routes[task.path[0]])
-    return Region(
-        random.choices(reachable, k=random.randint(1, 3)),
-        [task.path[0], *random.choices(reachable, k=random.randint(0, 2))],
-        [task.path[0], *random.choices(reachable, k=random.randint(0, 2))],
-    )
 
 
 def expected_values(

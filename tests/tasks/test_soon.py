@@ -7,7 +7,6 @@ made-up targets. The public test file is as published.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from random import Random
@@ -17,13 +16,13 @@ import numpy as np
 import pytest
 
 from reverie_eval import DatasetError, GroundTruth, Scores, SubmissionError, evaluate, validate
-from reverie_eval.dataset import DatasetFiles, compile_split
 from tests.conftest import SAMPLES
 from tests.support.amounts import amount, tell
 from tests.support.family import LENGTHS_WITHIN, Published, less_than_3_m, published_task
 from tests.support.flat import Run
 from tests.support.oracle import Scan, Viewpoint, World, distance, trajectory_length, weighted
-from tests.support.worlds import SPLIT, random_case, write_world
+from tests.support.soon import CORNERS, Walk, box, item, random_items, records_of, square, truth_of
+from tests.support.worlds import SPLIT, random_case
 
 SAMPLE = SAMPLES / "soon.json"
 HOUSE = "SYNTHETIC_val_unseen_house"
@@ -132,34 +131,6 @@ def test_the_published_test_file_validates_a_result(soon: Published) -> None:
 
 # The rules, on small worlds.
 
-CORNERS = ("center", "left_top", "right_top", "right_bottom", "left_bottom")
-
-
-def box(viewpoint: str, *corners: tuple[float, float]) -> dict[str, Any]:
-    """Return the target as a viewpoint sees it: centre and corners in turns."""
-    target = {
-        name: {"heading": 2 * math.pi * x, "elevation": 2 * math.pi * y - math.pi}
-        for name, (x, y) in zip(CORNERS, corners, strict=True)
-    }
-    return {"image_id": viewpoint, "heading": 0.0, "elevation": 0.0, "target": target}
-
-
-def square(viewpoint: str, x: float = 0.5) -> dict[str, Any]:
-    """Return a square of a quarter turn around (x, 0.5)."""
-    a = 0.125
-    around = ((x - a, 0.5 + a), (x + a, 0.5 + a), (x + a, 0.5 - a), (x - a, 0.5 - a))
-    return box(viewpoint, (x, 0.5), *around)
-
-
-def truth_of(folder: Path, world: World, items: Sequence[Mapping[str, Any]]) -> GroundTruth:
-    """Compile items on a world's graphs."""
-    write_world(world, folder)
-    data = folder / "tasks" / "SOON" / "data"
-    data.mkdir(parents=True)
-    (data / f"{SPLIT}.json").write_text(json.dumps(items))
-    files = DatasetFiles.find(folder, split=SPLIT, task="soon")
-    return GroundTruth.from_bundle(compile_split(files, SPLIT))
-
 
 def corridor(*places: float) -> World:
     """Return viewpoints a, b, c, ... at these metres of a corridor."""
@@ -169,17 +140,6 @@ def corridor(*places: float) -> World:
     }
     edges = frozenset(zip(names[1:], names[:-1], strict=True))
     return World({"house": Scan(viewpoints, edges)}, [])
-
-
-def item(paths: Sequence[Any], bboxes: Sequence[Any]) -> dict[str, Any]:
-    """Return the only item of a split."""
-    return {
-        "instr_id": 7,
-        "scan": "house",
-        "instructions": ["an", "object", "in", "a", "the full text"],
-        "path": [list(path) for path in paths],
-        "bboxes": list(bboxes),
-    }
 
 
 def walk(path: str, heading: float | None = 0.5, elevation: float | None = 0.5) -> dict[str, Any]:
@@ -290,84 +250,14 @@ def test_an_outline_across_heading_0_is_compared_as_plain_numbers(tmp_path: Path
 # Random worlds, by the rules written once more.
 
 
-@dataclass(frozen=True)
-class Walk:
-    """What an agent did: the viewpoints it took, and where it points, if it does."""
-
-    way: Sequence[str]
-    point: tuple[float, float] | None
-
-
-@dataclass(frozen=True)
-class Case:
-    """Items, and for each an agent's walks."""
-
-    items: Sequence[Mapping[str, Any]]
-    walks: Mapping[int, Sequence[Walk]]
-
-
-def random_items(random: Random, world: World) -> Case:
-    """Draw items with starts that repeat, viewpoints with two boxes, and points on borders."""
-    items, walks = [], {}
-    for number in range(random.randint(1, 3)):
-        name, scan = random.choice(list(world.scans.items()))
-        included = [it for it, viewpoint in scan.viewpoints.items() if viewpoint.included]
-        if not included:
-            continue
-        within = [it for it in scan.routes[random.choice(included)] if it in included]
-        starts, seen = draw(random, within, 1, 2), draw(random, within, 1, 4)
-        paths = [
-            [random.choice(starts), *draw(random, within, 0, 3)]
-            for _ in range(random.randint(1, 4))
-        ]
-        angles = [[(eighth(random), eighth(random)) for _ in CORNERS] for _ in seen]
-        boxes = [box(it, *corners) for it, corners in zip(seen, angles, strict=True)]
-        items.append({**item(paths, boxes), "instr_id": number, "scan": name})
-        walks[number] = [
-            Walk(
-                [
-                    path[0],
-                    *draw(random, within, 0, 4),
-                    *random.choice([[], [path[-1]], [random.choice(seen)]]),
-                ],
-                random.choice([None, (eighth(random), eighth(random)), (0.47, 0.52)]),
-            )
-            for path in paths
-        ]
-    return Case(items, walks)
-
-
-def draw(random: Random, of: Sequence[str], least: int, most: int) -> list[str]:
-    return random.choices(of, k=random.randint(least, most))
-
-
-def eighth(random: Random) -> float:
-    return random.randint(0, 8) / 8
-
-
 def test_both_protocols_agree_with_the_rules_written_once_more(tmp_path: Path) -> None:
     worlds = amount(20)
     for seed in range(worlds):
         random = Random(seed)
         world = random_case(random, (0,)).world
         case = random_items(random, world)
-        if not case.items:
-            continue
         truth = truth_of(tmp_path / str(seed), world, case.items)
-        records = [
-            {
-                "instr_id": number,
-                "trajectory": [
-                    {
-                        "path": [[it, 0.0, 0.0] for it in each.way],
-                        "obj_heading": each.point and each.point[0],
-                        "obj_elevation": each.point and each.point[1],
-                    }
-                    for each in walks
-                ],
-            }
-            for number, walks in case.walks.items()
-        ]
+        records = records_of(case.walks)
         for protocol in ("official-v1", "duet"):
             scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
             expected = [

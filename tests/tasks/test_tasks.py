@@ -31,7 +31,7 @@ from reverie_eval import (
 )
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.scoring._literal_reading import check_first_of_hop
 from reverie_eval.server.service.boards import load_board
 from reverie_eval.server.settings import Also, Split
@@ -75,7 +75,7 @@ def test_a_task_says_everything_about_itself(name: str) -> None:
         assert text
     assert task.protocols[0].name == DEFAULT_PROTOCOL
     assert all(rules.summary and rules.source for rules in task.protocols)
-    assert {*task.headline, *task.ranking} <= METRICS.keys()
+    assert {*task.headline, *task.ranking} <= CATALOGUE.keys()
     assert set(task.aliases.values()) <= {rules.name for rules in task.protocols}
     assert re.fullmatch(task.id_pattern, task.id_example)
 

@@ -3,13 +3,13 @@
 import click
 
 from reverie_eval import ReverieEvalError
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.tasks import name_on_server
 from reverie_eval_cli import options
 from reverie_eval_cli.output import show
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
-_RANKED = [key for key, metric in METRICS.items() if metric.better != "neither"]
+_RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
 
 
 @click.command()

@@ -22,7 +22,7 @@ from reverie_eval import (
     evaluate,
     evaluate_protocols,
 )
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._scores import (
     FORMATS,
     RANKING_FORMATS,
@@ -57,7 +57,7 @@ from reverie_eval_cli.output import (
 )
 
 _ALL = "all"
-_KEYS = dict.fromkeys(("csv", "json"), frozenset(METRICS))
+_KEYS = dict.fromkeys(("csv", "json"), frozenset(CATALOGUE))
 """The metrics of formats that have more than the table has."""
 _SECONDS_BETWEEN_LOOKS = 1.0
 """A file that has not changed for so long is taken to be complete."""

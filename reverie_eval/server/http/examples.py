@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.scoring import DEFAULT_PROTOCOL
 from reverie_eval.server.errors import EXAMPLE_NOW
+from reverie_eval.tasks import DEFAULT_TASK, find_task
 from reverie_eval.version import __version__
 
 _HEADLINE = {
@@ -21,8 +22,7 @@ _FIELDS: Mapping[str, Any] = {
     "protocol": DEFAULT_PROTOCOL,
     "scores": {
         key: _HEADLINE.get(key, 0.5)  # valid for every metric
-        for key, metric in CATALOGUE.items()
-        if metric.headline
+        for key in find_task(DEFAULT_TASK).headline
     },
     "signature": f"split:test|protocol:{DEFAULT_PROTOCOL}|data:6f9511abdb3f|n:6292"
     f"|version:{__version__}",

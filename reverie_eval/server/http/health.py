@@ -27,7 +27,7 @@ from sqlalchemy.exc import DBAPIError
 
 from reverie_eval.agents import run_agent
 from reverie_eval.errors import GroundTruthError
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
@@ -199,7 +199,7 @@ class Canary:
         # The agent stays where it starts; in the grounding track, no agent moves.
         if scores.get("path_length") or scores.get("success") != scores.get("oracle_success"):
             raise UnhealthyError
-        rounded = {key: METRICS[key].rounded(value) for key, value in scores.items()}
+        rounded = {key: CATALOGUE[key].rounded(value) for key, value in scores.items()}
         if self._board.is_private and rounded != scores:
             raise UnhealthyError
         self._sign(report)

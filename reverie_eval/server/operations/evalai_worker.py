@@ -18,7 +18,7 @@ from threading import Event
 from typing import Any
 
 from reverie_eval.errors import SubmissionError
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.operations.evalai_api import (
     End,
@@ -185,7 +185,7 @@ def _scored(board: Board, content: bytes, *, is_shown: bool) -> End:
     result = {
         "split": board.name,
         "show_to_participant": is_shown,
-        "accuracies": {METRICS[key].label: value for key, value in scores.items()},
+        "accuracies": {CATALOGUE[key].label: value for key, value in scores.items()},
     }
     about = {
         "signature": report.signature,

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_folder
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.operations.crate import METADATA, Crate, File
@@ -106,7 +106,7 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
                 if not board.further:  # reviews are of submissions, and the same on all of them
                     reviews += [of | review for review in said]
                 results.append(_flat(board, row))
-    metrics = {key: "number" for key in METRICS if any(key in row for row in results)}
+    metrics = {key: "number" for key in CATALOGUE if any(key in row for row in results)}
     yield _table("leaderboards", boards, _BOARD)
     yield _table("results", results, {**_RESULT, **metrics})
     yield _table("reviews", reviews, _REVIEW)
@@ -196,7 +196,7 @@ def _parquet_writer() -> Any:
 
 def _unit(column: str) -> str:
     """Return the unit of a column with a metric or a bound of its interval; empty for others."""
-    metric = METRICS.get(column.removesuffix("_low").removesuffix("_high"))
+    metric = CATALOGUE.get(column.removesuffix("_low").removesuffix("_high"))
     return "" if metric is None else metric.unit
 
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._comparison import signed
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.reporting._submission import headline_of
@@ -252,7 +252,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             own_team=snapshot.caller and snapshot.caller.team_id,
             axes={
                 metric.key: f"{metric.label}: {metric.name}"
-                for metric in METRICS.values()
+                for metric in CATALOGUE.values()
                 if metric.key in {*ranking.metrics, query.x, query.y}
             },
             primary=ranking.board.primary.key,
@@ -392,7 +392,7 @@ def _part(ranking: Ranking, query: BoardQuery) -> BoardPage:
 
 def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
     """Sort by a metric without a better direction; for other metrics, rows are already sorted."""
-    if METRICS[query.metric].better != "neither":
+    if CATALOGUE[query.metric].better != "neither":
         return rows
     return sorted(rows, key=lambda row: row.entry.scores.get(query.metric, inf))
 
@@ -412,7 +412,7 @@ def _groups(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Gr
     keys = scored if query.columns == "all" else headline & scored
     keys |= {query.metric} | headline & set(board.metrics)
     first = _AS_PAPERS if board.task.name == DEFAULT_TASK else board.task.headline
-    ordered = [board.task.metric(key) for key in dict.fromkeys((*first, *METRICS)) if key in keys]
+    ordered = [board.task.metric(key) for key in dict.fromkeys((*first, *CATALOGUE)) if key in keys]
     groups = (
         Group("Navigation", [each for each in ordered if "answer" not in each.needs]),
         Group("Grounding", [each for each in ordered if "answer" in each.needs]),

@@ -8,7 +8,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.geometry import HEIGHT, WIDTH
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.server.errors import ERRORS, NotFoundError
 from reverie_eval.server.http.callers import Call, Visitor
 from reverie_eval.server.http.examples import SUBMISSION
@@ -74,7 +74,7 @@ def show_metrics(visitor: Visitor, task: str = "") -> Response:
         visitor,
         "guide/metrics.html",
         task=shown,
-        headline=shown.headline_metrics(METRICS),
+        headline=shown.headline_metrics(CATALOGUE),
         further=further,
         most_compared=MOST_COMPARED,
     )

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import Episode
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._answer_svg import answer_svg
 from reverie_eval.reporting._answer_views import AnswerView
 from reverie_eval.reporting._map_svg import map_svg
@@ -55,7 +55,7 @@ class Leaders:
         """Metrics that are shown besides the primary one."""
         task, primary = self.board.task, self.board.primary
         keys = _OF_REVERIE if task.name == DEFAULT_TASK else task.headline
-        shown = [task.metric(key) for key in keys if METRICS[key].better != "neither"]
+        shown = [task.metric(key) for key in keys if CATALOGUE[key].better != "neither"]
         return [metric for metric in shown if metric != primary][:_MOST_COLUMNS]
 
 

@@ -20,7 +20,7 @@ from markupsafe import Markup, escape
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.metrics.uncertainty import CONFIDENCE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS, flags_of, undeclared_of
 from reverie_eval.reporting._submission import WINDOW_LENGTHS, headline_of, known_task
@@ -263,7 +263,7 @@ def _environment() -> Environment:
         "flags_of": flags_of,
         "guide": guide_address,
         "method_fields": Method.model_fields,
-        "metrics": METRICS,
+        "metrics": CATALOGUE,
         "most_extra": MOST_EXTRA,
         "static": static_url,
         "token_state": token_state,
@@ -277,7 +277,7 @@ def _environment() -> Environment:
         "headline": lambda report: headline_of(report.signature, report.scores),
         "heading": lambda problem: ERRORS[problem.code].heading,
         "instant": instant,
-        "metric": lambda value, key: METRICS[key].display(value),
+        "metric": lambda value, key: CATALOGUE[key].display(value),
         "number": "{:,}".format,
         "ordinal": ordinal,
         "place": place_of,

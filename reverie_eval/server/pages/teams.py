@@ -9,7 +9,7 @@ from typing import Any
 from fastapi import APIRouter
 from fastapi.responses import Response
 
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._submission import known_task
 from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
 from reverie_eval.server.http.callers import Member, Snapshot
@@ -56,10 +56,10 @@ def _by_task(submissions: Sequence[SubmissionReport]) -> Sequence[TaskSubmission
     for each in submissions:
         groups[known_task(each.report.signature)].append(each)
     return [
-        TaskSubmissions("", [*METRICS.values()], "", found)
+        TaskSubmissions("", [*CATALOGUE.values()], "", found)
         if task is None
         else TaskSubmissions(
-            task.title, task.headline_metrics(METRICS), task.primary_metric(METRICS).key, found
+            task.title, task.headline_metrics(CATALOGUE), task.primary_metric(CATALOGUE).key, found
         )
         for task, found in groups.items()
     ]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Query, Response, status
 from fastapi.responses import PlainTextResponse
 
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.schemas.service import (
     Accepted,
@@ -47,7 +47,7 @@ router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 
 SplitName = Annotated[str, Path(examples=["test"])]
 FurtherName = Annotated[str, Path(examples=["grounding"])]
-_SORTABLE = [key for key, metric in METRICS.items() if metric.better != "neither"]
+_SORTABLE = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
 """Of all tasks; a leaderboard has those of its own."""
 SortedBy = Annotated[str | None, Query(json_schema_extra={"enum": _SORTABLE})]
 

@@ -19,7 +19,7 @@ import numpy as np
 from reverie_eval.errors import GroundTruthError, Problem, ProtocolError, SubmissionError
 from reverie_eval.files import is_private
 from reverie_eval.ground_truth import Bundle, GroundTruth
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.scoring import (
     PreparedSubmission,
@@ -141,7 +141,7 @@ class Board:
     @property
     def sortable(self) -> Sequence[str]:
         """The keys of the metrics with a better direction, by which results can be ranked."""
-        return [key for key in self.task.metrics if METRICS[key].better != "neither"]
+        return [key for key in self.task.metrics if CATALOGUE[key].better != "neither"]
 
     def is_on(self, dataset: str) -> bool:
         """Whether a dataset's version may be that of the split: the same one, or unknown (empty).
@@ -315,7 +315,7 @@ def _with_values(report: ScoreReport) -> ScoreReport:
 
 
 def _rounded(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
-    scores = {key: METRICS[key].rounded(value) for key, value in report.scores.items()}
+    scores = {key: CATALOGUE[key].rounded(value) for key, value in report.scores.items()}
     return ScoreReport(**report.model_dump(include=_RELEASED), scores=scores, notes=list(notes))
 
 

@@ -6,7 +6,7 @@ from math import isfinite
 from operator import itemgetter
 from typing import Any
 
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import Ranking
@@ -24,14 +24,14 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
     scored = [row for row in rows if row.entry.is_ranked]
     reported = [row for row in rows if row.entry.standing == "reported"]
     points = _points(ranking, scored, x, y)
-    is_ordered = "neither" not in {METRICS[key].better for key in (x, y)}
+    is_ordered = "neither" not in {CATALOGUE[key].better for key in (x, y)}
     return {
-        "x": _axis(METRICS[x]),
-        "y": _axis(METRICS[y]),
+        "x": _axis(CATALOGUE[x]),
+        "y": _axis(CATALOGUE[y]),
         "points": points,
         "front": _front(points, x, y) if is_ordered else [],
         "reported": _points(ranking, reported, x, y),
-        "lines": _lines(scored, reported, METRICS[y]),
+        "lines": _lines(scored, reported, CATALOGUE[y]),
         "progress": _progress(ranking, scored),
     }
 
@@ -39,12 +39,12 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
 def _points(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[str, Any]:
     """Return the rows that have both metrics."""
     shown = [row for row in rows if x in row.entry.scores and y in row.entry.scores]
-    across, up = (_displayed(METRICS[key], [row.entry.scores for row in shown]) for key in (x, y))
+    across, up = (_displayed(CATALOGUE[key], [row.entry.scores for row in shown]) for key in (x, y))
     return {"x": across, "y": up, **_about(ranking, shown)}
 
 
 def _front(points: Mapping[str, Any], x: str, y: str) -> Sequence[int]:
-    return front(_costs(METRICS[x], points["x"]), _costs(METRICS[y], points["y"]))
+    return front(_costs(CATALOGUE[x], points["x"]), _costs(CATALOGUE[y], points["y"]))
 
 
 def _lines(
@@ -66,7 +66,7 @@ def _lines(
 
 
 def _progress(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
-    metric = METRICS[ranking.metric]
+    metric = CATALOGUE[ranking.metric]
     scored = [row for row in rows if metric.key in row.entry.scores]
     published = [row.entry.published_at for row in scored]
     values = _displayed(metric, [row.entry.scores for row in scored])

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session, joinedload
 
 from reverie_eval.analysis import Comparison, Difference
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.scoring import OUTCOMES, outcome_indices
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board
@@ -50,7 +50,7 @@ class ComparedPair:
     def metrics(self) -> Sequence[Metric]:
         """The metrics that both results have, headline metrics first."""
         first, second = (row.entry.scores for row in self.rows)
-        both = [metric for key, metric in METRICS.items() if key in first and key in second]
+        both = [metric for key, metric in CATALOGUE.items() if key in first and key in second]
         headline = self.ranking.board.task.headline
         return sorted(both, key=lambda metric: metric.key not in headline)
 

@@ -28,7 +28,7 @@ from reverie_eval.analysis import (
     spread_of_changes,
 )
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.evidence import (
     EvidenceReport,
     GapReport,
@@ -73,7 +73,7 @@ _SAME_FROM_OTHERS = (
     .order_by(IS_SHOWN.desc(), Submission.received_at, Submission.id)
     .limit(MOST_NAMED)
 )
-_rounded = METRICS["success"].rounded
+_rounded = CATALOGUE["success"].rounded
 """Rounds a mean like scores of private splits: an exact one could reveal single episodes."""
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 from sqlalchemy.orm import Session
 
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._results import methods_table
 from reverie_eval.reporting._table import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, Method
@@ -125,7 +125,7 @@ def leaderboard(
         raise MalformedError(f"cannot sort by {metric!r}; choose one of: {known}")
     cached = cache.entries(session, board, now)
     if metric not in cached.ranked:
-        cached.ranked[metric] = _ranked(cached.entries, METRICS[metric])
+        cached.ranked[metric] = _ranked(cached.entries, CATALOGUE[metric])
     return Ranking(
         board=board,
         metric=metric,
@@ -218,8 +218,8 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
     """
     rows = [*leaderboard["rows"], *leaderboard["apart"]]
     present: set[str] = set().union(*(row["scores"] for row in rows))
-    shown = [key for key in METRICS if key in present]
-    drawn = [key for key in METRICS if any(key in row["intervals"] for row in rows)]
+    shown = [key for key in CATALOGUE if key in present]
+    drawn = [key for key in CATALOGUE if any(key in row["intervals"] for row in rows)]
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
     ends = [f"{key}_{end}" for key in drawn for end in ("low", "high")]
     columns = [*_ABOUT, *headings, *_STANDING, *shown, *ends, *_OF_RANK]

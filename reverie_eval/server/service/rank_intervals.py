@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import covariance_of_means, rank_intervals
 from reverie_eval.arrays import FloatArray, IntArray
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.scoring import Scores, clusters_of
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row
@@ -96,12 +96,12 @@ class RankIntervals:
             for row in rows
             if row.rank is not None and row.entry.submission_id is not None
         }
-        if not _is_compared(board, METRICS[metric], len(means)):
+        if not _is_compared(board, CATALOGUE[metric], len(means)):
             return {}
         with self._lock:
             compared, found = self._found.get((board.signature, board.path, metric), ({}, {}))
             if [*compared.items()] != [*means.items()]:  # in the same order, too
-                found = _computed(session, board, METRICS[metric], means)
+                found = _computed(session, board, CATALOGUE[metric], means)
                 self._found[board.signature, board.path, metric] = means, found
             return found
 

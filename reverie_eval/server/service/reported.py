@@ -14,7 +14,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.organising import (
     ImportReport,
     NewImport,
@@ -92,7 +92,7 @@ def change_reported(
     before = old.model_dump(mode="json")
     after = _merged(before, change.model_dump(mode="json", exclude_unset=True))
     task = tasks.get(old.split)  # a split may have been removed from the settings
-    _check_scores(after["scores"], [*METRICS] if task is None else task.metrics)
+    _check_scores(after["scores"], [*CATALOGUE] if task is None else task.metrics)
     new = NewReported.model_validate(after)
     _check_is_only(transaction.session, new, result_id)
     details = difference(before, after)
@@ -230,7 +230,7 @@ def _check_scores(scores: Mapping[str, float], known: Sequence[str]) -> None:
     for key, value in scores.items():
         if key not in known:
             raise MalformedError(f"there is no metric {key!r}{did_you_mean(key, known)}")
-        metric = METRICS[key]
+        metric = CATALOGUE[key]
         if not isfinite(value) or not metric.lower_bound <= value <= metric.upper_bound:
             expected = "a fraction from 0 to 1" if metric.unit == "fraction" else "0 or more"
             raise MalformedError(

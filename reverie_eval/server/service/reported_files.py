@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from reverie_eval.errors import Problem
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.schemas.organising import Rates
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import TableError
@@ -31,8 +31,8 @@ _COLUMNS: Mapping[str, str] = MappingProxyType(
         **{name: name for name in (*_ABOUT, *_OF_METHOD)},
         "dataset_version": "dataset",
         "link": "paper",
-        **{metric.label.lower(): metric.key for metric in METRICS.values()},
-        **{key: key for key in METRICS},
+        **{metric.label.lower(): metric.key for metric in CATALOGUE.values()},
+        **{key: key for key in CATALOGUE},
         # The columns of the public REVERIE leaderboard of 2020 to 2026.
         "nav_success": "success",
         "nav_oracle_success": "oracle_success",
@@ -83,7 +83,7 @@ def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
 
     Examples
     --------
-    >>> printed_value(METRICS["success"], "52.51 %")
+    >>> printed_value(CATALOGUE["success"], "52.51 %")
     0.5251
     """
     is_percent = metric.unit == "fraction" and rates == "percent"
@@ -103,7 +103,7 @@ def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
 def as_printed(metric: Metric, value: float) -> str:
     """Return a value as tables print it, in percent or metres, with all its digits.
 
-    >>> as_printed(METRICS["success"], 0.525), as_printed(METRICS["path_length"], 12.0)
+    >>> as_printed(CATALOGUE["success"], 0.525), as_printed(CATALOGUE["path_length"], 12.0)
     ('52.5', '12')
     """
     number = Decimal(repr(value)) * (_PER_CENT if metric.unit == "fraction" else 1)
@@ -111,7 +111,7 @@ def as_printed(metric: Metric, value: float) -> str:
 
 
 def read_results(
-    text: str, split: str, rates: Rates, metrics: Collection[str] = METRICS
+    text: str, split: str, rates: Rates, metrics: Collection[str] = CATALOGUE
 ) -> ResultsFile:
     """Read a file of results; if it covers several splits, the results of one of them.
 
@@ -162,18 +162,18 @@ def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
     >>> read_change({"SR": "59.64", "RGS": "", "date": "01/2026", "ensemble": "no"})
     {'date': '01/2026', 'method': {'ensemble': 'no'}, 'scores': {'success': 0.5964, 'rgs': None}}
     """
-    given = dict(zip(_fields_of(list(cells), METRICS), cells.values(), strict=True))
+    given = dict(zip(_fields_of(list(cells), CATALOGUE), cells.values(), strict=True))
     scores, wrong = _read_scores(given, "percent")
     if wrong:
         raise TableError([Problem("wrong-value", "values", told) for told in wrong])
     about = {
         name: cell if cell or name in _TEXTS else None
         for name, cell in given.items()
-        if name not in METRICS
+        if name not in CATALOGUE
     }
     renamed = {"name": about.pop("method")} if "method" in about else {}
     method = {name: about.pop(name) for name in _OF_METHOD if name in about} | renamed
-    cleared = {key: None for key, cell in given.items() if key in METRICS and key not in scores}
+    cleared = {key: None for key, cell in given.items() if key in CATALOGUE and key not in scores}
     return {**about, "method": method, "scores": {**scores, **cleared}}
 
 
@@ -185,7 +185,9 @@ def _read_row(
     if not scores and not wrong:
         wrong = ["has no score"]
     about = {
-        name: cell for name, cell in cells.items() if name not in METRICS and cell not in _NO_VALUE
+        name: cell
+        for name, cell in cells.items()
+        if name not in CATALOGUE and cell not in _NO_VALUE
     }
     return FileRow(place, where, about, scores), wrong
 
@@ -195,7 +197,7 @@ def _read_scores(
 ) -> tuple[Mapping[str, float], Sequence[str]]:
     """Return the scores among the cells of a row, and what is wrong with other scores."""
     scores, wrong = {}, []
-    for metric in METRICS.values():
+    for metric in CATALOGUE.values():
         cell = cells.get(metric.key)
         if cell not in _NO_VALUE:
             try:
@@ -211,7 +213,7 @@ def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
         value
         for row in rows
         for key, value in row.scores.items()
-        if METRICS[key].unit == "fraction"
+        if CATALOGUE[key].unit == "fraction"
     ]
     if any(values) and max(values) <= 1 / _PER_CENT:
         message = "no rate is above 1 %; if they are fractions, set rates to fraction"
@@ -226,7 +228,9 @@ def _fields_of(columns: Sequence[str], metrics: Collection[str]) -> Sequence[str
     fields: dict[str, str] = {}
     problems = []
     names = {
-        name: field for name, field in _COLUMNS.items() if field not in METRICS or field in metrics
+        name: field
+        for name, field in _COLUMNS.items()
+        if field not in CATALOGUE or field in metrics
     }
     for column in columns:
         name = _UNIT.sub("", column.strip().lower()).replace(" ", "_").replace("-", "_")

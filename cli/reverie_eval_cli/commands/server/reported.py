@@ -6,7 +6,7 @@ from typing import get_args
 
 import click
 
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._table import metric_cells
 from reverie_eval.schemas.organising import NewImport, NewReported, Rates, ReportedChange
 from reverie_eval.text import count_text
@@ -86,7 +86,7 @@ def import_results(
 
 def _print_results(results: Sequence[NewReported]) -> None:
     scored = {key for each in results for key in each.scores}
-    metrics = [metric for key, metric in METRICS.items() if key in scored]
+    metrics = [metric for key, metric in CATALOGUE.items() if key in scored]
     rows = [
         (
             each.method.name,
@@ -120,7 +120,7 @@ def list_results(*, folder: Folder) -> None:
             each.date or "-",
             each.dataset or "-",
             ", ".join(
-                f"{METRICS[key].label} {METRICS[key].display(value)}"
+                f"{CATALOGUE[key].label} {CATALOGUE[key].display(value)}"
                 for key, value in each.scores.items()
             ),
         )

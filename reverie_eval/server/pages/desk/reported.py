@@ -7,7 +7,7 @@ from typing import Any, get_args
 from fastapi import APIRouter
 from fastapi.responses import Response
 
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import (
     NewImport,
@@ -101,7 +101,7 @@ def show_result(result_id: Number, desk: Desk) -> Response:
 def change(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Change a reported result."""
     typed = forms.typed_by(desk, form, partial(draw_result, result_id))
-    scores = {**dict.fromkeys(METRICS), **scores_of(typed)}
+    scores = {**dict.fromkeys(CATALOGUE), **scores_of(typed)}
     changed = read_model(ReportedChange, {"scores": scores, **_about(typed)})
     desk.perform(reported.change_reported, result_id, changed, desk.server.settings.tasks)
     return forms.done(PAGE, "changed")
@@ -123,7 +123,7 @@ def _scores_asked(tasks: Sequence[Task]) -> Mapping[str, Any]:
     """Return the metrics that the form asks for: those of tables first, then the others."""
     known = {key for task in tasks for key in task.metrics}
     first = {key for task in tasks for key in task.headline}
-    ordered = [metric for key, metric in METRICS.items() if key in known]
+    ordered = [metric for key, metric in CATALOGUE.items() if key in known]
     return {
         "headline": [metric for metric in ordered if metric.key in first],
         "further": [metric for metric in ordered if metric.key not in first],
@@ -144,7 +144,7 @@ def scores_of(typed: forms.Typed) -> Mapping[str, float]:
     {'path_length': 12.3, 'success': 0.5251}
     """
     scores = {}
-    for metric in METRICS.values():
+    for metric in CATALOGUE.values():
         if text := typed.get(metric.key):
             try:
                 scores[metric.key] = printed_value(metric, text)
@@ -174,5 +174,5 @@ def _typed_of(result: ReportedEntry) -> forms.Typed:
     fields = {**method, **result.model_dump(include={"team", "source", "date", "dataset"})}
     texts = {name: "" if value is None else str(value) for name, value in fields.items()}
     flags = {name: texts[name].lower() for name in METHOD_FLAGS}
-    scores = {key: as_printed(METRICS[key], value) for key, value in result.scores.items()}
+    scores = {key: as_printed(CATALOGUE[key], value) for key, value in result.scores.items()}
     return texts | flags | scores

@@ -4,9 +4,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import timedelta
-from typing import Never
 
 import pytest
+from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
 from reverie_eval.errors import Problem, SubmissionError
@@ -15,7 +15,6 @@ from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service import attempts
 from reverie_eval.server.service.attempts import (
-    Attempts,
     SplitCounts,
     Totals,
     counts_of_splits,
@@ -24,6 +23,7 @@ from reverie_eval.server.service.attempts import (
     totals,
 )
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.intake import Intake
 from reverie_eval.server.service.joining import reject_request
 from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.paging import Page
@@ -130,21 +130,31 @@ def test_our_own_faults_are_noted_too(server: Serving, monkeypatch: pytest.Monke
 
 
 def test_what_cannot_be_noted_fails_no_upload(
-    server: Serving, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    server: Serving, caplog: pytest.LogCaptureFixture
 ) -> None:
-    class Full:
-        def writing(self) -> Never:
-            raise OperationalError("", {}, Exception("database or disk is full"))
-
-    monkeypatch.setattr(
-        server.state.intake,
-        "attempts",
-        Attempts(Full(), server.clock),  # type: ignore[arg-type]
+    trigger = (
+        "CREATE TRIGGER full BEFORE INSERT ON attempt BEGIN SELECT RAISE(ABORT, 'it is full'); END"
     )
+    with server.state.database.writing() as session:
+        session.execute(text(trigger))
     assert server.upload(OWNER).status_code == 201
     assert server.upload(OWNER, BROKEN).status_code == 422
     assert noted(server) == []
-    assert "upload not recorded" in caplog.messages
+    assert caplog.messages.count("upload not recorded") == 2
+    assert len(server.ask(OWNER, "GET", "/submissions").json()) == 1
+
+
+def test_what_was_noted_is_undone_with_the_submission(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OperationalError("", {}, Exception("database or disk is full"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Intake, "_worded", fail)  # the last that is done before the commit
+        assert server.upload(OWNER).status_code >= 500
+    assert [outcome for outcome, *_ in noted(server)] == ["internal"]
+    assert server.ask(OWNER, "GET", "/submissions").json() == []
 
 
 def test_what_is_older_than_ninety_days_is_forgotten(server: Serving) -> None:

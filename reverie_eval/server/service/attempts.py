@@ -1,18 +1,20 @@
 """Every upload with its outcome, and counts of submissions: the start page of organisers.
 
-An upload is recorded after it was handled, in a transaction of its own. If that fails, the log says
-so, and the participant does not notice. Neither files nor their problems are stored.
+An upload is recorded in the transaction that stores its submission, or otherwise in one of its own,
+after it was handled. If that fails, the log says so, and the participant does not notice. Neither
+files nor their problems are stored.
 """
 
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
 
-from sqlalchemy import bindparam, delete, func, select
+from sqlalchemy import bindparam, delete, func, inspect, select
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
@@ -69,6 +71,43 @@ _DELETE_OLD = (
 _LOGGER = logging.getLogger("reverie_eval.server")
 
 
+@dataclass
+class Handled:
+    """An upload that is being handled."""
+
+    person: Person
+    split: str
+    size: int
+    """Bytes; after unpacking, if the server got that far."""
+    began: float
+    """By the clock that measures how long it takes."""
+    outcome: str = "scored"
+    problems: int = 0
+    row: Attempt | None = None
+    """Its record."""
+
+    def add(self, session: Session, now: datetime) -> None:
+        """Insert the record, and delete those that are too old or too many."""
+        self.row = Attempt(
+            person_id=self.person.id,
+            split=self.split,
+            size=self.size,
+            outcome=self.outcome,
+            problems=self.problems,
+            milliseconds=round(1000 * (time.perf_counter() - self.began)),
+            at=now,
+        )
+        session.add(self.row)
+        session.flush()
+        before, last = now - timedelta(days=DAYS_KEPT), self.row.id - MOST_KEPT
+        session.execute(_DELETE_OLD, {"before": before, "last": last})
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether the record was inserted, and not undone with what else its transaction did."""
+        return self.row is not None and not inspect(self.row).transient
+
+
 @dataclass(frozen=True, slots=True)
 class Attempts:
     """Records every upload of a server."""
@@ -77,29 +116,29 @@ class Attempts:
     clock: Callable[[], datetime]
 
     @contextmanager
-    def recording(self, person: Person, split: str, size: int) -> Iterator[Attempt]:
+    def recording(self, person: Person, split: str, size: int) -> Iterator[Handled]:
         """Record the outcome of the upload that is handled in the context, and how long it took."""
-        attempt = Attempt(person_id=person.id, split=split, size=size, outcome="scored", problems=0)
-        began = time.perf_counter()
+        upload = Handled(person, split, size, time.perf_counter())
         try:
-            yield attempt
+            yield upload
         except Exception as error:
             known = request_error(error)
-            attempt.outcome = known.code if isinstance(known, FAILURES) else FaultError.code
-            attempt.problems = len(known.problems) if isinstance(known, RejectedFileError) else 0
+            upload.outcome = known.code if isinstance(known, FAILURES) else FaultError.code
+            upload.problems = len(known.problems) if isinstance(known, RejectedFileError) else 0
             raise
         finally:
-            attempt.milliseconds = round(1000 * (time.perf_counter() - began))
-            attempt.at = self.clock()
-            self._write(attempt)
+            if not upload.is_recorded:
+                self._write(upload)
 
-    def _write(self, attempt: Attempt) -> None:
+    def record_with(self, session: Session, upload: Handled) -> None:
+        """Record an upload in the transaction that stores its submission, if possible."""
+        with suppress(SQLAlchemyError), session.begin_nested():
+            upload.add(session, self.clock())
+
+    def _write(self, upload: Handled) -> None:
         try:
             with self.database.writing() as session:
-                session.add(attempt)
-                session.flush()
-                before, last = attempt.at - timedelta(days=DAYS_KEPT), attempt.id - MOST_KEPT
-                session.execute(_DELETE_OLD, {"before": before, "last": last})
+                upload.add(session, self.clock())
         except Exception:
             _LOGGER.exception("upload not recorded")
 

@@ -27,7 +27,7 @@ from reverie_eval.schemas.service import (
     SubmissionReport,
 )
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
-from reverie_eval.server.service.attempts import Attempts
+from reverie_eval.server.service.attempts import Attempts, Handled
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.evidence import announce_same_file
@@ -168,12 +168,12 @@ class Intake:
             If required information about the method is missing.
         """
         board_named(self.boards, split)  # or there is no such split
-        with self.attempts.recording(person, split, len(packed)) as attempt:
+        with self.attempts.recording(person, split, len(packed)) as upload:
             accepted = None
             while accepted is None:  # again if the ground truth was corrected meanwhile
                 with self.scoring.hold() as runner:
                     file = runner.run(open_file, packed, self._most_unpacked)
-                    attempt.size = file.size
+                    upload.size = file.size
                     row = Submission(
                         split=split,
                         sha256=file.sha256,
@@ -187,11 +187,12 @@ class Intake:
                         score_file, split, navigation_only=method.navigation_only
                     )
                 accepted = (
-                    self._store(row, found, person, method, organiser)
+                    self._store(row, found, upload, method, organiser)
                     if isinstance(found, Read)
                     else found
                 )
-            attempt.outcome = "repeat" if accepted.is_repeat else "scored"
+            if accepted.is_repeat:
+                upload.outcome = "repeat"
         return accepted
 
     @property
@@ -222,7 +223,7 @@ class Intake:
         self,
         row: Submission,
         read: Read,
-        person: Person,
+        upload: Handled,
         method: Method,
         organiser: Actor | None,
     ) -> Accepted | None:
@@ -231,6 +232,7 @@ class Intake:
         Returns None if other rules than those that it was scored by are now in force.
         """
         row.id = secrets.token_hex(8)
+        person = upload.person
         with (
             self.uploads.staged(row.sha256, read.packed) as keep,
             self.transactions.begin(organiser or person) as transaction,
@@ -259,6 +261,7 @@ class Intake:
             )
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
             announce(transaction, "submission", said, f"/submissions/{row.id}")
+            self.attempts.record_with(session, upload)
             keep()
             # The receipt has the quota of the time at which a file was received, also long ago.
             left = usage.state(transaction.now) if organiser else quota

@@ -82,7 +82,7 @@ def read_answer(
 
     ``poses`` is the record's trajectory, or None if trajectories are not read.
     """
-    answers = {key: record[key] for key in ANSWER_KEYS if key in record}
+    answers = _answers_of(record, log)
     if record.get(BOX_KEY) is not None:
         for key, value in answers.items():
             if not is_abstention(value):
@@ -94,14 +94,25 @@ def read_answer(
     if not answers:
         log.problems.append(problems.no_answer(location, ANSWER_KEYS[0], BOX_KEY))
         return Answer(ABSTAINED)
-    if len(answers) > 1 and _disagree(answers.values()):
+    if disagree(answers.values()):
         log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
     key, value = next(iter(answers.items()))
     log.differences["other key"] += key != ANSWER_KEYS[0]
     return _read_object(location, key, value, log)
 
 
-def _disagree(answers: Iterable[Any]) -> bool:
+def _answers_of(record: Mapping[str, Any], log: ReadingLog) -> Mapping[str, Any]:
+    """Return the object ids of a record by their keys, without null beside another answer."""
+    answers = {key: record[key] for key in ANSWER_KEYS if key in record}
+    nulls = [key for key, value in answers.items() if value is None]
+    if len(nulls) == len(answers) and record.get(BOX_KEY) is None:
+        return answers
+    log.differences.update(f"null {key}" for key in nulls)
+    return {key: value for key, value in answers.items() if value is not None}
+
+
+def disagree(answers: Iterable[Any]) -> bool:
+    """Whether these are different answers."""
     # Compared as text, so that 3 and "3" are the same answer, and so are -1 and null.
     return len({_NONE if is_abstention(value) else str(value) for value in answers}) > 1
 

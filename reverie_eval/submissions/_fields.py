@@ -1,7 +1,7 @@
 """The fields of a record: those that are read, and how misspelt ones are recognised."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from functools import lru_cache
 from typing import Any
@@ -77,9 +77,16 @@ def find_misspelt(
 
     A field that resembles a known one is left alone if the record has that one as well: codebases
     keep notes of their own beside the official fields. So is one that resembles a field
-    which is ``optional`` in this record.
+    which is ``optional`` in this record. A known field that is null counts as missing if another
+    spelling of the same name has a value.
     """
     unknown = {field: _meant_by(field) for field in record if field not in FIELDS}
+    respelt = {_spelling(field) for field in unknown if record[field] is not None}
+    record = {
+        field: value
+        for field, value in record.items()
+        if value is not None or _spelling(field) not in respelt
+    }
     missing = {meant for meant in unknown.values() if meant and not _has(record, meant)}
     if BOX_KEY not in missing and not _has_box(record):
         missing -= {VIEW_KEY, IMAGE_SIZE_KEY}
@@ -89,6 +96,15 @@ def find_misspelt(
     # Of two fields that mean the same, the first counts, as it would under its right name.
     first = {meant: field for field, meant in reversed(unknown.items()) if meant in missing}
     return {field: meant for meant, field in first.items()}
+
+
+def answers_spelt_like(field: str) -> Sequence[str]:
+    """Return the known fields of answers from which a name differs only in case and marks.
+
+    >>> answers_spelt_like("pred_box")
+    ['predBox']
+    """
+    return [key for key in (*ANSWER_KEYS, *BOX_KEYS) if _spelling(key) == _spelling(field)]
 
 
 def _has(record: Mapping[str, Any], key: str) -> bool:
@@ -105,13 +121,21 @@ def _has_box(record: Mapping[str, Any]) -> bool:
 
 
 @lru_cache(maxsize=1024)
+def _spelling(field: object) -> str | None:
+    """Return a name in lower case and without marks; None if it is too long to be compared."""
+    if not isinstance(field, str) or len(field) > _LONGEST:
+        return None
+    return _MARKS.sub("", field.lower())
+
+
+@lru_cache(maxsize=1024)
 def _meant_by(field: object) -> str | None:
     """Return the known field that a name resembles, if any."""
-    if not isinstance(field, str) or len(field) > _LONGEST:
+    spelling = _spelling(field)
+    if spelling is None:
         return None
     from difflib import get_close_matches  # slow to import, and rarely needed
 
-    spelling = _MARKS.sub("", field.lower())
     if spelling in _MEANT_BY:
         return _MEANT_BY[spelling]
     if spelling in _UNRELATED:

@@ -23,6 +23,9 @@ DIFFERENCES: Mapping[str, str] = MappingProxyType(
         "leading zeros": "{:,} of these with leading zeros, which no published evaluator counts "
         "as correct",
         "abstentions": "{:,} answers that predict no object, not written as -1",
+        "null predObjId": "{:,} records with null under predObjId, beside an answer",
+        "null pred_objid": "{:,} records with null under pred_objid, beside an answer",
+        "null pred_obj_id": "{:,} records with null under pred_obj_id, beside an answer",
         "navigation only": "{:,} records, none with an answer: navigation only",
         "scaled boxes": "{:,} boxes scaled from another image size to 640 x 480",
         "upright images": "{:,} of these from images taller than wide; predImageSize is [width, "

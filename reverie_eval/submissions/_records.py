@@ -17,7 +17,7 @@ from reverie_eval.errors import SubmissionError
 from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._answers import Answer, has_answer, read_answer
+from reverie_eval.submissions._answers import Answer, disagree, has_answer, read_answer
 from reverie_eval.submissions._box_hints import box_scale_problems
 from reverie_eval.submissions._document import (
     RepeatingObject,
@@ -36,6 +36,7 @@ from reverie_eval.submissions._fields import (
     MAX_COMPARED,
     NAVIGATION_FIELDS,
     TRAJECTORY_KEY,
+    answers_spelt_like,
     find_misspelt,
 )
 from reverie_eval.submissions._items import NO_POINT, Point, is_item, read_point, split_items
@@ -235,9 +236,9 @@ def _located_records(
 def _id_key(record: Any, task: Task) -> str:
     """Return the field with a record's id, or that in which the task has it."""
     first, *others = task.id_keys
-    if not others or not isinstance(record, Mapping) or first in record:
+    if not others or not isinstance(record, Mapping) or record.get(first) is not None:
         return first
-    return next((key for key in others if key in record), first)
+    return next((key for key in others if record.get(key) is not None), first)
 
 
 def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Task) -> bool:
@@ -289,9 +290,18 @@ def _with_known_fields(
         log.add_fault(problems.misspelt(field, meant), location, "", field)
     ignored = [field for field in record if field not in read and field not in misspelt]
     log.ignored_fields.update(ignored)
+    for field in ignored if few and task.has_targets else ():
+        answers = _given(record, [*answers_spelt_like(field), field])
+        if disagree(answers.values()):
+            log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
     if not misspelt:
         return record
     return {**record, **{meant: record[field] for field, meant in misspelt.items()}}
+
+
+def _given(record: Mapping[str, Any], fields: Iterable[str]) -> Mapping[str, Any]:
+    """Return those of some fields that a record has, without null."""
+    return {field: record[field] for field in fields if record.get(field) is not None}
 
 
 def _with_id(record: Mapping[str, Any], task: Task) -> Mapping[str, Any]:

@@ -32,7 +32,10 @@ def notes_of(form: str, protocol: str, demo: GroundTruth) -> list[str]:
         pytest.param("C HAMT", "the same scores: no object id written as text", id="text ids"),
         pytest.param("E DUET", "an error for this very file: it reads only predObjId", id="key"),
         pytest.param("I Keio", "an error for this very file: it expects a vi", id="empty hops"),
-        pytest.param("K NaviLLM", "an error for this very file: it knows no instr_id", id="prefix"),
+        pytest.param("K NaviLLM", None, id="null beside answers"),
+        pytest.param(
+            "A with NaviLLM's ids", "an error for this very file: it knows n", id="prefix"
+        ),
         pytest.param("L NavGPT", "it expects each pose to be a list and it expects", id="bare"),
         pytest.param("M keyed, with answers", "it expects a list of records", id="keyed"),
     ],

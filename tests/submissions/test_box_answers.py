@@ -275,12 +275,25 @@ def test_a_tie_counts_in_an_image_of_any_size(size: tuple[int, int]) -> None:
 # Beside other answers.
 
 
-@pytest.mark.parametrize("named", [-1, None, "None", "-1", "", np.int64(-1)], ids=repr)
+@pytest.mark.parametrize("named", [-1, "None", "-1", "", np.int64(-1)], ids=repr)
 @pytest.mark.parametrize("key", ["predObjId", "pred_objid", "pred_obj_id"])
 def test_a_box_together_with_an_abstention(key: str, named: object) -> None:
     predictions = read(answer(**{key: named}))
     assert predictions.boxes.xywh.tolist() == [BOX]
     assert (predictions.predicted_object.tolist(), predictions.read_as) == ([-1], [])
+
+
+@pytest.mark.parametrize("key", ["predObjId", "pred_objid", "pred_obj_id"])
+def test_null_beside_a_box_is_not_an_answer(key: str) -> None:
+    predictions = read(answer(**{key: None}))
+    assert predictions.boxes.xywh.tolist() == [BOX]
+    assert predictions.read_as == [f"1 records with null under {key}, beside an answer"]
+
+
+@pytest.mark.parametrize("other", [[1, 2, 3, 4], [9, 8, 7, 6.5]], ids=str)
+def test_two_boxes_under_two_spellings(other: list[float]) -> None:
+    (problem,) = read_predictions([answer(predBox=[1, 2, 3, 4.5], pred_box=other)]).problems
+    assert (problem.code, problem.where) == ("two-answers", "[0]")
 
 
 @pytest.mark.parametrize(

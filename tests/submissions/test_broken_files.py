@@ -42,6 +42,7 @@ def test_the_page_lists_every_mistake(demo: GroundTruth) -> None:
         "predObjId written objId",
         "trajectory written path",
         "instr_id written instruction_id",
+        "predObjId null, answers under predObjid",
         "object ids as decimals",
         "instructions counted from 1",
         "the prefix r2r_",
@@ -75,6 +76,7 @@ def test_the_converted_file_scores_as_the_good_one(mistake: str, demo: GroundTru
     "mistake",
     [
         "different answers under two keys",
+        "different answers under two spellings",
         "only the tasks' ids",
         "viewpoints as numbers",
         "two answers for an episode",

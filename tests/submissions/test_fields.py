@@ -21,6 +21,29 @@ BOX = [10, 20, 30, 40]
         pytest.param({"pred_objid": "5", "objId": 7}, {}, id="an id beside an answer of DUET"),
         pytest.param({"predBox": BOX, "objId": 7}, {}, id="an id beside a box"),
         pytest.param({"predBox": None, "objId": 7}, {"objId": "predObjId"}, id="an id alone"),
+        pytest.param({"predObjId": None, "objId": 7}, {}, id="an id beside a null answer"),
+        pytest.param(
+            {"predObjId": None, "predObjid": 7}, {"predObjid": "predObjId"}, id="behind a null"
+        ),
+        pytest.param(
+            {"pred_objid": None, "predObjid": 7},
+            {"predObjid": "predObjId"},
+            id="behind DUET's null",
+        ),
+        pytest.param({"predObjId": None, "predObjid": None}, {}, id="null behind a null"),
+        pytest.param(
+            {"predBox": None, "pred_box": BOX}, {"pred_box": "predBox"}, id="a box behind a null"
+        ),
+        pytest.param(
+            {"predBox": BOX, "predView": None, "pred_view": 3},
+            {"pred_view": "predView"},
+            id="a view behind a null",
+        ),
+        pytest.param(
+            {"trajectory": None, "Trajectory": []},
+            {"Trajectory": "trajectory"},
+            id="a trajectory behind a null",
+        ),
         pytest.param({"instrId": "7_1_0"}, {"instrId": "instr_id"}, id="an instr_id"),
         pytest.param({"id": 4}, {"id": "instr_id"}, id="an id of something"),
         pytest.param(

@@ -58,6 +58,8 @@ def test_every_form_scores_as_the_official_one_does(
 ) -> None:
     """Under every protocol; what its form does not say is not compared."""
     results = evaluate_protocols(form.bytes(), split=SPLIT, ground_truth=demo)
+    if form.meaning() != OFFICIAL:
+        official = evaluate_protocols(form.meaning(), split=SPLIT, ground_truth=demo)
     assert results.keys() == official.keys()
     for name, scores in results.items():
         unsaid = _unsaid(form, name)
@@ -107,7 +109,7 @@ def test_validating_says_it_too(form: Form, demo: GroundTruth) -> None:
 def test_the_grounding_track_reads_every_form(form: Form, demo: GroundTruth) -> None:
     expected, scores = (
         evaluate(submission, split=SPLIT, ground_truth=demo, track="grounding")
-        for submission in (SAMPLES / "good.json", form.bytes())
+        for submission in (form.meaning(), form.bytes())
     )
     assert values_of(scores) == values_of(expected)
     assert list(scores) == ["rgs"]
@@ -139,7 +141,11 @@ def test_answers_under_several_keys_may_agree(answers: Mapping[str, Any]) -> Non
     [
         pytest.param({"predObjId": 402, "pred_objid": "7"}, id="two objects"),
         pytest.param({"pred_obj_id": 7, "pred_objid": "402"}, id="neither key official"),
-        pytest.param({"predObjId": None, "pred_objid": "402"}, id="an object and none"),
+        pytest.param({"predObjId": -1, "pred_objid": "402"}, id="an object and none"),
+        pytest.param({"predObjId": "None", "pred_objid": "402"}, id="an object and HAMT's none"),
+        pytest.param({"predObjId": 4, "pred_objid": 5, "pred_obj_id": None}, id="two, and null"),
+        pytest.param({"predObjId": 402, "predObjid": "7"}, id="two spellings of a key"),
+        pytest.param({"pred_objid": "402", "PredObjID": -1}, id="two spellings, DUET's key"),
     ],
 )
 def test_answers_under_several_keys_must_agree(answers: Mapping[str, Any]) -> None:
@@ -148,6 +154,59 @@ def test_answers_under_several_keys_must_agree(answers: Mapping[str, Any]) -> No
     assert (problem.code, problem.where) == ("two-answers", "[0]")
     assert problem.message.startswith("2 records have different answers under two keys, such as {")
     assert problem.message.endswith("; keep one of the keys")
+
+
+ABSENT = object()
+
+
+@pytest.mark.parametrize("answer", [402, "402", 0, -1, "None"], ids=repr)
+@pytest.mark.parametrize(
+    "keys",
+    [
+        pytest.param(("predObjId", "pred_objid"), id="official, DUET's null"),
+        pytest.param(("pred_objid", "predObjId"), id="DUET's, official null"),
+        pytest.param(("pred_obj_id", "predObjId", "pred_objid"), id="older, both null"),
+    ],
+)
+def test_null_beside_an_answer_is_not_a_second_answer(keys: Sequence[str], answer: object) -> None:
+    """NaviLLM writes ``predObjId: 0`` where it has ``pred_objid: null``."""
+    right, *others = keys
+    predictions = read_predictions(answering(**dict.fromkeys(others), **{right: answer}) * 3)
+    alone = read_predictions(answering(**{right: answer}) * 3)
+    assert not predictions.problems
+    assert predictions.predicted_object.tolist() == alone.predicted_object.tolist()
+    assert predictions.answer_is_text.tolist() == alone.answer_is_text.tolist()
+    assert predictions.read_as == [
+        *alone.read_as,
+        *(f"3 records with null under {key}, beside an answer" for key in sorted(others)),
+    ]
+
+
+def test_null_under_every_key_predicts_no_object() -> None:
+    predictions = read_predictions(answering(predObjId=None, pred_objid=None))
+    assert predictions.predicted_object.tolist() == [-1]
+    assert predictions.read_as[1:] == ["1 answers that predict no object, not written as -1"]
+
+
+@pytest.mark.parametrize(
+    ("official", "respelt", "code"),
+    [
+        pytest.param(402, 402, None, id="equal"),
+        pytest.param(402, "402", None, id="equal, as text"),
+        pytest.param(402, None, None, id="null beside it"),
+        pytest.param(None, 402, "misspelt-field", id="beside null"),
+        pytest.param(None, None, None, id="two nulls"),
+        pytest.param(ABSENT, None, "misspelt-field", id="alone"),
+    ],
+)
+@pytest.mark.parametrize("spelling", ["predObjid", "predobjid", "PRED_OBJ_ID"])
+def test_another_spelling_beside_an_answer(
+    spelling: str, official: object, respelt: object, code: str | None
+) -> None:
+    """No answer is lost behind a null."""
+    answers = {spelling: respelt} | ({} if official is ABSENT else {"predObjId": official})
+    problems = problems_of(answering(**answers) * 2)
+    assert [problem.code for problem in problems] == [code] * (code is not None)
 
 
 def test_ids_with_leading_zeros_are_never_correct(demo: GroundTruth) -> None:

@@ -164,6 +164,10 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "object ids as NaN": answers(lambda _: float("nan")),
         "object ids below -1": answers(lambda _: -2),
         "different answers under two keys": in_every(lambda _: {"pred_objid": "99999"}),
+        "different answers under two spellings": in_every(lambda _: {"predObjid": 99999}),
+        "predObjId null, answers under predObjid": in_every(
+            lambda record: {"predObjId": None, "predObjid": record["predObjId"]}
+        ),
         "instructions counted from 1": ids(from_one),
         "only the tasks' ids": first_of_tasks,
         "the prefix r2r_": ids("r2r_{}".format),

@@ -29,6 +29,16 @@ class Form:
     document: Callable[[list[Record]], Any] = list
     read_as: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
+    none: int = -1
+    """What the file predicts where the agent predicts no object."""
+
+    def meaning(self) -> list[Record]:
+        """Return the official results that a file in this form states."""
+        stated = {-1: self.none}
+        return [
+            {**record, "predObjId": stated.get(record["predObjId"], record["predObjId"])}
+            for record in OFFICIAL
+        ]
 
     def write(self, records: Iterable[Record] = OFFICIAL) -> Any:
         """Return what the file holds that the codebase would write for these results."""
@@ -101,9 +111,9 @@ def written(key: str, write: Callable[[int], Any], none: Any) -> Callable[[int],
 
 
 def navillm_answer(answer: int) -> Mapping[str, Any]:
-    """Return the answer twice, as NaviLLM does: the agent's text and a converter's number."""
+    """Return the agent's answer and a number, as NaviLLM does: null and 0 for no object."""
     text = None if answer == -1 else str(answer)
-    return {"pred_objid": text, "pred_obj_direction": None, "predObjId": answer}
+    return {"pred_objid": text, "pred_obj_direction": None, "predObjId": int(text or 0)}
 
 
 def no_answer(answer: int) -> Mapping[str, Any]:
@@ -187,9 +197,9 @@ FORMS: Mapping[str, Form] = MappingProxyType(
             with_zeros,
             navillm_answer,
             lambda _: {"success": 1, "spl": 0.5},
-            "reverie_",
-            read_as=(f'{_RECORDS} instr_ids with the prefix "reverie_"',),
+            read_as=(f"{_NONE} records with null under pred_objid, beside an answer",),
             dropped=("pred_obj_direction", "success", "spl"),
+            none=0,
         ),
         "L NavGPT": Form(
             bare,

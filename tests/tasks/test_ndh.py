@@ -213,6 +213,8 @@ def test_ids_may_be_numbers_or_text_under_either_name() -> None:
         [{"instr_id": each["inst_idx"], "trajectory": each["trajectory"]} for each in records],
         [{"instr_id": str(each["inst_idx"]), "trajectory": each["trajectory"]} for each in records],
         [{**each, "inst_idx": str(each["inst_idx"])} for each in records],
+        [{**each, "instr_id": None} for each in records],
+        [{**each, "inst_idx": None, "instr_id": each["inst_idx"]} for each in records],
     ]
     for form in forms:
         assert evaluate(form, split="val_unseen", task="ndh") == scores

@@ -112,6 +112,10 @@ def json_lines(records: list[dict[str, Any]]) -> bytes:
             ],
             id="the same as text",
         ),
+        pytest.param(
+            lambda: [{**each, "instr_id": None} for each in instruction_ids()],
+            id="null under the other name",
+        ),
         pytest.param(lambda: json_lines(instruction_ids()), id="JSON Lines"),
         pytest.param(lambda: json_lines(json.loads(SAMPLE.read_text())), id="lines, full ids"),
     ],

@@ -1,5 +1,6 @@
 """Arguments and options that several commands take, each worded once."""
 
+import math
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
@@ -53,9 +54,18 @@ class Number(click.IntRange):
 
 
 class Decimal(click.FloatRange):
-    """A number in a range."""
+    """A finite number in a range."""
 
     name = "number"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Refuse what every range lets through, because no comparison with NaN is true."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        return number
 
 
 class Time(click.ParamType[datetime]):

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from scipy.special import gammaincinv, ndtr, stdtrit
 
 from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.errors import ProtocolError
 
 SIGNIFICANCE = 0.05
 """The significance level of the two-sided test."""
@@ -26,7 +27,13 @@ _MOST_RUNS = 1_000
 
 @dataclass(frozen=True)
 class Design:
-    """What the power of a comparison depends on; rates and effects are fractions."""
+    """What the power of a comparison depends on; rates and effects are fractions.
+
+    Raises
+    ------
+    ProtocolError
+        If something is out of range, infinite or NaN; lists everything that is.
+    """
 
     n_episodes: float
     n_clusters: float
@@ -40,6 +47,24 @@ class Design:
     """Runs of each method, whose means are compared."""
     run_deviation: float = 0.0
     """Standard deviation of a method's rate between runs."""
+
+    def __post_init__(self) -> None:
+        # Every condition is false for NaN.
+        wrong = [
+            f"{name} is {getattr(self, name):g}, expected {expected}"
+            for name, is_right, expected in (
+                ("n_episodes", 2 <= self.n_episodes < np.inf, "2 or more"),
+                ("n_clusters", 2 <= self.n_clusters < np.inf, "2 or more"),
+                ("size_of_own_cluster", 1 <= self.size_of_own_cluster < np.inf, "1 or more"),
+                ("discordance", 0 < self.discordance <= 1, "more than 0, and at most 1"),
+                ("correlation", 0 <= self.correlation <= 1, "0 to 1"),
+                ("n_runs", 1 <= self.n_runs < np.inf, "1 or more"),
+                ("run_deviation", 0 <= self.run_deviation <= 1, "0 to 1"),
+            )
+            if not is_right
+        ]
+        if wrong:
+            raise ProtocolError(f"no comparison to plan: {'; '.join(wrong)}")
 
     @classmethod
     def of(cls, cluster: IntArray, discordance: float, correlation: float = 0.0) -> "Design":
@@ -61,7 +86,17 @@ class Design:
         .. [1] Connor, "Sample size for testing differences in proportions for the paired-sample
            design", Biometrics 43(1), 1987.
         .. [2] Kish, "Survey Sampling", Wiley 1965, section 5.4.
+
+        Raises
+        ------
+        ProtocolError
+            If the effect is larger than the discordance, which no difference can be, or NaN.
         """
+        if not abs(effect) <= self.discordance:
+            raise ProtocolError(
+                f"an effect of {effect:g} is impossible: methods that disagree in "
+                f"{self.discordance:g} of the episodes cannot differ by more"
+            )
         design_effect = 1 + self.correlation * (self.size_of_own_cluster - 1)
         clusters = (self.discordance - effect**2) * design_effect / self.n_episodes
         runs = self.run_deviation**2 / self.n_runs

@@ -1,12 +1,13 @@
 """Planning a comparison: power by formula, in simulated worlds, and on the command line."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 import scipy
 
 from fixtures.clustered_worlds import simulated_power, simulated_power_of_runs
+from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics.power import Design
 from tests.support.flat import Run
 
@@ -142,12 +143,39 @@ def test_the_plan_of_a_split(run: Run) -> None:
         (["--effect", "30", "--discordance", "20"], "larger than the discordance (20 %)"),
         (["--effect", "0"], "not in the range"),
         (["--correlation", "2"], "not in the range"),
+        (["--effect", "nan"], "'--effect': nan is not a finite number"),
+        (["--discordance", "nan"], "'--discordance': nan is not a finite number"),
+        (["--correlation", "NaN"], "'--correlation': NaN is not a finite number"),
+        (["--run-deviation", "nan"], "'--run-deviation': nan is not a finite number"),
+        (["--run-deviation", "inf"], "not in the range"),
     ],
 )
 def test_what_cannot_be_planned(words: list[str], said: str, run: Run) -> None:
     status, out, err = run("plan", "--split", SPLIT, *words)
     assert (status, out) == (2, "")
     assert said in err
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1.0])
+@pytest.mark.parametrize("field", [each.name for each in fields(Design)])
+def test_a_design_out_of_range_is_refused(field: str, value: float) -> None:
+    with pytest.raises(ProtocolError, match=f"^no comparison to plan: {field} is {value:g}, "):
+        replace(MANY, **{field: value})  # type: ignore[arg-type]
+
+
+def test_everything_that_is_out_of_range_is_named_at_once() -> None:
+    with pytest.raises(ProtocolError) as refused:
+        Design(1, 2, 1.0, np.nan, correlation=1.5)
+    assert str(refused.value) == (
+        "no comparison to plan: n_episodes is 1, expected 2 or more; discordance is nan, expected "
+        "more than 0, and at most 1; correlation is 1.5, expected 0 to 1"
+    )
+
+
+@pytest.mark.parametrize("effect", [np.nan, np.inf, 0.26])
+def test_an_impossible_effect_is_refused(effect: float) -> None:
+    with pytest.raises(ProtocolError, match="is impossible: methods that disagree in 0.25 of"):
+        MANY.power(effect)
 
 
 def test_a_public_bundle_has_no_targets(run: Run) -> None:

@@ -1,6 +1,5 @@
 """``reverie-eval compile``, ``lint``, ``describe`` and ``boxes``: work on a dataset's files."""
 
-import math
 import os
 import re
 import signal
@@ -174,13 +173,6 @@ def _figure_writer() -> "Callable[[DatasetDescription, Path], Sequence[Path]]":
     return write_figures
 
 
-def _finite(context: click.Context, parameter: click.Parameter, metres: float) -> float:
-    """Refuse what a range of floats lets through: infinity and NaN."""
-    if not math.isfinite(metres):
-        raise click.BadParameter(f"{metres} is not a distance in metres", context, parameter)
-    return metres
-
-
 @click.command()
 @click.argument("houses", type=options.PATH)
 @click.argument("connectivity", type=options.PATH)
@@ -190,7 +182,6 @@ def _finite(context: click.Context, parameter: click.Parameter, metres: float) -
     metavar="METRES",
     type=options.Decimal(min=0, min_open=True),
     default=MAX_DISTANCE,
-    callback=_finite,
     help="List objects whose centre is nearer to the camera; the released files list up to 2.0.",
 )
 @options.with_default(

@@ -59,7 +59,7 @@ class Decimal(click.FloatRange):
     name = "number"
 
     def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+        self, value: float, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """Refuse what every range lets through, because no comparison with NaN is true."""
         number: float = super().convert(value, param, ctx)

@@ -174,7 +174,7 @@ def test_everything_that_is_out_of_range_is_named_at_once() -> None:
 
 @pytest.mark.parametrize("effect", [np.nan, np.inf, 0.26])
 def test_an_impossible_effect_is_refused(effect: float) -> None:
-    with pytest.raises(ProtocolError, match="is impossible: methods that disagree in 0.25 of"):
+    with pytest.raises(ProtocolError, match="is impossible: methods that disagree in"):
         MANY.power(effect)
 
 

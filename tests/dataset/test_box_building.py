@@ -456,7 +456,7 @@ def test_missing_folders(run: Run, tmp_path: Path) -> None:
     ("words", "reason"),
     [
         (("--max-distance", "0"), "0.0 is not in the range x>0"),
-        (("--max-distance", "nan"), "nan is not a distance"),
+        (("--max-distance", "nan"), "nan is not a finite number"),
         (("--max-distance", "abc"), "'abc' is not a valid number"),
         (("--jobs", "0"), "0 is not in the range x>=1"),
         (("--jobs", "x"), "'x' is not a valid whole number"),

@@ -29,6 +29,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "compare": "compare:compare",
                 "report": "compare:report",
                 "plan": "plan:plan",
+                "protocol": "protocol:protocol",
                 "subset": "submissions:draw_episodes",
                 "convert": "submissions:convert_submission",
                 "agent": "submissions:agent",

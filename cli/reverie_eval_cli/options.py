@@ -111,7 +111,7 @@ def _read_time(text: str) -> datetime | None:
     return None if time.tzinfo is None else time
 
 
-def _completing(
+def completing(
     names: Callable[[click.Context], Iterable[str]],
 ) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
     """Complete to names, which may depend on the words before."""
@@ -124,20 +124,20 @@ def _completing(
     return complete
 
 
-@_completing
+@completing
 def _complete_split(context: click.Context) -> Iterable[str]:
     place = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
     return bundled_splits(Path(place) if place else None) or _SPLITS
 
 
-@_completing
+@completing
 def complete_protocol(context: click.Context) -> Iterable[str]:
     """Complete to the protocols of the task."""
     task = find_task(context.params.get("task") or DEFAULT_TASK)
     return [*(rules.name for rules in task.protocols), *task.aliases]
 
 
-complete_task = _completing(lambda _: task_names())
+complete_task = completing(lambda _: task_names())
 
 
 with_default = partial(click.option, show_default=True)

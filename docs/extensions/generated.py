@@ -141,6 +141,43 @@ def protocols(task_name: str) -> str:
     )
 
 
+@generated
+def codebases(_: str) -> str:
+    """Write what is known of public codebases, a row for each task that one scores."""
+    from reverie_eval.tasks import codebases
+
+    return table(
+        ("codebase", "repository", "task", "protocol", "its evaluator", "what it does otherwise"),
+        (
+            (
+                each.name,
+                f"{each.repository} {each.commit}",
+                it.task,
+                f"`{it.protocol}`",
+                f"{it.source}: {it.standing}",
+                it.differs,
+            )
+            for each in codebases()
+            for it in each.evaluator
+        ),
+    )
+
+
+@generated
+def codebase_files(_: str) -> str:
+    """Write which files public codebases write."""
+    from reverie_eval.tasks import codebases
+
+    return table(
+        ("codebase", "file", "form", "its writer"),
+        (
+            (each.name, f"`{it.name}`" if it.name else "any name", it.form, it.standing)
+            for each in codebases()
+            for it in each.file
+        ),
+    )
+
+
 def _floors(spl: float, rgspl: float) -> str:
     floors = {"SPL": spl, "RGSPL": rgspl}
     shown = [name for name, floor in floors.items() if floor]

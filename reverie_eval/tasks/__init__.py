@@ -12,6 +12,13 @@ from reverie_eval.tasks._annotation import (
     PathAnnotation,
     ViewpointId,
 )
+from reverie_eval.tasks._codebases import (
+    Codebase,
+    CodebaseEvaluator,
+    CodebaseFile,
+    codebases,
+    find_codebase,
+)
 from reverie_eval.tasks._protocol import (
     DEFAULT_PROTOCOL,
     GoalRule,
@@ -36,6 +43,9 @@ __all__ = [
     "DEFAULT_TASK",
     "ENTRY_POINTS",
     "Annotation",
+    "Codebase",
+    "CodebaseEvaluator",
+    "CodebaseFile",
     "EpisodeAnnotation",
     "GoalRule",
     "HopReading",
@@ -48,6 +58,8 @@ __all__ = [
     "Protocol",
     "Task",
     "ViewpointId",
+    "codebases",
+    "find_codebase",
     "find_task",
     "name_on_server",
     "task_names",

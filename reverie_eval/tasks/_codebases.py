@@ -1,0 +1,112 @@
+"""Public codebases: by which protocol their numbers are reproduced, and what their files look like.
+
+What is known stands in ``codebases.toml``, and nowhere else.
+"""
+
+import tomllib
+from collections.abc import Sequence
+from datetime import date
+from functools import cache
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from reverie_eval.errors import ProtocolError
+
+_FILE = Path(__file__).with_name("codebases.toml")
+
+
+class CodebaseEvaluator(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a codebase scores one task."""
+
+    task: str
+    protocol: str
+    """The protocol of the task that gives the same values for every episode, apart from
+    ``differs``."""
+    source: str
+    """The file and lines in the repository; empty if it has no evaluator for the task."""
+    executed: date | None = None
+    """When it was last run against this package's protocol; None if it was only read."""
+    differs: str = ""
+    """What it does otherwise, as sentences."""
+
+    @property
+    def standing(self) -> str:
+        """Whether it was executed, and when."""
+        return "read" if self.executed is None else f"executed {self.executed}"
+
+
+class CodebaseFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a codebase's own result writer writes."""
+
+    name: str = ""
+    """The name of the file, with ``{split}``."""
+    form: str
+    """The records, trajectories and answers, in a sentence."""
+    example: str = ""
+    """A record as the writer wrote it, on made-up viewpoints; empty if it was only read."""
+    executed: date | None = None
+    """When the writer was run; None if it was only read."""
+
+    @property
+    def standing(self) -> str:
+        """Whether its writer was executed, and when."""
+        return "read" if self.executed is None else f"executed {self.executed}"
+
+
+class Codebase(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A public repository that scores a task, or writes files to be scored."""
+
+    name: str
+    """What papers and tables call the method."""
+    repository: str
+    """``owner/name`` on GitHub."""
+    commit: str
+    """The commit that was executed or read."""
+    also: Sequence[str] = ()
+    """Other names that it is known by."""
+    evaluator: Sequence[CodebaseEvaluator] = ()
+    """One for each task that it scores."""
+    file: Sequence[CodebaseFile] = ()
+    """One for each form that it writes."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Everything that it can be looked up by."""
+        return [self.name, *self.also, self.repository, self.repository.partition("/")[2]]
+
+
+class _Codebases(Struct, frozen=True, forbid_unknown_fields=True):
+    codebase: Sequence[Codebase]
+
+
+@cache
+def codebases() -> Sequence[Codebase]:
+    """Return all codebases, by name."""
+    found = msgspec.convert(tomllib.loads(_FILE.read_text("utf-8")), _Codebases)
+    return sorted(found.codebase, key=lambda each: each.name.casefold())
+
+
+def find_codebase(name: str) -> Codebase:
+    """Return a codebase by its name, another name, or its repository; case does not matter.
+
+    Raises
+    ------
+    ProtocolError
+        If there is none; the message suggests the closest.
+
+    Examples
+    --------
+    >>> find_codebase("vln-duet").name, find_codebase("https://github.com/cshizhe/VLN-DUET/").name
+    ('DUET', 'DUET')
+    """
+    from difflib import get_close_matches  # slow to import, and only needed in errors
+
+    wanted = name.strip("/").removesuffix(".git").rpartition("github.com/")[2].casefold()
+    by_name = {key.casefold(): each for each in codebases() for key in each.names}
+    if wanted not in by_name:
+        close = get_close_matches(wanted, by_name, n=1)
+        guess = f"did you mean {by_name[close[0]].name}? " if close else ""
+        raise ProtocolError(f"unknown codebase {name!r}; {guess}`reverie-eval protocol` lists all")
+    return by_name[wanted]

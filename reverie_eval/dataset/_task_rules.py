@@ -21,6 +21,11 @@ def _count_tasks(tasks: Sequence[Annotation], which: Callable[[Annotation], bool
     return Count.among(tasks, which, lambda task: task.name)
 
 
+def _without_answer(tasks: Tasks) -> Count:
+    has_answers = tasks.split.has_answers
+    return _count_tasks(tasks.split.tasks, lambda task: has_answers and not task.is_answered)
+
+
 def _without_graph(tasks: Tasks) -> Count:
     graphs = tasks.graphs
     with_file = graphs.scans.keys() | graphs.unreadable
@@ -63,6 +68,14 @@ TASK_RULES: Sequence[Rule[Tasks]] = (
         lambda tasks: Count.from_names(
             tasks.split.malformed, len(tasks.split.tasks) + len(tasks.split.malformed)
         ),
+    ),
+    error(
+        "missing-answer",
+        "tasks without an answer in a file where others have one",
+        "Give every task its answer, or none, as in the published test file. An answer is the "
+        "objId (REVERIE), the bboxes (SOON), the paths and end_panos (NDH), or else a path of more "
+        "than one viewpoint.",
+        _without_answer,
     ),
     error(
         "duplicate-episode",
@@ -118,12 +131,6 @@ TARGET_RULES: Sequence[Rule[Targets]] = (
         "targets",
         "distinct target objects",
         lambda targets: Count(len({(task.scan, task.target) for task in targets.tasks})),
-    ),
-    error(
-        "missing-answer",
-        "tasks without objId in a file where others have one",
-        "Give every task its objId, or none (the form of the published test file).",
-        lambda targets: _count_tasks(targets.split.tasks, lambda task: task.target is None),
     ),
     error(
         "target-not-listed",

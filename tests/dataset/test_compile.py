@@ -478,7 +478,7 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _tasks(lambda tasks: [task.pop("objId") for task in tasks[1:3]]),
             "missing-answer",
             ANNOTATIONS,
-            "2 of 32 tasks without objId in a file where others have one",
+            "2 of 32 tasks without an answer in a file where others have one",
             id="targets missing in part",
         ),
         pytest.param(

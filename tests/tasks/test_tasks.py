@@ -1,11 +1,12 @@
 """Tasks: what each has to say of itself, and how another package adds one."""
 
+import gzip
 import json
 import re
 import shutil
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -371,3 +372,62 @@ def test_a_bundle_of_a_task_that_is_not_installed(
     done = run("agent", "stop", "--split", "val_unseen", "--ground-truth", bundle)
     assert done.status == 2
     assert "is the ground truth of a task that is not installed: unknown task 'walks'" in done.err
+
+
+WITHOUT_ANSWER: Mapping[str, Callable[[dict[str, Any]], Mapping[str, Any]]] = {
+    "reverie": lambda record: {"objId": None, "path": record["path"][:1]},
+    "r2r": lambda record: {"path": record["path"][:1]},
+    "r4r": lambda record: {"path": record["path"][:1]},
+    "rxr": lambda record: {"path": record["path"][:1]},
+    "ndh": lambda _: {"end_panos": None, "planner_path": None, "player_path": None},
+    "soon": lambda record: {
+        "scan": record["bboxes"][0]["scan"],
+        "bboxes": [],
+        "path": [path[:1] for path in record["path"]],
+    },
+}
+"""What a record has instead of its answer in the public file of a private split."""
+
+
+def annotated(demo_world: Path, name: str, split: str) -> list[dict[str, Any]]:
+    """Return the records of an annotation file of the demo world."""
+    task = find_task(name)
+    content = (demo_world / task.folder / task.file_name.format(split=split)).read_bytes()
+    if not task.has_json_lines:
+        records: list[dict[str, Any]] = json.loads(content)
+        return records
+    return [json.loads(line) for line in gzip.decompress(content).splitlines()]
+
+
+@every_task
+def test_tasks_without_an_answer_among_others_stop_the_compiler(
+    name: str, demo_world: Path, run: Run, tmp_path: Path
+) -> None:
+    """They would be scored as if the start were the goal; lint counts them too."""
+    records = annotated(demo_world, name, "val_unseen")
+    for record in records[:3]:
+        record.update(WITHOUT_ANSWER[name](record))
+    file = tmp_path / "in.json"
+    file.write_text(json.dumps(records))
+    given = (*(str(demo_world), "--task", name), *("--annotations", str(file)))
+    number = sum(map(len, (record["path"] for record in records[:3]))) if name == "soon" else 3
+    compiled = run("compile", *given, "--split", "val_unseen", "-o", str(tmp_path / "it.npz"))
+    assert compiled.status == 1
+    assert f"{number} of " in compiled.err
+    assert " tasks without an answer in a file where others have one: " in compiled.err
+    checked = run("lint", *given)
+    assert checked.status == 1
+    (row,) = re.findall(r"^error +missing-answer .*$", checked.out, re.MULTILINE)
+    assert row.split()[2] == str(number)
+
+
+@every_task
+def test_a_file_without_any_answer_is_public(
+    name: str, demo_world: Path, run: Run, tmp_path: Path
+) -> None:
+    records = annotated(demo_world, name, "val_unseen")
+    file = tmp_path / "in.json"
+    file.write_text(json.dumps([record | WITHOUT_ANSWER[name](record) for record in records]))
+    given = (*(str(demo_world), "--task", name), *("--annotations", str(file)))
+    compiled = run("compile", *given, "--split", "val_unseen", "-o", str(tmp_path / "it.npz"))
+    assert compiled.status == 0, compiled.err

@@ -374,7 +374,7 @@ def test_a_bundle_of_a_task_that_is_not_installed(
     assert "is the ground truth of a task that is not installed: unknown task 'walks'" in done.err
 
 
-WITHOUT_ANSWER: Mapping[str, Callable[[dict[str, Any]], Mapping[str, Any]]] = {
+WITHOUT_ANSWER: Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     "reverie": lambda record: {"objId": None, "path": record["path"][:1]},
     "r2r": lambda record: {"path": record["path"][:1]},
     "r4r": lambda record: {"path": record["path"][:1]},

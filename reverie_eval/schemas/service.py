@@ -671,6 +671,8 @@ JOB = "job "
 """Before the name of a job among the checks that failed."""
 SETTINGS = "settings"
 """The check that a server could start again."""
+LEADERBOARDS = "leaderboards"
+"""The check that every leaderboard can be shown."""
 
 
 class HealthReport(WireModel):
@@ -691,7 +693,11 @@ class HealthReport(WireModel):
         return cls(status=status, failed=list(remedies), remedies=remedies, jobs=jobs)
 
     def readiness(self) -> Self:
-        """Return the report of what requests need: without jobs and the file of settings."""
-        remedies = self.remedies.items()
-        own = {name: text for name, text in remedies if not name.startswith((JOB, SETTINGS))}
+        """Return the report of what requests need.
+
+        Without jobs, the file of settings, and results that keep only their leaderboard from being
+        shown.
+        """
+        remedies, others = self.remedies.items(), (JOB, SETTINGS, LEADERBOARDS)
+        own = {name: text for name, text in remedies if not name.startswith(others)}
         return self.of(own, [])

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from threading import Event
 from typing import Self
 
@@ -36,7 +37,7 @@ from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.scoring import Scoring, ScoringHere
 from reverie_eval.server.service.scoring_processes import ScoringProcesses
 from reverie_eval.server.service.snapshots import Snapshots
-from reverie_eval.server.service.soundness import DatabaseWatch
+from reverie_eval.server.service.soundness import DatabaseWatch, read_each
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
@@ -147,16 +148,19 @@ class ServerState:
 
         Without a metric, it is ranked by its primary one.
         """
-        (ranking,) = self.rankings(session, [board], metric)
+        (ranking,) = self._rankings(session, [board], metric)
         return ranking
 
-    def rankings(
+    def rankings(self, session: Session, boards: Sequence[Board]) -> Sequence[Ranking | None]:
+        """Return leaderboards of several splits, all with the same name; None if rows are damaged.
+
+        This takes as many statements as reading the one that takes most, unless rows are damaged.
+        """
+        return read_each(boards, partial(self._rankings, session))
+
+    def _rankings(
         self, session: Session, boards: Sequence[Board], metric: str | None = None
     ) -> Sequence[Ranking]:
-        """Return leaderboards of several splits, all with the same name, as :meth:`ranking`.
-
-        This takes as many statements as reading the one that takes most.
-        """
         now = self.clock()
         self.rules.follow(session)
         boards = [self.board(board.name, board.further) for board in boards]

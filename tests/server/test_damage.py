@@ -102,7 +102,7 @@ def test_health_notices_that_uploads_cannot_be_written(
     spoil(server.state.settings.folder, name)
     reply = server.client.get("/healthz")
     assert reply.status_code == 503
-    assert {"database"} <= {*reply.json()["failed"]} <= {"database", "stored data"}
+    assert {"database"} <= {*reply.json()["failed"]} <= {"database", "leaderboards"}
 
 
 def test_health_counts_nothing_up(server_on: Serving, monkeypatch: pytest.MonkeyPatch) -> None:

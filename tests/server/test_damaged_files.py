@@ -220,7 +220,7 @@ def test_a_row_that_a_leaderboard_cannot_show_is_damage(
         database.execute(f"UPDATE submission SET {shown} WHERE split = '{PRIVATE}'")
     reply = server.ask(OTHER, "GET", f"/splits/{PRIVATE}/leaderboard")
     assert (reply.status_code, reply.json()["code"]) == (503, "damaged")
-    assert failing(server) == ["stored data"]
+    assert failing(server) == ["leaderboards"]
 
 
 def test_damage_under_a_running_server_is_found_in_the_background(lively: Serving) -> None:

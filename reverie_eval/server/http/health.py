@@ -32,6 +32,7 @@ from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     JOB,
+    LEADERBOARDS,
     SETTINGS,
     HealthReport,
     JobReport,
@@ -41,9 +42,16 @@ from reverie_eval.schemas.service import (
 from reverie_eval.server.jobs.runner import Jobs
 from reverie_eval.server.jobs.work import tell_fault
 from reverie_eval.server.service.boards import Board, board_named
+from reverie_eval.server.service.leaderboard import Ranking
 from reverie_eval.server.service.rules import rules_of
 from reverie_eval.server.service.scoring import Context
-from reverie_eval.server.service.soundness import FileWatch, UnsoundError, check_key, try_newest
+from reverie_eval.server.service.soundness import (
+    FileWatch,
+    UnsoundError,
+    check_key,
+    read_each,
+    try_newest,
+)
 from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.damage import damage_in
@@ -88,6 +96,9 @@ REMEDIES: Mapping[str, str] = {
     "`reverie-eval server doctor`",
     "stored data": "the database is damaged, or its file was removed or replaced; stop the server, "
     "and restore the last backup with `reverie-eval server restore`",
+    LEADERBOARDS: "a result on a leaderboard cannot be read, so that leaderboard is not shown; the "
+    "log names it, and `reverie-eval server doctor` the row; restore the last backup with "
+    "`reverie-eval server restore`",
     JOB: "work that the server does by itself failed the last time, or hangs; the error is in "
     "`jobs`, and in the log",
     "uploads": "files cannot be stored, or the newest one cannot be read; check the folder or "
@@ -123,7 +134,8 @@ class Health:
             },
             SETTINGS: files.check_settings,
             "signing key": partial(_compare_key, server),
-            "stored data": partial(_check_stored, server),
+            "stored data": server.database_watch.check,
+            LEADERBOARDS: partial(_read_leaderboards, server),
             "database": partial(_write, server),
             "uploads": partial(_try_uploads, server),
         }
@@ -220,19 +232,31 @@ class Canary:
         verify(signer.sign(receipt), signer.public_pem)
 
 
-def _check_stored(server: ServerState) -> None:
-    """Check that the database is not damaged, and that every leaderboard can be read from it.
+def _read_leaderboards(server: ServerState) -> None:
+    """Check that every leaderboard can be read from the database.
 
     A database that does not answer is reported by another check.
+
+    Raises UnsoundError, which names the leaderboards that cannot be read.
     """
-    server.database_watch.check()
+    boards = server.leaderboards
     try:
         with server.database.reading() as session:
-            for board in server.leaderboards:
-                server.ranking(session, board)
+
+            def read(some: Sequence[Board]) -> Sequence[Ranking]:
+                return [server.ranking(session, board) for board in some]
+
+            unread = [
+                board.label
+                for board, ranking in zip(boards, read_each(boards, read), strict=True)
+                if ranking is None
+            ]
     except DBAPIError as error:
         if damage_in(error) is not None:
             raise
+        return
+    if unread:
+        raise UnsoundError(f"results that cannot be read are on: {'; '.join(unread)}")
 
 
 def _compare_bundle(server: ServerState, files: FileWatch, split: str) -> None:

@@ -347,8 +347,9 @@ def _feed(
     with server.database.reading() as session:
         items = [*items_of_news(latest_news(session, MOST_ITEMS))]
         corrections = corrections_of(session, boards)
-        for ranking in server.rankings(session, boards):
-            items += items_of(ranking)
+        rankings = server.rankings(session, boards)
+        for ranking in rankings:
+            items += () if ranking is None else items_of(ranking)
         for board in boards:
             items += items_of_corrections(board, corrections[board.name])
     shown = latest(items)
@@ -360,6 +361,9 @@ def _feed(
         page=path or "/",
         path=f"{path}/feed.atom",
         items=shown,
+        unread=[
+            board.label for board, ranking in zip(boards, rankings, strict=True) if ranking is None
+        ],
         updated=max((item.at for item in shown), default=_BEFORE_ALL),
     )
     return Response(xml, media_type="application/atom+xml")

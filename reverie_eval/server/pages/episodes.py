@@ -18,8 +18,10 @@ from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
 from reverie_eval.server.http.callers import Call, Snapshot, Visitor
 from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import drawn, page
-from reverie_eval.server.service.episodes import Browsing, EpisodeFilter, Run
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.episodes import Browsing, Choice, EpisodeFilter, Run
 from reverie_eval.server.service.leaderboard import make_distinct
+from reverie_eval.server.service.soundness import read_each
 from reverie_eval.text import category_text
 
 router = APIRouter()
@@ -104,8 +106,12 @@ def show_splits(visitor: Visitor) -> Response:
     """List the open splits."""
     episodes = visitor.server.episodes
     with visitor.snapshot() as snapshot:
-        choices = episodes.choices(snapshot.session, snapshot.caller, episodes.boards)
-        splits = [(board, choices[board.name]) for board in episodes.boards]
+
+        def read(boards: Sequence[Board]) -> Sequence[Sequence[Choice]]:
+            return [*episodes.choices(snapshot.session, snapshot.caller, boards).values()]
+
+        boards = episodes.boards
+        splits = [*zip(boards, read_each(boards, read), strict=True)]
         return page(snapshot, "episodes.html", splits=splits, most=MOST_CHOICES)
 
 

@@ -41,7 +41,8 @@ class Leaders:
     """The first rows of a leaderboard."""
 
     board: Board
-    ranking: Ranking
+    ranking: Ranking | None
+    """None if a result cannot be read."""
     schedule: Schedule
     rows: Sequence[Row]
     references: Mapping[str, Scores]
@@ -122,9 +123,11 @@ def _leaders(server: ServerState, session: Session) -> Mapping[str, Sequence[Lea
     """Return the first rows of every leaderboard, by the title of its task."""
     schedules = server.schedules.in_effect(session)
     found: dict[str, list[Leaders]] = {task.title: [] for task in server.tasks}
-    for ranking in server.rankings(session, [*server.boards.values()]):
-        board, rows = ranking.board, ranking.rows[:MOST_LEADERS]
-        has_results = any(row.entry.is_ranked for row in ranking.rows)
+    boards = [*server.boards.values()]
+    for board, ranking in zip(boards, server.rankings(session, boards), strict=True):
+        all_rows = () if ranking is None else ranking.rows
+        rows = all_rows[:MOST_LEADERS]
+        has_results = any(row.entry.is_ranked for row in all_rows)
         references = (
             {} if has_results or server.warming.is_set() else server.episodes.references(board)
         )

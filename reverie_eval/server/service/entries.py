@@ -33,7 +33,7 @@ from reverie_eval.server.service.audit import RULES
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reviews import PublishedReview, is_disqualified
 from reverie_eval.server.service.schedules import Schedules, Timetable
-from reverie_eval.server.store.database import IS_SNAPSHOT
+from reverie_eval.server.store.database import IS_SNAPSHOT, UnreadableValueError
 from reverie_eval.server.store.tables import (
     IS_CHANGE,
     IS_SHOWN,
@@ -128,7 +128,7 @@ class _Result(msgspec.Struct):
 
 _REPORT = msgspec.json.Decoder(_Report)
 _FURTHER = msgspec.json.Decoder(dict[str, _Result])
-_METHOD = msgspec.json.Decoder(dict[str, Any])
+_METHOD = msgspec.json.Decoder(dict[str, str | bool | None])
 _SCORES = msgspec.json.Decoder(dict[str, float])
 
 
@@ -191,7 +191,11 @@ class EntriesCache:
     ) -> Sequence[BoardEntries]:
         """Return the entries of leaderboards of several splits, all with the same name.
 
-        Reading those that have changed takes as many statements as reading one of them.
+        Reading those that have changed takes as many statements as reading one of them. So a row
+        that cannot be read keeps all of them from being read; one at a time, the others can be.
+
+        Raises UnreadableValueError if a result on one of them cannot be read, as does its JSON; or
+        the DBAPIError of SQLite or the driver that reads a row.
         """
         number = last_recorded(session).change
         with self._lock:
@@ -265,11 +269,14 @@ def _read_entries(
     results = session.execute(_results(boards))
     for (split, _, submission_id), group in groupby(results, lambda row: row[: len(_KEY)]):
         board, rows = of_split[split], list(group)
-        entry = (
-            _reported(board, rows[0])
-            if submission_id is None
-            else _scored(board, rows, timetables[split], now)
-        )
+        try:
+            entry = (
+                _reported(board, rows[0])
+                if submission_id is None
+                else _scored(board, rows, timetables[split], now)
+            )
+        except msgspec.DecodeError:
+            raise UnreadableValueError(f"a result on {board.label} cannot be read") from None
         if entry is not None:
             found[split].append(entry)
     return {board.path: _entries_of(number, board, found[board.name]) for board in boards}
@@ -380,7 +387,7 @@ def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: dateti
         submission_id=row.id,
         team_id=row.team_id,
         team=row.team,
-        method=_METHOD.decode(row.method),
+        method=_method(row.method),
         published_at=row.at,
         anonymous_until=row.anonymous_until,
         scores=report.scores if held_until is None else {},
@@ -390,6 +397,14 @@ def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: dateti
         standing=_standing(report, reviews, board),
         reviews=reviews,
     )
+
+
+def _method(stored: str) -> Mapping[str, Any]:
+    """Return a stored method, of which pages need the name."""
+    method = _METHOD.decode(stored)
+    if not isinstance(method.get("name"), str):
+        raise msgspec.ValidationError("a method has no name")
+    return method
 
 
 def _report_on(board: Board, stored: str) -> _Report | None:
@@ -413,7 +428,7 @@ def _reported(board: Board, row: Any) -> Entry:
         submission_id=None,
         team_id=None,
         team=row.team,
-        method=_METHOD.decode(row.method),
+        method=_method(row.method),
         published_at=row.at,
         anonymous_until=None,
         scores=_SCORES.decode(row.stored),

@@ -22,7 +22,8 @@ from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
 from reverie_eval.metrics import ABSTAINED
-from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.service import Method, SubmissionReport
 from reverie_eval.scoring import (
     OUTCOMES,
     FailureModes,
@@ -45,7 +46,7 @@ from reverie_eval.server.service.submissions import (
     with_public_episodes,
 )
 from reverie_eval.server.settings import Split
-from reverie_eval.server.store.tables import Person, Submission
+from reverie_eval.server.store.tables import Person, Submission, read_stored
 from reverie_eval.submissions import AlignedSubmission
 from reverie_eval.tasks import Task, name_on_server
 
@@ -274,7 +275,7 @@ class EpisodeService:
         """Return what a person may look at on open splits, by split.
 
         Their own submissions first, then those that everyone may see, each the newest first; then
-        the reference agents.
+        the reference agents. Raises UnreadableValueError if a row cannot be read.
         """
         splits = [board.name for board in boards]
         own = newest_of_each(session, person, splits, MOST_LISTED) if person else {}
@@ -291,10 +292,9 @@ class EpisodeService:
         others = [
             self._public(row)
             for row in public
-            if row.id not in known
-            and board.is_current(row.report["signature"], row.report["fingerprint"])
+            if row.id not in known and board.measures_as(read_stored(ScoreReport, row.report))
         ]
-        theirs = [_own(row, row.team.name, row.method["name"]) for row in own]
+        theirs = [_own(row, row.team.name, _name_of_method(row)) for row in own]
         return [*theirs, *others, *map(_agent, AGENTS)]
 
     def _view(self, session: Session) -> View:
@@ -348,7 +348,11 @@ class EpisodeService:
 
     def _public(self, row: Submission) -> Choice:
         team = public_team(row, self._submissions.transactions.clock())
-        return Choice(row.id, row.method["name"], "public", team, row.published_at)
+        return Choice(row.id, _name_of_method(row), "public", team, row.published_at)
+
+
+def _name_of_method(row: Submission) -> str:
+    return read_stored(Method, row.method).name
 
 
 def _demo_board(task: Task) -> Board | None:

@@ -1,9 +1,11 @@
 """Damage that appears while a server runs: of its database, its files and its uploads."""
 
+import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -14,11 +16,13 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import current_key, file_of_key
 from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
-from reverie_eval.server.store.damage import find_damage
+from reverie_eval.server.store.damage import find_damage, is_of_rows
 from reverie_eval.server.store.database import Database, FileReplacedError
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import Uploads, stored_pieces
 from reverie_eval.text import first_few
+
+Result = TypeVar("Result")
 
 SECONDS_BETWEEN = 60
 """Seconds between two searches for damage, at least."""
@@ -28,10 +32,29 @@ _SHARE = 100
 _NEWEST = select(Submission.sha256, Submission.upload_deleted_at).order_by(
     Submission.received_at.desc()
 )
+_LOGGER = logging.getLogger("reverie_eval.server")
 
 
 class UnsoundError(Exception):
     """Something that the server needs is damaged, missing or not what it was."""
+
+
+def read_each(
+    boards: Sequence[Board], read: Callable[[Sequence[Board]], Sequence[Result]]
+) -> Sequence[Result | None]:
+    """Read something of several leaderboards at once; None for each whose rows cannot be read.
+
+    Only if there are such rows, each leaderboard is read on its own.
+    """
+    try:
+        return read(boards)
+    except Exception as error:
+        if not is_of_rows(error):
+            raise
+        if len(boards) > 1:
+            return [each for board in boards for each in read_each([board], read)]
+        _LOGGER.warning("rows of %s cannot be read: %s", boards[0].label, type(error).__name__)
+        return [None]
 
 
 class DatabaseWatch:

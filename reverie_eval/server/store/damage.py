@@ -29,7 +29,7 @@ from sqlalchemy import (
     select,
     type_coerce,
 )
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DataError, DBAPIError
 
 from reverie_eval.server.store.database import (
     AT_ONCE,
@@ -44,10 +44,13 @@ _SAID = {
     sqlite3.SQLITE_NOTADB: "file is not a database",
 }
 """SQLite's messages, without what it may quote from the file."""
+_UNREADABLE = "a stored value cannot be read"
 _PRIMARY_CODE = 0xFF
 """Bits of SQLite's error code; the others tell more: https://www.sqlite.org/rescode.html"""
 _NOT_UTF8 = "Could not decode to UTF-8"
 """How Python's message about a text in SQLite begins; the text itself follows."""
+_NOT_JSON = "malformed JSON"
+"""What SQLite's functions say of such a text, with an unspecific code."""
 _OTHER_FORMAT = "unsupported file format"
 """What SQLite says of one number in its header, with an unspecific code."""
 _SQLSTATES = {"XX001": "a page is malformed", "XX002": "an index is malformed"}
@@ -84,18 +87,33 @@ def damage_in(error: BaseException | None) -> str | None:
             return found
         case FileReplacedError():
             return str(error)
-        case UnreadableValueError() | UnicodeDecodeError() | ValidationError() | WrongShapeError():
-            return "a stored value cannot be read"
+        # Without a statement, the driver was reading a row: PostgreSQL has times after all years.
+        case (
+            UnreadableValueError() | UnicodeDecodeError() | ValidationError() | WrongShapeError()
+        ) | DataError(statement=None):
+            return _UNREADABLE
         case _ if found := _SQLSTATES.get(getattr(error, "sqlstate", None) or ""):
             return found
         case _:
             return damage_in(error.__cause__ or error.__context__)
 
 
+def is_of_rows(error: Exception) -> bool:
+    """Whether an error is that rows cannot be read, and the transaction can read others.
+
+    PostgreSQL ends a transaction in which it finds damage itself.
+    """
+    is_ended = isinstance(error, DBAPIError) and getattr(error.orig, "sqlstate", None)
+    is_about_one = isinstance(error, UnreadableValueError | DBAPIError)
+    return is_about_one and not is_ended and damage_in(error) is not None
+
+
 def _said_by_sqlite(error: sqlite3.Error) -> str | None:
     code = getattr(error, "sqlite_errorcode", 0)  # Python raises some itself
     if str(error).startswith(_NOT_UTF8):
         return "a stored text is not UTF-8"
+    if str(error) == _NOT_JSON:
+        return _UNREADABLE
     return _SAID.get(code & _PRIMARY_CODE) or (
         _OTHER_FORMAT if str(error) == _OTHER_FORMAT else None
     )

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Any, Literal, TypeVar
 from unicodedata import category, normalize
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 from sqlalchemy import (
     JSON,
     DateTime,
@@ -26,6 +26,17 @@ from reverie_eval.schemas.service import ReleaseScores, Role, Verdict
 from reverie_eval.server.store.database import UnreadableValueError
 
 Report = TypeVar("Report", bound=BaseModel)
+
+
+def read_stored(model: type[Report], stored: object) -> Report:
+    """Return a stored JSON value, or a row, as a model.
+
+    Raises UnreadableValueError if it is of another shape.
+    """
+    try:
+        return model.model_validate(stored)
+    except ValidationError:
+        raise UnreadableValueError(f"a stored {model.__name__} cannot be read") from None
 
 
 class UtcDateTime(TypeDecorator[datetime]):

@@ -6,7 +6,8 @@ show scores. ``/desk/snapshots``: signed states of leaderboards, which never cha
 """
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from typing import Annotated
@@ -21,8 +22,10 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import people, quotas, rescoring, schedules
+from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.schedules import Timetable
 from reverie_eval.server.service.snapshots import list_snapshots
+from reverie_eval.server.service.soundness import read_each
 
 router = APIRouter()
 
@@ -159,13 +162,19 @@ def take_snapshot(desk: Desk, form: Posted) -> Response:
 def draw_corrections(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the splits with submissions to score again, and all corrections."""
     session, server = snapshot.session, desk.server
-    counts = rescoring.count_outdated(session, server.leaderboards)
+
+    def count(boards: Sequence[Board]) -> Sequence[int]:
+        return [*rescoring.count_outdated(session, boards).values()]
+
+    boards, outdated = server.leaderboards, Counter[str]()
+    counts = read_each(boards, count)
+    for board, number in zip(boards, counts, strict=True):
+        outdated[board.name] += number or 0
     return {
-        "outdated": {
-            split: number
-            for split, own in server.boards.items()
-            if (number := sum(counts[board.path] for board in own.all))
-        },
+        "outdated": +outdated,
+        "unread": [
+            each.label for each, number in zip(boards, counts, strict=True) if number is None
+        ],
         "corrections": rescoring.list_corrections(session, forms.page_at(desk, "corrections")),
         "at_once": rescoring.AT_ONCE,
     }

@@ -5,7 +5,9 @@ PostgreSQL. Each restored server shows the same bytes as the one before, has not
 to complain of, and goes on.
 """
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from random import Random
 
@@ -13,8 +15,16 @@ import pytest
 import time_machine
 from anyio.from_thread import BlockingPortal
 
+from reverie_eval.schemas.organising import NewMerge
+from reverie_eval.server.operations.backup import write_backup
+from reverie_eval.server.operations.restore import restore_backup
+from reverie_eval.server.service.audited_rows import all_names_of_teams
+from reverie_eval.server.service.merging import merge_teams
+from reverie_eval.server.settings import load_settings
 from tests.support.amounts import amount, tell
-from tests.support.serving import GOOD, OPEN
+from tests.support.entries import entered
+from tests.support.kept import faults, rows_of
+from tests.support.serving import GOOD, OPEN, ORGANISER, OTHER, OWNER, OpenServer, Serving
 from tests.support.worst_years import BEGIN, Lab, WorstYear
 
 MOVES = ("postgresql", "sqlite")
@@ -65,3 +75,55 @@ def check_that_it_works(year: WorstYear) -> None:
         assert sent.status_code == 201, sent.text
     merged = lab.organise("POST", "teams/merge", team=teams[0], into=teams[1])
     assert (merged.status_code, merged.json()["submissions"]) == (200, 1)
+
+
+CHAINS = {
+    "into newer ones at one moment": (("Blue", "Red", "Organisers"), 0),
+    "into older ones at one moment": (("Organisers", "Red", "Blue"), 0),
+    "into a newer one, an hour later into an older one": (("Red", "Organisers", "Blue"), 1),
+}
+"""Teams of which each is merged into the next, and the hours between; their order of ids is Blue,
+Red, Organisers."""
+
+
+@pytest.mark.parametrize(("chain", "hours"), CHAINS.values(), ids=CHAINS)
+def test_a_chain_of_merged_teams_is_restored_on_the_other_database(  # noqa: PLR0917
+    chain: Sequence[str],
+    hours: int,
+    server_on: Serving,
+    request: pytest.FixtureRequest,
+    open_server: OpenServer,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    server, file = server_on, server_on.distinct()
+    for who in (OWNER, OTHER, ORGANISER):
+        entered(server, who=who)
+        assert server.upload(who, file).status_code == 201  # all but one become repeats
+    for team, into in pairwise(chain):
+        server.clock.turn(hours=hours)
+        with server.acting() as transaction:
+            merge_teams(transaction, NewMerge(team=team, into=into))
+    board = f"/splits/{OPEN}/leaderboard"
+    before, shown = server.state.settings, server.ask(None, "GET", board).content
+    assert [row["team"] for row in json.loads(shown)["rows"]] == 3 * [chain[-1]]
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", before.database)
+    rows, archive = rows_of(before.folder), tmp_path / "backup.tar.gz"
+    write_backup(before.folder, archive)
+
+    to_sqlite = not server.state.database.is_sqlite
+    other = "sqlite:///server.db" if to_sqlite else request.getfixturevalue("postgresql")()
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", other)
+    restore_backup(archive, tmp_path / "restored")
+    assert rows_of(tmp_path / "restored") == rows
+    assert faults(tmp_path / "restored") == []
+    restored = open_server(load_settings(tmp_path / "restored"), server.tokens)
+    restored.clock.now = server.clock.now
+    assert restored.ask(None, "GET", board).content == shown
+    with restored.state.database.reading() as session:
+        names = all_names_of_teams(session)
+    assert [names[team] for team in chain] == [{*chain[: 1 + at]} for at in range(3)]
+    for who in (OWNER, OTHER, ORGANISER):
+        assert restored.ask(who, "GET", "/me").json()["team"] == chain[-1]
+        assert restored.upload(who, file).status_code == 200  # a repeat of all
+    assert restored.upload(OTHER, server.distinct()).status_code == 201

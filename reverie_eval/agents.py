@@ -24,29 +24,14 @@ class Surroundings:
     def __init__(self, ground_truth: GroundTruth) -> None:
         self._graph = ground_truth.graph
         self._answers = ground_truth.require_answers()
-        self._neighbours: dict[int, list[int]] = {}
 
     def neighbours(self, viewpoint: int) -> list[int]:
         """Return the connected viewpoints, or the viewpoint itself if there are none."""
-        if viewpoint not in self._neighbours:
-            scan = np.flatnonzero(
-                self._graph.viewpoint_scan == self._graph.viewpoint_scan[viewpoint]
-            )
-            here = np.full_like(scan, viewpoint)
-            connected = scan[self._graph.has_edge(here, scan)].tolist()
-            self._neighbours[viewpoint] = connected or [viewpoint]
-        return self._neighbours[viewpoint]
+        return list(self._graph.neighbours(viewpoint)) or [viewpoint]
 
-    def shortest_route(self, start: int, goal: int) -> list[int]:
+    def shortest_route(self, start: int, goal: int) -> Sequence[int]:
         """Return the viewpoints of a shortest route, including both ends."""
-        route = [start]
-        while route[-1] != goal:
-            choices = np.array(self.neighbours(route[-1]))
-            here, there = np.full_like(choices, route[-1]), np.full_like(choices, goal)
-            length = self._graph.distance_between(here, choices)
-            length = length + self._graph.distance_between(choices, there)
-            route.append(int(choices[np.argmin(length)]))
-        return route
+        return self._graph.routes_from(start)[goal]
 
     def visible_objects(self, viewpoint: int) -> list[int]:
         """Return the ids of the objects visible from a viewpoint."""

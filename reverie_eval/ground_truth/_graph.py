@@ -1,13 +1,15 @@
 """The navigation graphs of a split's scans: edges between viewpoints, and shortest distances."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from heapq import heappop, heappush
+from itertools import count
 from typing import Self
 
 import numpy as np
 
-from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, offsets_of
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, offsets_of, row_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +79,44 @@ class NavigationGraph:
         """Whether there is an edge from each start to each end, which share a scan."""
         return self.edge[self._pair(start, end)]
 
+    def neighbours(self, viewpoint: int) -> Mapping[int, float]:
+        """Return the viewpoints to which there is an edge, ascending, and the metres to each."""
+        end, metres, offsets = self._edges
+        row = slice(offsets[viewpoint], offsets[viewpoint + 1])
+        return dict(zip(end[row], metres[row], strict=True))
+
+    def routes_from(self, start: int) -> Mapping[int, Sequence[int]]:
+        """Return the shortest route to each viewpoint that can be reached, with both ends.
+
+        Of equally short routes it is the one that Dijkstra's algorithm finds first, as networkx
+        implements it, which the published evaluators use.
+        """
+        routes, shortest, done = {start: [start]}, {start: 0.0}, set[int]()
+        found, queue = count(1), [(0.0, 0, start)]
+        while queue:
+            length, _, here = heappop(queue)
+            if here in done:
+                continue
+            done.add(here)
+            for there, metres in self.neighbours(here).items():
+                if length + metres < shortest.get(there, np.inf):
+                    shortest[there] = length + metres
+                    routes[there] = [*routes[here], there]
+                    heappush(queue, (length + metres, next(found), there))
+        return routes
+
     def _pair(self, start: IntArray, end: IntArray) -> IntArray:
         return self._row_begin[start] + end
+
+    @cached_property
+    def _edges(self) -> tuple[list[int], list[float], list[int]]:
+        """The ends of all edges by their start, their metres, and where each start's begin."""
+        pair = np.flatnonzero(self.edge)
+        row_length = np.bincount(self.viewpoint_scan)[self.viewpoint_scan]
+        start = row_of(offsets_of(row_length))[pair]
+        offsets = offsets_of(np.bincount(start, minlength=len(self.viewpoint_ids)))
+        end = pair - self._row_begin[start]
+        return end.tolist(), self.distance[pair].tolist(), offsets.tolist()
 
     @cached_property
     def _row_begin(self) -> IntArray:

@@ -2,22 +2,22 @@
 
 import os
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
-from reverie_eval.arrays import Array, IntArray
+from reverie_eval.arrays import Array, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth._answers import Answers
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
 from reverie_eval.ground_truth._subset import subset_digest, subset_rows
-from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
+from reverie_eval.tasks import DEFAULT_TASK, TO_REGION, Task, find_task
 from reverie_eval.text import category_text, count_text, did_you_mean
 
 GROUND_TRUTH_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
@@ -176,10 +176,30 @@ class GroundTruth:
         return replace(scored, subset_digest=digest)
 
     def along(self, reference: str) -> "GroundTruth":
-        """Return the ground truth with one of the further annotated paths; "" for the usual one."""
+        """Return the ground truth with another path to score by; "" for the usual one.
+
+        It is one of the further annotated paths, or ``TO_REGION``.
+        """
         if not reference or self.answers is None:
             return self
-        return replace(self, answers=self.answers.along(reference, self.episodes.task))
+        answers = self.answers
+        if reference == TO_REGION:
+            paths = list(self._paths_to_region(answers))
+            further = np.concatenate(paths), offsets_of(np.array([len(path) for path in paths]))
+            answers = replace(answers, further_paths={**answers.further_paths, reference: further})
+        return replace(self, answers=answers.along(reference, self.episodes.task))
+
+    def _paths_to_region(self, answers: Answers) -> Iterator[IntArray]:
+        """Yield each task's planner's path if it ends at a goal, else the route to a goal."""
+        routes = cache(self.graph.routes_from)
+        path, offsets = answers.further_paths["planner"]
+        goal, goal_offsets = answers.goals()
+        planned = np.split(path, offsets[1:-1])
+        for way, region in zip(planned, np.split(goal, goal_offsets[1:-1]), strict=True):
+            if way[-1] in region:
+                yield way
+            else:
+                yield np.array(min((routes(way[0])[end] for end in region), key=len))
 
     def _take(self, rows: IntArray) -> "GroundTruth":
         answers = self.answers and self.answers.take(rows)

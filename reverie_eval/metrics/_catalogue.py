@@ -372,11 +372,12 @@ _METRICS = (
         key="sfpl",
         label="SFPL",
         name="success rate of finding weighted by path length",
-        definition="SPL if the target is detected, else 0",
+        definition="detection success, weighted as SPL is",
         needs=_OUTLINE,
+        # The goal is among them because some protocols move it, and the shortest length with it.
         protocol_rules=frozenset({"repeated_outlines", "goal", "spl_numerator", "spl_floor"}),
-        compute=np.multiply,
-        inputs=("detection_success", "spl"),
+        compute=spl,
+        inputs=("detection_success", "path_length", "reference_length", "spl_floor"),
     ),
     *(
         Metric(

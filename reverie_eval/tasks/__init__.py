@@ -21,6 +21,7 @@ from reverie_eval.tasks._codebases import (
 )
 from reverie_eval.tasks._protocol import (
     DEFAULT_PROTOCOL,
+    TO_REGION,
     GoalRule,
     HopReading,
     KnownProtocol,
@@ -42,6 +43,7 @@ __all__ = [
     "DEFAULT_PROTOCOL",
     "DEFAULT_TASK",
     "ENTRY_POINTS",
+    "TO_REGION",
     "Annotation",
     "Codebase",
     "CodebaseEvaluator",

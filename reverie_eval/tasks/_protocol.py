@@ -26,6 +26,9 @@ KnownProtocol = Literal[
     "r2r-style",
     "official-planner",
     "official-player",
+    "navillm",
+    "navrag",
+    "mapgpt",
 ]
 """Protocols of the tasks of this package, by all their names, for editors to complete."""
 GoalRule = Literal[
@@ -36,6 +39,14 @@ GoalRule = Literal[
     "at a goal viewpoint",
     "near the path's end, which a stop at a goal viewpoint becomes",
 ]
+TO_REGION = "planner's path or to the goal region"
+"""The reference of protocols that score by the planner's path if it ends at a goal viewpoint, and
+otherwise by the shortest route to one: that of fewest moves, to the first of several [1]_.
+
+References
+----------
+.. [1] ``tasks/datasets/cvdn.py`` lines 28-36 of zd11024/NaviLLM at a221f42.
+"""
 Grounding = Literal["anywhere", "only with success", "not scored"]
 HopReading = Literal["first viewpoint", "every viewpoint", "rejected", "no evaluator"]
 """How a published evaluator reads a nested hop with several viewpoints."""
@@ -66,7 +77,8 @@ class Protocol:
     text_ids_count: bool = True
     """Whether an object id written as text can be correct."""
     reference: str = ""
-    """The annotated path to score by, among the task's further paths; empty for its own."""
+    """The annotated path to score by, among the task's further paths or ``TO_REGION``; empty for
+    its own."""
     repeated_outlines: Literal["first", "last"] = "first"
     """Which outline of the target counts, where a goal viewpoint has several."""
     point_errors: Literal["detections", "where the target is seen"] = "detections"

@@ -7,7 +7,7 @@ from typing import Annotated
 from msgspec import Meta, Struct, field
 
 from reverie_eval.tasks._annotation import EpisodeAnnotation, Path, ViewpointId
-from reverie_eval.tasks._protocol import Protocol
+from reverie_eval.tasks._protocol import TO_REGION, Protocol
 from reverie_eval.tasks._task import Task
 
 
@@ -119,6 +119,19 @@ TASK = Task(
             spl_floor=0.01,
             grounding="not scored",
             measures=frozenset({"goal region"}),
+        ),
+        Protocol(
+            name="navillm",
+            summary="NaviLLM and its family: less than 3 m from the planner's end if that is in "
+            "the goal region, else from the goal viewpoint of fewest moves",
+            source="zd11024/NaviLLM a221f42, tasks/datasets/cvdn.py lines 28-36 and 125-207",
+            goal="near the path's end",
+            spl_numerator="annotated",
+            spl_floor=0.01,
+            grounding="not scored",
+            reference=TO_REGION,
+            measures=frozenset({"goal region", "planner's path"}),
+            nested_hops="every viewpoint",
         ),
     ),
     headline=("goal_progress", "path_length", "oracle_success", "success", "spl"),

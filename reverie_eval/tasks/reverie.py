@@ -91,6 +91,17 @@ _PROTOCOLS = (
         grounding="not scored",
         nested_hops="rejected",
     ),
+    Protocol(
+        name="navrag",
+        summary="NavRAG and MapGPT: Room-to-Room's rule, with SPL over the annotated path's length",
+        source="MrZihan/NavRAG 7dd133e, VLN-DUET-RVR/map_nav_src/reverie/env.py lines 314-372; "
+        "chen-judge/MapGPT 37ed94b, vln/env.py lines 314-372",
+        goal="near the path's end",
+        spl_numerator="annotated",
+        spl_floor=0.01,
+        grounding="not scored",
+        nested_hops="every viewpoint",
+    ),
 )
 
 _PAPER = Paper(
@@ -135,7 +146,9 @@ TASK = Task(
     has_targets=True,
     goal="the target object is visible",
     protocols=_PROTOCOLS,
-    aliases=MappingProxyType({"hamt": "duet", "hm3d": "scalevln"}),
+    aliases=MappingProxyType(
+        {"hamt": "duet", "navillm": "duet", "hm3d": "scalevln", "mapgpt": "navrag"}
+    ),
     headline=("path_length", "success", "oracle_success", "spl", "rgs", PRIMARY_METRIC),
     ranking=(PRIMARY_METRIC, "rgs", "spl"),
 )

@@ -131,7 +131,7 @@ TASK = Task(
     id_example="12#3",
     has_numbers=True,
     has_items=True,
-    goal="the target is seen, or the path's end less than 3 m away,",
+    goal="the target is seen, or the path's end less than 3 m away (navillm: only the latter),",
     protocols=(
         _OFFICIAL,
         replace(
@@ -142,6 +142,20 @@ TASK = Task(
             reference="own",
             repeated_outlines="last",
             point_errors="where the target is seen",
+            nested_hops="every viewpoint",
+        ),
+        replace(
+            _OFFICIAL,
+            name="navillm",
+            summary="NaviLLM: less than 3 m from the end of each start's own path, even where the "
+            "target is seen; SFPL needs no success",
+            source="zd11024/NaviLLM a221f42, tasks/datasets/soon.py lines 107-223",
+            goal="near the path's end",
+            reference="own",
+            repeated_outlines="last",
+            point_errors="where the target is seen",
+            # It does not report goal progress.
+            measures=frozenset({"outline"}),
             nested_hops="every viewpoint",
         ),
     ),

@@ -61,7 +61,9 @@ def test_every_episode_has_one_outcome_and_counts_match_the_scores(
     ]
 
 
-@pytest.mark.parametrize("protocol", [name for name in PROTOCOLS if name != "r2r-style"])
+@pytest.mark.parametrize(
+    "protocol", [name for name, it in PROTOCOLS.items() if it.grounding != "not scored"]
+)
 def test_outcome_counts_of_a_sample_match_its_scores(protocol: str) -> None:
     scores = evaluate(SAMPLES / "mediocre.json", split="val_unseen", protocol=protocol)
     count, total = scores.failure_modes.counts, len(scores.instr_ids)

@@ -84,6 +84,15 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "text_ids_count": True,
         "nested_hops": "rejected",
     },
+    "navrag": {
+        "goal": "near the path's end",
+        "spl_numerator": "annotated",
+        "spl_floor": 0.01,
+        "rgspl_floor": 0.0,
+        "grounding": "not scored",
+        "text_ids_count": True,
+        "nested_hops": "every viewpoint",
+    },
 }
 """A released protocol never changes: a correction is a new protocol with another name."""
 OF_OTHER_TASKS: Mapping[str, Any] = {
@@ -116,7 +125,8 @@ def test_every_protocol_gives_its_source() -> None:
 
 
 @pytest.mark.parametrize(
-    ("alias", "name"), [pytest.param("hamt", "duet"), pytest.param("hm3d", "scalevln")]
+    ("alias", "name"),
+    [("hamt", "duet"), ("navillm", "duet"), ("hm3d", "scalevln"), ("mapgpt", "navrag")],
 )
 def test_an_alias(alias: str, name: str) -> None:
     assert find_protocol(alias) is PROTOCOLS[name]
@@ -124,7 +134,12 @@ def test_an_alias(alias: str, name: str) -> None:
 
 
 def test_aliases_are_not_protocols() -> None:
-    assert dict(ALIASES) == {"hamt": "duet", "hm3d": "scalevln"}
+    assert dict(ALIASES) == {
+        "hamt": "duet",
+        "navillm": "duet",
+        "hm3d": "scalevln",
+        "mapgpt": "navrag",
+    }
     assert not ALIASES.keys() & PROTOCOLS.keys()
 
 
@@ -146,7 +161,7 @@ def test_an_unknown_protocol(name: str, guess: str) -> None:
         evaluate(GOOD, split=SPLIT, protocol=name)
     assert str(error.value) == (
         f"unknown protocol {name!r}; {guess} one of: official-v1, paper, challenge-2022, airbert, "
-        "duet, scalevln, r2r-style, hamt, hm3d"
+        "duet, scalevln, r2r-style, navrag, hamt, navillm, hm3d, mapgpt"
     )
 
 
@@ -245,7 +260,9 @@ def test_challenge_2022_requires_visibility_too() -> None:
 
 
 @pytest.mark.parametrize("as_text", [False, True], ids=["number", "text"])
-@pytest.mark.parametrize("protocol", [name for name in PROTOCOLS if name != "r2r-style"])
+@pytest.mark.parametrize(
+    "protocol", [name for name, it in PROTOCOLS.items() if it.grounding != "not scored"]
+)
 def test_an_id_as_text_is_correct_except_in_challenge_2022(protocol: str, *, as_text: bool) -> None:
     scores = scored(corridor(), protocol, START, STOP, GOAL, as_text=as_text)
     assert scores["rgs"] == float(not (as_text and protocol == "challenge-2022"))

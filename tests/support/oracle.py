@@ -36,13 +36,15 @@ PROTOCOLS = (
     "duet",
     "scalevln",
     "r2r-style",
+    "navrag",
 )
-SPL_BY_ANNOTATED_LENGTH = ("duet", "scalevln")
-SPL_WITH_FLOOR = ("challenge-2022", "airbert", "duet", "scalevln")
+SPL_BY_ANNOTATED_LENGTH = ("duet", "scalevln", "navrag")
+SPL_WITH_FLOOR = ("challenge-2022", "airbert", "duet", "scalevln", "navrag")
 RGSPL_WITH_FLOOR = ("duet", "scalevln")
 GROUNDING_NEEDS_SUCCESS = ("paper", "scalevln")
 TEXT_IS_NEVER_RIGHT = ("challenge-2022",)
-WITHOUT_GROUNDING = ("r2r-style",)
+WITHOUT_GROUNDING = ("r2r-style", "navrag")
+BY_THE_PATHS_END = ("r2r-style", "navrag")
 
 USUAL_BOX = (1, 2, 30, 40)
 
@@ -257,7 +259,7 @@ def score_episode(episode: Episode, protocol: str) -> Values:
 
 def is_at_goal(scan: Scan, task: Task, viewpoint_id: str, protocol: str) -> bool:
     """Whether an agent that stops there succeeds."""
-    if protocol == "r2r-style":
+    if protocol in BY_THE_PATHS_END:
         return distance(scan, viewpoint_id, task.path[-1]) < 3.0
     if protocol == "challenge-2022":
         near = metres_to_centre(scan, viewpoint_id, task.target) <= 3.0

@@ -1,6 +1,7 @@
 """NDH: the same digits as its own script by each of its three paths, and as HAMT's."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from random import Random
 from typing import Any
@@ -106,6 +107,24 @@ def test_the_goal_progress_of_the_annotated_paths(
 
 
 @pytest.mark.dataset
+@pytest.mark.parametrize(
+    ("name", "percent", "goal_progress"),
+    [
+        pytest.param("val_unseen.mixed1", [20.84, 29.99, 15.40], 5.056, id="mixed1"),
+        pytest.param("val_unseen.seq2seq_published", [6.73, 21.06, 5.94], 0.396, id="seq2seq"),
+    ],
+)
+def test_navillms_own_functions_gave_these_digits(
+    name: str, percent: Sequence[float], goal_progress: float, ndh: Published
+) -> None:
+    """SR, OSR, SPL and goal progress, of its functions as executed on these files."""
+    scores = ndh.scores(name, "navillm")
+    found = [round(100 * scores[key], 2) for key in ("success", "oracle_success", "spl")]
+    assert found == percent
+    assert round(scores["goal_progress"], 3) == goal_progress
+
+
+@pytest.mark.dataset
 def test_published_files_are_known_by_their_digest(ndh: Published) -> None:
     assert {ndh.truth(split).header.dataset for split in ("val_seen", "val_unseen")} == {"NDH"}
 
@@ -132,7 +151,38 @@ def test_success_is_less_than_3_m_from_the_paths_end(metres: float, success: flo
     assert evaluate(staying, split=SPLIT, ground_truth=truth)["goal_progress"] == 0.0
 
 
-@pytest.mark.parametrize(("protocol", "spl"), [("official-v1", 1.0), ("hamt", 0.0)])
+# s - a - b - c, and s - d: c is nearer to s by metres than d, and more moves away.
+FORK = {"s": (0.0, 0.0), "a": (1.0, 0.0), "b": (2.0, 0.0), "c": (3.5, 0.0), "d": (0.0, 9.0)}
+
+
+@pytest.mark.parametrize(
+    ("goals", "planner", "way", "expected"),
+    [
+        pytest.param("cb", "sab", "sab", [1.0, 1.0, 0.0], id="the planner ends in the region"),
+        pytest.param("cb", "sab", "s", [1.0, 1.0, 2.0], id="2 m before its end"),
+        pytest.param("cb", "sab", "sabcb", [1.0, 0.4, 0.0], id="with a detour of 3 m"),
+        pytest.param("cd", "sab", "sd", [1.0, 1.0, 0.0], id="else the goal of fewest moves"),
+        pytest.param("dc", "sab", "sabc", [0.0, 0.0, 12.5], id="not the nearest by metres"),
+        pytest.param("bd", "sa", "sab", [0.0, 0.0, 11.0], id="one move is fewer than two"),
+        pytest.param("ad", "sab", "sa", [1.0, 1.0, 0.0], id="the first of two as near"),
+        pytest.param("da", "sab", "sa", [0.0, 0.0, 10.0], id="the first of two, the other way"),
+        pytest.param("sd", "sab", "s", [1.0, 0.0, 0.0], id="the start: the floor makes it 0"),
+    ],
+)
+def test_navillms_goal(goals: str, planner: str, way: str, expected: Sequence[float]) -> None:
+    """SR, SPL and the navigation error."""
+    viewpoints = {name: Viewpoint((x, y, 0.0)) for name, (x, y) in FORK.items()}
+    edges = frozenset({("s", "a"), ("a", "b"), ("b", "c"), ("s", "d")})
+    world = World({"house": Scan(viewpoints, edges)}, [Task("1", "house", ["s", "a"], 0)])
+    truth = truth_of(world, [Region(list(goals), list(planner), ["s", "a"])])
+    records = [{"instr_id": "1_0", "trajectory": [[it, 0, 0] for it in way]}]
+    scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol="navillm")
+    assert [scores[key] for key in ("success", "spl", "navigation_error")] == expected
+
+
+@pytest.mark.parametrize(
+    ("protocol", "spl"), [("official-v1", 1.0), ("hamt", 0.0), ("navillm", 0.0)]
+)
 def test_standing_at_the_goal(protocol: str, spl: float) -> None:
     """HAMT's smallest denominator makes it 0; the dataset's own script says 1."""
     scan = Scan({"here": Viewpoint((0.0, 0.0, 0.0))}, frozenset())
@@ -154,7 +204,7 @@ def test_every_protocol_agrees_with_the_rules_written_once_more() -> None:
             {"instr_id": id_, "trajectory": [[it] for it in each.trajectory]}
             for id_, each in case.predictions.items()
         ]
-        for protocol in (*PATHS, "hamt"):
+        for protocol in (*PATHS, "hamt", "navillm"):
             scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
             expected = {
                 id_: expected_values(
@@ -189,8 +239,11 @@ def expected_values(
             "oracle_success": float(any(it in region.goals for it in trajectory)),
             "spl": weighted(walked, at_start, 0.01, achieved=success),
         }
-    end = paths[PATHS[protocol]][-1]
+    path = paths[PATHS[protocol]] if protocol in PATHS else navillms_path(scan, region)
+    end = path[-1]
     errors = [distance(scan, it, end) for it in trajectory]
+    length = distance(scan, start, end) if protocol in PATHS else trajectory_length(scan, path)
+    floor = 0.0 if protocol in PATHS else 0.01
     planned = min(distance(scan, it, region.planner[-1]) for it in trajectory)
     return {
         "goal_progress": progress,
@@ -198,8 +251,33 @@ def expected_values(
         "success": float(errors[-1] < 3.0),
         "oracle_success": float(min(errors) < 3.0),
         "oracle_path_success": float(planned < 3.0),
-        "spl": weighted(walked, distance(scan, start, end), 0.0, achieved=errors[-1] < 3.0),
+        "spl": weighted(walked, length, floor, achieved=errors[-1] < 3.0),
     }
+
+
+def navillms_path(scan: Scan, region: Region) -> Sequence[str]:
+    """Return the planner's path if it ends in the region, or else the way to one of the goals.
+
+    That of fewest viewpoints, the first of several.
+    """
+    if region.planner[-1] in region.goals:
+        return region.planner
+    ways = [shortest_way(scan, region.planner[0], goal) for goal in region.goals]
+    return min(ways, key=len)
+
+
+def shortest_way(scan: Scan, start: str, goal: str) -> Sequence[str]:
+    """Walk as Dijkstra's algorithm does: of equally short ways, keep the one found first."""
+    ways, reached, finished, tries = {start: [start]}, {start: (0.0, 0)}, set[str](), 0
+    while goal not in finished:
+        here = min(reached.keys() - finished, key=lambda it: reached[it])
+        finished.add(here)
+        for there, metres in scan.edges[here].items():
+            length = reached[here][0] + metres
+            if length < reached.get(there, (math.inf, 0))[0]:
+                tries += 1
+                ways[there], reached[there] = [*ways[here], there], (length, tries)
+    return ways[goal]
 
 
 # The demo world.

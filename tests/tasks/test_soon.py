@@ -152,7 +152,7 @@ def scored(truth: GroundTruth, *walks: Any, protocol: str = "official-v1") -> Sc
     return evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
 
 
-@pytest.mark.parametrize("protocol", ["official-v1", "duet"])
+@pytest.mark.parametrize("protocol", ["official-v1", "duet", "navillm"])
 @less_than_3_m
 def test_success_is_less_than_3_m_from_the_paths_end(
     metres: float, success: float, protocol: str, tmp_path: Path
@@ -175,6 +175,27 @@ def test_a_stop_that_sees_the_target_becomes_the_goal_but_not_for_the_oracle(
     assert scores["oracle_error"] == 18.0  # from b, the nearest to a
     assert (scores["shortest_length"], scores["goal_progress"]) == (12.0, 12.0)
     assert scores["spl"] == scores["sfpl"] == 12.0 / 24.0
+
+
+@pytest.mark.parametrize(
+    ("way", "expected"),
+    [
+        pytest.param("cba", [1.0, 1.0, 1.0, 1.0], id="the path's end"),
+        pytest.param("cbcde", [0.0, 1.0, 0.0, 10 / 24], id="seen from elsewhere: no success"),
+        pytest.param("cb", [0.0, 0.0, 0.0, 0.0], id="4 m before the end"),
+        pytest.param("c", [0.0, 0.0, 0.0, 0.0], id="stays"),
+    ],
+)
+def test_navillm_keeps_the_paths_end_as_goal(
+    way: str, expected: Sequence[float], tmp_path: Path
+) -> None:
+    """The path ends at a; the target is seen from e as well, far away."""
+    world = corridor(0.0, 4.0, 10.0, 16.0, 22.0)
+    truth = truth_of(tmp_path, world, [item(["cba"], [square("a"), square("e")])])
+    scores = scored(truth, walk(way), protocol="navillm")
+    keys = ("success", "detection_success", "spl", "sfpl")
+    assert [scores[key] for key in keys] == expected
+    assert "goal_progress" not in scores
 
 
 def test_standing_where_the_target_is_seen_has_no_spl(tmp_path: Path) -> None:
@@ -250,7 +271,7 @@ def test_an_outline_across_heading_0_is_compared_as_plain_numbers(tmp_path: Path
 # Random worlds, by the rules written once more.
 
 
-def test_both_protocols_agree_with_the_rules_written_once_more(tmp_path: Path) -> None:
+def test_every_protocol_agrees_with_the_rules_written_once_more(tmp_path: Path) -> None:
     worlds = amount(20)
     for seed in range(worlds):
         random = Random(seed)
@@ -258,13 +279,13 @@ def test_both_protocols_agree_with_the_rules_written_once_more(tmp_path: Path) -
         case = random_items(random, world)
         truth = truth_of(tmp_path / str(seed), world, case.items)
         records = records_of(case.walks)
-        for protocol in ("official-v1", "duet"):
+        for protocol in ("official-v1", "duet", "navillm"):
             scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
             expected = [
                 expected_values(
                     world.scans[it["scan"]],
                     it,
-                    it["path"][index] if protocol == "duet" else first_from(it, each.way[0]),
+                    first_from(it, each.way[0]) if protocol == "official-v1" else it["path"][index],
                     each,
                     protocol,
                 )
@@ -294,7 +315,7 @@ def expected_values(
     boxes = [each for each in it["bboxes"] if each["image_id"] == way[-1]]
     detected, errors = False, (math.nan, math.nan)
     if boxes:
-        goal = way[-1]
+        goal = goal if protocol == "navillm" else way[-1]
         target = boxes[0 if official else -1]["target"]
         turns = [
             (at["heading"] / (2 * math.pi), (at["elevation"] + math.pi) / (2 * math.pi))
@@ -306,6 +327,7 @@ def expected_values(
     walked, shortest = trajectory_length(scan, way), distance(scan, way[0], goal)
     error = distance(scan, way[-1], goal)
     spl = weighted(walked, shortest, 0.01, achieved=error < 3.0)
+    progress = {} if protocol == "navillm" else {"goal_progress": shortest - error}
     off = math.hypot(*errors)
     return {
         "path_length": walked,
@@ -314,13 +336,13 @@ def expected_values(
         "oracle_error": distance(scan, nearest, goal),
         "oracle_success": float(distance(scan, nearest, goal) < 3.0),
         "shortest_length": shortest,
-        "goal_progress": shortest - error,
         "spl": spl,
         "detection_success": float(detected),
-        "sfpl": spl if detected else 0.0,
+        "sfpl": weighted(walked, shortest, 0.01, achieved=detected),
         "heading_error": errors[0],
         "elevation_error": errors[1],
         "point_error": off if detected or not official else math.nan,
+        **progress,
     }
 
 

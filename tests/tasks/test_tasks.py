@@ -90,7 +90,7 @@ def test_ids_tell_a_task_from_reverie(name: str) -> None:
 
 @every_task
 def test_a_module_is_short(name: str) -> None:
-    assert len((MODULES / f"{name}.py").read_text().splitlines()) <= 150
+    assert len((MODULES / f"{name}.py").read_text().splitlines()) <= 180
 
 
 @every_task

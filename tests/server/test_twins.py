@@ -99,6 +99,9 @@ def upload(twins: Twins, content: bytes) -> str | None:
     """Send a file to be scored, and return its id if it was."""
     path = f"/api/v1/splits/{PRIVATE}/submissions?name=Walker"
     reply = twins.ask(OWNER, "POST", path, content=content, has_scores=True)
+    if '"code":"navigation-only"' in reply.text:
+        declared = f"{path}&navigation_only=true"
+        reply = twins.ask(OWNER, "POST", declared, content=content, has_scores=True)
     if reply.status_code >= 400:
         assert reply.status_code in {400, 413, 422}, reply.text
         return None

@@ -209,6 +209,8 @@ cluster = with_default(
     help="What to resample for intervals: target objects or scans, each with all its episodes.",
 )
 
+CONFIDENCE = Decimal(0, 1, min_open=True, max_open=True)
+
 
 def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
     """Add several options, in this order."""

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -18,7 +19,7 @@ from reverie_eval.arrays import Array, FloatArray, IntArray, with_object
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import units_of
-from reverie_eval.scoring import FEW_CLUSTERS, Scores, clusters_of
+from reverie_eval.scoring import FEW_CLUSTERS, Scores, bounds_of, clusters_of
 from reverie_eval.text import did_you_mean, first_few, tokenize
 
 if TYPE_CHECKING:
@@ -206,7 +207,11 @@ def find_grouping(key: str) -> Grouping:
 
 
 def breakdown(
-    scores: Scores, by: "By | Sequence[By]", *, intervals: bool = False
+    scores: Scores,
+    by: "By | Sequence[By]",
+    *,
+    intervals: bool = False,
+    confidence: float | None = None,
 ) -> "pd.DataFrame":
     """Score each group of episodes separately.
 
@@ -219,8 +224,10 @@ def breakdown(
         as a column of ``scores.to_pandas()``. Several are combined. Groups of ``language`` overlap:
         "all", "en", "en-IN" and so on, each over its instructions.
     intervals : bool
-        Whether to add the ends of 95 % intervals over the targets of each group, in ``spl_low``,
+        Whether to add the ends of intervals over the targets of each group, in ``spl_low``,
         ``spl_high`` and so on. They are missing if a group has fewer than 5 targets.
+    confidence : float, optional
+        Of these intervals, in (0, 1); by default 0.95.
 
     Returns
     -------
@@ -254,7 +261,7 @@ def breakdown(
     if intervals:
         number = grouped.ngroup().to_numpy()
         rows = [row[number == group] for group in range(len(table))]
-        table = table.assign(**_interval_columns(values, rows, scores.ground_truth))
+        table = table.assign(**_interval_columns(values, rows, scores.ground_truth, confidence))
     table.insert(0, "episodes", grouped.size())
     # Categories gave the groups their order; readers get the groups themselves.
     names = [column.name for column in groups]
@@ -300,19 +307,22 @@ def _groups(scores: Scores, by: "By") -> "pd.Series[Any]":
 
 
 def _interval_columns(
-    values: "pd.DataFrame", groups: Sequence[IntArray], truth: GroundTruth
+    values: "pd.DataFrame",
+    groups: Sequence[IntArray],
+    truth: GroundTruth,
+    confidence: float | None,
 ) -> dict[str, FloatArray]:
     """Compute the intervals of groups, each given by the rows of its episodes."""
     # scipy is needed for intervals only.
-    from reverie_eval.metrics.uncertainty import bootstrap_means, interval
+    from reverie_eval.metrics.engine import IntervalEngine
 
-    cluster = clusters_of(truth, "target")
-    table = values.to_numpy()
+    engine = IntervalEngine.of(confidence)
+    cluster, table = clusters_of(truth, "target"), values.to_numpy()
+    bounds = bounds_of(map(str, values), attrgetter("bounds"))
     ends = np.full((len(groups), 2, table.shape[1]), np.nan)
     for group, rows in enumerate(groups):
-        n_clusters = len(np.unique(cluster[rows]))
-        if n_clusters >= FEW_CLUSTERS:
-            ends[group] = interval(bootstrap_means(table[rows], cluster[rows]), n_clusters)
+        if len(np.unique(cluster[rows])) >= FEW_CLUSTERS:
+            ends[group] = engine.of_means(table[rows], cluster[rows], bounds).ends
     return {
         f"{key}_{name}": ends[:, end, column]
         for column, key in enumerate(values)

@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import comb
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -25,6 +26,7 @@ from reverie_eval.scoring import (
     Interval,
     Intervals,
     Track,
+    bounds_of,
     clusters_of,
     evaluate,
 )
@@ -110,7 +112,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         scores: Mapping[str, Method],
         cluster: Clustering = "target",
         *,
-        seed: int = 0,
+        confidence: float | None = None,
+        resamples: int | None = None,
+        seed: int | None = None,
         baseline: str | None = None,
     ) -> Self:
         """Compare existing scores.
@@ -121,8 +125,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             Two or more, by name, of the same episodes under the same protocol.
         cluster : "target" or "scan"
             What dependent episodes share.
-        seed : int
-            Seed of the resamples and swaps.
+        confidence, resamples, seed : optional
+            As for :meth:`Scores.with_intervals`; the seed is also that of the swaps. A difference
+            is significant at this confidence.
         baseline : str, optional
             The name of the submission that all others are compared with, by default the first; or
             ``best`` for the one with the highest RGSPL, or RGS or SPL if RGSPL is not scored.
@@ -132,9 +137,11 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         ProtocolError
             If they are not comparable, or none is named like the baseline.
         """
-        # Only comparisons and intervals need scipy, which this imports.
+        # Only comparisons and intervals need scipy, which these import.
+        from reverie_eval.metrics.engine import IntervalEngine
         from reverie_eval.metrics.uncertainty import randomisation_p, smallest_p, swaps_for
 
+        engine = IntervalEngine.of(confidence, resamples, seed)
         check_comparable(scores)
         scores = _baseline_first(scores, baseline)
         (_, first), *others = scores.items()
@@ -149,16 +156,18 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # To have compared all pairs for the best one is no less than to test them all.
         pairs = comb(len(scores), 2) if baseline == BEST else None
         if any(isinstance(each, Runs) for each in scores.values()):
-            run_intervals, p_value = _test_runs(scores, changes, cluster)
+            run_intervals, p_value = _test_runs(scores, changes, cluster, engine.confidence)
             differences = _differences(changes, run_intervals, p_value, pairs)
             return cls(scores, run_intervals, differences, pairs, 0, 0.0)
         row_cluster = clusters_of(first.ground_truth, cluster)
-        intervals = Intervals.of_several(changes, row_cluster, cluster, seed=seed)
+        intervals = Intervals.of_several(
+            changes, row_cluster, cluster, engine, attrgetter("difference_bounds")
+        )
         n_comparisons = pairs or len(others)
         swaps = swaps_for(n_comparisons)
         # All changes side by side, so that the swaps are drawn once.
         table = np.column_stack([each for change in changes.values() for each in change.values()])
-        p_value = randomisation_p(table, row_cluster, resamples=swaps, seed=seed)
+        p_value = randomisation_p(table, row_cluster, resamples=swaps, seed=engine.seed)
         differences = _differences(changes, intervals, p_value, pairs)
         smallest = smallest_p(n_comparisons, len(np.unique(row_cluster)))
         return cls(scores, intervals, differences, pairs, swaps, smallest)
@@ -236,7 +245,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     def to_pandas(self) -> "pd.DataFrame":
         """Return a row per submission and metric, indexed by both.
 
-        Values are in the metrics' own units, which ``attrs["units"]`` lists by metric.
+        Values are in the metrics' own units, which ``attrs["units"]`` lists by metric; ``caution``
+        is empty unless intervals are less certain than they look.
         """
         import pandas as pd
 
@@ -251,6 +261,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
                 "higher": found.higher,
                 "lower": found.lower,
                 "mcnemar_p": found.mcnemar_p,
+                "caution": self.intervals[name].caution,
             }
             for name, differences in self.items()
             for key, found in differences.items()
@@ -305,7 +316,9 @@ def compare(
     task: str | None = None,
     names: Sequence[str] | None = None,
     cluster: Clustering = "target",
-    seed: int = 0,
+    confidence: float | None = None,
+    resamples: int | None = None,
+    seed: int | None = None,
     baseline: str | None = None,
 ) -> Comparison:
     """Score submissions on the same episodes, and compare all others with the first.
@@ -318,7 +331,7 @@ def compare(
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
-    cluster, seed, baseline
+    cluster, confidence, resamples, seed, baseline
         As for :meth:`Comparison.of`.
 
     Raises
@@ -361,7 +374,14 @@ def compare(
             errors[name] = error
     if errors:
         raise ComparedSubmissionsError(errors)
-    return Comparison.of(scores, cluster, seed=seed, baseline=baseline)
+    return Comparison.of(
+        scores,
+        cluster,
+        confidence=confidence,
+        resamples=resamples,
+        seed=seed,
+        baseline=baseline,
+    )
 
 
 def p_text(p_value: float) -> str:
@@ -408,7 +428,10 @@ def _changes(difference: Difference) -> bool:
 
 
 def _test_runs(
-    scores: Mapping[str, Method], changes: Mapping[str, Mapping[str, Array]], cluster: Clustering
+    scores: Mapping[str, Method],
+    changes: Mapping[str, Mapping[str, Array]],
+    cluster: Clustering,
+    confidence: float,
 ) -> tuple[Mapping[str, RunIntervals], FloatArray]:
     """Test methods of several runs: the intervals of their changes, and each one's p-value."""
     first = runs_of(next(iter(scores.values())))
@@ -417,8 +440,12 @@ def _test_runs(
     for name, change in changes.items():
         keys, runs = list(change), runs_of(scores[name])
         means = crossed_means(runs, keys, cluster).minus(crossed_means(first, keys, cluster))
-        intervals[name] = RunIntervals.of(means, keys, cluster, [len(runs), len(first)])
-        p_values.append(means.p_value)
+        bounds = bounds_of(keys, attrgetter("difference_bounds"))
+        ends = means.interval(bounds, confidence)
+        intervals[name] = RunIntervals.of(
+            means, ends, keys, cluster=cluster, confidence=confidence, methods=[runs, first]
+        )
+        p_values.append(means.p_value(bounds))
     return intervals, np.concatenate(p_values)
 
 

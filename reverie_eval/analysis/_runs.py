@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -18,6 +19,7 @@ from reverie_eval.scoring import (
     Intervals,
     Protocol,
     Scores,
+    bounds_of,
     clusters_of,
 )
 from reverie_eval.submissions import check_names
@@ -35,7 +37,9 @@ class RunIntervals(ClusterIntervals):
     """The interval of every metric by its key, over runs and clusters of episodes together."""
 
     n_runs: Sequence[int]
-    """Number of runs of each method."""
+    """Number of different runs of each method."""
+    copies: Sequence[Sequence[str]]
+    """Names of runs that are equal in every episode, a group each; a group counts as one run."""
     run_shares: Mapping[str, float]
     """By metric: the part of the variance that more runs would reduce, in [0, 1]; the rest is due
     to the choice of episodes."""
@@ -44,27 +48,63 @@ class RunIntervals(ClusterIntervals):
     def of(
         cls,
         means: "CrossedMeans",
-        keys: Iterable[str],
+        ends: FloatArray,
+        keys: Sequence[str],
+        *,
         cluster: Clustering,
-        n_runs: Sequence[int],
+        confidence: float,
+        methods: Sequence[Mapping[str, Scores]],
     ) -> Self:
-        """Compute the intervals of means or differences, whose columns are metrics."""
-        from reverie_eval.metrics.uncertainty import CONFIDENCE
+        """Describe intervals of the means of methods' runs, or of differences of them.
 
-        named = list(keys)
-        low, high = means.interval(CONFIDENCE).tolist()
-        ends = dict(zip(named, map(Interval, low, high), strict=True))
-        shares = dict(zip(named, means.run_share.tolist(), strict=True))
-        return cls(cluster, len(means.deviation), CONFIDENCE, ends, n_runs, shares)
+        ``ends``, of shape (2, n_metrics), has a column for each of the keys.
+        """
+        groups = [equal_runs(each) for each in methods]
+        return cls(
+            cluster,
+            len(means.deviation),
+            confidence,
+            dict(zip(keys, map(Interval, *ends.tolist()), strict=True)),
+            [len(each) for each in groups],
+            [names for each in groups for names in each if len(names) > 1],
+            dict(zip(keys, means.run_share.tolist(), strict=True)),
+        )
 
     @property
     def method(self) -> str:
         """How the intervals were computed, so that they can be reproduced."""
         runs = " and ".join(map(str, self.n_runs))
         return (
-            f"{self.label} intervals: Student's t, by the variance among {runs} runs and among "
+            f"{self.label} intervals: Student's t within the bounds of each metric, by the "
+            f"variance among {runs} run{'s' if max(self.n_runs) > 1 else ''} and among "
             f"{self.clusters_text}"
         )
+
+    @property
+    def caution(self) -> str:
+        """What makes the intervals less certain than they look; empty if nothing does."""
+        return "; ".join(
+            [
+                *filter(None, [super().caution]),
+                *(
+                    f"{' and '.join(names)} have the same values in every episode (a copy?): they "
+                    "count as one run"
+                    for names in self.copies
+                ),
+                *([_NO_EVIDENCE] if self.copies and 1 in self.n_runs else []),
+                *([_TWO_RUNS] if FEWEST_RUNS in self.n_runs else []),
+            ]
+        )
+
+
+_TWO_RUNS = (
+    "only 2 runs: too few to show how much runs differ, so these intervals can be very wide; "
+    "report each run"
+)
+_NO_EVIDENCE = (
+    "nothing shows how much other runs would differ, so these intervals are about the choice of "
+    "episodes alone"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,7 +123,13 @@ class Runs(Mapping[str, float]):
     _repr_html_: ClassVar[Any]
 
     @classmethod
-    def of(cls, runs: Mapping[str, Scores], cluster: Clustering = "target") -> Self:
+    def of(
+        cls,
+        runs: Mapping[str, Scores],
+        cluster: Clustering = "target",
+        *,
+        confidence: float | None = None,
+    ) -> Self:
         """Summarise existing scores.
 
         Parameters
@@ -92,13 +138,18 @@ class Runs(Mapping[str, float]):
             Two or more, by name, of the same episodes under the same protocol.
         cluster : "target" or "scan"
             What dependent episodes share.
+        confidence : float, optional
+            Of the intervals, in (0, 1); by default 0.95.
 
         Raises
         ------
         ProtocolError
-            If there are fewer than two runs, they are not comparable, or all episodes are in one
-            cluster.
+            If there are fewer than two runs, they are not comparable, all episodes are in one
+            cluster, or the confidence is out of range.
         """
+        # Importing scipy would double the start-up time of commands that show no intervals.
+        from reverie_eval.metrics.engine import IntervalEngine
+
         if len(runs) < FEWEST_RUNS:
             raise ProtocolError(
                 f"{count_text(len(runs), 'run')} given; the variance between runs needs two or more"
@@ -112,8 +163,13 @@ class Runs(Mapping[str, float]):
         if reason:
             raise ProtocolError(reason)
         keys = common_keys(runs.values())
-        means = crossed_means(list(runs.values()), keys, cluster)
-        return cls(runs, RunIntervals.of(means, keys, cluster, [len(runs)]))
+        means = crossed_means(runs, keys, cluster)
+        level = IntervalEngine.of(confidence).confidence
+        ends = means.interval(bounds_of(keys, attrgetter("bounds")), level)
+        intervals = RunIntervals.of(
+            means, ends, keys, cluster=cluster, confidence=level, methods=[runs]
+        )
+        return cls(runs, intervals)
 
     def __getitem__(self, key: str) -> float:
         return float(self.episodes[key].mean())
@@ -195,6 +251,7 @@ class Runs(Mapping[str, float]):
             deviations={key: self.deviation(key) for key in self},
             run_shares=dict(self.intervals.run_shares),
             runs={name: each.to_report() for name, each in self.runs.items()},
+            notes=list(filter(None, [self.intervals.caution])),
         )
 
     def __repr__(self) -> str:
@@ -206,9 +263,27 @@ Method: TypeAlias = Scores | Runs
 """What can be compared: one run, or several of the same method."""
 
 
-def runs_of(method: Method) -> Sequence[Scores]:
-    """Return the runs of a method; scores count as one run."""
-    return list(method.runs.values()) if isinstance(method, Runs) else [method]
+def runs_of(method: Method) -> Mapping[str, Scores]:
+    """Return the runs of a method by name; scores count as one run."""
+    return method.runs if isinstance(method, Runs) else {"": method}
+
+
+def equal_runs(runs: Mapping[str, Scores]) -> Sequence[Sequence[str]]:
+    """Group the names of runs that have the same values in every episode.
+
+    Such runs are most often the same file twice, or a seed that was not used.
+    """
+    keys = common_keys(runs.values())
+    groups: list[list[str]] = []
+    for name, scores in runs.items():
+        for names in groups:
+            first = runs[names[0]]
+            if all(np.array_equal(first.episodes[key], scores.episodes[key]) for key in keys):
+                names.append(name)
+                break
+        else:
+            groups.append([name])
+    return groups
 
 
 def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
@@ -219,13 +294,19 @@ def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
 
 
 def crossed_means(
-    runs: Sequence[Scores], keys: Sequence[str], cluster: Clustering
+    runs: Mapping[str, Scores], keys: Sequence[str], cluster: Clustering
 ) -> "CrossedMeans":
-    """Return the means of metrics over runs and episodes, with the parts of their variance."""
+    """Return the means of metrics over runs and episodes, with the parts of their variance.
+
+    Equal runs are no evidence of how much runs differ: they weigh in the mean, but count as one.
+    """
     # Importing scipy would double the start-up time of commands that show no intervals.
     from reverie_eval.metrics.runs import CrossedMeans
 
+    groups = equal_runs(runs)
+    several = [runs[first] for first, *_ in groups]
     values: FloatArray = np.stack(
-        [np.column_stack([each.episodes[key] for key in keys]) for each in runs]
+        [np.column_stack([each.episodes[key] for key in keys]) for each in several]
     )
-    return CrossedMeans.of(values, clusters_of(runs[0].ground_truth, cluster))
+    weight = np.array([len(names) for names in groups]) / len(runs)
+    return CrossedMeans.of(values, clusters_of(several[0].ground_truth, cluster), weight)

@@ -98,6 +98,21 @@ class Metric:
         return -self.upper_bound if self.is_signed else 0.0
 
     @property
+    def bounds(self) -> tuple[float, float]:
+        """The smallest and the largest value an episode can have."""
+        return self.lower_bound, self.upper_bound
+
+    @property
+    def difference_bounds(self) -> tuple[float, float]:
+        """The smallest and the largest difference of two values; infinite unless both are bounded.
+
+        >>> CATALOGUE["success"].difference_bounds, CATALOGUE["path_length"].difference_bounds
+        ((-1.0, 1.0), (-inf, inf))
+        """
+        largest = self.upper_bound - self.lower_bound
+        return -largest, largest
+
+    @property
     def heading(self) -> str:
         """The label with that unit: ``SR %``."""
         return f"{self.label} {self.suffix}".rstrip()

@@ -46,7 +46,7 @@ def bootstrap_means(
     .. [1] Field and Welsh, "Bootstrapping clustered data", JRSS B 69(3), 2007: the cluster
        bootstrap.
     """
-    sums, sizes = _cluster_sums(values, cluster)
+    sums, sizes = cluster_sums(values, cluster)
     sums_and_sizes = np.column_stack([sums, sizes])
     n_clusters = len(sizes)
     rng = np.random.default_rng(seed)
@@ -118,7 +118,7 @@ def randomisation_p(
        randomisation.
     .. [2] Phipson and Smyth, "Permutation P-values Should Never Be Zero", SAGMB 9(1), 2010.
     """
-    sums, _ = _cluster_sums(difference, cluster)
+    sums, _ = cluster_sums(difference, cluster)
     observed = np.abs(sums.sum(axis=0))
     # Swapping everything gives the observed sum up to rounding, and must count as a tie.
     extreme = observed - ROUNDING * np.abs(sums).sum(axis=0)
@@ -209,7 +209,7 @@ def holm(p_values: FloatArray, family: int | None = None) -> FloatArray:
     return corrected
 
 
-def _cluster_sums(values: FloatArray, cluster: IntArray) -> tuple[FloatArray, FloatArray]:
+def cluster_sums(values: FloatArray, cluster: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the sums of each cluster's values, shape (n_clusters, n_metrics), and the sizes."""
     _, row = np.unique(cluster, return_inverse=True)
     sums: FloatArray = np.column_stack([np.bincount(row, weights=column) for column in values.T])

@@ -243,7 +243,11 @@ def breakdowns(scores: Submissions) -> tuple[Sequence[Breakdown], Sequence[str]]
 def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
     """Score the groups of a grouping, with intervals where the scores have them."""
     frames = [
-        each.breakdown(grouping.key, intervals=each.intervals is not None)
+        each.breakdown(
+            grouping.key,
+            intervals=each.intervals is not None,
+            confidence=each.intervals and each.intervals.confidence,
+        )
         for each in scores.values()
     ]
     primary = shared_primary(scores)

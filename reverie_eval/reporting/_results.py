@@ -21,7 +21,7 @@ def results_table(results: Mapping[str, Method | Sequence[Method]]) -> Table:
     ----------
     results : mapping of Scores or Runs, or of several
         By the name of the method; a method may have scores for several splits. Means over runs
-        are shown with half the width of their intervals.
+        are shown with their intervals.
 
     Returns
     -------
@@ -94,19 +94,22 @@ def _column(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[s
 
     Digits that are not shown do not count: of equal best cells, all are bold.
     """
-    widths = [_half_width(metric, it) for it in values]
+    intervals = [_interval(metric, it) for it in values]
     return [
-        Bold(cell + width) if isinstance(cell, Bold) else cell + width
-        for cell, width in zip(_means(metric, values), widths, strict=True)
+        Bold(cell + interval) if isinstance(cell, Bold) else cell + interval
+        for cell, interval in zip(_means(metric, values), intervals, strict=True)
     ]
 
 
-def _half_width(metric: Metric, values: Mapping[str, float]) -> str:
-    """Return half the width of a mean's interval over runs, as it is shown after the mean."""
+def _interval(metric: Metric, values: Mapping[str, float]) -> str:
+    """Return a mean's interval over runs, as it is shown after the mean.
+
+    By its ends: it need not be symmetric, and papers write a standard deviation after ±.
+    """
     if not isinstance(values, Runs) or metric.key not in values:
         return ""
-    half = values.intervals[metric.key].high - values[metric.key]
-    return f" ± {metric.display(half)}"
+    interval = values.intervals[metric.key]
+    return f" ({metric.display(interval.low)} to {metric.display(interval.high)})"
 
 
 def _means(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[str]:
@@ -149,8 +152,8 @@ def _caption(every: Sequence[Method], metrics: Sequence[Metric]) -> str:
         for it in parts
     }
     rules = " ".join(filter(None, (parts[0]["protocol"], every[0].qualifier)))
-    captions = dict.fromkeys(each.intervals.method for each in every if isinstance(each, Runs))
-    spread = "".join(f" ±: half the width of {each}." for each in captions)
+    captions = dict.fromkeys(each.intervals.caption for each in every if isinstance(each, Runs))
+    spread = "".join(f" In parentheses: {each}." for each in captions)
     return (
         f"Results on {world}. {unit}; the best of each column in bold.{spread} Scored by "
         f"reverie-eval {parts[0]['version']}, protocol {rules}; data: {', '.join(data.values())}."

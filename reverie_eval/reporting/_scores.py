@@ -148,8 +148,11 @@ def runs_csv(runs: Runs) -> str:
         for name, value, _ in _rows_below(runs)
     ]
     named: list[tuple[str, Mapping[str, float]]] = [*runs.runs.items(), *summary]
-    rows = [_unrounded([name], keys, values, runs.signature) for name, values in named]
-    return Table(["run", *keys, "signature"], rows).to_csv()
+    rows = [
+        [*_unrounded([name], keys, values, runs.signature), runs.intervals.caution]
+        for name, values in named
+    ]
+    return Table(["run", *keys, "signature", "caution"], rows).to_csv()
 
 
 def _unrounded(

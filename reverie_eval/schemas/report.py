@@ -102,6 +102,8 @@ class RunsReport(Report):
     """By metric key: the part of the mean's variance that more runs would reduce, in [0, 1]."""
     runs: dict[str, ScoreReport]
     """By name."""
+    notes: list[str] = []
+    """What makes the intervals less certain than they look, such as only two runs, or copies."""
 
 
 class ProblemReport(Report):

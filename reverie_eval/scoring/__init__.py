@@ -17,6 +17,7 @@ from reverie_eval.scoring._intervals import (
     ClusterIntervals,
     Interval,
     Intervals,
+    bounds_of,
     clusters_of,
 )
 from reverie_eval.scoring._lookups import Lookups, is_goal
@@ -60,6 +61,7 @@ __all__ = [
     "Track",
     "Validation",
     "basis_of",
+    "bounds_of",
     "clusters_of",
     "diagnose",
     "evaluate",

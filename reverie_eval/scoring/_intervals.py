@@ -1,24 +1,30 @@
 """Confidence intervals of a submission's scores."""
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Self, get_args
+from itertools import islice
+from operator import attrgetter
+from typing import TYPE_CHECKING, Literal, Self, get_args
 
 import numpy as np
 
-from reverie_eval.arrays import Array, IntArray, with_object
+from reverie_eval.arrays import Array, FloatArray, IntArray, with_object
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.text import count_text, did_you_mean
+
+if TYPE_CHECKING:
+    from reverie_eval.metrics.engine import IntervalEngine
 
 Clustering = Literal["target", "scan"]
 """What dependent episodes share: the target, or the building. The target is the object; in a task
 without target objects, the goal region, or else the end of the path."""
 
 FEW_CLUSTERS = 5
-"""With fewer clusters, intervals contain the true mean less often than they claim; measured in
-docs/explanation/uncertainty.md."""
+"""Fewer clusters do not show how much clusters differ: intervals are much wider than with these, as
+docs/explanation/uncertainty.md measures."""
 
 _MIN_CLUSTERS = 2
 _TABLES_AT_ONCE = 50
@@ -72,8 +78,8 @@ class ClusterIntervals(Mapping[str, Interval]):
         if self.n_clusters >= FEW_CLUSTERS:
             return ""
         return (
-            f"only {self.clusters_text}: such intervals contain the true mean less often than "
-            f"{self.label} of the time"
+            f"only {self.clusters_text}: too few to show how much {self.cluster}s differ, so these "
+            "intervals are very wide"
         )
 
     @property
@@ -88,6 +94,8 @@ class Intervals(ClusterIntervals):
 
     resamples: int
     seed: int
+    scored: Collection[str] = ()
+    """The metrics whose intervals are score intervals, because few clusters are informative."""
 
     @classmethod
     def of_several(
@@ -95,56 +103,49 @@ class Intervals(ClusterIntervals):
         tables: Mapping[str, Mapping[str, Array]],
         cluster: IntArray,
         clustering: Clustering,
-        *,
-        confidence: float | None = None,
-        resamples: int | None = None,
-        seed: int | None = None,
+        engine: "IntervalEngine",
+        bounds: Callable[[Metric], tuple[float, float]] = attrgetter("bounds"),
     ) -> Mapping[str, Self]:
         """Compute the intervals of several tables from the same resamples of clusters of episodes.
 
         Parameters
         ----------
         tables : mapping of mappings of arrays of shape (n_episodes,)
-            Episode tables of the same episodes, by name.
+            By name, values of the same episodes by metric.
         cluster : array of int, shape (n_episodes,)
             As :func:`clusters_of` returns it.
         clustering : "target" or "scan"
             What the episodes of a cluster share.
-        confidence, resamples, seed : optional
-            Settings of the bootstrap; the defaults are in :mod:`reverie_eval.metrics.uncertainty`.
+        engine : IntervalEngine
+        bounds : callable
+            Returns the bounds of a metric's values in the tables.
 
         Raises
         ------
         ProtocolError
-            If all episodes are in one cluster, or confidence, resamples or seed are out of range.
+            If all episodes are in one cluster.
         """
-        # Importing scipy would double the start-up time of commands that show no intervals.
-        from reverie_eval.metrics import uncertainty
-
         n_clusters = len(np.unique(cluster))
         if n_clusters < _MIN_CLUSTERS:
             raise ProtocolError(_one_cluster(clustering))
-        # The defaults cannot be in the signature: their module imports scipy.
-        confidence = uncertainty.CONFIDENCE if confidence is None else confidence
-        resamples = uncertainty.RESAMPLES if resamples is None else resamples
-        seed = uncertainty.SEED if seed is None else seed
-        if not 0 < confidence < 1 or resamples < 1 or seed < 0:
-            raise ProtocolError(
-                f"confidence {confidence}, {resamples} resamples, seed {seed}; expected a "
-                "confidence between 0 and 1, at least one resample, and a seed of 0 or more"
-            )
         found: dict[str, Self] = {}
         for start in range(0, len(tables), _TABLES_AT_ONCE):
             names = list(tables)[start : start + _TABLES_AT_ONCE]
-            columns = [column for name in names for column in tables[name].values()]
-            means = uncertainty.bootstrap_means(
-                np.column_stack(columns), cluster, resamples=resamples, seed=seed
-            )
-            low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
-            ends = map(Interval, low, high)
+            keys = [key for name in names for key in tables[name]]
+            table = np.column_stack([each for name in names for each in tables[name].values()])
+            ends, is_scored = engine.of_means(table, cluster, bounds_of(keys, bounds))
+            rows = zip(keys, map(Interval, *ends.tolist()), is_scored.tolist(), strict=True)
             for name in names:
-                by_key = {key: next(ends) for key in tables[name]}
-                found[name] = cls(clustering, n_clusters, confidence, by_key, resamples, seed)
+                of_table = list(islice(rows, len(tables[name])))
+                found[name] = cls(
+                    clustering,
+                    n_clusters,
+                    engine.confidence,
+                    {key: interval for key, interval, _ in of_table},
+                    engine.resamples,
+                    engine.seed,
+                    [key for key, _, is_score in of_table if is_score],
+                )
         return found
 
     @staticmethod
@@ -156,10 +157,19 @@ class Intervals(ClusterIntervals):
     @property
     def method(self) -> str:
         """How the intervals were computed, so that they can be reproduced."""
-        return (
+        if self and len(self.scored) == len(self):
+            return f"{self.label} intervals: score method, over {self.clusters_text}"
+        drawn = (
             f"{self.label} intervals: {self.resamples:,} bootstrap resamples of "
             f"{self.clusters_text}, seed {self.seed}"
         )
+        rare = f"; score method where few {self.cluster}s succeed or few fail"
+        return drawn + rare * bool(self.scored)
+
+
+def bounds_of(keys: Iterable[str], bounds: Callable[[Metric], tuple[float, float]]) -> FloatArray:
+    """Return the bounds of metrics, shape (2, n_metrics)."""
+    return np.array([bounds(CATALOGUE[key]) for key in keys]).reshape(-1, 2).T
 
 
 def clusters_of(truth: GroundTruth, cluster: Clustering) -> IntArray:

@@ -303,14 +303,15 @@ class Scores(Mapping[str, float]):
             If there is no such clustering, all episodes are in one cluster, or confidence,
             resamples or seed are out of range.
         """
+        # Importing scipy would double the start-up time of commands that show no intervals.
+        from reverie_eval.metrics.engine import IntervalEngine
+
         whole = {key: self.episodes[key] for key in self if not CATALOGUE[key].is_partial}
         intervals = Intervals.of_several(
             {"": whole},
             clusters_of(self.ground_truth, cluster),
             cluster,
-            confidence=confidence,
-            resamples=resamples,
-            seed=seed,
+            IntervalEngine.of(confidence, resamples, seed),
         )
         return replace(self, intervals=intervals[""])
 

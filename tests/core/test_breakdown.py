@@ -11,7 +11,7 @@ from reverie_eval import GroundTruth, GroundTruthError, ProtocolError, Scores, e
 from reverie_eval.analysis import GROUPINGS, GroupingKey
 from reverie_eval.analysis._breakdown import level_in
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
-from reverie_eval.metrics.uncertainty import bootstrap_means, interval
+from reverie_eval.metrics.engine import IntervalEngine
 from reverie_eval.scoring import clusters_of
 from tests.conftest import SAMPLES
 from tests.support.oracle import Scan, Task, Viewpoint, World
@@ -92,7 +92,7 @@ def test_means_of_groups_average_to_the_score(by: str) -> None:
 
 
 def test_intervals_of_a_group_use_its_episodes_only() -> None:
-    """Compared with a direct bootstrap for one group."""
+    """Compared with those of one group's values alone."""
     scores = evaluate(SAMPLES / "good.json", split="val_unseen")
     found = scores.breakdown("level", intervals=True)
     plain = scores.breakdown("level")
@@ -103,11 +103,13 @@ def test_intervals_of_a_group_use_its_episodes_only() -> None:
         if level_in(instruction) == "level 2"
     ]
     cluster = clusters_of(scores.ground_truth, "target")[rows]
-    means = bootstrap_means(scores.episodes["rgs"][rows][:, None], cluster)
-    low, high = interval(means, len(np.unique(cluster)))[:, 0]
+    values, rate = scores.episodes["rgs"][rows][:, None], np.array([[0.0], [1.0]])
+    low, high = IntervalEngine().of_means(values, cluster, rate).ends[:, 0]
     ends = found[["rgs_low", "rgs_high"]].to_dict("index")["level 2"]
     assert ends == pytest.approx({"rgs_low": low, "rgs_high": high})
     assert low < found["rgs"]["level 2"] < high
+    narrow = scores.breakdown("level", intervals=True, confidence=0.5)["rgs_low"]["level 2"]
+    assert low < narrow < found["rgs"]["level 2"]
 
 
 @pytest.mark.parametrize("intervals", [False, True])

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from reverie_eval import (
 )
 from reverie_eval.analysis import ComparedSubmissionsError, p_text
 from reverie_eval.ground_truth import NavigationGraph
+from reverie_eval.metrics.engine import IntervalEngine
 from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 from reverie_eval.scoring import Interval, Intervals, clusters_of
 from tests.conftest import SAMPLES
@@ -78,7 +80,13 @@ def test_differences_are_of_paired_values() -> None:
     p_value = holm(np.stack([randomisation_p(each, cluster, seed=4) for each in changes.values()]))
     for row, (name, change) in enumerate(changes.items()):
         columns = dict(zip(keys, change.T, strict=True))
-        interval = Intervals.of_several({name: columns}, cluster, "scan", seed=4)[name]
+        interval = Intervals.of_several(
+            {name: columns},
+            cluster,
+            "scan",
+            IntervalEngine(seed=4),
+            attrgetter("difference_bounds"),
+        )[name]
         assert list(comparison[name]) == keys
         for column, key in enumerate(keys):
             found = comparison[name][key]
@@ -342,7 +350,7 @@ def test_a_frame_has_a_row_per_submission_and_metric() -> None:
     assert list(frame.index.names) == ["submission", "metric"]
     assert list(frame.columns) == [
         *("first", "value", "difference", "low", "high", "p_value", "higher", "lower"),
-        "mcnemar_p",
+        *("mcnemar_p", "caution"),
     ]
     row = frame.xs("drawn").loc["rgs"].to_dict()
     assert row["value"] - row["first"] == pytest.approx(row["difference"])

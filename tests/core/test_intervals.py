@@ -3,18 +3,23 @@
 import csv
 import io
 import json
+from dataclasses import replace
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 
 from reverie_eval import GroundTruth, ProtocolError, compare, evaluate
-from reverie_eval.metrics.uncertainty import bootstrap_means, interval
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics.engine import IntervalEngine
 from reverie_eval.scoring import Clustering, Intervals, clusters_of
 from tests.conftest import SAMPLES
 from tests.support.flat import SCORE, Run
 
-FEW = "only 2 scans: such intervals contain the true mean less often than 95 % of the time"
+FEW = "only 2 scans: too few to show how much scans differ, so these intervals are very wide"
+OTHER = str(SAMPLES / "mediocre.json")
+RARE = "; score method where few targets succeed or few fail"
 SAMPLE = (str(SAMPLES / "good.json"), "--split", "val_unseen")
 
 
@@ -31,7 +36,10 @@ def test_clusters_are_target_objects_or_scans(demo: GroundTruth) -> None:
 
 @pytest.mark.parametrize(
     ("by", "clusters"),
-    [("scan", f"2 scans, seed 7; {FEW}"), ("target", "29 targets, seed 7")],
+    [
+        ("scan", f"score method, over 2 scans; {FEW}"),
+        ("target", f"500 bootstrap resamples of 29 targets, seed 7{RARE}"),
+    ],
 )
 def test_intervals_of_scores_equal_those_of_their_values(
     by: Clustering, clusters: str, demo: GroundTruth
@@ -41,18 +49,19 @@ def test_intervals_of_scores_equal_those_of_their_values(
     assert drawn is not None
     cluster = clusters_of(demo, by)
     for key in ("path_length", "rgspl"):
-        means = bootstrap_means(scores.episodes[key][:, None], cluster, resamples=500, seed=7)
-        low, high = interval(means, len(np.unique(cluster)))[:, 0]
+        values, bounds = scores.episodes[key][:, None], CATALOGUE[key].bounds
+        engine = IntervalEngine(resamples=500, seed=7)
+        low, high = engine.of_means(values, cluster, np.array([bounds]).T).ends[:, 0]
         assert (drawn[key].low, drawn[key].high) == pytest.approx((low, high))
     assert list(drawn) == list(scores)
-    assert drawn.caption == f"95 % intervals: 500 bootstrap resamples of {clusters}"
+    assert drawn.caption == f"95 % intervals: {clusters}"
 
 
 @pytest.mark.parametrize(("clusters", "is_cautious"), [(2, True), (4, True), (5, False)])
 def test_few_clusters_have_a_caution(clusters: int, *, is_cautious: bool) -> None:
     drawn = Intervals("target", clusters, 0.9, {}, 500, 0)
     assert bool(drawn.caution) is is_cautious
-    assert ("less often than 90 % of the time" in drawn.caption) is is_cautious
+    assert ("too few to show how much targets differ" in drawn.caption) is is_cautious
 
 
 def test_every_output_with_intervals_warns_about_few_clusters(run: Run) -> None:
@@ -142,7 +151,7 @@ def test_the_table_has_a_row_for_each_end(run: Run) -> None:
     assert lines[3].startswith("95 % high ")
     for below, mean, above in zip(low, means, high, strict=True):
         assert float(below) < float(mean) < float(above)
-    assert lines[6] == "95 % intervals: 10,000 bootstrap resamples of 29 targets, seed 0"
+    assert lines[6] == f"95 % intervals: 10,000 bootstrap resamples of 29 targets, seed 0{RARE}"
 
 
 def test_the_cluster_option_implies_intervals(run: Run) -> None:
@@ -175,6 +184,85 @@ def test_json_and_csv_have_the_same_intervals(run: Run) -> None:
     flat = scores.to_dict()
     assert flat["rgspl"] == scores["rgspl"]
     assert (flat["rgspl_low"], flat["rgspl_high"]) == ends["rgspl"]
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+@pytest.mark.parametrize("by", get_args(Clustering))
+def test_a_rate_of_0_or_100_percent_has_an_interval(value: float, by: Clustering) -> None:
+    """By hand: of n clusters, at most a share u has another mean, with (1 - u)^n = 0.025.
+
+    n is the effective number of clusters, which differ in size.
+    """
+    scores = evaluate(SAMPLE[0], split="val_unseen")
+    whole = dict.fromkeys(("rgs", "rgspl"), np.full(84, value))
+    known = replace(scores, episodes={**scores.episodes, **whole}).with_intervals(by).intervals
+    assert known is not None
+    _, sizes = np.unique(clusters_of(scores.ground_truth, by), return_counts=True)
+    unseen = 1 - 0.025 ** ((sizes**2).sum() / 84**2)
+    for key in whole:
+        ends = (0.0, unseen) if value == 0 else (1 - unseen, 1.0)
+        assert (known[key].low, known[key].high) == pytest.approx(ends)
+
+
+def test_a_file_without_answers_has_an_interval_of_its_rgs(run: Run, tmp_path: Path) -> None:
+    entries = json.loads(SAMPLES.joinpath("good.json").read_text())
+    file = tmp_path / "in.json"
+    file.write_text(json.dumps([{**entry, "predObjId": None} for entry in entries]))
+    rows = [line.split() for line in run(str(file), *SAMPLE[1:], "--ci").out.splitlines()[1:4]]
+    assert [row[-2] for row in rows] == ["0.00", "0.00", "13.44"]
+
+
+def test_more_successes_never_lower_an_end() -> None:
+    """Of 30 clusters, from none to all succeed: through exact, score and bootstrap intervals."""
+    rate, cluster = np.array([[0.0], [1.0]]), np.arange(30)
+    ends = np.array(
+        [
+            IntervalEngine(resamples=2000)
+            .of_means((cluster < n)[:, None].astype(np.float64), cluster, rate)
+            .ends
+            for n in range(31)
+        ]
+    )
+    assert (np.diff(ends[:, :, 0], axis=0) >= 0).all()
+    assert (ends[:, 0, 0] < ends[:, 1, 0]).all()
+
+
+@pytest.mark.parametrize(
+    "words", [[SAMPLE[0]], [f"ours={SAMPLE[0]},{OTHER}"]], ids=["file", "runs"]
+)
+def test_confidence_on_the_command_line(words: list[str], run: Run) -> None:
+    """It has the same meaning for files and runs, and is that of the library."""
+    by_confidence = [
+        run(*words, *SAMPLE[1:], "--confidence", level).out for level in ("0.5", "0.95")
+    ]
+    ends = [
+        {
+            row[:9]: float(row.split()[-1])
+            for row in out.splitlines()
+            if row[3:8] in {"% low", "% hig"}
+        }
+        for out in by_confidence
+    ]
+    assert "50 % intervals: " in by_confidence[0]
+    assert ends[1]["95 % low "] < ends[0]["50 % low "] < ends[0]["50 % high"] < ends[1]["95 % high"]
+    assert by_confidence[1] == run(*words, *SAMPLE[1:], "--ci").out
+
+
+def test_confidence_decides_what_is_significant(run: Run) -> None:
+    words = ("compare", SAMPLE[0], str(SAMPLES / "drawn.json"), *SAMPLE[1:])
+    sure, surer = (run(*words, "--confidence", level).out for level in ("0.9", "0.999"))
+    assert "drawn is worse than good" in sure
+    assert "90 % low" in sure
+    assert "No significant difference between drawn and good" in surer
+    assert "99.9 % low" in surer
+
+
+@pytest.mark.parametrize("level", ["0", "1", "95", "-0.5", "nan", "high"])
+@pytest.mark.parametrize("command", ["score", "compare"])
+def test_a_confidence_out_of_range_is_refused(command: str, level: str, run: Run) -> None:
+    status, out, err = run(command, SAMPLE[0], OTHER, *SAMPLE[1:], "--confidence", level)
+    assert (status, out) == (2, "")
+    assert "Invalid value for '--confidence'" in err
 
 
 def test_there_are_no_intervals_by_default(run: Run) -> None:

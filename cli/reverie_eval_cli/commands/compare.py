@@ -33,6 +33,12 @@ from reverie_eval_cli.output import (
 @options.scoring
 @options.episodes_from
 @options.cluster
+@click.option(
+    "--confidence",
+    metavar="SHARE",
+    type=options.CONFIDENCE,
+    help="Confidence of the intervals, and of a significant difference.  [default: 0.95]",
+)
 @options.layout(
     "table",
     "json",
@@ -57,6 +63,7 @@ def compare(
     scoring: ScoringOptions,
     episodes_from: Path | None,
     cluster: Clustering,
+    confidence: float | None,
     layout: str,
     output: str | None,
     episodes: str | None,
@@ -84,10 +91,15 @@ def compare(
     evaluator = scoring.evaluator(scoring.find(episodes_from))
     scored = iter(score_each(files, evaluator))
     scores = {
-        name: _method(list(islice(scored, len(runs))), runs, cluster)
+        name: _method(list(islice(scored, len(runs))), runs, cluster, confidence)
         for name, runs in methods.items()
     }
-    comparison = Comparison.of(scores, cluster, baseline=name_of.get(str(baseline), baseline))
+    comparison = Comparison.of(
+        scores,
+        cluster,
+        confidence=confidence,
+        baseline=name_of.get(str(baseline), baseline),
+    )
     if episodes:
         with open_output(episodes) as file:
             comparison.episodes().to_csv(file)
@@ -155,8 +167,14 @@ def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:
     return methods
 
 
-def _method(scores: Sequence[Scores], files: Sequence[str], cluster: Clustering) -> Method:
+def _method(
+    scores: Sequence[Scores],
+    files: Sequence[str],
+    cluster: Clustering,
+    confidence: float | None,
+) -> Method:
     """Return the scores of a single file, or those of several runs together."""
     if len(files) == 1:
         return scores[0]
-    return Runs.of(dict(zip(submission_names(files), scores, strict=True)), cluster)
+    named = dict(zip(submission_names(files), scores, strict=True))
+    return Runs.of(named, cluster, confidence=confidence)

@@ -89,11 +89,17 @@ _SECONDS_BETWEEN_LOOKS = 1.0
     is_flag=True,
     help="Also show the scores if only the first viewpoint of each hop were read.",
 )
-@click.option("--ci", is_flag=True, help="Also show 95 % confidence intervals.")
+@click.option("--ci", is_flag=True, help="Also show confidence intervals.")
 @click.option(
     "--cluster",
     type=options.Choice(["target", "scan"]),
     help="What to resample for intervals; implies --ci.  [default: target]",
+)
+@click.option(
+    "--confidence",
+    metavar="SHARE",
+    type=options.CONFIDENCE,
+    help="Confidence of the intervals; implies --ci.  [default: 0.95]",
 )
 @click.option(
     "--watch",
@@ -118,6 +124,7 @@ def score(
     diagnosed: bool,
     ci: bool,
     cluster: Clustering | None,
+    confidence: float | None,
     watch: bool,
     jobs: int | None,
     layout: str,
@@ -133,20 +140,22 @@ def score(
     check_outputs([output, episodes], [*submissions, scoring.ground_truth, episodes_from])
     if diagnosed and (scoring.protocol == _ALL or scoring.track != "full"):
         raise click.UsageError("--diagnose needs a single protocol and the full track")
+    has_intervals = bool(ci or cluster or confidence)
     truth = scoring.find(episodes_from)
     submission = None if watch else _only_file(submissions)
     if submission is None:
-        has_interval = (ci or cluster) and not any(map(find_runs, submissions))
-        if diagnosed or has_interval or episodes or scoring.protocol == _ALL:
+        is_interval_lost = has_intervals and not any(map(find_runs, submissions))
+        if diagnosed or is_interval_lost or episodes or scoring.protocol == _ALL:
             raise click.UsageError(
-                "--diagnose, --ci, --cluster, --episodes and --protocol all need a single file; "
-                "`reverie-eval compare` compares several with intervals"
+                "--diagnose, --ci, --cluster, --confidence, --episodes and --protocol all need a "
+                "single file; `reverie-eval compare` compares several with intervals"
             )
         evaluator = scoring.evaluator(truth)
         if watch:
             return _watch(submissions, evaluator, layout, output)
         if any(map(find_runs, submissions)):
-            return _score_runs(submissions, evaluator, cluster or "target", layout, output)
+            by = cluster or "target"
+            return _score_runs(submissions, evaluator, by, confidence, layout=layout, output=output)
         return _rank(find_files(submissions), evaluator, jobs, layout, output)
     results: Sequence[Scores]
     with naming(submission):
@@ -155,8 +164,10 @@ def score(
             results = diagnose(submission, split=truth.split, ground_truth=truth, protocol=rules)
         else:
             results = _score_one(submission, truth, scoring.protocol, scoring.track)
-    if ci or cluster:
-        results = [scores.with_intervals(cluster or "target") for scores in results]
+    if has_intervals:
+        results = [
+            scores.with_intervals(cluster or "target", confidence=confidence) for scores in results
+        ]
     if episodes:
         with open_output(episodes) as file:
             write_episodes(results[0], file)
@@ -206,6 +217,8 @@ def _score_runs(
     words: Sequence[str],
     evaluator: Evaluator,
     cluster: Clustering,
+    confidence: float | None,
+    *,
     layout: str,
     output: str | None,
 ) -> int:
@@ -219,7 +232,8 @@ def _score_runs(
     name, files = found
     check_outputs([output], files)
     names = submission_names(files)
-    runs = Runs.of(dict(zip(names, score_each(files, evaluator), strict=True)), cluster)
+    scores = dict(zip(names, score_each(files, evaluator), strict=True))
+    runs = Runs.of(scores, cluster, confidence=confidence)
     if layout == "table":
         show_table(runs_table(runs), output=output)
     else:

@@ -169,9 +169,15 @@ def codebase_files(_: str) -> str:
     from reverie_eval.tasks import codebases
 
     return table(
-        ("codebase", "file", "form", "its writer"),
+        ("codebase", "commit", "file", "form", "its writer"),
         (
-            (each.name, f"`{it.name}`" if it.name else "any name", it.form, it.standing)
+            (
+                each.name,
+                each.commit,
+                f"`{it.name}`" if it.name else "any name",
+                it.form,
+                it.standing,
+            )
             for each in codebases()
             for it in each.file
         ),

@@ -31,13 +31,15 @@ def notes_of(form: str, protocol: str, demo: GroundTruth) -> list[str]:
         pytest.param("J LAD", None, id="poses without angles"),
         pytest.param("C HAMT", "the same scores: no object id written as text", id="text ids"),
         pytest.param("E DUET", "an error for this very file: it reads only predObjId", id="key"),
-        pytest.param("I Keio", "an error for this very file: it expects a vi", id="empty hops"),
+        pytest.param("empty hops", "an error for this very file: it expects a vi", id="empty hops"),
         pytest.param("K NaviLLM", None, id="null beside answers"),
         pytest.param(
-            "A with NaviLLM's ids", "an error for this very file: it knows n", id="prefix"
+            "NaviLLM's ids in memory", "an error for this very file: it knows n", id="prefix"
         ),
-        pytest.param("L NavGPT", "it expects each pose to be a list and it expects", id="bare"),
-        pytest.param("M keyed, with answers", "it expects a list of records", id="keyed"),
+        pytest.param(
+            "bare viewpoints", "it expects each pose to be a list and it expects", id="bare"
+        ),
+        pytest.param("keyed, with answers", "it expects a list of records", id="keyed"),
     ],
 )
 def test_what_the_2022_challenge_s_evaluator_makes_of_a_form(

@@ -1,7 +1,9 @@
 """Forms in which published codebases write the same results, each made from the official one.
 
 The letters are those of the survey of evaluators that the forms were collected in; the names are
-the codebases that write them. Every form is as their code writes it, keys, types and all.
+the codebases that write them. Every form with a letter is one that ``scripts/evidence writers`` has
+seen their own code write, keys, types and all, and that ``codebases.toml`` lists (a test holds them
+to it). The others are variations.
 """
 
 import json
@@ -77,7 +79,7 @@ def single(record: Record) -> Any:
 
 
 def bare(record: Record) -> Any:
-    """Return a list of viewpoints."""
+    """Return a list of viewpoints, as people write who make the file themselves."""
     return viewpoints(record)
 
 
@@ -98,7 +100,7 @@ def hops(record: Record) -> Any:
 
 
 def hops_with_empty_ones(record: Record) -> Any:
-    """Return hops as DUET writes them where an agent is where it decides to go."""
+    """Return hops of which the last leads nowhere."""
     return [*hops(record), []]
 
 
@@ -156,7 +158,7 @@ _EMPTY_HOPS = (f"{_RECORDS} trajectories of nested hops", *_HOPS[1:])
 FORMS: Mapping[str, Form] = MappingProxyType(
     {
         "A official": Form(poses, written("predObjId", int, -1)),
-        "A with NaviLLM's ids": Form(
+        "NaviLLM's ids in memory": Form(
             poses,
             written("predObjId", int, -1),
             prefix="reverie_",
@@ -164,28 +166,23 @@ FORMS: Mapping[str, Form] = MappingProxyType(
         ),
         "B HOP": Form(poses, written("predObjId", int, None), read_as=(_ABSTAIN,)),
         "C HAMT": Form(poses, written("predObjId", str, "None"), read_as=(_TEXT, _ABSTAIN)),
-        "D Airbert": Form(poses, written("predObjId", str, None), read_as=(_TEXT, _ABSTAIN)),
+        "D Airbert": Form(poses, written("predObjId", int, 0), none=0),
         "E DUET": Form(
             hops,
             written("pred_objid", str, None),
             read_as=(*_HOPS, _OTHER_KEY, _TEXT, _ABSTAIN),
         ),
         "E DUET with details": Form(
-            hops_with_empty_ones,
+            hops,
             written("pred_objid", str, None),
             details,
-            read_as=(*_EMPTY_HOPS, _OTHER_KEY, _TEXT, _ABSTAIN),
+            read_as=(*_HOPS, _OTHER_KEY, _TEXT, _ABSTAIN),
             dropped=("details",),
         ),
         "F KERM, G DSRG": Form(
-            hops,
-            written("predObjId", str, None),
-            details,
-            read_as=(*_HOPS, _TEXT, _ABSTAIN),
-            dropped=("details",),
+            hops, written("predObjId", str, None), read_as=(*_HOPS, _TEXT, _ABSTAIN)
         ),
         "H DSRG, GOAT": Form(hops, written("predObjId", int, None), read_as=(*_HOPS, _ABSTAIN)),
-        "I Keio": Form(hops_with_empty_ones, written("predObjId", int, -1), read_as=_EMPTY_HOPS),
         "J LAD": Form(
             single,
             written("predObjId", int, None),
@@ -201,15 +198,12 @@ FORMS: Mapping[str, Form] = MappingProxyType(
             dropped=("pred_obj_direction", "success", "spl"),
             none=0,
         ),
-        "L NavGPT": Form(
-            bare,
+        "L NavGPT-2": Form(
+            hops,
             no_answer,
-            lambda _: {"thoughts": "hm", "a_t": [1]},
-            read_as=(
-                f"{_POSES} poses that are bare viewpoint ids",
-                f"{_RECORDS} records, none with an answer: navigation only",
-            ),
-            dropped=("thoughts", "a_t"),
+            lambda record: {**details(record), "thoughts": ["hm"]},
+            read_as=(*_HOPS, f"{_RECORDS} records, none with an answer: navigation only"),
+            dropped=("details", "thoughts"),
         ),
         "M write_results": Form(
             poses,
@@ -220,13 +214,13 @@ FORMS: Mapping[str, Form] = MappingProxyType(
                 f"{_RECORDS} records, none with an answer: navigation only",
             ),
         ),
-        "M keyed, with answers": Form(
+        "keyed, with answers": Form(
             poses,
             written("predObjId", int, -1),
             document=keyed,
             read_as=(f"{_RECORDS} records keyed by their instr_id",),
         ),
-        "M keyed, ids nowhere else": Form(
+        "keyed, ids nowhere else": Form(
             poses,
             written("pred_obj_id", str, ""),
             document=lambda records: {
@@ -241,6 +235,23 @@ FORMS: Mapping[str, Form] = MappingProxyType(
                 _TEXT,
                 _ABSTAIN,
             ),
+        ),
+        "bare viewpoints": Form(
+            bare,
+            no_answer,
+            lambda _: {"thoughts": "hm", "a_t": [1]},
+            read_as=(
+                f"{_POSES} poses that are bare viewpoint ids",
+                f"{_RECORDS} records, none with an answer: navigation only",
+            ),
+            dropped=("thoughts", "a_t"),
+        ),
+        "empty hops": Form(
+            hops_with_empty_ones,
+            written("predObjId", int, -1),
+            details,
+            read_as=_EMPTY_HOPS,
+            dropped=("details",),
         ),
         "-1 as text": Form(poses, written("predObjId", str, "-1"), read_as=(_TEXT, _ABSTAIN)),
     }

@@ -3,20 +3,19 @@
 These are the ranks of true means, over all episodes that a split might have had.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 
-DRAWS = 2_000
-"""Of the largest difference; their 95 % quantile is then the 94 to 96 % quantile."""
+if TYPE_CHECKING:
+    from reverie_eval.metrics.engine import IntervalEngine
+
 _SHARE_OF_FREEDOM = 0.5
 """Degrees of freedom per cluster. Differences of two results have heavy tails, as they are 0 in
 most clusters: a variance estimated with a kurtosis of 5 is as certain as that of half as many
 normal values. Measured in docs/explanation/evidence.md."""
-_BATCH = 100
-"""Draws in memory at once: of 100 results, a million differences."""
 
 
 class Ranks(NamedTuple):
@@ -56,12 +55,19 @@ def covariance_of_means(sums: FloatArray, sizes: FloatArray) -> FloatArray:
     return covariance * n_clusters / (n_clusters - 1)
 
 
-def rank_intervals(costs: FloatArray, covariance: FloatArray, n_clusters: float) -> Ranks:
-    """Bound the rank of every result: all true ranks are within at once, with 95 % confidence.
+def rank_intervals(
+    costs: FloatArray,
+    covariance: FloatArray,
+    n_clusters: float,
+    engine: "IntervalEngine | None" = None,
+) -> Ranks:
+    """Bound the rank of every result: all true ranks are within at once, with this confidence.
 
     All pairwise differences are compared with one bound, the quantile of the largest of them in
-    standard errors if all true means were equal [1]_. The best rank of a result is one more than
-    the number of those that are significantly better [2]_.
+    standard errors if all true means were equal. Pairs that differ by more are set apart, and the
+    others are compared again with a smaller bound, that of the largest difference among them, until
+    no more differ [1]_. The best rank of a result is one more than the number of those that are
+    significantly better [2]_.
 
     Parameters
     ----------
@@ -71,11 +77,13 @@ def rank_intervals(costs: FloatArray, covariance: FloatArray, n_clusters: float)
         Of the means.
     n_clusters : float
         Number of clusters that the covariance was estimated from; infinity if it is a bound.
+    engine : IntervalEngine, optional
+        Its confidence, by default 0.95, and the number and the seed of the draws.
 
     References
     ----------
-    .. [1] Hothorn, Bretz and Westfall, "Simultaneous Inference in General Parametric Models",
-       Biometrical Journal 50(3), 2008: the single-step max-t procedure.
+    .. [1] Romano and Wolf, "Exact and Approximate Stepdown Methods for Multiple Hypothesis
+       Testing", JASA 100(469), 2005: the step-down max-t procedure.
     .. [2] Mogstad, Romano, Shaikh and Wilhelm, "Inference for Ranks with Applications to Mobility
        across Neighbourhoods and Academic Achievement across Countries", Review of Economic Studies
        91(1), 2024, section 3.
@@ -87,38 +95,56 @@ def rank_intervals(costs: FloatArray, covariance: FloatArray, n_clusters: float)
     >>> low.tolist(), high.tolist(), group.tolist()
     ([1, 1, 3], [2, 2, 3], [1, 1, 2])
     """
+    # Only intervals need scipy, which this imports.
+    from reverie_eval.metrics.engine import IntervalEngine
+
+    engine = engine or IntervalEngine()
     variance = np.diag(covariance)
     squares = variance[:, None] + variance - 2 * covariance
     # Results with the same value in every episode differ by nothing, up to rounding.
     is_same = squares <= np.finfo(np.float64).eps * (variance[:, None] + variance)
     error = np.where(is_same, np.inf, np.sqrt(np.maximum(squares, 0)))
-    bound = _largest_difference(covariance, error, (n_clusters - 1) * _SHARE_OF_FREEDOM)
-    is_better: BoolArray = (costs - costs[:, None]) / error > bound
+    difference = (costs - costs[:, None]) / error
+    drawn = _draw(covariance, engine)
+    freedom = (n_clusters - 1) * _SHARE_OF_FREEDOM
+    is_better: BoolArray = np.zeros(error.shape, dtype=bool)
+    is_open = np.triu(~is_same, k=1)
+    while is_open.any():
+        found = np.abs(difference) > _bound(drawn, error, is_open, freedom, engine.confidence)
+        is_new = is_open & found
+        if not is_new.any():
+            break
+        is_open &= ~is_new
+        is_better |= (is_new | is_new.T) & (difference > 0)
     low, high = 1 + is_better.sum(axis=0), len(costs) - is_better.sum(axis=1)
     return Ranks(low, high, _groups(costs, is_better))
 
 
-def _largest_difference(covariance: FloatArray, error: FloatArray, freedom: float) -> float:
-    """Return the 95 % quantile of the largest difference of two results, in standard errors.
+def _draw(covariance: FloatArray, engine: "IntervalEngine") -> FloatArray:
+    """Draw normal errors of all means together, shape (n_results, resamples)."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    rng = np.random.default_rng(engine.seed)
+    return np.asarray(root @ rng.standard_normal((len(covariance), engine.resamples)))
+
+
+def _bound(
+    drawn: FloatArray, error: FloatArray, is_open: BoolArray, freedom: float, confidence: float
+) -> float:
+    """Return the quantile of the largest difference among open pairs, in standard errors.
 
     If all true means are equal. Estimated errors are allowed for as in the interval of a mean: the
     normal quantile is replaced by the t quantile of the same probability.
     """
-    # Only intervals need scipy, which these import.
     from scipy.special import ndtr, stdtrit
 
-    from reverie_eval.metrics.uncertainty import CONFIDENCE, SEED
-
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0))
-    first, second = np.triu_indices(len(covariance), k=1)
-    rng = np.random.default_rng(SEED)
-    largest = np.empty(DRAWS)
-    for start in range(0, DRAWS, _BATCH):
-        drawn = rng.standard_normal((_BATCH, len(covariance))) @ root.T
-        difference = np.abs(drawn[:, first] - drawn[:, second]) / error[first, second]
-        largest[start : start + _BATCH] = difference.max(axis=1, initial=0.0)
-    normal = float(np.quantile(largest, CONFIDENCE, method="higher"))
+    largest = np.zeros(drawn.shape[1])
+    for first, others in enumerate(is_open):
+        if others.any():
+            difference = drawn[others] - drawn[first]
+            difference /= error[first, others, None]
+            np.maximum(largest, np.abs(difference, out=difference).max(axis=0), out=largest)
+    normal = float(np.quantile(largest, confidence, method="higher"))
     return normal if np.isinf(freedom) else -float(stdtrit(freedom, float(ndtr(-normal))))
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from fixtures.ranked_worlds import simulated_coverage
 from reverie_eval.analysis import covariance_of_means, rank_intervals
+from reverie_eval.metrics.engine import IntervalEngine
 
 FAR, NEAR = 10.0, 0.1
 
@@ -34,6 +35,24 @@ def test_the_bound_is_that_of_the_studentised_range(difference: float, *, is_tol
     """Tukey's method for three independent means: 3.314 (Pearson and Hartley, table 29)."""
     found = rank_intervals(np.array([0, 1.6, difference]), np.eye(3), np.inf)
     assert bool(found.low[2] > 1) is is_told
+
+
+@pytest.mark.parametrize(("difference", "is_told"), [(2.7, False), (2.85, True), (3.2, True)])
+def test_pairs_that_are_set_apart_leave_a_smaller_bound(
+    difference: float, *, is_told: bool
+) -> None:
+    """The last two are the only open pair: 1.96 * sqrt(2) = 2.77; of three means it is 3.31."""
+    found = rank_intervals(np.array([0, 100, 100 + difference]), np.eye(3), np.inf)
+    assert found.low.tolist() == [1, 2, 3 if is_told else 2]
+    assert found.high.tolist() == [1, 2 if is_told else 3, 3]
+
+
+def test_a_lower_confidence_tells_more_apart() -> None:
+    """The errors of a difference are 1.41: 1.28 of them are 1.81, and 1.64 are 2.33."""
+    costs = np.array([0.0, 2.1])
+    for confidence, best in ((0.9, 1), (0.8, 2)):
+        engine = IntervalEngine(confidence=confidence)
+        assert rank_intervals(costs, np.eye(2), np.inf, engine).low.tolist() == [1, best]
 
 
 def test_few_clusters_make_ranks_less_certain() -> None:
@@ -101,4 +120,5 @@ def test_true_ranks_are_within_on_simulated_leaderboards() -> None:
     shares = simulated_coverage(30, (10, 10), 40, "equal")
     assert shares.paired >= 0.85
     assert shares.shown == 1
-    assert simulated_coverage(10, (10, 10), 40, "different").ranks < 10
+    different = simulated_coverage(10, (10, 10), 40, "different")
+    assert different.ranks < different.ranks_in_one_step < 10

@@ -35,6 +35,9 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "agent": "submissions:agent",
                 "export": "export:export",
             },
+            "Train an agent": {
+                "simulator": "simulator:simulator",
+            },
             "Send to an evaluation server": {
                 "login": "login:login",
                 "submit": "submit:submit",

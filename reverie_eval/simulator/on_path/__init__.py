@@ -1,0 +1,1 @@
+"""The folder for ``PYTHONPATH``: all that it holds is ``MatterSim.py``."""

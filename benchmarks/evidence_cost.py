@@ -1,13 +1,15 @@
-"""What ``server evidence`` costs: time of the processors, and memory at the peak.
+"""What reading all uploads costs: time of the processors, and memory at the peak.
 
 ``python benchmarks/evidence_cost.py [SUBMISSIONS]`` makes a server with so many submissions of 100
 teams to val_unseen, each another file, and runs the command twice: the first run reads all uploads,
-the second only compares. Then it asks as the desk does while 100 uploads are still to be read. With
-the published files, it is REVERIE's split, otherwise the demo world's.
+the second only compares. Then it asks as the desk does while 100 uploads are still to be read, and
+searches all uploads for damage, as a running server does. With the published files, it is REVERIE's
+split, otherwise the demo world's.
 """
 
 import hashlib
 import json
+import math
 import os
 import subprocess
 import sys
@@ -31,17 +33,19 @@ from reverie_eval.agents import run_agent
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.schemas.organising import NewPerson, NewTeam
 from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.service import soundness
 from reverie_eval.server.service.evidence import AT_ONCE
 from reverie_eval.server.service.people import add_person, add_team
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.tables import Fingerprint, Person, Submission
 
 SUBMISSIONS = 2000
 TEAMS = 100
 SPLIT = "val_unseen"
 COMMAND = Path(sys.executable).with_name("reverie-eval")
-BARS = {"first run": 180.0, "second run": 60.0, "request": 30.0, "memory": 600.0}
+BARS = {"first run": 180.0, "second run": 60.0, "request": 30.0, "search": 30.0, "memory": 600.0}
 """Seconds of the processors, and megabytes."""
 
 
@@ -57,11 +61,12 @@ def main() -> int:
         first, memory = run(folder)
         second, again = run(folder)
         with opened_server(load_settings(folder)) as state:
-            asked = request(state)
+            asked, searched = request(state), search(state)
     figures: list[Figure] = [
         (f"{submissions:,} submissions, first run, s", first, BARS["first run"]),
         ("second run, s", second, BARS["second run"]),
         ("a request that reads 100 uploads, s", asked, BARS["request"]),
+        ("a search of all uploads for damage, s", searched, BARS["search"]),
         ("peak memory, MB", max(memory, again), BARS["memory"]),
     ]
     return judge(figures)
@@ -136,6 +141,17 @@ def request(state: ServerState) -> float:
     state.evidence.keep(SPLIT, read)
     if report.left:
         raise RuntimeError(f"{report.left} uploads were not read")
+    return time.process_time() - before
+
+
+def search(state: ServerState) -> float:
+    """Return the seconds of the processors in which all uploads are read once."""
+    soundness.READING = math.inf  # otherwise a second in each minute
+    before = time.process_time()
+    with state.database.reading() as session:
+        number = count_rows(session, Submission)
+    for _ in range(1 + number // 1000):  # which is the most that one reads
+        state.uploads_watch.search()
     return time.process_time() - before
 
 

@@ -673,6 +673,8 @@ SETTINGS = "settings"
 """The check that a server could start again."""
 LEADERBOARDS = "leaderboards"
 """The check that every leaderboard can be shown."""
+OLDER_UPLOADS = "older uploads"
+"""The check that all stored uploads are as they were sent."""
 
 
 class HealthReport(WireModel):
@@ -695,9 +697,8 @@ class HealthReport(WireModel):
     def readiness(self) -> Self:
         """Return the report of what requests need.
 
-        Without jobs, the file of settings, and results that keep only their leaderboard from being
-        shown.
+        Without jobs, the file of settings, and single results or uploads that are damaged.
         """
-        remedies, others = self.remedies.items(), (JOB, SETTINGS, LEADERBOARDS)
+        remedies, others = self.remedies.items(), (JOB, SETTINGS, LEADERBOARDS, OLDER_UPLOADS)
         own = {name: text for name, text in remedies if not name.startswith(others)}
         return self.of(own, [])

@@ -37,7 +37,7 @@ from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.scoring import Scoring, ScoringHere
 from reverie_eval.server.service.scoring_processes import ScoringProcesses
 from reverie_eval.server.service.snapshots import Snapshots
-from reverie_eval.server.service.soundness import DatabaseWatch, read_each
+from reverie_eval.server.service.soundness import DatabaseWatch, UploadsWatch, read_each
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
@@ -72,6 +72,7 @@ class ServerState:
         self.database_watch = DatabaseWatch(database)
         self.signer = signer_of(settings, database)
         self.uploads = uploads = open_uploads(settings.uploads, settings.folder)
+        self.uploads_watch = UploadsWatch(database, uploads)
         self.scoring = scoring = scoring or ScoringHere(boards, uploads)
         self.notices = Notices(settings.banner, paused=settings.paused)
         self.audit_log = AuditLog(self.signer)

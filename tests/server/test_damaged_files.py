@@ -8,6 +8,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from random import Random
+from types import SimpleNamespace
 
 import pytest
 from sqlalchemy.exc import DBAPIError
@@ -16,7 +17,9 @@ from reverie_eval.server.http import health
 from reverie_eval.server.http.health import REMEDIES, Health
 from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.operations.checks import check_folder
+from reverie_eval.server.service import soundness
 from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.service.soundness import UnsoundError, UploadsWatch
 from reverie_eval.server.settings import SETTINGS_FILE
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import Database
@@ -43,6 +46,7 @@ from tests.support.serving import (
     CopyServer,
     NewDatabase,
     Serving,
+    packed,
     replace_answers,
 )
 
@@ -252,6 +256,76 @@ def test_health_notices_a_bundle_with_other_answers(lively: Serving) -> None:
 def test_health_notices_answers_that_others_can_read(lively: Serving) -> None:
     (lively.state.settings.folder / BUNDLE).chmod(0o644)
     assert failing(lively) == [f"ground truth of {PRIVATE}"]
+
+
+def _fill_with_another_upload(path: Path) -> None:
+    path.write_bytes(packed(GOOD + b" another"))
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [*SPOILS.values(), _fill_with_another_upload],
+    ids=[*SPOILS, "another upload"],
+)
+def test_an_older_upload_that_is_damaged_is_noticed_in_the_background(
+    spoil: Callable[[Path], None], lively: Serving
+) -> None:
+    watch, sent = lively.state.uploads_watch, lively.state.settings.folder / "uploads"
+    newest = lively.upload(OWNER, lively.distinct()).json()["submission"]["sha256"]
+    older = next(file for file in sent.rglob("*.gz") if newest not in file.name)
+    whole = older.read_bytes()
+    spoil(older)
+    watch.search()
+    assert failing(lively) == []  # it may have been deleted in this moment
+    watch.search()
+    assert failing(lively) == ["older uploads"]
+    assert lively.client.get("/readyz").status_code == 200
+    shutil.rmtree(older) if older.is_dir() else older.unlink(missing_ok=True)
+    older.write_bytes(whole)
+    watch.search()
+    assert failing(lively) == []
+
+
+def found_by(watch: UploadsWatch) -> str:
+    """Return the damage that a watch has found; empty if there is none."""
+    try:
+        watch.check()
+    except UnsoundError as error:
+        return str(error)
+    return ""
+
+
+def test_uploads_are_read_a_few_at_a_time_and_once_a_day(
+    lively: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 1.0
+    monkeypatch.setattr(soundness, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(soundness, "READING", 0)  # each search reads one
+    watch, folder = lively.state.uploads_watch, lively.state.settings.folder / "uploads"
+    for _ in range(2 + len(submissions := lively.ask(ORGANISER, "GET", "/submissions").json())):
+        watch.search()
+    folder.rename(folder.with_name("elsewhere"))
+    watch.search()
+    watch.search()
+    assert found_by(watch) == ""  # the round is over
+    now += 24 * 60 * 60
+    for number in range(len(submissions)):
+        watch.search()  # finds one, and finds again those that were found before
+        found = found_by(watch)
+        assert found.count("is missing; run `reverie-eval server doctor`") == bool(number)
+        assert number < 2 or found.endswith(f" and {number - 1} more")
+    folder.with_name("elsewhere").rename(folder)
+    watch.search()
+    assert found_by(watch) == ""
+
+
+def test_an_upload_that_was_deleted_as_it_was_old_is_not_missed(lively: Serving) -> None:
+    watch = lively.state.uploads_watch
+    lively.clock.turn(days=100)
+    replace(lively.state.retention, days=30).tidy(ORGANISER)
+    watch.search()
+    watch.search()
+    assert failing(lively) == []
 
 
 def remove_newest_upload(folder: Path) -> None:

@@ -4,7 +4,8 @@ For every split, a known submission is read, scored, rounded and signed; the sig
 in use; the rules of all splits are those of the server that started last on the database; the
 database writes the rows of an upload, and rolls them back; the folder or store of uploads is
 accessed; no job failed the last time, or is overdue. Files that the server has read are still
-there, and the same. The database is searched for damage in the background; the last result counts.
+there, and the same. The database and the stored uploads are searched for damage in the background;
+the last result counts.
 Every leaderboard can be read.
 All of this is cached for some seconds, so frequent checks cost nothing. The reply names what failed
 and what to do; the log says why.
@@ -33,6 +34,7 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     JOB,
     LEADERBOARDS,
+    OLDER_UPLOADS,
     SETTINGS,
     HealthReport,
     JobReport,
@@ -99,6 +101,8 @@ REMEDIES: Mapping[str, str] = {
     LEADERBOARDS: "a result on a leaderboard cannot be read, so that leaderboard is not shown; the "
     "log names it, and `reverie-eval server doctor` the row; restore the last backup with "
     "`reverie-eval server restore`",
+    OLDER_UPLOADS: "a file that was uploaded is missing or damaged; `reverie-eval server doctor` "
+    "names all of them, and how to replace them from a backup",
     JOB: "work that the server does by itself failed the last time, or hangs; the error is in "
     "`jobs`, and in the log",
     "uploads": "files cannot be stored, or the newest one cannot be read; check the folder or "
@@ -135,6 +139,7 @@ class Health:
             SETTINGS: files.check_settings,
             "signing key": partial(_compare_key, server),
             "stored data": server.database_watch.check,
+            OLDER_UPLOADS: server.uploads_watch.check,
             LEADERBOARDS: partial(_read_leaderboards, server),
             "database": partial(_write, server),
             "uploads": partial(_try_uploads, server),

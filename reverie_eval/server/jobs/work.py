@@ -56,6 +56,10 @@ def _jobs(server: ServerState, warm_up: Callable[[], object]) -> Iterator[Job]:
     def ends_to_announce(session: Session, now: datetime) -> Mapping[str, int]:
         return {"ends": len(untold_ends(session, server.schedules, settings.channels, now))}
 
+    def search_for_damage() -> None:
+        server.database_watch.search()
+        server.uploads_watch.search()
+
     def warm_up_once() -> None:
         try:
             warm_up()
@@ -66,7 +70,7 @@ def _jobs(server: ServerState, warm_up: Callable[[], object]) -> Iterator[Job]:
 
     yield Job("warm-up", warm_up_once, None)
     yield Job("ground-truth", partial(_follow_rules, server), _SECOND)
-    yield Job("damage", server.database_watch.search, _MINUTE)
+    yield Job("damage", search_for_damage, _MINUTE)
     yield Job(
         "snapshots", partial(snapshots.take_if_due, server.transactions), _MINUTE, snapshots_due
     )

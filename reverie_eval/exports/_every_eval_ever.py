@@ -80,7 +80,9 @@ def every_eval_ever(scores: Scores, model: EvaluatedModel, at: datetime) -> Mapp
 def instance_results(
     scores: Scores, records: Sequence[Mapping[str, Any]], aggregate: Mapping[str, Any]
 ) -> Iterator[Mapping[str, Any]]:
-    """Yield the records of single episodes: one for each aggregate result where higher is better.
+    """Yield the records of single episodes: one for each aggregate result of a binary metric.
+
+    The schema requires that an instance is correct or not, and an SPL of 0.4 is neither.
 
     Parameters
     ----------
@@ -112,10 +114,10 @@ def instance_results(
     }
     samples = list(zip(scores.instr_ids, scores.ground_truth.episodes.instructions, strict=True))
     for metric in _exported(scores):
-        if metric.better != "higher":
+        if not metric.is_binary:
             continue
         names = {
-            "evaluation_name": _evaluation_name(scores),
+            "evaluation_name": _evaluation_name(scores, metric),
             "evaluation_result_id": _result_id(scores, metric),
         }
         values = scores.episodes[metric.key].tolist()
@@ -128,7 +130,7 @@ def instance_results(
                 "output": {"raw": [raw[instr_id]]},
                 "messages": None,
                 "answer_attribution": [],
-                "evaluation": {"score": value, "is_correct": value > 0},
+                "evaluation": {"score": value, "is_correct": value == 1.0},
             }
 
 
@@ -150,7 +152,7 @@ def _result(scores: Scores, metric: Metric) -> Mapping[str, Any]:
     score = scores[metric.key]
     return {
         "evaluation_result_id": _result_id(scores, metric),
-        "evaluation_name": _evaluation_name(scores),
+        "evaluation_name": _evaluation_name(scores, metric),
         "source_data": _source(scores),
         "metric_config": {
             "evaluation_description": metric.definition,
@@ -201,8 +203,8 @@ def _source(scores: Scores) -> Mapping[str, Any]:
     return {**name, "source_type": "url", "url": [f"https://{truth.task.source}"]}
 
 
-def _evaluation_name(scores: Scores) -> str:
-    return f"{scores.ground_truth.header.dataset} {scores.split}"
+def _evaluation_name(scores: Scores, metric: Metric) -> str:
+    return f"{scores.ground_truth.header.dataset} {scores.split} {metric.label}"
 
 
 def _result_id(scores: Scores, metric: Metric) -> str:

@@ -68,18 +68,35 @@ def test_an_aggregate_for_every_eval_ever_has_scores_and_intervals(
         assert interval["confidence_level"] == 0.95
 
 
-def test_instances_are_the_episodes_of_each_result(collected: Path, scores: rv.Scores) -> None:
+def test_every_metric_is_an_evaluation_of_its_own(collected: Path) -> None:
+    names = [each["evaluation_name"] for each in aggregate_in(collected)["evaluation_results"]]
+    assert names == [f"demo val_unseen {label}" for label in ("SR", "OSR", "SPL", "RGS", "RGSPL")]
+
+
+def test_instances_are_the_episodes_of_each_result_that_is_right_or_wrong(
+    collected: Path, scores: rv.Scores
+) -> None:
+    """The schema wants `is_correct` of every instance, which a detour's SPL of 0.4 is not."""
     aggregate = aggregate_in(collected)
     details = aggregate["detailed_evaluation_results"]
     content = (collected / details["file_path"]).read_bytes()
     assert details["checksum"] == hashlib.sha256(content).hexdigest()
     rows = [json.loads(line) for line in content.splitlines()]
-    assert len(rows) == details["total_rows"] == 5 * 84
-    results = {each["evaluation_result_id"] for each in aggregate["evaluation_results"]}
-    assert {row["evaluation_result_id"] for row in rows} == results
+    assert len(rows) == details["total_rows"] == 3 * 84
+    results = {
+        each["evaluation_name"]: each["evaluation_result_id"]
+        for each in aggregate["evaluation_results"]
+    }
+    labels = {"SR": "success", "OSR": "oracle_success", "RGS": "rgs"}
+    for label, key in labels.items():
+        of_metric = [row for row in rows if row["evaluation_name"] == f"demo val_unseen {label}"]
+        of_result = {row["evaluation_result_id"] for row in of_metric}
+        assert of_result == {results[f"demo val_unseen {label}"]}
+        values = scores.episodes[key].tolist()
+        assert [row["evaluation"] for row in of_metric] == [
+            {"score": value, "is_correct": value == 1.0} for value in values
+        ]
     assert conforms(rows[0], "instance_level_eval.schema.json")
-    first_metric = [row["evaluation"] for row in rows[:84]]
-    assert [each["score"] for each in first_metric] == scores.episodes["success"].tolist()
     sent = {each["instr_id"]: each for each in json.loads(Path(GOOD).read_bytes())}
     walked = json.loads(rows[0]["output"]["raw"][0])
     assert walked["trajectory"] == sent[rows[0]["sample_id"]]["trajectory"]

@@ -8,7 +8,7 @@ import pytest
 
 from reverie_eval import evaluate
 from reverie_eval.agents import run_agent
-from tests.support.entries import entered, get, named, tables
+from tests.support.entries import entered, get, named, report_result, tables
 from tests.support.serving import (
     OPEN,
     OTHER,
@@ -35,10 +35,10 @@ def leaders(server: Serving) -> dict[str, list[list[str]]]:
 
 def test_an_empty_server_shows_what_reference_agents_score(server: Serving) -> None:
     rows = leaders(server)["Val unseen leaderboard"]
-    assert [row[1].partition(" from")[0] for row in rows] == [
-        "Shortest agent reference",
-        "Random agent reference",
-        "Stop agent reference",
+    assert [row[1] for row in rows] == [
+        "Shortest agent computed here",
+        "Random agent computed here",
+        "Stop agent computed here",
     ]
     truth = server.state.boards[OPEN].truth
     for agent, row in zip(("shortest", "random", "stop"), rows, strict=True):
@@ -46,6 +46,18 @@ def test_an_empty_server_shows_what_reference_agents_score(server: Serving) -> N
         shown = [f"{100 * scores[key]:.2f}" for key in ("success", "spl", "rgs", "rgspl")]
         assert row[2:] == shown
         assert row[0] == "-"
+
+
+def test_what_is_reported_and_what_is_computed_here_have_different_labels(
+    server: Serving,
+) -> None:
+    report_result(server, "FAST", rgspl=0.9)
+    names = [row[1] for row in leaders(server)["Val unseen leaderboard"]]
+    reported = [name for name in names if " reported" in name]
+    computed = [name for name in names if name.endswith(" computed here")]
+    assert (len(reported), len(computed)) == (1, 3)
+    assert [*reported, *computed] == names
+    assert not any("paper" in name or "reference" in name for name in names)
 
 
 def test_reference_agents_say_nothing_of_private_answers(server: Serving) -> None:

@@ -14,7 +14,15 @@ from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import FolderUploads
-from tests.support.serving import OWNER, PRIVATE, Serving, submission_for
+from tests.support.serving import (
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Serving,
+    submission_for,
+)
 
 
 def upload(server: Serving) -> Any:
@@ -164,3 +172,21 @@ def test_an_upload_whose_turn_never_comes_is_no_deadlock(server: Serving) -> Non
     with pytest.raises(RuntimeError, match="mine"), server.state.database.writing():
         raise RuntimeError("mine")
     assert upload(server).status_code == 201
+
+
+def test_a_clock_that_was_a_year_ahead_spoils_nothing(server_on: Serving) -> None:
+    ahead = server_on.upload(OWNER, server_on.distinct()).json()["submission"]["id"]
+    server_on.clock.turn(days=400)
+    of_then = server_on.upload(OTHER, server_on.distinct()).json()["submission"]["id"]
+    for who, submission_id in ((OWNER, ahead), (OTHER, of_then)):
+        server_on.ask(who, "PATCH", f"/submissions/{submission_id}", json={"published": True})
+    taken = {"split": OPEN, "title": "then"}
+    assert server_on.ask(ORGANISER, "POST", "/organiser/snapshots", json=taken).status_code == 201
+    server_on.clock.turn(days=-400)
+    assert server_on.upload(OWNER, server_on.distinct()).status_code == 201
+    rows = server_on.ask(OWNER, "GET", f"/splits/{OPEN}/leaderboard").json()["rows"]
+    assert {row["id"] for row in rows} >= {ahead, of_then}
+    for path in ("/", f"/boards/{OPEN}", f"/boards/{OPEN}/snapshots", "/audit", "/healthz"):
+        assert server_on.client.get(path).status_code == 200, path
+    with server_on.state.database.reading() as session:
+        assert not list(server_on.state.audit_log.broken_links(session))

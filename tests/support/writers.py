@@ -64,13 +64,23 @@ AGENTS: Sequence[Agent] = (
 )
 EDGES = (("porch", "hall"), ("hall", "stairs"), ("stairs", "attic"))
 _PROCESSES = (slice(2), slice(2, None))
+_MOST_LOOKS = 1_000
+_DIRECTION = (0.25, 0.5)
+"""Where agents see their object, in turns."""
 
 
 def agents_of(task: str) -> Sequence[Agent]:
-    """Return the agents with ids as a task has them."""
-    ids = {"r2r": ("4_0", "4_1", "4_2", "5_0", "5_1"), "ndh": ("41", "42", "43", "44", "45")}
+    """Return the agents with ids as our reader has them for a task.
+
+    SOON's are only those that see an object: DUET's writer fails for others.
+    """
+    ids = {
+        "r2r": ("4_0", "4_1", "4_2", "5_0", "5_1"),
+        "ndh": ("41", "42", "43", "44", "45"),
+        "soon": ("4#0", "4#1", "5#0"),
+    }
     given = ids.get(task, [agent.instr_id for agent in AGENTS])
-    return [replace(agent, instr_id=it) for agent, it in zip(AGENTS, given, strict=True)]
+    return [replace(agent, instr_id=it) for agent, it in zip(AGENTS, given, strict=False)]
 
 
 # Parts of a codebase.
@@ -201,6 +211,7 @@ class House(Nothing):
     def __init__(self, viewpoints: Sequence[str]) -> None:
         """Begin at the first of the viewpoints."""
         self.rest = list(viewpoints)
+        self.looks = 0
 
     def makeAction(self, *_: object) -> None:  # noqa: N802  # the simulator's name
         """Go to the next viewpoint: turns are never needed."""
@@ -208,6 +219,11 @@ class House(Nothing):
 
     def getState(self) -> Any:  # noqa: N802
         """Return where the agent is, and that the next viewpoint is straight ahead."""
+        self.looks += 1
+        if self.looks > _MOST_LOOKS:
+            raise RuntimeError(
+                "the codebase waits for a simulator that does what this one does not"
+            )
         near = [SimpleNamespace(viewpointId=viewpoint) for viewpoint in self.rest[:2]]
         state = State(location=near[0], navigableLocations=near, viewIndex=12)
         state.heading, state.elevation = 0.5, 0.0
@@ -293,14 +309,14 @@ def walked(agent: Agent, clone: Path, moves: str, answers: str, name: str) -> di
     return traj[0]
 
 
-def moved(agent: Agent, clone: Path, moves: str, maps: str) -> dict[str, Any]:
+def moved(agent: Agent, clone: Path, moves: str, answers: str, maps: str) -> dict[str, Any]:
     """Let a codebase of DUET's family record moves, go back to the best stop, and answer."""
-    names, tree = names_with(), parse(clone / moves)
+    names = names_with()
     kinds = ("FloydGraph", "GraphMap")
     classes = [node for node in parse(clone / maps).body if isinstance(node, ast.ClassDef)]
     execute([node for node in classes if node.name in kinds], names)
-    execute(functions([tree], "make_equiv_action")[-1:], names)
-    rollout = functions([tree], "rollout")[-1]
+    execute(functions([parse(clone / moves)], "make_equiv_action")[-1:], names)
+    rollout = functions([parse(clone / answers)], "rollout")[-1]
     given = "self, obs, gmaps, ended, just_ended, traj, batch_size"
     end = function_of(given, _loop_that_stops(rollout), names)
     gmap = names["GraphMap"](agent.viewpoints[0])
@@ -315,6 +331,7 @@ def moved(agent: Agent, clone: Path, moves: str, maps: str) -> dict[str, Any]:
         viewpoint: {
             "stop": float(viewpoint == stop),
             "og": agent.object_id if viewpoint == stop else "99",
+            "og_direction": _DIRECTION if objects else None,
             "og_details": {"objids": objects, "logits": np.array([0.5] * len(objects))},
         }
         for viewpoint in agent.viewpoints
@@ -396,7 +413,11 @@ class Valid:
             }
         )
         function = functions([parse(clone / self.main)], self.function)[-1]
-        results = [self._result(agent, clone) for agent in agents_of(self.task)]
+        agents = [
+            replace(agent, instr_id=agent.instr_id.replace("#", "-0_"))
+            for agent in agents_of(self.task)
+        ]
+        results = [self._result(agent, clone) for agent in agents]
         trees = [parse(clone / file) for file in self.agents]
         methods = [functions(trees, name)[0] for name in ("test", "get_results")]
         is_merging = "all_gather" in ast.unparse(function)
@@ -424,7 +445,7 @@ class Valid:
 
     def _result(self, agent: Agent, clone: Path) -> dict[str, Any]:
         if self.maps:
-            return moved(agent, clone, self.rollout, self.maps)
+            return moved(agent, clone, self.moves or self.rollout, self.rollout, self.maps)
         return walked(agent, clone, self.moves or self.rollout, self.rollout, self.records)
 
 
@@ -465,21 +486,25 @@ class Saved:
         names = names_with()
         execute(functions([parse(clone / self.agent)], "get_results"), names)
         execute(functions([parse(clone / self.dataset)], "save_json"), names)
-        prefix = {"reverie": "reverie_", "r2r": "r2r_", "ndh": "cvdn_0_"}[self.task]
+        prefix = {"reverie": "reverie_", "r2r": "r2r_", "ndh": "cvdn_0_", "soon": "soon_0_"}
         parts = []
         for part in _PROCESSES:
             results = {
-                prefix + agent.instr_id: {"path": agent.moves}
-                | (
-                    {"pred_objid": agent.object_id, "pred_obj_direction": None}
-                    if self.task == "reverie"
-                    else {}
-                )
+                prefix[self.task] + agent.instr_id.replace("#", "-0_"): {
+                    "path": agent.moves,
+                    **self._answer(agent),
+                }
                 for agent in agents_of(self.task)[part]
             }
             parts += names["get_results"](results)
-        name = {"reverie": "REVERIE", "r2r": "R2R", "ndh": "CVDN"}[self.task]
+        name = {"reverie": "REVERIE", "r2r": "R2R", "ndh": "CVDN", "soon": "SOON"}[self.task]
         names["save_json"](Nothing(), parts, str(folder / f"{name}_val_unseen.json"))
+
+    def _answer(self, agent: Agent) -> Mapping[str, object]:
+        if self.task not in ("reverie", "soon"):
+            return {}
+        direction = _DIRECTION if self.task == "soon" else None
+        return {"pred_objid": agent.object_id, "pred_obj_direction": direction}
 
 
 class _Python2Dict(dict[Any, Any]):
@@ -637,19 +662,35 @@ WRITERS: Mapping[str, Sequence[Writer]] = MappingProxyType(
         **{
             name: [duet("map_nav_src")]
             for name in (
-                *("VLN-BEVBert", "AZHP", "HM3DAutoVLN", "LGK", "KESU", "DOPE", "VLN-SUSA", "HGPG"),
-                *("StratXplore", "VLN-MBA-VisualPerturbations", "IPM_BTK"),
+                *("AZHP", "HM3DAutoVLN", "LGK", "KESU", "DOPE", "VLN-SUSA", "HGPG", "StratXplore"),
+                *("VLN-MBA-VisualPerturbations", "IPM_BTK"),
             )
         },
+        "VLN-BEVBert": [
+            duet("map_nav_src"),
+            navigator("map_nav_src", "r2r/main_nav.py", "r2r", task="r2r"),
+        ],
         "VLN-DUET": [
             duet("map_nav_src"),
             duet("map_nav_src", options=_DETAILED),
             navigator("map_nav_src", "r2r/main_nav.py", "r2r", task="r2r"),
+            Valid(
+                "map_nav_src/soon/main.py",
+                ["map_nav_src/soon/agent_obj.py", "map_nav_src/reverie/agent_base.py"],
+                "map_nav_src/soon/agent_obj.py",
+                "map_nav_src/reverie/agent_obj.py",
+                "map_nav_src/models/graph_utils.py",
+                task="soon",
+            ),
         ],
         **{
             name: [duet("map_nav_src", "main_nav_obj.py")]
-            for name in ("GridMM", "DART-VLN", "ODENvln", "ICML2024-FSTTA")
+            for name in ("DART-VLN", "ODENvln", "ICML2024-FSTTA")
         },
+        "GridMM": [
+            duet("map_nav_src", "main_nav_obj.py"),
+            navigator("map_nav_src", "main_nav.py", "r2r", task="r2r"),
+        ],
         "DSRG": [duet("finetune_src"), before_training(duet("finetune_src"))],
         "VLN-GOAT": [
             duet("map_nav_src", rollout="map_nav_src/reverie/agent_obj_goat.py"),
@@ -657,7 +698,10 @@ WRITERS: Mapping[str, Sequence[Writer]] = MappingProxyType(
         ],
         "REVERIE-Challenge22": [duet("VLN-DUET/map_nav_src")],
         "KERM": [duet("knowledge_nav_src")],
-        "ScaleVLN": [duet("VLN-DUET-RVR/map_nav_src")],
+        "ScaleVLN": [
+            duet("VLN-DUET-RVR/map_nav_src"),
+            navigator("VLN-DUET/map_nav_src", "r2r/main_nav.py", "r2r", task="r2r"),
+        ],
         "LAD": [
             Valid(
                 "training_src/nav_obj.py",
@@ -672,6 +716,7 @@ WRITERS: Mapping[str, Sequence[Writer]] = MappingProxyType(
             Saved(_NAVILLM, "tasks/datasets/reverie.py"),
             Saved(_NAVILLM, "tasks/datasets/r2r.py", task="r2r"),
             Saved(_NAVILLM, "tasks/datasets/cvdn.py", task="ndh"),
+            Saved(_NAVILLM, "tasks/datasets/soon.py", task="soon"),
         ],
         "roomtour3d-NaviLLM": [Saved(_NAVILLM, "tasks/datasets/reverie.py")],
         "EvolveNav": [Saved(_NAVILLM, "tasks/datasets/r2r.py", task="r2r")],
@@ -689,7 +734,9 @@ WRITERS: Mapping[str, Sequence[Writer]] = MappingProxyType(
             )
         ],
         "Matterport3DSimulator": [Written("tasks/R2R/agent.py")],
-        "Recurrent-VLN-BERT": [Written("r2r_src/agent.py")],
+        "Recurrent-VLN-BERT": [
+            Valid("r2r_src/train.py", ["r2r_src/agent.py"], "r2r_src/agent.py", task="r2r")
+        ],
         "cvdn": [Written("tasks/NDH/agent.py", task="ndh")],
     }
 )
@@ -724,6 +771,8 @@ def describe(document: Any, without: Collection[str]) -> str:
     records = [document] if "trajectory" in document else document
     records = list(records.values()) if isinstance(records, dict) else records
     shape = "list" if isinstance(document, list) else "records by episode"
+    if not all(isinstance(step, list) for step in records[0]["trajectory"]):
+        return f"{shape}; {_walks(records)}"
     known = {*_IDS, "trajectory", *_ANSWERS}
     others = sorted({key for record in records for key in record} - known)
     answers = [key for key in _ANSWERS if key in records[0]]
@@ -737,6 +786,21 @@ def describe(document: Any, without: Collection[str]) -> str:
             *([f"also {', '.join(others)}"] if others else []),
         ]
     )
+
+
+def _walks(records: Sequence[Mapping[str, Any]]) -> str:
+    """Describe trajectories that are objects, or lists of objects."""
+    given = [record["trajectory"] for record in records]
+    is_listed = isinstance(given[0], list)
+    walks = [walk for each in given for walk in (each if is_listed else [each])]
+    others = ", ".join(
+        f"{key} {'in a list of one' if isinstance(value, list) else 'a number'}"
+        for key, value in walks[0].items()
+        if key != "path"
+    )
+    objects = "a list of one object" if is_listed else "an object"
+    steps = _steps([step for walk in walks for step in walk["path"]])
+    return f"trajectory {objects} with path, {steps}, and {others}"
 
 
 def _steps(steps: Sequence[Sequence[object]]) -> str:

@@ -75,6 +75,11 @@ other_records = st.one_of(
         other_answers,
     ),
     other_answers.map(lambda answer: without("predObjId")[:-1] + f', "pred_objid": {answer}}}'),
+    st.builds(
+        lambda answer, second: f'{record(predObjId=answer)[:-1]}, "pred_objid": {second}}}',
+        right_answers | st.just("null"),
+        other_answers | st.just("null"),
+    ),
 )
 numbers = st.one_of(st.integers(-700, 700), st.floats(-1000, 1000), st.floats(0)).map(json.dumps)
 extents = (st.integers(1, 700) | st.floats(1e-3, 1000)).map(json.dumps)

@@ -5,11 +5,9 @@ A codebase's own functions are taken from its source by name and executed. What 
 that, such as models, simulators and logs, is a stand-in that does nothing. Executed are
 
 - what collects the results of an agent, merges those of two processes and writes the file;
-- where an answer is recorded in the middle of a function that runs the model, the statements that
-  record it; in the family of DUET also the moves, the shortest paths of its map, and the way back
-  to the best stop.
-
-The agents see no object, stay, walk a viewpoint at a time, or walk back over several at once.
+- the statements with which a rollout begins its record of an episode, records each move and, at
+  the stop, the answer; in the family of DUET with the shortest paths of its own map, and the way
+  back to the best stop.
 """
 
 import ast
@@ -57,11 +55,13 @@ class Agent:
 
 AGENTS: Sequence[Agent] = (
     Agent("4_402_0", [["hall"], ["stairs"], ["attic"]], "402"),
-    Agent("4_402_1", [["hall"], ["stairs"], ["attic"], ["stairs", "hall", "porch"]], "0"),
+    Agent("4_402_1", [["hall"], ["stairs"], ["attic"], ["stairs", "hall", "porch"], ["hall"]], "0"),
     Agent("4_402_2", [["hall"], ["stairs"], ["attic"], ["stairs", "hall"]], "17"),
     Agent("5_17_0", [["porch"]], None),
     Agent("5_17_1", [["porch"], ["hall"]], None),
 )
+"""One walks a viewpoint at a time, one goes on from far back, one goes back to stop, and two see no
+object: they stop at once, or after a move."""
 EDGES = (("porch", "hall"), ("hall", "stairs"), ("stairs", "attic"))
 _PROCESSES = (slice(2), slice(2, None))
 _MOST_LOOKS = 1_000
@@ -340,10 +340,10 @@ def moved(agent: Agent, clone: Path, moves: str, answers: str, maps: str) -> dic
     self = Options(args=Options(detailed_output=True), scanvp_cands=views)
     traj = begun(agent, rollout)
     here = agent.viewpoints[0]
-    for move in agent.moves[1:]:
-        if len(move) == 1:
-            names["make_equiv_action"](self, move, [gmap], [observation(agent, here)], traj)
-            here = move[0]
+    goes_back = len(agent.moves[-1]) > 1
+    for move in agent.moves[1 : -1 if goes_back else None]:
+        names["make_equiv_action"](self, move[-1:], [gmap], [observation(agent, here)], traj)
+        here = move[-1]
     end(self, [observation(agent, here)], [gmap], [False], [True], traj, 1)
     return traj[0]
 

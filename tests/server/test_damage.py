@@ -11,18 +11,24 @@ from typing import Any
 from warnings import catch_warnings, simplefilter
 
 import httpx
+import msgspec
 import pytest
+from pydantic import BaseModel
 from sqlalchemy import text
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.http import health
 from reverie_eval.server.service.snapshots import Snapshots
-from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.damage import damage_in
+from reverie_eval.server.store.database import Database, UnreadableValueError
+from reverie_eval.server.store.tables import read_stored
 from tests.conftest import unavailable
+from tests.support.entries import report_result
 from tests.support.processes import COMMAND, Laptop
 from tests.support.serving import (
     GOOD,
     NO_TLS,
+    ORGANISER,
     OWNER,
     NewDatabase,
     OpenServer,
@@ -239,3 +245,63 @@ def test_an_upload_that_is_cut_off_is_not_sent_as_a_whole(
             download()
         upload.unlink()
         assert download().status_code == 500
+
+
+class OfOurs(BaseModel):
+    """What a part of the server that reads nothing may check."""
+
+    number: int
+
+
+def fail_in_a_model() -> None:
+    OfOurs.model_validate({"number": "none"})
+
+
+def fail_in_a_structure() -> None:
+    msgspec.convert("none", int)
+
+
+def fail_to_decode() -> None:
+    b"\xff".decode()
+
+
+FAILING = {"pydantic": fail_in_a_model, "msgspec": fail_in_a_structure, "UTF-8": fail_to_decode}
+
+
+@pytest.mark.parametrize("fail", FAILING.values(), ids=FAILING)
+def test_what_is_wrong_elsewhere_is_no_damage(
+    fail: Callable[[], None], server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server.state.signer, "sign_result", lambda *_: fail())
+    reply = server.upload(OWNER)
+    assert (reply.status_code, reply.json()["code"]) == (500, "internal")
+    assert "safe to try again" in reply.json()["detail"]
+    with pytest.raises(ValueError, match="damage") as caught:  # noqa: PT012  # of one in another
+        try:
+            fail()
+        except Exception as error:
+            raise ValueError("not damage") from error
+    assert damage_in(caught.value) is None
+    with pytest.raises(UnreadableValueError) as unread:
+        read_stored(OfOurs, {"number": "none"})
+    assert damage_in(unread.value) == "a stored value cannot be read"
+
+
+INVALID = {
+    "a body that is not UTF-8": ("POST", "/organiser/teams", b"\xff"),
+    "a name of another type": ("POST", "/organiser/teams", b'{"name": 5}'),
+    "a score that is a text": ("PATCH", "/organiser/reported/1", b'{"scores": {"rgspl": "x"}}'),
+    "a score out of range": ("PATCH", "/organiser/reported/1", b'{"scores": {"rgspl": 7}}'),
+    "no score left": ("PATCH", "/organiser/reported/1", b'{"scores": {"rgspl": null}}'),
+    "a link without https": ("PATCH", "/organiser/reported/1", b'{"method": {"paper": "x"}}'),
+}
+
+
+@pytest.mark.parametrize(("method", "path", "body"), INVALID.values(), ids=INVALID)
+def test_what_somebody_sends_is_no_damage(
+    method: str, path: str, body: bytes, server: Serving
+) -> None:
+    report_result(server, "FAST", rgspl=0.25)
+    headers = {"Content-Type": "application/json"}
+    reply = server.ask(ORGANISER, method, path, content=body, headers=headers)
+    assert (reply.status_code, reply.json()["code"]) == (400, "malformed-request")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 from sqlalchemy import delete, event, select
 
 from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
@@ -24,6 +23,7 @@ from reverie_eval.server.service.snapshots import SnapshotError, Snapshots, snap
 from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings
+from reverie_eval.server.store.database import UnreadableValueError
 from reverie_eval.server.store.tables import AuditEntry, SetSchedule, StoredSnapshot, Submission
 from tests.support.acting import NOON, add_team, review
 from tests.support.flat import Run
@@ -440,7 +440,7 @@ def test_a_schedule_that_cannot_be_read_fails_no_write_elsewhere(server_on: Serv
     assert server_on.upload(OWNER).status_code == 201
     with server_on.acting() as transaction:
         assert revoke_token(transaction, server_on.tokens[OTHER][:11])
-    with pytest.raises(ValidationError):
+    with pytest.raises(UnreadableValueError):
         look(server_on)
 
 

@@ -44,7 +44,7 @@ from reverie_eval.server.store.database import (
     is_unreachable,
     known_revisions,
 )
-from reverie_eval.server.store.tables import IS_SHOWN, Submission
+from reverie_eval.server.store.tables import IS_SHOWN, Submission, read_stored
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
 from reverie_eval.server.store.write_ahead import has_lost_transactions
 from reverie_eval.text import count_text, first_few
@@ -494,7 +494,7 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
         results = [{"report": report}, *earlier]
         for further in also.values():
             results += [further, *further["earlier"]]
-        reports = (ScoreReport.model_validate(result["report"]) for result in results)
+        reports = (read_stored(ScoreReport, result["report"]) for result in results)
         exact += not all(map(board.may_keep, reports))
     if exact:
         message = (

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.service import CorrectionReport
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.store.tables import Correction, News, StoredSnapshot
+from reverie_eval.server.store.tables import Correction, News, StoredSnapshot, read_stored
 
 Kind: TypeAlias = Literal["news", "correction", "snapshot"]
 
@@ -67,5 +67,5 @@ def corrections_of(
     )
     found: defaultdict[str, list[CorrectionReport]] = defaultdict(list)
     for row in session.scalars(chosen.order_by(Correction.id.desc())):
-        found[row.split].append(CorrectionReport.model_validate(row))
+        found[row.split].append(read_stored(CorrectionReport, row))
     return found

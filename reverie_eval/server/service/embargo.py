@@ -16,7 +16,7 @@ from reverie_eval.schemas.service import BoardResult, Receipt, SubmissionReport
 from reverie_eval.server.service.receipts import Signer, read_as
 from reverie_eval.server.service.results import results_of, submission_report
 from reverie_eval.server.service.schedules import Timetable
-from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import Submission, read_stored
 
 Result = TypeVar("Result", BoardResult, SubmissionReport)
 
@@ -38,7 +38,7 @@ class View:
 
     def score_report(self, row: Submission) -> ScoreReport:
         """Return a submission's report, with its scores unless they are held back."""
-        known = ScoreReport.model_validate(row.report)
+        known = read_stored(ScoreReport, row.report)
         return known if self.held_until(row) is None else without_scores(known)
 
     def report(self, row: Submission) -> SubmissionReport:

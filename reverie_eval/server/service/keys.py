@@ -27,7 +27,7 @@ from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.service import KeyReport
 from reverie_eval.server.errors import KeyReplacedError
 from reverie_eval.server.service.receipts import KeyMissingError, Signer, load_key, public_pem_of
-from reverie_eval.server.store.tables import SigningKey
+from reverie_eval.server.store.tables import SigningKey, read_stored
 
 _AUDIT_LOG = "audit log"
 _EARLIER_AUDIT_KEYS = "audit keys of earlier signing keys"
@@ -48,7 +48,7 @@ def all_keys(session: Session) -> Sequence[SigningKey]:
 
 def list_keys(session: Session) -> list[KeyReport]:
     """List all keys, the earliest first."""
-    return [KeyReport.model_validate(row) for row in all_keys(session)]
+    return [read_stored(KeyReport, row) for row in all_keys(session)]
 
 
 def admit(session: Session, signer: Signer, now: datetime) -> None:

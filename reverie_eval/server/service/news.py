@@ -1,6 +1,7 @@
 """News: short dated entries by the organiser, shown on the leaderboards and in their feeds."""
 
 from collections.abc import Sequence
+from functools import partial
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -11,7 +12,7 @@ from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.store.tables import News
+from reverie_eval.server.store.tables import News, read_stored
 
 _STANDING = select(News).where(News.removed_at.is_(None))
 
@@ -20,7 +21,7 @@ def add_news(transaction: Transaction, new: NewNews) -> NewsReport:
     """Post an entry; it is public at once."""
     row = News(text=new.text, created_at=transaction.now)
     transaction.record("news added", row, SERVER, text=row.text)
-    return NewsReport.model_validate(row)
+    return read_stored(NewsReport, row)
 
 
 def remove_news(transaction: Transaction, news_id: int) -> NewsReport:
@@ -30,12 +31,12 @@ def remove_news(transaction: Transaction, news_id: int) -> NewsReport:
         raise NotFoundError(f"there is no news entry {news_id}; `news list` shows all")
     row.removed_at = transaction.now
     transaction.record("news removed", row, SERVER, text=row.text)
-    return NewsReport.model_validate(row)
+    return read_stored(NewsReport, row)
 
 
 def list_news(session: Session, page: Page) -> Listed[NewsReport]:
     """List the entries that were not removed, the latest first."""
-    report = NewsReport.model_validate
+    report = partial(read_stored, NewsReport)
     return list_page(session, _STANDING, News.id, page, report, newest_first=True)
 
 

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.organising import NewNotice, NoticeReport
 from reverie_eval.server.service.audit import SERVER
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.store.tables import Notice
+from reverie_eval.server.store.tables import Notice, read_stored
 
 
 class Notices:
@@ -27,7 +27,7 @@ class Notices:
         posted = latest_notice(session, moment)
         if posted is None:
             return self.of_settings
-        new = NewNotice.model_validate(posted)
+        new = read_stored(NewNotice, posted)
         return self.if_posted(new, posted.created_at)
 
     def if_posted(self, new: NewNotice, at: datetime) -> NoticeReport:
@@ -47,7 +47,7 @@ class Notices:
     def change(self, transaction: Transaction, **changes: object) -> NoticeReport:
         """Post the latest notice again with some fields changed, as :meth:`post` does."""
         posted = latest_notice(transaction.session)
-        latest = NewNotice.model_validate(posted) if posted else NewNotice()
+        latest = read_stored(NewNotice, posted) if posted else NewNotice()
         return self.post(transaction, latest.model_copy(update=changes))
 
 

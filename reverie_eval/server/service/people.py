@@ -20,7 +20,7 @@ from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import count_rows
-from reverie_eval.server.store.tables import Person, Submission, Team, Token, name_key
+from reverie_eval.server.store.tables import Person, Submission, Team, Token, name_key, read_stored
 
 
 def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
@@ -133,7 +133,7 @@ def everybody(session: Session) -> Sequence[PersonReport]:
     columns = (Person.id, Person.name, Person.email, Team.name.label("team"), Person.role)
     people = select(*columns, Person.created_at).join(Team)
     current = people.where(Person.deleted_at.is_(None)).order_by(Person.name, Team.name)
-    return [PersonReport.model_validate(row) for row in session.execute(current)]
+    return [read_stored(PersonReport, row) for row in session.execute(current)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from reverie_eval.server.store.tables import (
     Person,
     Submission,
     Token,
+    read_stored,
 )
 
 
@@ -52,7 +53,7 @@ def personal_data(session: Session, person_id: int, organiser: str) -> PersonalD
         person=person_report(person),
         tokens=list(map(token_report, tokens)),
         sessions=[
-            SessionRecord.model_validate(row)
+            read_stored(SessionRecord, row)
             for row in sorted(sessions, key=lambda each: each.created_at)
         ],
         submissions=[
@@ -102,5 +103,5 @@ def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
 
 
 def _submission_record(row: Submission) -> SubmissionRecord:
-    method = Method.model_validate(row.method)
+    method = read_stored(Method, row.method)
     return row.as_report(SubmissionRecord, team=row.team.name, method=method)

@@ -6,6 +6,7 @@ Removed results stay in the database but are not shown.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -32,7 +33,7 @@ from reverie_eval.server.errors import (
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.reported_files import FileRow, read_results
 from reverie_eval.server.service.transactions import Transaction, difference
-from reverie_eval.server.store.tables import ReportedResult
+from reverie_eval.server.store.tables import ReportedResult, read_stored
 from reverie_eval.server.wrong_values import wrong_value
 from reverie_eval.tasks import Task, name_on_server
 from reverie_eval.text import did_you_mean
@@ -88,7 +89,7 @@ def change_reported(
         If another result has that team, method and date.
     """
     result = _result_of(transaction.session, result_id)
-    old = NewReported.model_validate(result)
+    old = read_stored(NewReported, result)
     before = old.model_dump(mode="json")
     after = _merged(before, change.model_dump(mode="json", exclude_unset=True))
     task = tasks.get(old.split)  # a split may have been removed from the settings
@@ -100,7 +101,7 @@ def change_reported(
         for name, value in after.items():
             setattr(result, name, value)
         transaction.record("reported result changed", result, old.method.name, **details)
-    return ReportedEntry.model_validate(result)
+    return read_stored(ReportedEntry, result)
 
 
 def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
@@ -109,7 +110,7 @@ def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
     result.removed_at = transaction.now
     name = result.method["name"]
     transaction.record("reported result removed", result, name, split=result.split)
-    return ReportedEntry.model_validate(result)
+    return read_stored(ReportedEntry, result)
 
 
 def import_reported(
@@ -168,13 +169,13 @@ def import_reported(
 def list_reported(session: Session, page: Page) -> Listed[ReportedEntry]:
     """List the reported results on all leaderboards, the latest first."""
     rows = select(ReportedResult).where(ReportedResult.removed_at.is_(None))
-    report = ReportedEntry.model_validate
+    report = partial(read_stored, ReportedEntry)
     return list_page(session, rows, ReportedResult.id, page, report, newest_first=True)
 
 
 def find_reported(session: Session, result_id: int) -> ReportedEntry:
     """Return a reported result. Raises NotFoundError if it is not on a leaderboard."""
-    return ReportedEntry.model_validate(_result_of(session, result_id))
+    return read_stored(ReportedEntry, _result_of(session, result_id))
 
 
 def reported_of(session: Session, split: str) -> Sequence[ReportedResult]:
@@ -203,7 +204,7 @@ def _identity(result: NewReported) -> _Identity:
 
 
 def _known(session: Session, split: str) -> Mapping[_Identity, ReportedEntry]:
-    entries = map(ReportedEntry.model_validate, reported_of(session, split))
+    entries = map(partial(read_stored, ReportedEntry), reported_of(session, split))
     return {_identity(entry): entry for entry in entries}
 
 

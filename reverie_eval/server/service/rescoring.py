@@ -34,7 +34,7 @@ from reverie_eval.server.service.results import results_of, store_result, stored
 from reverie_eval.server.service.reviews import is_disqualified, reviews_of
 from reverie_eval.server.service.scoring import Context, Scoring
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
-from reverie_eval.server.store.tables import Correction, Review, Submission
+from reverie_eval.server.store.tables import Correction, Review, Submission, read_stored
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
 
 AT_ONCE = 20
@@ -266,7 +266,7 @@ def _signature_and_fingerprint(further: str) -> _ScoredBy:
 
 def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:
     """List the corrections of all splits, the latest first."""
-    report = CorrectionReport.model_validate
+    report = partial(read_stored, CorrectionReport)
     return list_page(session, select(Correction), Correction.id, page, report, newest_first=True)
 
 

@@ -9,14 +9,14 @@ from collections.abc import Mapping
 from sqlalchemy import ColumnElement
 
 from reverie_eval.schemas.service import BoardResult, Method, SubmissionReport
-from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import Submission, read_stored
 
 
 def results_of(row: Submission) -> Mapping[str, BoardResult]:
     """Return all results of a submission by leaderboard, that on the split's own one first."""
     own = {"report": row.report, "receipt": row.receipt, "earlier": row.earlier}
     return {
-        further: BoardResult.model_validate(stored)
+        further: read_stored(BoardResult, stored)
         for further, stored in {"": own, **row.also}.items()
     }
 
@@ -29,7 +29,7 @@ def submission_report(row: Submission) -> SubmissionReport:
         SubmissionReport,
         team=row.team.name,
         person=row.person.name,
-        method=Method.model_validate(row.method),
+        method=read_stored(Method, row.method),
         **dict(own),
         also=also,
         scores_held_until=None,

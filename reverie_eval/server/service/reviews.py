@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload
@@ -17,7 +18,7 @@ from reverie_eval.schemas.service import Verdict
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.store.tables import Review, Submission
+from reverie_eval.server.store.tables import Review, Submission, read_stored
 
 VERDICTS: Mapping[Verdict, str] = {
     "verified": "The organiser has checked the result, and the reason says how.",
@@ -52,7 +53,7 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
     row = Review(**new.model_dump(), created_at=transaction.now)
     about = {"submission_id": row.submission_id, "reason": row.reason}
     transaction.record(row.verdict, row, submission.id, **about)
-    return ReviewEntry.model_validate(row)
+    return read_stored(ReviewEntry, row)
 
 
 def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
@@ -66,12 +67,12 @@ def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
     if row.lifted_at is not None:
         raise ConflictError(f"review {review_id} was already lifted")
     _lift(transaction, row)
-    return ReviewEntry.model_validate(row)
+    return read_stored(ReviewEntry, row)
 
 
 def list_reviews(session: Session, page: Page) -> Listed[ReviewEntry]:
     """List all reviews, lifted or not, the latest first."""
-    report = ReviewEntry.model_validate
+    report = partial(read_stored, ReviewEntry)
     return list_page(session, select(Review), Review.id, page, report, newest_first=True)
 
 

@@ -18,7 +18,7 @@ from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.results import results_of, store_result
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import AT_ONCE
-from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission
+from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission, read_stored
 
 
 def replace_key(
@@ -90,7 +90,7 @@ def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation)
         signed += _sign_again(row, key_id, transaction.audit_log.signer)
     snapshots = select(StoredSnapshot).where(StoredSnapshot.as_of > since)
     for stored in session.scalars(snapshots):
-        envelope = Envelope.model_validate(stored.envelope)
+        envelope = read_stored(Envelope, stored.envelope)
         if key_id in envelope.key_ids:
             again = transaction.audit_log.signer.sign_again(envelope)
             stored.envelope = again.model_dump(mode="json")

@@ -21,7 +21,7 @@ from reverie_eval.schemas.service import Phase, ReleaseScores, Schedule
 from reverie_eval.server.errors import ConflictError, no_split
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import PhasesError, Split
-from reverie_eval.server.store.tables import SetSchedule, Submission
+from reverie_eval.server.store.tables import SetSchedule, Submission, read_stored
 
 _SECOND = timedelta(seconds=1)
 _ROWS = "schedules"
@@ -49,7 +49,7 @@ class Timetable:
     @property
     def desk(self) -> NewSchedule:
         """The schedule that was set at the desk."""
-        return NewSchedule.model_validate(self.rows[-1]) if self.rows else NewSchedule()
+        return read_stored(NewSchedule, self.rows[-1]) if self.rows else NewSchedule()
 
     def held_until(
         self, received_at: datetime, scored_at: datetime, now: datetime
@@ -90,7 +90,7 @@ class Timetable:
     def _of(self, row: SetSchedule) -> Schedule:
         if row.phases is None:
             return self.settings.model_copy(update={"paused": row.paused})
-        return Schedule.model_validate(row)
+        return read_stored(Schedule, row)
 
 
 Change: TypeAlias = Callable[[Timetable, datetime], NewSchedule]

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
+from functools import partial
 
 from sqlalchemy import ColumnElement, String, cast, func, literal, not_, or_, select
 from sqlalchemy.orm import Session, load_only
@@ -46,6 +47,7 @@ from reverie_eval.server.store.tables import (
     StoredSnapshot,
     Submission,
     Token,
+    read_stored,
 )
 
 _SECOND = timedelta(seconds=1)
@@ -291,11 +293,11 @@ def _first_received(session: Session) -> Mapping[str, datetime]:
 
 def list_snapshots(session: Session, page: Page, split: str | None = None) -> Listed[SnapshotEntry]:
     """List the snapshots of a split, or of all; the latest first."""
-    rows, key = _ENTRIES, StoredSnapshot.id
+    rows, key, report = _ENTRIES, StoredSnapshot.id, partial(read_stored, SnapshotEntry)
     if split is not None:
         # Numbers rise like ids, and the index has them by split.
         rows, key = rows.where(StoredSnapshot.split == split), StoredSnapshot.number
-    return list_page(session, rows, key, page, SnapshotEntry.model_validate, newest_first=True)
+    return list_page(session, rows, key, page, report, newest_first=True)
 
 
 def snapshot_of(session: Session, split: str, number: int) -> Envelope:
@@ -306,4 +308,4 @@ def snapshot_of(session: Session, split: str, number: int) -> Envelope:
     envelope = session.scalar(chosen)
     if envelope is None:
         raise NotFoundError(f"there is no snapshot {number} of {split!r}")
-    return Envelope.model_validate(envelope)
+    return read_stored(Envelope, envelope)

@@ -6,7 +6,7 @@ Teams see all of their own submissions; everyone sees published ones.
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import chain
 from typing import Any, TypeAlias, cast
 
@@ -44,7 +44,7 @@ from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.scoring import Context, EpisodeValues, Scoring, check_signature
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions, difference
 from reverie_eval.server.store.database import AT_ONCE
-from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission
+from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission, read_stored
 from reverie_eval.server.store.uploads import Uploads, stored_pieces, stored_upload
 
 RECENT = 8
@@ -207,13 +207,13 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         id=row.id,
         split=row.split,
         team=public_team(row, view.now),
-        method=Method.model_validate(row.method),
+        method=read_stored(Method, row.method),
         report=view.score_report(row),
         scores_held_until=held_until,
         published_at=cast("datetime", row.published_at),  # or it would not be published
         shows_episodes=row.shows_episodes or "baseline" in {each.verdict for each in reviews},
         reviews=reviews,
-        earlier=[] if held_until else list(map(EarlierResult.model_validate, row.earlier)),
+        earlier=[] if held_until else list(map(partial(read_stored, EarlierResult), row.earlier)),
         also=view.also(row),
     )
 
@@ -443,7 +443,7 @@ class SubmissionService:
 
     def _edited(self, row: Submission, change: MethodChange) -> Method:
         edited = change.model_dump(mode="json", exclude_unset=True)
-        method = Method.model_validate({**row.method, **edited})
+        method = read_stored(Method, {**row.method, **edited})
         check_metadata(method, self.required_metadata)
         # A file with answers may be declared so, or not be declared.
         if bool(method.navigation_only) is not bool(row.method["navigation_only"]):
@@ -502,7 +502,7 @@ def _editable(row: Submission) -> Mapping[str, Any]:
         anonymous_until=row.anonymous_until,
         shows_episodes=row.shows_episodes,
     )
-    method = Method.model_validate(row.method).model_dump(mode="json")
+    method = read_stored(Method, row.method).model_dump(mode="json")
     return {**state.model_dump(mode="json"), "method": method}
 
 

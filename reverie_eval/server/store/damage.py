@@ -10,8 +10,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from typing import Any
 
-from msgspec import ValidationError as WrongShapeError
-from pydantic import ValidationError
 from sqlalchemy import (
     JSON,
     URL,
@@ -78,7 +76,9 @@ def find_damage(url: URL) -> Sequence[str]:
 def damage_in(error: BaseException | None) -> str | None:
     """Return the damage that an error, or one of its causes, is about; None if there is none.
 
-    Nothing that was read is quoted: it may be anything.
+    Nothing that was read is quoted: it may be anything. What reads stored values says so by an
+    UnreadableValueError: whether a model is at fault, or what it was given, its own error does not
+    tell.
     """
     match error:
         case None:
@@ -88,9 +88,7 @@ def damage_in(error: BaseException | None) -> str | None:
         case FileReplacedError():
             return str(error)
         # Without a statement, the driver was reading a row: PostgreSQL has times after all years.
-        case (
-            UnreadableValueError() | UnicodeDecodeError() | ValidationError() | WrongShapeError()
-        ) | DataError(statement=None):
+        case UnreadableValueError() | DataError(statement=None):
             return _UNREADABLE
         case _ if found := _SQLSTATES.get(getattr(error, "sqlstate", None) or ""):
             return found

@@ -91,9 +91,12 @@ class Base(DeclarativeBase):
     }
 
     def as_report(self, model: type[Report], /, **given: Any) -> Report:
-        """Return the row as a report, with its columns for all fields that are not given."""
+        """Return the row as a report, with its columns for all fields that are not given.
+
+        Raises UnreadableValueError if a column has a value that the report may not have.
+        """
         columns = {name: getattr(self, name) for name in model.model_fields if name not in given}
-        return model(**columns, **given)
+        return read_stored(model, columns | given)
 
 
 def name_key(name: str) -> str:

@@ -1,7 +1,7 @@
 """The fields of a record: those that are read, and how misspelt ones are recognised."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from functools import lru_cache
 from typing import Any
@@ -81,12 +81,8 @@ def find_misspelt(
     spelling of the same name has a value.
     """
     unknown = {field: _meant_by(field) for field in record if field not in FIELDS}
-    respelt = {_spelling(field) for field in unknown if record[field] is not None}
-    record = {
-        field: value
-        for field, value in record.items()
-        if value is not None or _spelling(field) not in respelt
-    }
+    if None in map(record.get, FIELDS & record.keys()):
+        record = _without_respelt_nulls(record, unknown)
     missing = {meant for meant in unknown.values() if meant and not _has(record, meant)}
     if BOX_KEY not in missing and not _has_box(record):
         missing -= {VIEW_KEY, IMAGE_SIZE_KEY}
@@ -98,6 +94,17 @@ def find_misspelt(
     return {field: meant for meant, field in first.items()}
 
 
+def _without_respelt_nulls(record: Mapping[str, Any], unknown: Iterable[str]) -> Mapping[str, Any]:
+    """Return a record without null where another spelling of the same name has a value."""
+    respelt = {_spelling(field) for field in unknown if record[field] is not None}
+    return {
+        field: value
+        for field, value in record.items()
+        if value is not None or _spelling(field) not in respelt
+    }
+
+
+@lru_cache(maxsize=1024)
 def answers_spelt_like(field: str) -> Sequence[str]:
     """Return the known fields of answers from which a name differs only in case and marks.
 

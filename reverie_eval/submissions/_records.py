@@ -291,8 +291,8 @@ def _with_known_fields(
     ignored = [field for field in record if field not in read and field not in misspelt]
     log.ignored_fields.update(ignored)
     for field in ignored if few and task.has_targets else ():
-        answers = _given(record, [*answers_spelt_like(field), field])
-        if disagree(answers.values()):
+        others = answers_spelt_like(field)
+        if others and disagree((answers := _given(record, [*others, field])).values()):
             log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
     if not misspelt:
         return record

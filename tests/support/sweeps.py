@@ -1,7 +1,8 @@
 """Let public codebases look around on ``MatterSim``, and compare what they find with the original.
 
-``scripts/evidence simulator CLONE...`` takes clones, in folders named like the repositories. Their own functions make the simulator, sweep the 36 views of every viewpoint, and keep for each
-neighbour the view in which it is nearest to the centre. The original gave every view beforehand.
+``scripts/evidence simulator CLONE...`` takes clones, in folders named like the repositories. Their
+own functions make the simulator, sweep the 36 views of every viewpoint, and keep for each neighbour
+the view in which it is nearest to the centre. The original gave every view beforehand.
 """
 
 import json

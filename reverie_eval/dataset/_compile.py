@@ -23,6 +23,9 @@ from reverie_eval.ground_truth import (
 )
 from reverie_eval.tasks import Annotation, find_task
 
+_UNKNOWN = (np.inf, np.inf, np.inf)
+"""The centre of an object of which none is published."""
+
 
 def compile_split(
     files: DatasetFiles,
@@ -73,6 +76,9 @@ def compile_split(
         texts["candidate_category"] = [boxes.entries[entry].record.name for entry in seen]
         if centres is not None:
             arrays["candidate_distance"] = _candidate_distances(arrays, centres, graph)
+            arrays["target_position"] = np.array(
+                [_centre_of_target(task, centres) for task in tasks]
+            )
     # Episodes of other splits are used in messages only, so problems in their files are ignored.
     others = {
         name: np.array(read_split(Reader(), name, path, files.task).instr_ids, dtype=np.str_)
@@ -167,15 +173,18 @@ def _candidates(boxes: Boxes, graph: NavigationGraph) -> tuple[IntArray, dict[st
     }
 
 
+def _centre_of_target(task: Annotation, centres: Centres) -> Sequence[float]:
+    return centres.get(task.scan, {}).get(str(target_of(task)), _UNKNOWN)
+
+
 def _candidate_distances(
     candidates: Mapping[str, Array], centres: Centres, graph: NavigationGraph
 ) -> FloatArray:
     """Return the distance from camera to centre of each candidate; inf if the centre is unknown."""
-    unknown = (np.inf, np.inf, np.inf)
     viewpoint = candidates["candidate_viewpoint"]
     objects = candidates["candidate_object"].tolist()
     centre = [
-        centres.get(graph.scan_of(index), {}).get(str(object_id), unknown)
+        centres.get(graph.scan_of(index), {}).get(str(object_id), _UNKNOWN)
         for index, object_id in zip(viewpoint.tolist(), objects, strict=True)
     ]
     offset = np.array(centre).reshape(-1, 3) - graph.viewpoint_position[viewpoint]

@@ -119,6 +119,9 @@ class Answers:
     candidate_distance: FloatArray | None
     """Shape (n_candidates,): metres from camera to object centre, inf if the centre is unknown;
     None if the bundle was compiled without object positions."""
+    target_position: FloatArray | None
+    """Shape (n_episodes, 3): the target's centre in the scan's frame, metres, inf if unknown; None
+    if the bundle was compiled without object positions, or by an earlier version."""
     boxes: CandidateBoxes
     path: IntArray
     """Annotated paths of the tasks, end to end."""
@@ -146,12 +149,14 @@ class Answers:
         task = arrays["episode_task"]
         task_goal = arrays["path"][last_of(arrays["path_offsets"])]
         targets = arrays if "task_target" in arrays else _without_targets(len(task_goal))
+        position = arrays.get("target_position")
         return cls(
             target_object=targets["task_target"][task],
             goal=task_goal[task],
             candidate_viewpoint=targets["candidate_viewpoint"],
             candidate_object=targets["candidate_object"],
             candidate_distance=targets.get("candidate_distance"),
+            target_position=None if position is None else position[task],
             boxes=CandidateBoxes(
                 candidate=targets["box_candidate"],
                 candidate_viewpoint=targets["candidate_viewpoint"],
@@ -174,7 +179,13 @@ class Answers:
 
     def take(self, rows: IntArray) -> "Answers":
         """Return the answers of some episodes; tasks, paths and candidates stay."""
-        return replace(self, target_object=self.target_object[rows], goal=self.goal[rows])
+        position = self.target_position
+        return replace(
+            self,
+            target_object=self.target_object[rows],
+            goal=self.goal[rows],
+            target_position=None if position is None else position[rows],
+        )
 
     @cached_property
     def target_categories(self) -> tuple[str, ...]:

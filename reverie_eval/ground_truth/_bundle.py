@@ -60,6 +60,7 @@ TARGET_ARRAYS: Mapping[str, str] = MappingProxyType(
 OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
+        "target_position": "f8",  # (n_tasks, 3) metres: the target's centre, inf if unknown
     }
 )
 GOAL_ARRAYS: Mapping[str, str] = MappingProxyType(

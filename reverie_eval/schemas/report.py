@@ -9,7 +9,7 @@ SplitName = Annotated[str, Field(examples=["test"])]
 DatasetName = Annotated[str, Field(examples=["reverie-v1"])]
 Fingerprint = Annotated[
     str,
-    Field(examples=["6f9511abdb3f6c1d8e0a2b4c5d7f9e1032547698badcfe10f0e1d2c3b4a59687"]),
+    Field(examples=["b29e8e6d06f66c1d8e0a2b4c5d7f9e1032547698badcfe10f0e1d2c3b4a59687"]),
 ]
 """SHA-256 of a ground truth's arrays, hexadecimal."""
 

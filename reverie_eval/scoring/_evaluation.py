@@ -268,8 +268,12 @@ def check_track(track: Track) -> Track:
 
 def why_not(rules: Protocol, truth: GroundTruth, track: Track) -> str | None:
     """Return why a protocol cannot score submissions of a split; None if it can."""
-    measures_objects = rules.goal == "visible and near the object"
-    if measures_objects and truth.require_answers().candidate_distance is None:
+    answers = truth.require_answers()
+    measured = {
+        "visible and near the object": answers.candidate_distance,
+        "at most 3 m from the object": answers.target_position,
+    }
+    if rules.goal in measured and measured[rules.goal] is None:
         return (
             f"{rules.name} needs object positions, which {truth.origin} was compiled without; "
             "compile it again with --object-positions"

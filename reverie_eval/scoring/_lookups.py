@@ -246,6 +246,11 @@ def is_goal(
             return answers.is_visible(answers.target_object[episode], viewpoint)
         case "visible and near the object":
             return answers.is_visible_near(answers.target_object[episode], viewpoint)
+        case "at most 3 m from the object":
+            offset = ground_truth.graph.viewpoint_position[viewpoint]
+            offset = offset - np.asarray(answers.target_position)[episode]
+            distance = np.sqrt(np.square(offset).sum(axis=1))
+            return np.asarray(distance <= SUCCESS_DISTANCE)
         case "near the path's end" | "at most 3 m from the path's end":
             distance = ground_truth.graph.distance_between(viewpoint, answers.goal[episode])
             near = np.less if rule == "near the path's end" else np.less_equal

@@ -17,6 +17,7 @@ KnownSplit = Literal["train", "val_seen", "val_unseen", "val_unseen_house", "tes
 KnownProtocol = Literal[
     "official-v1",
     "paper",
+    "paper-3m",
     "challenge-2022",
     "airbert",
     "duet",
@@ -34,6 +35,7 @@ KnownProtocol = Literal[
 GoalRule = Literal[
     "visible",
     "visible and near the object",
+    "at most 3 m from the object",
     "near the path's end",
     "at most 3 m from the path's end",
     "at a goal viewpoint",
@@ -62,7 +64,8 @@ class Protocol:
     # The defaults are the rules of the dataset's own script; protocols list only what differs.
     goal: GoalRule = "visible"
     """Which viewpoints are goals: those from which the target is visible; those from which it is
-    visible with its centre at most 3 m from the camera; those less than 3 m along the graph from
+    visible with its centre at most 3 m from the camera; those with its centre at most 3 m from the
+    camera in a straight line, visible or not; those less than 3 m along the graph from
     the path's end, or at most 3 m; those that the task annotates as goals; or those less than 3 m
     from the path's end, except that an annotated goal becomes the goal if the agent stops there."""
     spl_numerator: Literal["shortest", "annotated", "nearest goal"] = "shortest"

@@ -290,6 +290,7 @@ MIXED = (
 RGS: Mapping[str, Sequence[int]] = {
     "official-v1": [1, 1, 1, 0, 0, 0, 0, 0],
     "paper": [0, 1, 1, 0, 0, 0, 0, 0],
+    "paper-3m": [0, 1, 1, 0, 0, 0, 0, 0],
     "challenge-2022": [1, 1, 0, 0, 0, 0, 0, 0],
     "airbert": [1, 1, 1, 0, 0, 0, 0, 0],
     "duet": [1, 1, 1, 0, 0, 0, 0, 0],
@@ -463,9 +464,14 @@ def test_whole_image_and_ambiguous_shares_of_the_published_boxes(
 
 
 def _measured(truth: GroundTruth) -> GroundTruth:
-    """Put every object close, as in v1, for the protocol that needs object positions."""
-    nowhere_far = np.zeros(len(truth.require_answers().candidate_object))
-    return replace(truth, answers=replace(truth.require_answers(), candidate_distance=nowhere_far))
+    """Put every object close, as in v1, for the protocols that need object positions."""
+    answers = truth.require_answers()
+    measured = replace(
+        answers,
+        candidate_distance=np.zeros(len(answers.candidate_object)),
+        target_position=truth.graph.viewpoint_position[answers.goal],
+    )
+    return replace(truth, answers=measured)
 
 
 def _boxed(records: Sequence[Record], truth: GroundTruth) -> list[Record]:

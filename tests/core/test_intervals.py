@@ -161,8 +161,8 @@ def test_the_cluster_option_implies_intervals(run: Run) -> None:
 
 def test_every_protocol_has_its_own_intervals(run: Run) -> None:
     lines = run(*SAMPLE, "--ci", "--protocol", "all").out.splitlines()
-    assert [line.split("  ")[0] for line in lines[19:22]] == ["r2r-style", "95 % low", "95 % high"]
-    assert all(line.split()[-2:] == ["-", "-"] for line in lines[19:22])
+    assert [line.split("  ")[0] for line in lines[22:25]] == ["r2r-style", "95 % low", "95 % high"]
+    assert all(line.split()[-2:] == ["-", "-"] for line in lines[22:25])
 
 
 def test_json_and_csv_have_the_same_intervals(run: Run) -> None:

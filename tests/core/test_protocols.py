@@ -39,6 +39,15 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "text_ids_count": True,
         "nested_hops": "no evaluator",
     },
+    "paper-3m": {
+        "goal": "at most 3 m from the object",
+        "spl_numerator": "shortest",
+        "spl_floor": 0.0,
+        "rgspl_floor": 0.0,
+        "grounding": "only with success",
+        "text_ids_count": True,
+        "nested_hops": "no evaluator",
+    },
     "challenge-2022": {
         "goal": "visible and near the object",
         "spl_numerator": "shortest",
@@ -160,8 +169,8 @@ def test_an_unknown_protocol(name: str, guess: str) -> None:
     with pytest.raises(rv.ProtocolError) as error:
         evaluate(GOOD, split=SPLIT, protocol=name)
     assert str(error.value) == (
-        f"unknown protocol {name!r}; {guess} one of: official-v1, paper, challenge-2022, airbert, "
-        "duet, scalevln, r2r-style, navrag, hamt, navillm, hm3d, mapgpt"
+        f"unknown protocol {name!r}; {guess} one of: official-v1, paper, paper-3m, challenge-2022, "
+        "airbert, duet, scalevln, r2r-style, navrag, hamt, navillm, hm3d, mapgpt"
     )
 
 
@@ -255,6 +264,19 @@ def test_challenge_2022_success_is_at_most_3_m_from_the_object(
     assert scored(corridor(stop=2.0, centre=centre), "official-v1", START, STOP)["success"] == 1.0
 
 
+@pytest.mark.parametrize(("metres", "success"), [(JUST_BELOW, 1.0), (3.0, 1.0), (JUST_ABOVE, 0.0)])
+def test_the_papers_text_counts_3_m_from_the_object(metres: float, success: float) -> None:
+    """Exactly 3 m is within 3 m."""
+    world = corridor(stop=2.0, centre=(2.0, metres, 0.0))
+    assert scored(world, "paper-3m", START, STOP)["success"] == success
+
+
+def test_the_papers_text_does_not_ask_for_visibility() -> None:
+    world = corridor(centre=(9.5, 0.0, 0.0))
+    found = {name: scored(world, name, START)["success"] for name in ("paper", "paper-3m")}
+    assert found == {"paper": 0.0, "paper-3m": 1.0}
+
+
 def test_challenge_2022_requires_visibility_too() -> None:
     assert scored(corridor(centre=(10.0, 0.0, 0.0)), "challenge-2022", START)["success"] == 0.0
 
@@ -342,15 +364,16 @@ def test_sdtw_uses_the_protocols_success() -> None:
 def unmeasured(demo: GroundTruth) -> GroundTruth:
     """Return the demo world compiled without object positions."""
     assert demo.answers is not None
-    answers = replace(demo.answers, candidate_distance=None)
+    answers = replace(demo.answers, candidate_distance=None, target_position=None)
     return replace(demo, answers=answers, origin="val_unseen.npz")
 
 
-def test_challenge_2022_without_object_positions(unmeasured: GroundTruth) -> None:
+@pytest.mark.parametrize("protocol", ["challenge-2022", "paper-3m"])
+def test_a_protocol_without_its_object_positions(protocol: str, unmeasured: GroundTruth) -> None:
     with pytest.raises(rv.GroundTruthError) as error:
-        evaluate(GOOD, split=SPLIT, ground_truth=unmeasured, protocol="challenge-2022")
+        evaluate(GOOD, split=SPLIT, ground_truth=unmeasured, protocol=protocol)
     assert str(error.value) == (
-        "challenge-2022 needs object positions, which val_unseen.npz was compiled without; "
+        f"{protocol} needs object positions, which val_unseen.npz was compiled without; "
         "compile it again with --object-positions"
     )
 
@@ -365,10 +388,13 @@ def test_all_protocols_side_by_side() -> None:
 
 def test_protocols_that_cannot_be_scored_are_left_out(unmeasured: GroundTruth) -> None:
     scored = evaluate_protocols(GOOD, split=SPLIT, ground_truth=unmeasured)
-    assert list(scored) == [name for name in RELEASED if name != "challenge-2022"]
+    assert list(scored) == [name for name in RELEASED if name not in {"challenge-2022", "paper-3m"}]
     for scores in scored.values():
-        (note,) = (note for note in scores.notes if note.startswith("left out: "))
-        assert note.startswith("left out: challenge-2022 needs object positions, which val_unseen")
+        notes = [note for note in scores.notes if note.startswith("left out: ")]
+        needs = "needs object positions, which val_unseen"
+        assert [note.partition(needs)[:2] for note in notes] == [
+            (f"left out: {name} ", needs) for name in ("paper-3m", "challenge-2022")
+        ]
 
 
 def test_a_public_bundle_cannot_be_scored(demo: GroundTruth) -> None:

@@ -184,10 +184,24 @@ def test_a_centre_counts_only_in_its_own_scan(world: Path) -> None:
     assert known == [scan == "DemoRectory" for scan in scans]
 
 
+def test_the_target_of_each_task_has_its_centre_or_none(world: Path) -> None:
+    records = read(world / "tasks" / "REVERIE" / "data" / f"REVERIE_{SPLIT}.json")
+    first = records[0]
+    centres = {first["scan"]: {str(first["objId"]): [1.0, 2.0, 3.0]}}
+    found = centred(world, centres).arrays["target_position"].tolist()
+    expected = [
+        [1.0, 2.0, 3.0]
+        if (it["scan"], it["objId"]) == (first["scan"], first["objId"])
+        else [np.inf] * 3
+        for it in records
+    ]
+    assert found == expected
+
+
 def test_object_positions_are_not_searched_for(bundle: Bundle, demo_world: Path) -> None:
     """They are next to the demo world, but the fingerprint must not depend on that."""
     assert (demo_world / "objpos.json").is_file()
-    assert "candidate_distance" not in bundle.arrays
+    assert not {"candidate_distance", "target_position"} & bundle.arrays.keys()
 
 
 def test_object_positions_change_fingerprint_and_sources(bundle: Bundle, world: Path) -> None:
@@ -195,7 +209,7 @@ def test_object_positions_change_fingerprint_and_sources(bundle: Bundle, world: 
     assert measured.header.fingerprint != bundle.header.fingerprint
     assert measured.header.sources.keys() - bundle.header.sources.keys() == {"object_positions"}
     others = {name: array.tolist() for name, array in measured.arrays.items()}
-    del others["candidate_distance"]
+    del others["candidate_distance"], others["target_position"]
     assert others == {name: array.tolist() for name, array in bundle.arrays.items()}
 
 

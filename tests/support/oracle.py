@@ -31,6 +31,7 @@ Position = tuple[float, float, float]
 PROTOCOLS = (
     "official-v1",
     "paper",
+    "paper-3m",
     "challenge-2022",
     "airbert",
     "duet",
@@ -41,7 +42,7 @@ PROTOCOLS = (
 SPL_BY_ANNOTATED_LENGTH = ("duet", "scalevln", "navrag")
 SPL_WITH_FLOOR = ("challenge-2022", "airbert", "duet", "scalevln", "navrag")
 RGSPL_WITH_FLOOR = ("duet", "scalevln")
-GROUNDING_NEEDS_SUCCESS = ("paper", "scalevln")
+GROUNDING_NEEDS_SUCCESS = ("paper", "paper-3m", "scalevln")
 TEXT_IS_NEVER_RIGHT = ("challenge-2022",)
 WITHOUT_GROUNDING = ("r2r-style", "navrag")
 BY_THE_PATHS_END = ("r2r-style", "navrag")
@@ -261,6 +262,8 @@ def is_at_goal(scan: Scan, task: Task, viewpoint_id: str, protocol: str) -> bool
     """Whether an agent that stops there succeeds."""
     if protocol in BY_THE_PATHS_END:
         return distance(scan, viewpoint_id, task.path[-1]) < 3.0
+    if protocol == "paper-3m":
+        return metres_to_centre(scan, viewpoint_id, task.target) <= 3.0
     if protocol == "challenge-2022":
         near = metres_to_centre(scan, viewpoint_id, task.target) <= 3.0
         return near and scan.sees(viewpoint_id, task.target)

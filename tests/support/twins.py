@@ -68,6 +68,7 @@ def with_other_answers(bundle: Bundle, seed: int) -> Bundle:
         "candidate_viewpoint": np.array([viewpoint for viewpoint, _ in seen]),
         "candidate_object": np.array([object_id for _, object_id in seen]),
         "candidate_distance": np.array([random.uniform(0, 6) for _ in seen]),
+        "target_position": np.array([[random.uniform(-9, 9) for _ in "xyz"] for _ in paths]),
         "box_candidate": np.array([candidate for candidate, _ in shown]),
         "box_view": np.array([view for _, view in shown]),
         "box_xywh": np.array([_box(random) for _ in shown]),

@@ -263,6 +263,9 @@ def ground_truth_arrays(world: World) -> Mapping[str, Array]:
         "candidate_viewpoint": np.array([row[viewpoint_id] for _, viewpoint_id, _ in seen]),
         "candidate_object": np.array([object_id for _, _, object_id in seen]),
         "candidate_distance": np.array([metres_to_centre(*candidate) for candidate in seen]),
+        "target_position": np.array(
+            [world.scans[task.scan_id].centres.get(task.target, [np.inf] * 3) for task in tasks]
+        ),
         "box_candidate": np.array([candidate for candidate, _, _ in shown]),
         "box_view": np.array([view for _, view, _ in shown]),
         "box_xywh": np.array([box for _, _, box in shown]).reshape(-1, 4),

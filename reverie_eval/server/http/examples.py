@@ -24,7 +24,7 @@ _FIELDS: Mapping[str, Any] = {
         key: _HEADLINE.get(key, 0.5)  # valid for every metric
         for key in find_task(DEFAULT_TASK).headline
     },
-    "signature": f"split:test|protocol:{DEFAULT_PROTOCOL}|data:6f9511abdb3f|n:6292"
+    "signature": f"split:test|protocol:{DEFAULT_PROTOCOL}|data:b29e8e6d06f6|n:6292"
     f"|version:{__version__}",
     "version": __version__,
 }

@@ -200,7 +200,7 @@ episodes_from = click.option(
     "--episodes-from",
     metavar="FILE",
     type=PATH,
-    help="Score only the episodes whose instr_ids FILE lists, one a line.",
+    help="Score only the episodes whose instr_ids FILE lists, one a line or as JSON.",
 )
 cluster = with_default(
     "--cluster",

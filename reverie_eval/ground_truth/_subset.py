@@ -5,36 +5,81 @@ are comparable with each other, and never with those on the whole split.
 """
 
 import hashlib
+import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from reverie_eval.arrays import IntArray
-from reverie_eval.errors import Problem, ProtocolError, SubsetError
+from reverie_eval.errors import SHOWN_PROBLEMS, Problem, ProtocolError, SubsetError
+from reverie_eval.tasks import BUILT_IN, find_task
 from reverie_eval.text import count_text
 
 _DIGEST_SHOWN = 12
+_ID_KEYS = [*dict.fromkeys(key for name in BUILT_IN for key in find_task(name).id_keys), "id"]
+"""The fields of a record that can hold its id, in any of the tasks."""
+_JSON = ("[", "{", '"')
 
 
 def read_episode_ids(path: str | PathLike[str]) -> Sequence[str]:
-    """Read a list of episodes: an instr_id a line; blank lines are left out.
+    """Read a list of episodes: an id a line; blank lines are left out.
+
+    A JSON list of ids, of numbers or of records with an id is read as well, and so is a list under
+    the only key of an object. The text may be UTF-8 or UTF-16, and begin with a byte order mark.
 
     Raises
     ------
     SubsetError
-        If the file is not text.
+        If the file is neither.
     OSError
         If it cannot be read.
     """
+    content = Path(path).read_bytes()
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        text = content.decode(json.detect_encoding(content))
     except UnicodeDecodeError:
         message = "is not a text file; expected an instr_id on each line"
         raise SubsetError([Problem("not-text", "file", message)]) from None
-    return [line.strip() for line in lines if line.strip()]
+    if text.lstrip().startswith(_JSON):
+        return _ids_of_json(text)
+    return [line.strip() for line in text.splitlines() if line.strip()]
+
+
+def _ids_of_json(text: str) -> Sequence[str]:
+    listed = _parse(text)
+    if isinstance(listed, dict) and len(listed) == 1:
+        (listed,) = listed.values()
+    entries = listed if isinstance(listed, list) else [None]
+    ids = [_id_of(each) for each in entries]
+    if None in ids:
+        where = f"entry {ids.index(None) + 1}" if entries is listed else "file"
+        message = 'is not a JSON list of ids; write ["...", "..."], or an id on each line'
+        raise SubsetError([Problem("not-a-list", where, message)])
+    return [str(each).strip() for each in ids]
+
+
+def _parse(text: str) -> Any:
+    """Parse JSON, or JSON Lines; None if it is neither."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        pass
+    try:
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
+    except (ValueError, RecursionError):
+        return None
+
+
+def _id_of(entry: Any) -> str | int | None:
+    """Return the id that an entry of a JSON list is, or has; None if it has none."""
+    found = entry
+    if isinstance(entry, dict):
+        found = next((entry[key] for key in _ID_KEYS if key in entry), None)
+    return found if isinstance(found, str | int) and not isinstance(found, bool) else None
 
 
 def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> IntArray:
@@ -42,6 +87,12 @@ def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> 
     if not chosen:
         message = f"no episode is listed; list the instr_ids of some episodes of {split}"
         raise SubsetError([Problem("no-episode", "list", message)])
+    if len(chosen) > SHOWN_PROBLEMS and not any(each in index for each in chosen):
+        message = (
+            f"none of its {len(chosen):,} entries is an episode of {split}, the first is "
+            f"{chosen[0]!r}; choose their split"
+        )
+        raise SubsetError([Problem("unknown-episode", "list", message)])
     first: dict[str, int] = {}
     problems = []
     for place, instr_id in enumerate(chosen, 1):

@@ -87,6 +87,14 @@ class Episodes:
         """The instr_id by its part after the last underscore."""
         return {instr_id.rpartition("_")[2]: instr_id for instr_id in self.instr_ids}
 
+    @cached_property
+    def by_item(self) -> Mapping[str, Sequence[str]]:
+        """The instr_ids of each item, by what is before their mark."""
+        found: dict[str, list[str]] = {}
+        for instr_id in self.instr_ids:
+            found.setdefault(instr_id.partition("#")[0], []).append(instr_id)
+        return found
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GroundTruth:
@@ -156,9 +164,19 @@ class GroundTruth:
         SubsetError
             If there are none, or some are unknown or listed twice; lists every problem.
         """
-        rows = subset_rows(list(instr_ids), self.episodes.index, self.split)
+        listed = [each for given in instr_ids for each in self._episodes_of(given)]
+        rows = subset_rows(listed, self.episodes.index, self.split)
         chosen = self._take(rows)
         return replace(chosen, subset_digest=subset_digest(chosen.episodes.instr_ids))
+
+    def _episodes_of(self, given: str) -> Sequence[str]:
+        """Return the episodes that an id means: of an item, all; a short id is that of one."""
+        if given not in self.episodes.index:
+            if self.task.has_short_ids:
+                return [self.episodes.by_short_id.get(given, given)]
+            if self.task.has_items:
+                return self.episodes.by_item.get(given, [given])
+        return [given]
 
     def first_instructions(self, number: int | None) -> "GroundTruth":
         """Return the ground truth of the first instructions of each path; None for all."""

@@ -1,6 +1,7 @@
 """Declared subsets: the same values as on the whole split, another signature, never mixed."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval.errors import Problem
-from reverie_eval.ground_truth import draw_subset, read_episode_ids
+from reverie_eval.ground_truth import draw_subset, find_ground_truth, read_episode_ids
 from reverie_eval.ground_truth._subset import subset_digest
 from reverie_eval.reporting import results_table
 from tests.conftest import SAMPLES
@@ -134,11 +135,87 @@ def test_a_list_with_problems_is_refused_with_all_of_them(ids: list[str]) -> Non
 
 def test_a_list_that_is_not_text_is_refused(tmp_path: Path) -> None:
     ids = tmp_path / "ids.txt"
-    ids.write_bytes(b"\xff\xfe")
+    ids.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(rv.SubsetError) as refused:
         read_episode_ids(ids)
     message = "is not a text file; expected an instr_id on each line"
     assert list(refused.value.problems) == [Problem("not-text", "file", message)]
+
+
+IDS = ["1196_0_0", "1196_8_1"]
+LISTS: Mapping[str, bytes] = {
+    "lines": b"1196_0_0\n1196_8_1\n",
+    "lines of Windows": b"1196_0_0\r\n\r\n1196_8_1",
+    "lines with a byte order mark": b"\xef\xbb\xbf1196_0_0\n1196_8_1",
+    "lines in UTF-16": "1196_0_0\n1196_8_1".encode("utf-16"),
+    "lines in UTF-16, big end first": "1196_0_0\n1196_8_1".encode("utf-16-be"),
+    "JSON": b'["1196_0_0", "1196_8_1"]',
+    "JSON with a byte order mark": b'\xef\xbb\xbf ["1196_0_0", "1196_8_1"]',
+    "JSON in UTF-16": '["1196_0_0", "1196_8_1"]'.encode("utf-16"),
+    "JSON Lines": b'"1196_0_0"\n"1196_8_1"\n',
+    "objects": b'[{"instr_id": "1196_0_0"}, {"instr_id": "1196_8_1", "scan": "s"}]',
+    "objects, JSON Lines": b'{"id": "1196_0_0"}\n{"id": "1196_8_1"}',
+    "under a key": b'{"val_unseen": ["1196_0_0", "1196_8_1 "]}',
+}
+
+
+@pytest.mark.parametrize("content", LISTS.values(), ids=list(LISTS))
+def test_forms_of_a_list(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "ids"
+    path.write_bytes(content)
+    assert list(read_episode_ids(path)) == IDS
+
+
+@pytest.mark.parametrize(
+    ("content", "where"),
+    [
+        (b'["1196_0_0", ["1196_8_1"]]', "entry 2"),
+        (b"[1.5]", "entry 1"),
+        (b"[true]", "entry 1"),
+        (b'[{"scan": "s"}]', "entry 1"),
+        (b'{"a": [], "b": []}', "file"),
+        (b'["1196_0_0",', "file"),
+        (b"['1196_0_0']", "file"),
+        (b"[" * 100_000, "file"),
+    ],
+)
+def test_json_that_is_no_list_of_ids_has_one_short_line(
+    content: bytes, where: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "ids.json"
+    path.write_bytes(content)
+    with pytest.raises(rv.SubsetError) as refused:
+        read_episode_ids(path)
+    message = 'is not a JSON list of ids; write ["...", "..."], or an id on each line'
+    assert list(refused.value.problems) == [Problem("not-a-list", where, message)]
+
+
+@pytest.mark.parametrize(
+    ("task", "content", "number"),
+    [
+        pytest.param("ndh", b"[1196, 1200]", 2, id="numbers of NDH"),
+        pytest.param("ndh", b'[{"inst_idx": 1196}]', 1, id="objects of NDH"),
+        pytest.param("soon", b"[1196, 1200]", 6, id="items of SOON, with all their starts"),
+        pytest.param("soon", b'["1196#1"]', 1, id="a start of SOON"),
+        pytest.param("rxr", b"[3588]", 1, id="instructions of RxR"),
+        pytest.param("rxr", b'["1196_3588"]', 1, id="an id of RxR"),
+    ],
+)
+def test_ids_of_other_tasks(task: str, content: bytes, number: int, tmp_path: Path) -> None:
+    path = tmp_path / "ids.json"
+    path.write_bytes(content)
+    truth = find_ground_truth(None, SPLIT, task).subset(read_episode_ids(path))
+    assert len(truth.episodes.instr_ids) == number
+
+
+def test_a_list_for_something_else_has_one_problem(run: Run, tmp_path: Path) -> None:
+    listed = tmp_path / "ids.json"
+    listed.write_text(json.dumps([f"none_{row}" for row in range(2_000)]))
+    err = run(str(GOOD), "--split", SPLIT, "--episodes-from", str(listed)).err
+    assert err == (
+        f"{listed}: subset rejected, 1 problem\nlist: none of its 2,000 entries is an episode of "
+        f"{SPLIT}, the first is 'none_0'; choose their split\n"
+    )
 
 
 def test_the_digest_of_a_subset() -> None:
@@ -217,7 +294,7 @@ def test_a_list_that_is_wrong_names_its_file(run: Run, tmp_path: Path) -> None:
     status, out, err = run(str(GOOD), "--split", SPLIT, "--episodes-from", str(ids))
     assert (status, out) == (1, "")
     assert err.startswith(f"{ids}: subset rejected, 2 problems\nentry 1: 'nowhere_1_0' is not")
-    ids.write_bytes(b"\xff\xfe")
+    ids.write_bytes(b"\xff\xfe\x00")
     assert "is not a text file" in run(str(GOOD), "--split", SPLIT, "--episodes-from", str(ids)).err
     gone = run(str(GOOD), "--split", SPLIT, "--episodes-from", str(tmp_path / "gone.txt"))
     assert (gone.status, gone.err.strip()[-26:]) == (2, ": No such file or directory"[-26:])

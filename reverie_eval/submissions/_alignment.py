@@ -3,10 +3,10 @@
 After this stage there is no text left, and nothing can fail.
 """
 
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, repeat
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,12 +24,10 @@ from reverie_eval.submissions._predictions import (
 )
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
-from reverie_eval.tasks import BUILT_IN, Task, find_task
+from reverie_eval.submissions._recognition import recognise
+from reverie_eval.submissions._unknown_ids import Ids, fix_viewpoint_ids
 
 _UNKNOWN = -1
-_FOREIGN = ("other-task", "not-the-demo-world")
-"""The codes of problems that explain why all ids are unknown."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,10 +86,11 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
         Listing every problem, including those found while reading.
     """
     whole, rows = ground_truth.subset_of or (ground_truth, None)
-    predictions, episode, viewpoint = _look_up(predictions, whole)
+    looked = _look_up(predictions, whole)
+    predictions, episode, viewpoint, _ = looked
     _raise_problems(
         predictions.problems,
-        _episode_problems(predictions, episode, ground_truth),
+        _episode_problems(looked, ground_truth),
         _trajectory_problems(predictions, episode, viewpoint, whole),
     )
     order = _in_order(episode, rows)
@@ -114,8 +113,9 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
         Listing every problem, including those found while reading.
     """
     whole, rows = ground_truth.subset_of or (ground_truth, None)
-    predictions, episode, _ = _look_up(predictions, whole)
-    _raise_problems(predictions.problems, _episode_problems(predictions, episode, ground_truth))
+    looked = _look_up(predictions, whole)
+    predictions, episode, _, _ = looked
+    _raise_problems(predictions.problems, _episode_problems(looked, ground_truth))
     # A public bundle has no goals; the starts serve as well to check the answers.
     answers = ground_truth.answers
     stop = ground_truth.episodes.start if answers is None else answers.goal
@@ -149,7 +149,7 @@ def check_batch(
         Listing every problem, including those found while reading.
     """
     whole, _ = ground_truth.subset_of or (ground_truth, None)
-    predictions, episode, viewpoint = _look_up(predictions, whole)
+    predictions, episode, viewpoint, _ = _look_up(predictions, whole)
     contents = [predictions.content(record) for record in range(len(episode))]
     _raise_problems(
         predictions.problems,
@@ -178,26 +178,52 @@ def check_navigation_only(*, found: bool, declared: bool | None) -> None:
         raise SubmissionError([problems.declared_navigation_only()])
 
 
-def _look_up(
-    predictions: Predictions, ground_truth: GroundTruth
-) -> tuple[Predictions, IntArray, IntArray]:
-    """Return the episode of each record and the viewpoint of each pose, -1 for unknown ids.
+class _Looked(NamedTuple):
+    """Predictions with their ids looked up."""
+
+    predictions: Predictions
+    episode: IntArray
+    """Shape (n_records,): -1 for an unknown id."""
+    viewpoint: IntArray
+    """Shape (n_poses,): -1 for an unknown id."""
+    is_unresolved: bool = False
+    """Whether it is open which episodes some of the records are for."""
+
+
+def _look_up(predictions: Predictions, ground_truth: GroundTruth) -> _Looked:
+    """Look up the episode of each record and the viewpoint of each pose.
 
     If unknown ids have something in common, that is one problem, and what was meant is looked up.
+
+    Raises
+    ------
+    SubmissionError
+        If the file as a whole is for another task, split or world: what else is wrong with it
+        depends on what it is for.
     """
-    if ground_truth.task.has_short_ids:
-        full = ground_truth.episodes.by_short_id
-        instr_ids = [each and full.get(each, each) for each in predictions.instr_ids]
-        predictions = replace(predictions, instr_ids=instr_ids)
     episode, viewpoint = _episodes_and_viewpoints(predictions, ground_truth)
-    if (episode == _UNKNOWN).any() or (viewpoint == _UNKNOWN).any():
-        predictions = _fix_ids(predictions, ground_truth)
-        episode, viewpoint = _episodes_and_viewpoints(predictions, ground_truth)
-    return predictions, episode, viewpoint
-
-
-def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions:
+    signs = predictions.signs
+    has_its_form = not signs.numbered and signs.has_items == ground_truth.task.has_items
+    if has_its_form and not ((episode == _UNKNOWN).any() or (viewpoint == _UNKNOWN).any()):
+        return _Looked(predictions, episode, viewpoint)
     log = ReadingLog()
+    found = recognise(
+        predictions.instr_ids,
+        signs,
+        ground_truth,
+        log,
+        lambda record: (predictions.location(record), ".instr_id"),
+    )
+    if found.problem is not None:
+        raise SubmissionError([found.problem])
+    predictions = _with_ids(predictions, found.instr_ids, ground_truth, log)
+    places = _episodes_and_viewpoints(predictions, ground_truth)
+    return _Looked(predictions, *places, found.is_unresolved)
+
+
+def _with_ids(
+    predictions: Predictions, instr_ids: Ids, ground_truth: GroundTruth, log: ReadingLog
+) -> Predictions:
     record_of = row_of(predictions.offsets).tolist()
 
     def place_of_pose(pose: int) -> tuple[RecordLocation, str]:
@@ -205,15 +231,13 @@ def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions
         path = predictions.pose_path(record, pose)
         return predictions.location(record), problems.pose_field(path)
 
-    def place_of_id(record: int) -> tuple[RecordLocation, str]:
-        return predictions.location(record), ".instr_id"
-
+    viewpoint_ids = fix_viewpoint_ids(
+        list(predictions.viewpoint_ids), ground_truth, log, place_of_pose
+    )
     return replace(
         predictions,
-        instr_ids=fix_instr_ids(predictions.instr_ids, ground_truth, log, place_of_id),
-        viewpoint_ids=IdColumn.of(
-            fix_viewpoint_ids(list(predictions.viewpoint_ids), ground_truth, log, place_of_pose)
-        ),
+        instr_ids=instr_ids,
+        viewpoint_ids=IdColumn.of(viewpoint_ids),
         problems=[*predictions.problems, *log.all_problems()],
     )
 
@@ -245,21 +269,19 @@ def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:
     return np.fromiter(indices, np.int64, len(ids))
 
 
-def _episode_problems(
-    predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
-) -> Iterator[Problem]:
+def _episode_problems(looked: _Looked, ground_truth: GroundTruth) -> Iterator[Problem]:
     """Report unknown, duplicate and missing episodes."""
+    predictions, episode, _, is_unresolved = looked
     whole, rows = ground_truth.subset_of or (ground_truth, slice(None))
     known = episode[episode != _UNKNOWN]
     times_predicted = np.bincount(known, minlength=len(whole.episodes.instr_ids))
     is_complete = (times_predicted[rows] == 1).all() and (times_predicted <= 1).all()
     if is_complete and len(known) == len(episode):
         return  # nearly always: what follows loops over records in Python
-    unknown = list(_unknown_problems(predictions, episode, ground_truth))
-    yield from unknown
-    if any(problem.code in _FOREIGN for problem in unknown):
-        return
+    yield from _unknown_problems(predictions, episode, ground_truth)
     yield from _duplicate_problems(predictions, episode)
+    if is_unresolved:
+        return
     instr_ids = ground_truth.episodes.instr_ids
     if not known.size:
         yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
@@ -276,73 +298,11 @@ def _unknown_problems(
     predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
 ) -> Iterator[Problem]:
     """Report records of episodes that the split does not have."""
-    if (episode != _UNKNOWN).all():
-        return  # before the ids of all other splits are collected
-    unknown = _unknown_by_split(predictions, episode, ground_truth)
-    none_known = (episode == _UNKNOWN).all()
-    if none_known and unknown.keys() == {None}:
-        problem = _foreign_problem(predictions, unknown[None], ground_truth)
-        if problem is not None:
-            yield problem
-            return
-    for other_split, records in unknown.items():
-        if other_split is not None:
-            # One problem for all of them: the file as a whole is for the wrong split.
-            location, instr_id = _location_and_id(predictions, records[0])
-            problem = problems.ids_of_another_split(
-                len(records), other_split, ground_truth.split, location, instr_id
-            )
-            yield replace(problem, split=other_split) if none_known else problem
-    for record in unknown.get(None, ()):
-        yield problems.unknown_episode(
-            *_location_and_id(predictions, record), ground_truth.split, ground_truth.task
-        )
-
-
-def _foreign_problem(
-    predictions: Predictions, records: Sequence[int], ground_truth: GroundTruth
-) -> Problem | None:
-    """Return the one problem of a file whose ids are all of another task or another world."""
-    count, task = len(records), ground_truth.task
-    _, first = _location_and_id(predictions, records[0])
-    others = _tasks_with_such_ids(predictions.instr_ids, task)
-    if others:
-        return problems.ids_of_another_task(count, first, task, others)
-    if ground_truth.is_demo:
-        return problems.ids_outside_demo(count, first, ground_truth.split, task)
-    return None
-
-
-def _tasks_with_such_ids(instr_ids: Sequence[str | None], task: Task) -> Sequence[Task]:
-    """Return the tasks whose ids look most like all of these; none if this task's do."""
-    ids = [instr_id for instr_id in instr_ids if instr_id is not None]
-    known = [task, *(find_task(name) for name in BUILT_IN if name != task.name)]
-    alike = [each for each in known if all(map(each.has_id_like, ids))]
-    # Of two tasks, the ids of one may all look like the other's: RxR's as R2R's, but not R2R's as
-    # RxR's. The narrower form says more.
-    narrow = [each for each in alike if not any(_is_wider(each, other) for other in alike)]
-    return [] if task in narrow else narrow
-
-
-def _is_wider(task: Task, other: Task) -> bool:
-    return task.has_id_like(other.id_example) and not other.has_id_like(task.id_example)
-
-
-def _unknown_by_split(
-    predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
-) -> Mapping[str | None, list[int]]:
-    """Group the records without an episode in this split by the split that has it, if any."""
-    split_of = {
-        instr_id: split
-        for split, instr_ids in ground_truth.other_splits.items()
-        for instr_id in instr_ids.tolist()
-    }
-    groups: defaultdict[str | None, list[int]] = defaultdict(list)
     for record in np.flatnonzero(episode == _UNKNOWN).tolist():
-        instr_id = predictions.instr_ids[record]
-        if instr_id is not None:
-            groups[split_of.get(instr_id)].append(record)
-    return groups
+        if predictions.instr_ids[record] is not None:  # None was reported before
+            yield problems.unknown_episode(
+                *_location_and_id(predictions, record), ground_truth.split, ground_truth.task
+            )
 
 
 def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator[Problem]:

@@ -26,6 +26,7 @@ from reverie_eval.submissions._fields import (
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._trajectories import Pose
+from reverie_eval.submissions._values import unwrap, unwrap_numbers
 
 _STRAIGHT_UP = math.pi / 2
 """Radians."""
@@ -72,6 +73,12 @@ def has_answer(record: Mapping[str, Any]) -> bool:
     return any(key in record for key in (*ANSWER_KEYS, BOX_KEY))
 
 
+def predicts(record: Mapping[str, Any]) -> bool:
+    """Whether a record predicts an object or a box."""
+    keys = (*ANSWER_KEYS, BOX_KEY)
+    return any(key in record and not is_abstention(record[key]) for key in keys)
+
+
 def read_answer(
     location: RecordLocation,
     record: Mapping[str, Any],
@@ -114,25 +121,29 @@ def _answers_of(record: Mapping[str, Any], log: ReadingLog) -> Mapping[str, Any]
 def disagree(answers: Iterable[Any]) -> bool:
     """Whether these are different answers."""
     # Compared as text, so that 3 and "3" are the same answer, and so are -1 and null.
-    return len({_NONE if is_abstention(value) else str(value) for value in answers}) > 1
+    meant = [unwrap(value)[0] for value in answers]
+    return len({_NONE if is_abstention(value) else str(value) for value in meant}) > 1
 
 
 def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog) -> Answer:
-    if (isinstance(value, float) and value.is_integer()) or _is_decimal_text(value):
-        log.add_fault(problems.DECIMAL_IDS, location, f".{key}", value)
-        value = int(float(value))
-    if is_abstention(value):
-        log.differences["abstentions"] += not is_integer(value)
+    meant, fault = (value, None) if is_abstention(value) else unwrap(value)
+    if (isinstance(meant, float) and meant.is_integer()) or _is_decimal_text(meant):
+        meant, fault = int(float(meant)), fault or problems.DECIMAL_IDS
+    is_text = _is_digits(meant)
+    object_id = int(meant) if is_text else meant
+    is_object = is_integer(object_id) and ABSTAINED <= object_id <= LARGEST_OBJECT_ID
+    if not (is_object or is_abstention(meant)):
+        log.problems.append(problems.wrong_type(location, value, problems.OBJECT_FORM, key))
         return Answer(ABSTAINED)
-    is_text = _is_digits(value)
-    object_id = int(value) if is_text else value
-    if is_integer(object_id) and ABSTAINED <= object_id <= LARGEST_OBJECT_ID:
-        has_leading_zeros = is_text and str(object_id) != value
-        log.differences["text ids"] += is_text
-        log.differences["leading zeros"] += has_leading_zeros
-        return Answer(int(object_id), is_text, has_leading_zeros)
-    log.problems.append(problems.wrong_type(location, value, problems.OBJECT_FORM, key))
-    return Answer(ABSTAINED)
+    if fault is not None:
+        log.add_fault(fault, location, f".{key}", value)
+    if is_abstention(meant):
+        log.differences["abstentions"] += not is_integer(meant)
+        return Answer(ABSTAINED)
+    has_leading_zeros = is_text and str(object_id) != meant
+    log.differences["text ids"] += is_text
+    log.differences["leading zeros"] += has_leading_zeros
+    return Answer(int(object_id), is_text, has_leading_zeros)
 
 
 def _is_decimal_text(value: Any) -> bool:
@@ -187,10 +198,10 @@ def _read_camera(
     if view is not None:
         whole = _whole_view(view)
         if whole is not None and not is_integer(view):
-            log.add_fault(problems.VIEWS_NOT_WHOLE, location, f".{VIEW_KEY}", view)
-            view = whole
-        if is_integer(view) and 0 <= view < N_VIEWS:
-            return _VIEW_CAMERAS[int(view)]
+            fault = unwrap(view)[1] or problems.VIEWS_NOT_WHOLE
+            log.add_fault(fault, location, f".{VIEW_KEY}", view)
+        if whole is not None and 0 <= whole < N_VIEWS:
+            return _VIEW_CAMERAS[whole]
         log.problems.append(problems.wrong_view(location, VIEW_KEY, view))
         return None
     stop = poses[-1] if poses else None
@@ -205,7 +216,8 @@ def _read_camera(
 
 
 def _whole_view(view: Any) -> int | None:
-    """Return the number of a view, also from 12.0, "12" or "12.0"; None if it tells none."""
+    """Return the number of a view, also from 12.0, "12", "12.0" or [12]; None if it tells none."""
+    view, _ = unwrap(view)
     if is_integer(view) or (isinstance(view, float) and view.is_integer()):
         return int(view)
     is_text = _is_digits(view) or _is_decimal_text(view)
@@ -219,8 +231,11 @@ def _read_image_size(
     size = record.get(IMAGE_SIZE_KEY)
     if size is None:
         return WIDTH, HEIGHT
-    if _are_numbers(size, 2) and all(is_finite(side) and side >= 1 for side in size):
-        return float(size[0]), float(size[1])
+    meant, fault = unwrap_numbers(size)
+    if _are_numbers(meant, 2) and all(is_finite(side) and side >= 1 for side in meant):
+        if fault is not None:
+            log.add_fault(fault, location, f".{IMAGE_SIZE_KEY}", size)
+        return float(meant[0]), float(meant[1])
     log.problems.append(
         problems.wrong_type(location, size, problems.IMAGE_SIZE_FORM, IMAGE_SIZE_KEY)
     )
@@ -231,9 +246,13 @@ def _read_xywh(
     location: RecordLocation, box: Any, log: ReadingLog
 ) -> tuple[float, float, float, float] | None:
     """Return left, top, width and height in the image that the box was predicted in."""
-    if not _are_numbers(box, 4):
+    meant, fault = unwrap_numbers(box)
+    if not _are_numbers(meant, 4):
         log.problems.append(problems.wrong_type(location, box, problems.BOX_FORM, BOX_KEY))
         return None
+    if fault is not None:
+        log.add_fault(fault, location, f".{BOX_KEY}", box)
+    box = meant
     if not all(map(is_finite, box)):
         log.problems.append(problems.box_not_finite(location, BOX_KEY, box))
         return None

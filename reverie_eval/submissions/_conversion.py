@@ -19,12 +19,13 @@ from reverie_eval.submissions._document import (
 from reverie_eval.submissions._fields import ANSWER_KEYS
 from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from reverie_eval.submissions._items import join_items, official_point
-from reverie_eval.submissions._predictions import Submission
+from reverie_eval.submissions._predictions import Signs, Submission
 from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._recognition import recognise, recognise_task
 from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._trajectories import Poses
-from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
+from reverie_eval.submissions._unknown_ids import fix_viewpoint_ids
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import count_text
 
@@ -100,9 +101,17 @@ def convert(
     log = ReadingLog()
     of_task = find_task(task or DEFAULT_TASK) if truth is None else truth.task
     given = submission if are_records(submission) else _parse(read_bytes(submission), log, of_task)
-    records = read_records(given, log, of_task)
+    records, signs = read_records(given, log, of_task)
     if truth is not None:
-        records = _with_known_ids(records, truth, log)
+        records = _with_known_ids(records, signs, truth, log)
+    else:
+        recognise_task(
+            [record.instr_id for record in records],
+            signs,
+            of_task,
+            log,
+            lambda row: (records[row].location, ".instr_id"),
+        )
     written = _without_repeats(records, log, of_task)
     if log.has_unfixable:
         raise SubmissionError(log.all_problems())
@@ -140,15 +149,21 @@ def _parse(content: bytes, log: ReadingLog, task: Task) -> Any:
 
 
 def _with_known_ids(
-    records: Sequence[ReadRecord], truth: GroundTruth, log: ReadingLog
+    records: Sequence[ReadRecord], signs: Signs, truth: GroundTruth, log: ReadingLog
 ) -> Sequence[ReadRecord]:
-    """Fix the ids that the ground truth does not have."""
-    instr_ids = fix_instr_ids(
+    """Fix the ids that the ground truth does not have, and leave out records of other splits."""
+    found = recognise(
         [record.instr_id for record in records],
+        signs,
         truth,
         log,
         lambda row: (records[row].location, ".instr_id"),
     )
+    if found.problem is not None:
+        raise SubmissionError([found.problem])
+    others = set(found.others)
+    instr_ids = [each for row, each in enumerate(found.instr_ids) if row not in others]
+    records = [record for row, record in enumerate(records) if row not in others]
     poses = [(record.location, pose) for record in records for pose in record.poses]
     viewpoint_ids = iter(
         fix_viewpoint_ids(

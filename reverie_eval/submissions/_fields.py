@@ -3,11 +3,13 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._document import is_integer
+from reverie_eval.tasks import BUILT_IN, Task, find_task
 
 INSTR_ID_KEY = "instr_id"
 TRAJECTORY_KEY = "trajectory"
@@ -19,19 +21,17 @@ IMAGE_SIZE_KEY = "predImageSize"
 BOX_KEYS: tuple[str, ...] = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
 
 POINT_KEYS: tuple[str, ...] = ("obj_heading", "obj_elevation")
+"""The fields of a point, in each trajectory of an item."""
 
-FIELDS = frozenset({INSTR_ID_KEY, TRAJECTORY_KEY, *ANSWER_KEYS, *BOX_KEYS})
-"""The fields that are read; all others are ignored."""
-NAVIGATION_FIELDS = frozenset({INSTR_ID_KEY, TRAJECTORY_KEY})
-"""Those that are read in a task without target objects."""
-ITEM_FIELDS = NAVIGATION_FIELDS.union(POINT_KEYS)
-"""Those that are read in a task of items with several trajectories."""
-
+ID_KEYS = frozenset(key for name in BUILT_IN for key in find_task(name).id_keys)
+"""The fields in which any of the tasks has its ids."""
+RECORD_FIELDS = ID_KEYS.union({TRAJECTORY_KEY, *ANSWER_KEYS, *BOX_KEYS})
+"""The fields by which a record of any task is recognised."""
 _ABSTENTIONS = ("None", "-1", "")
 """What codebases write besides -1 and null where the agent predicts no object."""
 
 _SPELLINGS: Mapping[str, tuple[str, ...]] = {
-    INSTR_ID_KEY: ("instrid", "instructionid", "instid", "episodeid", "id"),
+    INSTR_ID_KEY: ("instrid", "instructionid", "instid", "instridx", "instidx", "episodeid", "id"),
     TRAJECTORY_KEY: ("trajectory", "path", "predpath", "traj", "predtrajectory", "predtraj"),
     ANSWER_KEYS[0]: (
         *("predobjid", "predobj", "predobject", "predobjectid", "predictedobjid"),
@@ -44,16 +44,18 @@ _SPELLINGS: Mapping[str, tuple[str, ...]] = {
         *("view", "viewidx", "pointid"),
     ),
     IMAGE_SIZE_KEY: ("predimagesize", "predimgsize", "imagesize", "imgsize"),
+    POINT_KEYS[0]: ("objheading", "objectheading", "predheading", "predobjheading", "heading"),
+    POINT_KEYS[1]: (
+        *("objelevation", "objectelevation", "predelevation", "predobjelevation", "elevation"),
+    ),
 }
 """How people spell each field, in lower case and without underscores or other marks."""
-_MEANT_BY = {spelling: key for key, spellings in _SPELLINGS.items() for spelling in spellings}
-_LONG_SPELLINGS = [spelling for spelling in _MEANT_BY if len(spelling) > 5]
-"""Short ones such as "bbox" and "path" resemble too much that has nothing to do with them."""
 
 _UNRELATED = ("instruction", "instructions")
 """Names that resemble a spelling, but mean something else in the dataset's own files."""
 
 _MARKS = re.compile(r"[\W_]+")
+_SHORT = 5
 _LONGEST = 40
 """Longer names are not compared: no spelling of a known field is half as long."""
 MAX_COMPARED = 1_000
@@ -70,8 +72,67 @@ def is_abstention(value: Any) -> bool:
     return value is None or (is_integer(value) and value == ABSTAINED)
 
 
+@dataclass(frozen=True)
+class Fields:
+    """The fields that are read in a record of a task; all others are ignored."""
+
+    id_keys: tuple[str, ...]
+    """Those that can hold the id, the official one first."""
+    others: frozenset[str]
+
+    @cached_property
+    def all(self) -> frozenset[str]:
+        """All of them."""
+        return self.others.union(self.id_keys)
+
+    @property
+    def has_answers(self) -> bool:
+        """Whether a record predicts an object or a box."""
+        return ANSWER_KEYS[0] in self.others
+
+    @cached_property
+    def meant_by(self) -> Mapping[str, str]:
+        """The field that each spelling means."""
+        read = {INSTR_ID_KEY: self.id_keys[0], **{key: key for key in self.others}}
+        return {
+            spelling: read[key]
+            for key, spellings in _SPELLINGS.items()
+            if key in read
+            for spelling in spellings
+        }
+
+    @cached_property
+    def long_spellings(self) -> Sequence[str]:
+        """Those that are compared with other names.
+
+        Short ones such as "bbox" and "path" resemble too much that has nothing to do with them.
+        """
+        return [spelling for spelling in self.meant_by if len(spelling) > _SHORT]
+
+
+@cache
+def fields_of(task: Task) -> Fields:
+    """Return the fields of a task's records: of an item's, those beside its trajectories."""
+    answers = {*ANSWER_KEYS, *BOX_KEYS} if task.has_targets else set()
+    return Fields(tuple(task.id_keys), frozenset({TRAJECTORY_KEY, *answers}))
+
+
+PART_OF_ITEM = Fields((INSTR_ID_KEY,), frozenset({TRAJECTORY_KEY, *POINT_KEYS}))
+"""The fields of one of an item's trajectories, once it is a record of its own."""
+
+
+def id_key_of(record: Mapping[str, Any], task: Task) -> str:
+    """Return the field with a record's id, or that in which the task has it."""
+    return next((key for key in task.id_keys if record.get(key) is not None), task.id_keys[0])
+
+
+def means_trajectory(field: object) -> bool:
+    """Whether a name is a spelling of a trajectory's field."""
+    return isinstance(field, str) and _MARKS.sub("", field.lower()) in _SPELLINGS[TRAJECTORY_KEY]
+
+
 def find_misspelt(
-    record: Mapping[str, Any], optional: AbstractSet[str] = frozenset()
+    record: Mapping[str, Any], fields: Fields, optional: AbstractSet[str] = frozenset()
 ) -> Mapping[str, str]:
     """Return the misspelt fields of a record, with the known fields that they must mean.
 
@@ -80,14 +141,14 @@ def find_misspelt(
     which is ``optional`` in this record. A known field that is null counts as missing if another
     spelling of the same name has a value.
     """
-    unknown = {field: _meant_by(field) for field in record if field not in FIELDS}
-    if None in map(record.get, FIELDS & record.keys()):
+    unknown = {field: _meant_by(field, fields) for field in record if field not in fields.all}
+    if None in map(record.get, fields.all & record.keys()):
         record = _without_respelt_nulls(record, unknown)
-    missing = {meant for meant in unknown.values() if meant and not _has(record, meant)}
+    missing = {meant for meant in unknown.values() if meant and not _has(record, meant, fields)}
     if BOX_KEY not in missing and not _has_box(record):
         missing -= {VIEW_KEY, IMAGE_SIZE_KEY}
     missing -= optional
-    if list(unknown.values()).count(INSTR_ID_KEY) > 1:
+    if list(unknown.values()).count(fields.id_keys[0]) > 1:
         unknown.pop("id", None)  # the weakest of the spellings: ids of other things have it too
     # Of two fields that mean the same, the first counts, as it would under its right name.
     first = {meant: field for field, meant in reversed(unknown.items()) if meant in missing}
@@ -114,8 +175,10 @@ def answers_spelt_like(field: str) -> Sequence[str]:
     return [key for key in (*ANSWER_KEYS, *BOX_KEYS) if _spelling(key) == _spelling(field)]
 
 
-def _has(record: Mapping[str, Any], key: str) -> bool:
+def _has(record: Mapping[str, Any], key: str, fields: Fields) -> bool:
     """Whether a record gives what a known field is for."""
+    if key in fields.id_keys:
+        return any(each in record for each in fields.id_keys)
     if key == ANSWER_KEYS[0]:
         return any(answer in record for answer in ANSWER_KEYS) or _has_box(record)
     if key in BOX_KEYS:
@@ -136,16 +199,16 @@ def _spelling(field: object) -> str | None:
 
 
 @lru_cache(maxsize=1024)
-def _meant_by(field: object) -> str | None:
+def _meant_by(field: object, fields: Fields) -> str | None:
     """Return the known field that a name resembles, if any."""
     spelling = _spelling(field)
     if spelling is None:
         return None
     from difflib import get_close_matches  # slow to import, and rarely needed
 
-    if spelling in _MEANT_BY:
-        return _MEANT_BY[spelling]
+    if spelling in fields.meant_by:
+        return fields.meant_by[spelling]
     if spelling in _UNRELATED:
         return None
-    close = get_close_matches(spelling, _LONG_SPELLINGS, 1, _CLOSE)
-    return _MEANT_BY[close[0]] if close else None
+    close = get_close_matches(spelling, fields.long_spellings, 1, _CLOSE)
+    return fields.meant_by[close[0]] if close else None

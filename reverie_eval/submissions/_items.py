@@ -15,18 +15,24 @@ import numpy as np
 from reverie_eval.errors import SubmissionError
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._document import is_finite, is_list, is_number
-from reverie_eval.submissions._fields import INSTR_ID_KEY, POINT_KEYS, TRAJECTORY_KEY
+from reverie_eval.submissions._fields import (
+    INSTR_ID_KEY,
+    POINT_KEYS,
+    TRAJECTORY_KEY,
+    means_trajectory,
+)
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._values import unwrap_number
 
 Point: TypeAlias = tuple[float, float]
 """Heading and elevation in turns; NaN for none."""
 NO_POINT: Point = (np.nan, np.nan)
 
-_PATH_KEY = "path"
+PATH_KEY = "path"
 _SEPARATOR = "#"
-_DUETS_ID = re.compile(r"\d+-\d+_\d+")
-"""The id of an episode of DUET's own files of SOON."""
+_DUETS_ID = re.compile(r"(?:[A-Za-z]\w*_)?\d+-\d+_\d+")
+"""The id of an episode of DUET's own files of SOON; NaviLLM writes a prefix before it."""
 
 
 def is_item(record: Mapping[str, Any]) -> bool:
@@ -34,22 +40,44 @@ def is_item(record: Mapping[str, Any]) -> bool:
     given = record.get(TRAJECTORY_KEY)
     trajectories = given if is_list(given) else [given]
     # An object without a path is a pose, which REVERIE's files may have in error.
-    return any(isinstance(each, Mapping) and _PATH_KEY in each for each in trajectories)
+    return any(_path_key(each) is not None for each in trajectories)
+
+
+def has_point(record: Mapping[str, Any]) -> bool:
+    """Whether one of an item's trajectories has a point, or it has several trajectories."""
+    given = record[TRAJECTORY_KEY]
+    trajectories = given if is_list(given) else [given]
+    return len(trajectories) > 1 or any(key in each for key in POINT_KEYS for each in trajectories)
+
+
+def take_path(
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+) -> Mapping[str, Any]:
+    """Return an item's record as that of one trajectory, for tasks that have no items."""
+    given = record[TRAJECTORY_KEY]
+    trajectories = given if is_list(given) else [given]
+    first, key = next((each, key) for each in trajectories if (key := _path_key(each)) is not None)
+    fault = problems.ITEMS_FOR_PATHS if len(trajectories) == 1 else problems.SEVERAL_PATHS
+    log.add_fault(fault, location, f".{TRAJECTORY_KEY}", given)
+    rest = {name: value for name, value in first.items() if name != key}
+    return {**rest, **record, TRAJECTORY_KEY: first[key]}
 
 
 def split_items(
     records: Iterable[tuple[RecordLocation, Mapping[str, Any]]], log: ReadingLog
 ) -> Iterator[tuple[RecordLocation, Mapping[str, Any]]]:
-    """Yield a record for each trajectory of an item; other records as they are."""
+    """Yield a record for each trajectory of an item; those with an id of their own as they are."""
     count: Counter[object] = Counter()
     for location, record in records:
-        if not is_item(record):
-            yield location, record
-            continue
         given = record.get(INSTR_ID_KEY, location.key)
         if isinstance(given, str) and _DUETS_ID.fullmatch(given):  # does not identify the item
             raise SubmissionError([problems.duets_episodes(location, given)])
-        trajectories = record[TRAJECTORY_KEY]
+        is_part = isinstance(given, str) and _SEPARATOR in given
+        if is_part and not is_item(record):
+            yield location, record
+            continue
+        item = record if is_item(record) else _as_item(location, record, log)
+        trajectories = item[TRAJECTORY_KEY]
         if isinstance(trajectories, Mapping):
             log.differences["single trajectories"] += 1
             trajectories = [trajectories]
@@ -58,15 +86,42 @@ def split_items(
             if isinstance(given, str):
                 instr_id = f"{given}{_SEPARATOR}{count[given]}"
                 count[given] += 1
-            others = {key: value for key, value in record.items() if key != TRAJECTORY_KEY}
-            fields = {**others, INSTR_ID_KEY: instr_id, **_flat(trajectory)}
-            yield location._replace(place=place), fields
+            others = {key: value for key, value in item.items() if key != TRAJECTORY_KEY}
+            its_place = location._replace(place=place)
+            fields = {**others, INSTR_ID_KEY: instr_id, **_flat(its_place, trajectory, log)}
+            yield its_place, fields
 
 
-def _flat(trajectory: object) -> Mapping[str, Any]:
+def _as_item(
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+) -> Mapping[str, Any]:
+    """Return a record of one trajectory as an item's, which has them with their points."""
+    moved = (TRAJECTORY_KEY, *POINT_KEYS)
+    fault = problems.FLAT_ITEMS if all(key in record for key in moved) else problems.PATHS_FOR_ITEMS
+    log.add_fault(fault, location, f".{TRAJECTORY_KEY}", record.get(TRAJECTORY_KEY))
+    part = {PATH_KEY if key == TRAJECTORY_KEY else key: record.get(key) for key in moved}
+    rest = {key: value for key, value in record.items() if key not in moved}
+    return {**rest, TRAJECTORY_KEY: [part]}
+
+
+def _path_key(trajectory: object) -> str | None:
+    """Return the field with the path of one of an item's trajectories, if it is one."""
+    if not isinstance(trajectory, Mapping):
+        return None
+    if PATH_KEY in trajectory:
+        return PATH_KEY
+    return next(
+        (key for key in trajectory if means_trajectory(key) and is_list(trajectory[key])), None
+    )
+
+
+def _flat(location: RecordLocation, trajectory: object, log: ReadingLog) -> Mapping[str, Any]:
     if not isinstance(trajectory, Mapping):
         return {TRAJECTORY_KEY: trajectory}
-    return {TRAJECTORY_KEY if key == _PATH_KEY else key: it for key, it in trajectory.items()}
+    path = _path_key(trajectory)
+    if path not in (PATH_KEY, None):
+        log.add_fault(problems.misspelt(path, PATH_KEY), location, "", path)
+    return {TRAJECTORY_KEY if key == path else key: it for key, it in trajectory.items()}
 
 
 def join_items(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -79,7 +134,7 @@ def join_items(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for record in records:
         item, _, _ = record[INSTR_ID_KEY].partition(_SEPARATOR)
         rest = {key: value for key, value in record.items() if key in POINT_KEYS}
-        items.setdefault(item, []).append({_PATH_KEY: record[TRAJECTORY_KEY], **rest})
+        items.setdefault(item, []).append({PATH_KEY: record[TRAJECTORY_KEY], **rest})
     return [
         {INSTR_ID_KEY: int(item) if item.isdecimal() else item, TRAJECTORY_KEY: trajectories}
         for item, trajectories in items.items()
@@ -91,16 +146,20 @@ def read_point(location: RecordLocation, record: Mapping[str, Any], log: Reading
     values: list[float | None] = []
     for key in POINT_KEYS:
         if key not in record:
-            log.problems.append(problems.missing_field(location, key))
+            log.add_fault(problems.missing_in_all(key), location, "", None)
             return NO_POINT
         value = record[key]
-        if is_list(value) and len(value) == 1:
-            log.differences["listed angles"] += 1
+        listed = value
+        while is_list(value) and len(value) == 1:
             (value,) = value
-        if value is not None and not (is_number(value) and is_finite(value)):
+        log.differences["listed angles"] += value is not listed
+        meant, fault = (value, None) if value is None else unwrap_number(value)
+        if meant is not None and not (is_number(meant) and is_finite(meant)):
             log.problems.append(problems.wrong_type(location, value, problems.POINT_FORM, key))
             return NO_POINT
-        values.append(value)
+        if fault is not None:
+            log.add_fault(fault, location, f".{key}", value)
+        values.append(meant)
     heading, elevation = values
     if heading is not None and elevation is not None:
         return float(heading), float(elevation)

@@ -29,10 +29,12 @@ from reverie_eval.submissions._predictions import (
     Numbering,
     Predictions,
     Records,
+    Signs,
     look_like_degrees,
 )
 from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._trajectories import ANGLE_AS_TEXT, MAX_POSES, have_types
+from reverie_eval.submissions._trajectories import MAX_POSES, have_types
+from reverie_eval.submissions._values import is_number_as_text
 
 # The descriptions are those of the published JSON Schema.
 _InstrId = Annotated[
@@ -174,7 +176,7 @@ def _is_faultless(part: _Part, numbering: Numbering) -> bool:
         or part.lengths.max(initial=0) > MAX_POSES
         or part.lengths.min(initial=1) == 0
         or part.predicted_object.max(initial=ABSTAINED) > LARGEST_OBJECT_ID  # written as text
-        or (len(part.n_hops) and any(ANGLE_AS_TEXT.fullmatch(str(each)) for each in numbering))
+        or (len(part.n_hops) and any(map(is_number_as_text, numbering)))
     )
 
 
@@ -193,8 +195,13 @@ def _predictions(part: _Part, numbering: Numbering, *, has_answers: bool) -> Pre
         is_navigation_only=not has_answers,
         read_as=log.read_as(),
         differences=log.differences,
+        signs=_signs(part.predicted_object),
         **places,
     )
+
+
+def _signs(predicted_object: IntArray) -> Signs:
+    return Signs(has_answers=bool((predicted_object != ABSTAINED).any()))
 
 
 def _places(part: _Part, log: ReadingLog) -> Mapping[str, Any]:
@@ -317,6 +324,7 @@ def convert_official(submission: Records, *, has_answers: bool = True) -> Predic
         answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
         has_leading_zeros=np.zeros(len(instr_ids), dtype=np.bool_),
         is_navigation_only=not has_answers,
+        signs=_signs(predicted_object),
     )
 
 

@@ -70,6 +70,22 @@ class IdColumn:
         return replace(self, number=self.number[rows])
 
 
+@dataclass(frozen=True, slots=True)
+class Signs:
+    """What the form of a file's records says about the task that it is of."""
+
+    id_key: str = "instr_id"
+    """The field with the id of every record; empty if they differ."""
+    has_items: bool = False
+    """Whether every trajectory is an object with a path, or a list of such objects."""
+    has_points: bool = False
+    """Whether some of these have points, or a record has several of them."""
+    has_answers: bool = False
+    """Whether some record predicts an object or a box."""
+    numbered: frozenset[int] = frozenset()
+    """The rows of ids that are numbers, in a task whose ids are text."""
+
+
 @dataclass(frozen=True, eq=False)
 class BoxAnswers:
     """The predicted boxes, one row each."""
@@ -173,6 +189,7 @@ class Predictions(AnswerColumns):
     """How often each difference from the official form occurs, by its key."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
+    signs: Signs = Signs()
 
     @property
     def has_long_hops(self) -> bool:

@@ -7,8 +7,8 @@ splits see it.
 
 import math
 import reprlib
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from sys import maxsize
 from typing import NamedTuple
@@ -98,6 +98,12 @@ WRAPPED = Fault(
     "the records under the key {example}",
     "write only the list of records",
 )
+WRAPPED_LISTS = Fault(
+    "not-a-list",
+    "lists of records under several keys, such as {example}",
+    "write only the list of records of one split",
+    _CONVERT_FOR_SPLIT,
+)
 NESTED_LISTS = Fault(
     "not-a-list",
     "lists of records inside the list",
@@ -116,6 +122,11 @@ KEYED_BY_ROW = Fault(
 DECIMAL_IDS = Fault(
     "wrong-type",
     "an object id written as a decimal, such as {example}",
+    "write whole numbers",
+)
+DECIMAL_NUMBERS = Fault(
+    "wrong-type",
+    "the number of an episode written as a decimal, such as {example}",
     "write whole numbers",
 )
 DISAGREEING_ANSWERS = Fault(
@@ -144,6 +155,55 @@ ANGLES_AS_TEXT = Fault(
     "angles written as text, such as {example}",
     "write numbers",
 )
+NUMBERS_AS_TEXT = Fault(
+    "wrong-type",
+    "numbers written as text, such as {example}",
+    "write numbers",
+)
+PRINTED_VALUES = Fault(
+    "wrong-type",
+    "a tensor, an array or a list printed as text, such as {example}",
+    "write its value, by .item() or .tolist()",
+)
+LISTED_VALUES = Fault(
+    "wrong-type",
+    "a value in a list of one, such as {example}",
+    "write the value alone",
+)
+PADDED_VALUES = Fault(
+    "wrong-type",
+    "spaces or a line end around a value, such as {example}",
+    "remove them",
+)
+NUMBERED_IDS = Fault(
+    "wrong-type",
+    "a number for the id, such as {example}",
+    "write the episode's id as text",
+    convert="",
+)
+ITEMS_FOR_PATHS = Fault(
+    "wrong-type",
+    "a trajectory that is an object with a path, as in SOON, such as {example}",
+    "write the path itself, a list of poses",
+)
+SEVERAL_PATHS = Fault(
+    "wrong-type",
+    "several trajectories, such as {example}",
+    "write one list of poses for each episode",
+    convert="",
+)
+PATHS_FOR_ITEMS = Fault(
+    "wrong-type",
+    "a trajectory that is a list of poses, such as {example}",
+    "write a list of objects with path, obj_heading and obj_elevation, one for each start of the "
+    "item",
+    convert="",
+)
+FLAT_ITEMS = Fault(
+    "wrong-type",
+    "a trajectory beside its point, such as {example}",
+    "write a list of objects, each with its path and its point",
+)
 NUMBERED_VIEWPOINTS = Fault(
     "wrong-type",
     "viewpoints given as numbers, such as {example}",
@@ -152,13 +212,19 @@ NUMBERED_VIEWPOINTS = Fault(
 )
 PADDED_IDS = Fault(
     "unknown-episode",
-    "spaces around the instr_id, such as {example}",
+    "spaces or a line end around the id, such as {example}",
     "remove them",
+    _CONVERT_FOR_SPLIT,
+)
+PRINTED_IDS = Fault(
+    "unknown-episode",
+    "an id printed as a tensor, an array or a list, such as {example}",
+    "write the id alone",
     _CONVERT_FOR_SPLIT,
 )
 PREFIXED_IDS = Fault(
     "unknown-episode",
-    "a prefix before the instr_id, such as {example}",
+    "a prefix before the id, such as {example}",
     "remove it",
     _CONVERT_FOR_SPLIT,
 )
@@ -168,16 +234,16 @@ IDS_FROM_ONE = Fault(
     "number them from 0",
     _CONVERT_FOR_SPLIT,
 )
-IDS_OF_TASKS = Fault(
-    "unknown-episode",
-    "a task's id instead of an episode's, such as {example}",
-    "add an underscore and the index of the instruction, counted from 0",
-    convert="",
-)
 PADDED_VIEWPOINTS = Fault(
     "unknown-viewpoint",
-    "spaces around viewpoint ids, such as {example}",
+    "spaces or a line end around viewpoint ids, such as {example}",
     "remove them",
+    _CONVERT_FOR_SPLIT,
+)
+PRINTED_VIEWPOINTS = Fault(
+    "unknown-viewpoint",
+    "viewpoint ids printed as arrays or lists, such as {example}",
+    "write the viewpoint ids alone",
     _CONVERT_FOR_SPLIT,
 )
 VIEWPOINTS_WITH_SCANS = Fault(
@@ -197,6 +263,39 @@ def misspelt(field: str, meant: str) -> Fault:
     """Return the fault of records that have a field under another name; one for each name."""
     what = f"the field {_json(field).replace('{', '{{').replace('}', '}}')}, which is not read"
     return Fault("misspelt-field", what, f"did you mean {meant}? Rename it")
+
+
+def missing_in_all(field: str) -> Fault:
+    """Return the fault of trajectories without a field that agents write for all or for none."""
+    return Fault("missing-field", f"no {field}", "add it", convert="")
+
+
+def incomplete_ids(lacking: Sequence[str], form: str, fitting: str) -> Fault:
+    """Return the fault of ids that lack some of their parts.
+
+    ``fitting`` says what keeps them from being completed; without it, each tells its episode.
+    """
+    lack = f"the {' and the '.join(lacking)}" if lacking else "the marks between its parts"
+    what = f"an id without {lack}, such as {{example}}"
+    remedy = f"write {form}" + (f"; {fitting}" if fitting else "")
+    return Fault("unknown-episode", what, remedy, "" if fitting else _CONVERT_FOR_SPLIT)
+
+
+def unknown_episodes(split: str, task: Task) -> Fault:
+    """Return the fault of many ids that have nothing in common with those of the split."""
+    what = f"an id that is not an episode of {split}, such as {{example}}"
+    return Fault("unknown-episode", what, f"ids are {task.id_form}", convert="")
+
+
+def records_of_other_splits(others: Sequence[str], found: int, expected: int, split: str) -> Fault:
+    """Return the fault of records for other splits, beside those for the one that is scored."""
+    there = f"all {expected:,}" if found == expected else f"{found:,} of the {expected:,}"
+    return Fault(
+        "other-split",
+        f"an id of {' or '.join(others)}, such as {{example}}, beside {there} episodes of {split}",
+        "remove the others",
+        _CONVERT_FOR_SPLIT,
+    )
 
 
 class RecordLocation(NamedTuple):
@@ -387,10 +486,14 @@ def not_one_file(names: Sequence[str]) -> Problem:
     return Problem("several-files", WHOLE_FILE, message)
 
 
-def not_a_list(found: object) -> Problem:
+def not_a_list(found: object, task: Task) -> Problem:
+    trajectory = f"[{POSE_FORM}, ...]"
+    if task.has_items:
+        trajectory = f'[{{"path": {trajectory}, "obj_heading": ..., "obj_elevation": ...}}, ...]'
+    answer = ', "predObjId": ...' if task.has_targets else ""
     message = (
         f"holds {_json(found)}; expected a list of predictions: "
-        f'[{{"instr_id": ..., "trajectory": [{POSE_FORM}, ...], "predObjId": ...}}, ...]'
+        f'[{{"{task.id_keys[0]}": ..., "trajectory": {trajectory}{answer}}}, ...]'
     )
     return Problem("not-a-list", WHOLE_FILE, message)
 
@@ -477,22 +580,33 @@ def ids_outside_demo(count: int, first: str, split: str, task: Task) -> Problem:
     return Problem("not-the-demo-world", WHOLE_FILE, message)
 
 
+def results_of_other_splits(
+    counts: Mapping[str, int], split: str, location: RecordLocation, instr_id: str
+) -> Problem:
+    found = " and ".join(f"{name} ({count_text(n, 'record')})" for name, n in counts.items())
+    score = f"score the file as {next(iter(counts))}, or " if len(counts) == 1 else ""
+    message = (
+        f"holds {found}, and no episode of {split}; the first is {_json(instr_id)}: {score}send "
+        f"the predictions for {split}"
+    )
+    only = next(iter(counts)) if len(counts) == 1 else None
+    return replace(_record_problem("other-split", location, message, ".instr_id"), split=only)
+
+
+def positions(count: int, total: int, example: object) -> Problem:
+    message = (
+        f"{count:,} of its {count_text(total, 'path')} are positions, such as {_json(example)}, "
+        "of a continuous environment (VLN-CE, RxR-Habitat); only viewpoints of the navigation "
+        "graph can be scored"
+    )
+    return Problem("continuous-environment", WHOLE_FILE, message)
+
+
 def repeated_key(key: str) -> Problem:
     return Problem("repeated-field", WHOLE_FILE, f"has {_json(key)} twice; keep the right one")
 
 
 # A record.
-
-
-def ids_of_another_split(
-    count: int, other: str, split: str, location: RecordLocation, instr_id: str
-) -> Problem:
-    ids_look = "1 id looks" if count == 1 else f"{count:,} ids look"
-    message = (
-        f"{ids_look} like {other} ids, the first is {instr_id}; score the file as {other}, or "
-        f"send the predictions for {split}"
-    )
-    return _record_problem("other-split", location, message, ".instr_id")
 
 
 def wrong_type(

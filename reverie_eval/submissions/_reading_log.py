@@ -52,8 +52,12 @@ class _Occurrences:
     where: str
     row: int
     example: object
-    count: int = 1
-    last_row: int = 0
+    rows: set[int] = field(default_factory=set)
+
+    @property
+    def count(self) -> int:
+        """How many records have it."""
+        return max(len(self.rows), 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +76,9 @@ class ReadingLog:
         """Note that a record has a mistake which others may share; only the first is shown."""
         occurrences = self._faults.get(fault)
         if occurrences is None:
-            row = location.row
-            self._faults[fault] = _Occurrences(location.at(path), row, example, last_row=row)
-        elif occurrences.last_row != location.row:
-            occurrences.count += 1
-            occurrences.last_row = location.row
+            occurrences = _Occurrences(location.at(path), location.row, example)
+            self._faults[fault] = occurrences
+        occurrences.rows.add(location.row)
 
     def add_whole_file_fault(self, fault: Fault, example: object) -> None:
         """Note a mistake that the file as a whole has."""

@@ -28,33 +28,44 @@ from reverie_eval.submissions._document import (
     parse_document,
 )
 from reverie_eval.submissions._fields import (
-    ANSWER_KEYS,
-    BOX_KEYS,
-    FIELDS,
+    ID_KEYS,
     INSTR_ID_KEY,
-    ITEM_FIELDS,
     MAX_COMPARED,
-    NAVIGATION_FIELDS,
+    PART_OF_ITEM,
+    RECORD_FIELDS,
     TRAJECTORY_KEY,
+    Fields,
     answers_spelt_like,
+    fields_of,
     find_misspelt,
+    id_key_of,
 )
-from reverie_eval.submissions._items import NO_POINT, Point, is_item, read_point, split_items
+from reverie_eval.submissions._items import (
+    NO_POINT,
+    Point,
+    is_item,
+    read_point,
+    split_items,
+    take_path,
+)
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
     BoxAnswers,
     IdColumn,
     Predictions,
+    Signs,
     Submission,
     look_like_degrees,
 )
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._recognition import check_viewpoints, signs_of
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._tables import rows_of_table
 from reverie_eval.submissions._trajectories import Poses, read_trajectory
-from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK, Task, find_task
+from reverie_eval.submissions._values import unwrap
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 
 REVERIE = find_task(DEFAULT_TASK)
 """What is read if no task is named."""
@@ -110,33 +121,42 @@ def parse_predictions(
 
 def read_records(
     document: Any, log: ReadingLog, task: Task = REVERIE, *, answers_only: bool = False
-) -> Sequence[ReadRecord]:
+) -> tuple[Sequence[ReadRecord], Signs]:
     """Read a list of records, or an object of records keyed by their instr_id.
 
     Raises
     ------
     SubmissionError
-        If it is neither, or has too many problems to go on. Smaller problems are in the log, to
-        be reported together with those that alignment finds.
+        If it is neither, or has positions instead of viewpoints, or too many problems to go on.
+        Smaller problems are in the log, to be reported together with those that alignment finds.
     """
+    check_viewpoints(document)
     document = _unwrap(document, log)
+    check_viewpoints(document)
     if isinstance(document, Sized):
         check_record_count(len(document))
-    optional = {TRAJECTORY_KEY} if answers_only else set()
-    if not task.has_targets:
-        optional |= {*ANSWER_KEYS, *BOX_KEYS}
-    found = [
+    given = [
         (location, record)
         for location, record in _located_records(document, log, task)
         if _is_record(location, record, log, task)
     ]
-    _check_task([record for _, record in found], task)
-    with_ids = [(location, _with_id(record, task)) for location, record in found]
-    has_items = task.has_items and any(is_item(record) for _, record in with_ids)
-    records = [
-        (location, _with_known_fields(location, record, log, optional, task))
-        for location, record in (split_items(with_ids, log) if has_items else with_ids)
+    optional = {TRAJECTORY_KEY} if answers_only else set()
+    named = [
+        (location, _with_known_fields(location, record, log, optional, fields_of(task)))
+        for location, record in given
     ]
+    signs = signs_of([record for _, record in given], [record for _, record in named], task)
+    found = [(location, _with_id(location, record, log, task)) for location, record in named]
+    if task.has_items:
+        records = [
+            (location, _with_known_fields(location, record, log, optional, PART_OF_ITEM))
+            for location, record in split_items(found, log)
+        ]
+    else:
+        records = [
+            (location, take_path(location, record, log) if is_item(record) else record)
+            for location, record in found
+        ]
     _check_problem_count(log)
     # A single missing answer is a fault; if no record has one, the agent does not ground at all.
     has_any = any(has_answer(record) for _, record in records)
@@ -149,10 +169,10 @@ def read_records(
         instr_id = _read_instr_id(location, record, log, task)
         poses = None if answers_only else read_trajectory(location, record, log)
         answer = None if navigation_only else read_answer(location, record, poses, log)
-        point = read_point(location, record, log) if has_items else NO_POINT
+        point = read_point(location, record, log) if task.has_items else NO_POINT
         read.append(ReadRecord(location, instr_id, poses or Poses.of([]), answer, point))
         _check_problem_count(log)
-    return read
+    return read, signs
 
 
 def _check_problem_count(log: ReadingLog) -> None:
@@ -177,14 +197,20 @@ def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
         log.add_whole_file_fault(problems.TABLE, None)
         return rows
     # The values may be notes beside the records, but not records themselves.
-    if INSTR_ID_KEY in document or any(_is_record_like(value) for value in document.values()):
+    if not ID_KEYS.isdisjoint(document) or any(
+        _is_record_like(value) for value in document.values()
+    ):
         return _without_row_numbers(document, log)
     held = {key: value for key, value in document.items() if _holds_records(value)}
-    if len(held) != 1:
-        return document
-    ((key, records),) = held.items()
-    log.add_whole_file_fault(problems.WRAPPED, key)
-    return records
+    if len(held) == 1:
+        ((key, records),) = held.items()
+        log.add_whole_file_fault(problems.WRAPPED, key)
+        return records
+    lists = [value for value in held.values() if is_list(value) and _is_record_like(value[0])]
+    if lists and len(lists) == len(document):
+        log.add_whole_file_fault(problems.WRAPPED_LISTS, next(iter(held)))
+        return [record for records in lists for record in records]
+    return document
 
 
 def _is_list_of_records(value: Any) -> bool:
@@ -192,7 +218,7 @@ def _is_list_of_records(value: Any) -> bool:
 
 
 def _is_record_like(value: Any) -> bool:
-    return isinstance(value, Mapping) and not FIELDS.isdisjoint(value)
+    return isinstance(value, Mapping) and not RECORD_FIELDS.isdisjoint(value)
 
 
 def _holds_records(value: Any) -> bool:
@@ -204,8 +230,10 @@ def _holds_records(value: Any) -> bool:
 def _without_row_numbers(document: Mapping[str, Any], log: ReadingLog) -> Any:
     """Return the records alone if they are keyed by row numbers and have their ids within."""
     for key, record in document.items():
-        is_row = str(key).isdigit() and isinstance(record, Mapping) and INSTR_ID_KEY in record
-        if not is_row or record[INSTR_ID_KEY] == key:
+        if not (str(key).isdigit() and isinstance(record, Mapping)):
+            return document
+        ids = [record[name] for name in ID_KEYS.intersection(record)]
+        if not ids or key in map(str, ids):
             return document
     log.add_whole_file_fault(problems.KEYED_BY_ROW, next(iter(document)))
     return list(document.values())
@@ -220,10 +248,10 @@ def _located_records(
             for row, record in enumerate(document)
         ]
     if not isinstance(document, Mapping):
-        raise SubmissionError([problems.not_a_list(document)])
+        raise SubmissionError([problems.not_a_list(document, task)])
     # One record by itself is not a set of keyed records, nor is a report with some sections.
     if 2 * sum(isinstance(value, Mapping) for value in document.values()) < len(document):
-        raise SubmissionError([problems.not_a_list(document)])
+        raise SubmissionError([problems.not_a_list(document, task)])
     if isinstance(document, RepeatingObject):
         log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
     log.differences["keyed"] += len(document)
@@ -234,11 +262,7 @@ def _located_records(
 
 
 def _id_key(record: Any, task: Task) -> str:
-    """Return the field with a record's id, or that in which the task has it."""
-    first, *others = task.id_keys
-    if not others or not isinstance(record, Mapping) or record.get(first) is not None:
-        return first
-    return next((key for key in others if record.get(key) is not None), first)
+    return id_key_of(record, task) if isinstance(record, Mapping) else task.id_keys[0]
 
 
 def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Task) -> bool:
@@ -246,27 +270,9 @@ def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Tas
         log.problems.append(problems.wrong_type(location, record, problems.record_form(task)))
         return False
     if isinstance(record, RepeatingObject):
-        for field in sorted(record.repeated & FIELDS):
+        for field in sorted(record.repeated & RECORD_FIELDS):
             log.problems.append(problems.repeated_field(location, field))
     return True
-
-
-def _check_task(records: Sequence[Mapping[str, Any]], task: Task) -> None:
-    """Raise one SubmissionError for a file of another task that has other ids or trajectories."""
-    are_items = bool(records) and all(map(is_item, records))
-    for other in map(find_task, BUILT_IN):
-        if are_items and other.has_items and not task.has_items:
-            sign = "their trajectories are objects with a path"
-            raise SubmissionError([problems.results_of_another_task(task, other, sign)])
-        for key in set(other.id_keys) - set(task.id_keys):
-            if records and all(_has_id(record, key, task) for record in records):
-                sign = f"their ids are in {key!r}"
-                raise SubmissionError([problems.results_of_another_task(task, other, sign)])
-
-
-def _has_id(record: Mapping[str, Any], key: str, task: Task) -> bool:
-    """Whether a record has a number for its id in a field, and none where the task has it."""
-    return str(record.get(key, "")).isdecimal() and record.keys().isdisjoint(task.id_keys)
 
 
 def _with_known_fields(
@@ -274,23 +280,20 @@ def _with_known_fields(
     record: Mapping[str, Any],
     log: ReadingLog,
     optional: AbstractSet[str],
-    task: Task,
+    fields: Fields,
 ) -> Mapping[str, Any]:
     """Return a record with its misspelt fields under the names that they must mean."""
-    read = FIELDS if task.has_targets else NAVIGATION_FIELDS
-    if task.has_items:
-        read = ITEM_FIELDS
-    if record.keys() <= read:
+    if record.keys() <= fields.all:
         return record
     if location.key is not None:
-        optional = optional | {INSTR_ID_KEY}
+        optional = {*optional, *fields.id_keys}
     few = log.unknown_fields + len(record) <= MAX_COMPARED
-    misspelt = find_misspelt(record, optional) if few else {}
+    misspelt = find_misspelt(record, fields, optional) if few else {}
     for field, meant in misspelt.items():
         log.add_fault(problems.misspelt(field, meant), location, "", field)
-    ignored = [field for field in record if field not in read and field not in misspelt]
+    ignored = [field for field in record if field not in fields.all and field not in misspelt]
     log.ignored_fields.update(ignored)
-    for field in ignored if few and task.has_targets else ():
+    for field in ignored if few and fields.has_answers else ():
         others = answers_spelt_like(field)
         if others and disagree((answers := _given(record, [*others, field])).values()):
             log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
@@ -304,14 +307,24 @@ def _given(record: Mapping[str, Any], fields: Iterable[str]) -> Mapping[str, Any
     return {field: record[field] for field in fields if record.get(field) is not None}
 
 
-def _with_id(record: Mapping[str, Any], task: Task) -> Mapping[str, Any]:
+def _with_id(
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog, task: Task
+) -> Mapping[str, Any]:
     """Return a record with its id as instr_id, whatever the task calls it; a number as text."""
-    key = _id_key(record, task)
-    is_read_as_it_is = key == INSTR_ID_KEY and not task.has_numbers
-    if is_read_as_it_is or key not in record:
+    key = id_key_of(record, task)
+    if key not in record:
         return record
-    value = record[key]
-    text = str(value) if task.has_numbers and is_integer(value) else value
+    given = record[key]
+    # How a text differs from an id is found with the ids of the split.
+    meant, fault = (given, None) if isinstance(given, str) else unwrap(given)
+    if fault is not None and isinstance(meant, str | int | float):
+        log.add_fault(fault, location, f".{INSTR_ID_KEY}", given)
+    if isinstance(meant, float) and meant.is_integer() and task.has_numbers:
+        log.add_fault(problems.DECIMAL_NUMBERS, location, f".{INSTR_ID_KEY}", given)
+        meant = int(meant)
+    text = str(meant) if is_integer(meant) else meant
+    if key == INSTR_ID_KEY and text is given:
+        return record
     return {**{name: each for name, each in record.items() if name != key}, INSTR_ID_KEY: text}
 
 
@@ -341,7 +354,7 @@ def read_carefully(
     document: Any, log: ReadingLog, task: Task = REVERIE, *, answers_only: bool = False
 ) -> Predictions:
     """Read a list of records, or records keyed by their instr_id, in any form."""
-    records = read_records(document, log, task, answers_only=answers_only)
+    records, signs = read_records(document, log, task, answers_only=answers_only)
     poses = [record.poses for record in records]
     lengths = np.fromiter(map(len, poses), np.int64, len(poses))
     answers = [record.answer or Answer(ABSTAINED) for record in records]
@@ -372,6 +385,7 @@ def read_carefully(
         differences=log.differences,
         is_navigation_only=bool(records) and all(record.answer is None for record in records),
         problems=log.all_problems(),
+        signs=signs,
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from reverie_eval.submissions._document import is_list
-from reverie_eval.submissions._fields import FIELDS
+from reverie_eval.submissions._fields import RECORD_FIELDS
 
 
 def rows_of_table(document: Mapping[str, Any]) -> Sequence[Mapping[str, Any]] | None:
@@ -19,7 +19,7 @@ def rows_of_table(document: Mapping[str, Any]) -> Sequence[Mapping[str, Any]] | 
     if is_list(names) and is_list(rows):
         return _named(names, rows)
     columns = list(document.values())
-    if FIELDS.isdisjoint(document) or len(columns) == 1:
+    if RECORD_FIELDS.isdisjoint(document) or len(columns) == 1:
         return None
     if all(isinstance(column, Mapping) for column in columns):
         keys = columns[0].keys()

@@ -5,8 +5,7 @@ numbers is a pose, a list of viewpoint ids is a hop that is walked from first to
 is a viewpoint id.
 """
 
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,15 +14,14 @@ from typing import Any, NamedTuple, Self
 
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._document import is_finite, is_integer, is_list, is_number
-from reverie_eval.submissions._problems import PosePath, RecordLocation
+from reverie_eval.submissions._problems import Fault, PosePath, RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._values import is_number_as_text, read_printed, unwrap
 
 MAX_POSES = 20_000
 """Per trajectory. Published agents take about 15 steps, each with turns between 36 views."""
 _POSE_LENGTH = 3
 _FEW_POSES = 100
-ANGLE_AS_TEXT = re.compile(r"-?\d{1,3}(\.\d{1,20})?(e-?\d{1,2})?")
-"""An angle written as text. Viewpoint ids are 32 hexadecimal digits."""
 _VIEWPOINT_KEYS = ("viewpoint", "viewpointId", "viewpoint_id", "viewpointid", "vp", "vp_id")
 _ANGLE_KEYS = ("heading", "elevation")
 
@@ -80,7 +78,7 @@ def read_trajectory(location: RecordLocation, record: Mapping[str, Any], log: Re
         missing = "trajectory" if location.place is None else "path"
         log.problems.append(problems.missing_field(location, missing))
         return Poses.of([])
-    trajectory = record["trajectory"]
+    trajectory = _meant(location, record["trajectory"], log)
     if not is_list(trajectory):
         log.problems.append(
             problems.wrong_type(location, trajectory, problems.TRAJECTORY_FORM, "trajectory")
@@ -99,6 +97,69 @@ def read_trajectory(location: RecordLocation, record: Mapping[str, Any], log: Re
         or _read_hops(trajectory, log)
         or Poses.of(_read_elements(location, trajectory, log))
     )
+
+
+def _meant(location: RecordLocation, trajectory: Any, log: ReadingLog) -> Any:
+    """Return the trajectory that was meant, where it is printed as text or in a list of its own."""
+    meant, fault = _without_lists_of_one(trajectory, _are_poses)
+    if fault is not None:
+        log.add_fault(fault, location, ".trajectory", trajectory)
+    return meant
+
+
+def _meant_pose(location: RecordLocation, index: int, element: Any, log: ReadingLog) -> Any:
+    """Return the pose or hop that was meant, where it or its parts are printed or in lists."""
+    meant, fault = _without_lists_of_one(element, _is_filled_list)
+    if is_list(meant):
+        parts = [_meant_part(part) for part in meant]
+        if meant and isinstance(meant[0], str):
+            parts[0] = meant[0], None  # what is written around it, the graph tells
+        meant, fault = (
+            [part for part, _ in parts],
+            fault or next((it for _, it in parts if it), None),
+        )
+    if _has_angles_as_text(meant):
+        meant, fault = [meant[0], *map(float, meant[1:])], fault or problems.ANGLES_AS_TEXT
+    if fault is None:
+        return element
+    log.add_fault(fault, location, f".trajectory[{index}]", element)
+    return meant
+
+
+def _meant_part(part: Any) -> tuple[Any, Fault | None]:
+    """Return the viewpoint or the angle that was meant; a text as it is, if it is no number."""
+    if is_number(part):
+        return part, None
+    meant, fault = unwrap(part)
+    return (meant, fault) if is_list(part) or is_number(meant) else (part, None)
+
+
+def _without_lists_of_one(value: Any, is_meant: Callable[[Any], bool]) -> tuple[Any, Fault | None]:
+    """Return a list in lists of one, or printed as text, if what is inside is what was meant."""
+    fault = None
+    printed = read_printed(value) if isinstance(value, str) else None
+    if is_list(printed) and _begins_with_viewpoint(printed):
+        value, fault = printed, problems.PRINTED_VALUES
+    while is_list(value) and len(value) == 1 and is_meant(value[0]):
+        (value,), fault = value, fault or problems.LISTED_VALUES
+    return value, fault
+
+
+def _is_filled_list(value: Any) -> bool:
+    return is_list(value) and bool(value)
+
+
+def _are_poses(values: Any) -> bool:
+    """Whether these are poses or hops, and not the parts of a pose in lists of one."""
+    return _is_filled_list(values) and all(
+        is_list(each) and _begins_with_viewpoint(each) for each in values
+    )
+
+
+def _begins_with_viewpoint(element: Any) -> bool:
+    while is_list(element) and element:
+        element = element[0]
+    return isinstance(element, str) and not is_number_as_text(element)
 
 
 def _read_plain(trajectory: Sequence[Any]) -> Poses | None:
@@ -172,9 +233,7 @@ def _read_elements(
 def _read_element(
     location: RecordLocation, index: int, element: Any, log: ReadingLog
 ) -> list[Pose]:
-    if _has_angles_as_text(element):
-        log.add_fault(problems.ANGLES_AS_TEXT, location, f".trajectory[{index}]", element)
-        element = [element[0], *map(float, element[1:])]
+    element = _meant_pose(location, index, element, log)
     if isinstance(element, str):
         log.differences["bare viewpoints"] += 1
         return [Pose((index,), element)]
@@ -210,7 +269,7 @@ def _has_angles_as_text(element: Any) -> bool:
     """Whether this is ``["viewpoint", "1.5", "0.0"]``, which looks like a hop."""
     if not (is_list(element) and len(element) == _POSE_LENGTH and _is_hop(element)):
         return False
-    return all(ANGLE_AS_TEXT.fullmatch(part) for part in element[1:])
+    return all(map(is_number_as_text, element[1:]))
 
 
 def _pose_from_object(element: Mapping[str, Any]) -> Sequence[Any] | None:

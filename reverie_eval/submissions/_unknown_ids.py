@@ -1,75 +1,120 @@
 """Ids that are not in the ground truth: what many of them have in common."""
 
 import re
-from collections.abc import Callable, Container, Sequence
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol, TypeAlias
 
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._problems import Fault, RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._values import unwrap
 
-_Ids: TypeAlias = Sequence[str | None]
-
-_Correction: TypeAlias = Callable[[str], str]
-_Place: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
+Ids: TypeAlias = Sequence[str | None]
+Place: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
 """Returns the record of an id, and where in it the id is."""
 
-_PREFIX = re.compile(r"^(?:[A-Za-z][A-Za-z0-9]*[_-])+")
+
+class Known(Protocol):
+    """Ids that the ground truth has."""
+
+    def __contains__(self, instr_id: object, /) -> bool: ...
+
+
+_Correction: TypeAlias = Callable[[str, Known], str]
+"""Returns what an id would be without a mistake, given the ids that are known."""
+
+_MARK = re.compile(r"[^A-Za-z0-9]+")
+"""What stands between the parts of an id."""
 _INSTRUCTION = re.compile(r"\d{1,9}$")
 
 
-def _counted_from_zero(instr_id: str) -> str:
+class Corrected(NamedTuple):
+    """Ids without the mistake that unknown ones have in common."""
+
+    ids: Ids
+    fault: Fault | None = None
+    """None if no mistake explains at least half of the unknown ids."""
+
+    def note(self, given: Ids, log: ReadingLog, place: Place) -> None:
+        """Note the mistake of each id that was corrected."""
+        if self.fault is not None:
+            for row, (each, meant) in enumerate(zip(given, self.ids, strict=True)):
+                if each != meant:
+                    log.add_fault(self.fault, *place(row), each)
+
+
+def _stripped(instr_id: str, _: Known) -> str:
+    item, mark, start = instr_id.partition("#")
+    return f"{item.strip()}{mark}{start}"
+
+
+def _unprinted(instr_id: str, __: Known) -> str:
+    item, mark, start = instr_id.partition("#")
+    meant, _ = unwrap(item)
+    text = int(meant) if isinstance(meant, float) and meant.is_integer() else meant
+    return f"{text}{mark}{start}"
+
+
+def _without_prefix(instr_id: str, known: Known) -> str:
+    """Return an id without what is before a known one: NaviLLM's ``cvdn_0_1196`` is 1196 [1]_.
+
+    References
+    ----------
+    .. [1] zd11024/NaviLLM a221f42, tasks/datasets/cvdn.py, load_data
+    """
+    ends = (instr_id[mark.end() :] for mark in _MARK.finditer(instr_id))
+    return next((end for end in ends if end in known), instr_id)
+
+
+def _counted_from_zero(instr_id: str, _: Known) -> str:
     return _INSTRUCTION.sub(lambda index: str(int(index[0]) - 1), instr_id)
 
 
-# Each cause with what the id would be without the mistake.
+def _without_scan(viewpoint_id: str, _: Known) -> str:
+    return viewpoint_id.rpartition("_")[2]
+
+
 _INSTR_ID_CAUSES: Sequence[tuple[Fault, _Correction]] = (
-    (problems.PADDED_IDS, str.strip),
-    (problems.PREFIXED_IDS, lambda instr_id: _PREFIX.sub("", instr_id)),
+    (problems.PADDED_IDS, _stripped),
+    (problems.PRINTED_IDS, _unprinted),
+    (problems.PREFIXED_IDS, _without_prefix),
     (problems.IDS_FROM_ONE, _counted_from_zero),
-    (problems.IDS_OF_TASKS, lambda task_id: f"{task_id}_0"),
 )
 _VIEWPOINT_CAUSES: Sequence[tuple[Fault, _Correction]] = (
-    (problems.PADDED_VIEWPOINTS, str.strip),
-    (problems.VIEWPOINTS_WITH_SCANS, lambda named: named.rpartition("_")[2]),
+    (problems.PADDED_VIEWPOINTS, _stripped),
+    (problems.PRINTED_VIEWPOINTS, _unprinted),
+    (problems.VIEWPOINTS_WITH_SCANS, _without_scan),
 )
 
 
-def fix_instr_ids(ids: _Ids, ground_truth: GroundTruth, log: ReadingLog, place: _Place) -> _Ids:
-    """Return the ids without the mistake that unknown ones have in common, and note it in the log.
+def correct_instr_ids(ids: Ids, known: Known) -> Corrected:
+    """Return ids without the mistake that unknown ones have in common, if there is one.
 
-    Ids stay as they are if no mistake explains at least half of the unknown ones.
+    Different ids stay different: where they do not, the mistake is another one.
     """
-    return _fix(ids, ground_truth.episodes.index, _INSTR_ID_CAUSES, log, place)
+    corrected = _correct(ids, known, _INSTR_ID_CAUSES)
+    return corrected if len(set(corrected.ids)) == len(set(ids)) else Corrected(ids)
 
 
-def fix_viewpoint_ids(ids: _Ids, ground_truth: GroundTruth, log: ReadingLog, place: _Place) -> _Ids:
-    """Find what unknown viewpoint ids have in common, as :func:`fix_instr_ids` does."""
-    return _fix(ids, ground_truth.graph.index, _VIEWPOINT_CAUSES, log, place)
+def fix_viewpoint_ids(ids: Ids, ground_truth: GroundTruth, log: ReadingLog, place: Place) -> Ids:
+    """Return viewpoint ids without the mistake that unknown ones have in common, and note it."""
+    corrected = _correct(ids, ground_truth.graph.index, _VIEWPOINT_CAUSES)
+    corrected.note(ids, log, place)
+    return corrected.ids
 
 
-def _fix(
-    ids: _Ids,
-    known: Container[str],
-    causes: Sequence[tuple[Fault, _Correction]],
-    log: ReadingLog,
-    place: _Place,
-) -> _Ids:
-    unknown = _count_unknown(ids, known)
-    if not unknown:
-        return ids
-    for fault, correct in causes:
+def _correct(ids: Ids, known: Known, causes: Sequence[tuple[Fault, _Correction]]) -> Corrected:
+    unknown = count_unknown(ids, known)
+    for fault, correct in causes if unknown else ():
         # In a file whose instructions are counted from 1, most ids are known: of other episodes.
         is_right = known if fault is not problems.IDS_FROM_ONE else ()
-        fixed = [each if each is None or each in is_right else correct(each) for each in ids]
-        if 2 * _count_unknown(fixed, known) <= unknown:
-            for row, (given, meant) in enumerate(zip(ids, fixed, strict=True)):
-                if given != meant:
-                    log.add_fault(fault, *place(row), given)
-            return fixed
-    return ids
+        fixed = [each if each is None or each in is_right else correct(each, known) for each in ids]
+        if 2 * count_unknown(fixed, known) <= unknown:
+            return Corrected(fixed, fault)
+    return Corrected(ids)
 
 
-def _count_unknown(ids: _Ids, known: Container[str]) -> int:
+def count_unknown(ids: Ids, known: Known) -> int:
+    """Return how many ids are not known."""
     return sum(each is not None and each not in known for each in ids)

@@ -57,6 +57,8 @@ class Task:
     id_form: str
     """The same in words."""
     id_example: str
+    id_parts: Sequence[str] = ()
+    """What the parts of an id are, which underscores separate; empty if they are not told."""
     id_keys: Sequence[str] = ("instr_id",)
     """The fields of a result's record that can hold the id, the official one first."""
     has_numbers: bool = False

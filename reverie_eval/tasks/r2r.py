@@ -50,6 +50,7 @@ TASK = Task(
     id_pattern=r"\d+_[0-3]",
     id_form="<path id>_<index of the instruction>, counted from 0",
     id_example="4332_0",
+    id_parts=("path id", "index of the instruction"),
     goal="the path's end is less than 3 m away",
     protocols=(
         Protocol(

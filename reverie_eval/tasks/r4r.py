@@ -29,6 +29,7 @@ TASK = Task(
     id_pattern=r"\d+_[0-8]",
     id_form="<path id>_<index of the instruction>, counted from 0",
     id_example="12_8",
+    id_parts=("path id", "index of the instruction"),
     goal="the path's end is less than 3 m away (official-v1: at most 3 m)",
     protocols=(
         Protocol(

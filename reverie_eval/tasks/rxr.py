@@ -56,6 +56,7 @@ TASK = Task(
     id_pattern=r"\d+_\d+",
     id_form="<path id>_<instruction id>, or the instruction id alone",
     id_example="90066_900394",
+    id_parts=("path id", "instruction id"),
     id_keys=("instr_id", "instruction_id"),
     has_numbers=True,
     has_short_ids=True,

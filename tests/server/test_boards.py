@@ -126,7 +126,7 @@ def test_a_file_for_another_split_is_told_its_name_on_the_server() -> None:
     content = json.dumps(sent).encode()
     with pytest.raises(SubmissionError) as refused:
         opened(R2R, "r2r").read(content)
-    assert [each.split for each in refused.value.problems] == [None, "r2r-val_seen"]
+    assert [each.split for each in refused.value.problems] == ["r2r-val_seen"]
     assert opened("r2r-val_seen", "r2r").read(content).validation().notes == []
 
 

@@ -248,12 +248,13 @@ def test_the_broken_sample(demo: GroundTruth) -> None:
 def test_a_submission_for_another_split(demo: GroundTruth) -> None:
     others = episodes_of("val_seen")
     submission = [submitted(episode, Answer(episode.task.path[:1], -1)) for episode in others]
-    missing, other = problems_of(submission, demo)
-    assert missing.code == "missing-episode"
-    assert f"any of the {len(episodes_of(SPLIT))} episodes" in missing.message
+    (other,) = problems_of(submission, demo)
     assert (other.code, other.where, other.split) == ("other-split", "[0].instr_id", "val_seen")
-    assert f"{len(others)} ids look like val_seen ids" in other.message
-    assert f"the first is {others[0].instr_id}; score the file as val_seen" in other.message
+    assert other.message == (
+        f"holds val_seen ({len(others)} records), and no episode of val_unseen; the first is "
+        f"{others[0].instr_id!r}: score the file as val_seen, or send the predictions for "
+        "val_unseen"
+    )
 
 
 def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:

@@ -9,7 +9,14 @@ import pytest
 from reverie_eval import GroundTruth, SubmissionError, evaluate
 from reverie_eval.submissions import convert
 from tests.conftest import SAMPLES
-from tests.support.broken_files import MISTAKES, broken, message_about, table
+from tests.support.broken_files import (
+    MISTAKES,
+    MISTAKES_OF_TASKS,
+    broken,
+    message_about,
+    message_about_task,
+    table,
+)
 from tests.support.forms import OFFICIAL
 from tests.support.worlds import SPLIT
 
@@ -26,6 +33,13 @@ def test_no_broken_file_is_accepted(mistake: str, demo: GroundTruth) -> None:
     assert title.startswith("submission rejected, ")
     assert 1 <= len(lines) < SCREEN
     assert max(map(len, lines)) < 250
+
+
+@pytest.mark.parametrize("mistake", MISTAKES_OF_TASKS)
+def test_a_broken_file_of_another_task_has_one_problem(mistake: str) -> None:
+    title, line = message_about_task(mistake).splitlines()
+    assert title == "submission rejected, 1 problem"
+    assert "--task" not in line
 
 
 def test_the_page_lists_every_mistake(demo: GroundTruth) -> None:
@@ -45,6 +59,13 @@ def test_the_page_lists_every_mistake(demo: GroundTruth) -> None:
         "predObjId null, answers under predObjid",
         "object ids as decimals",
         "instructions counted from 1",
+        "object ids printed by PyTorch",
+        "object ids with a line end",
+        "object ids in lists",
+        "a prefix of two parts",
+        "val_seen and val_unseen",
+        '{"val_seen": [...], "val_unseen": [...]}',
+        "trajectories in objects, as in SOON",
         "the prefix r2r_",
         "a space after every id",
         "every record twice",
@@ -62,8 +83,8 @@ def test_the_page_lists_every_mistake(demo: GroundTruth) -> None:
 def test_the_converted_file_scores_as_the_good_one(mistake: str, demo: GroundTruth) -> None:
     """To the last bit: the mistake tells what was meant."""
     conversion = convert(broken(mistake), split=SPLIT, ground_truth=demo)
-    (fixed,) = conversion.fixed
-    assert f"fixed: {fixed}" in conversion.notes
+    assert conversion.fixed
+    assert all(f"fixed: {fixed}" in conversion.notes for fixed in conversion.fixed)
     scores, expected = (
         evaluate(file, split=SPLIT, ground_truth=demo)
         for file in (conversion.records, SAMPLES / "good.json")
@@ -78,6 +99,9 @@ def test_the_converted_file_scores_as_the_good_one(mistake: str, demo: GroundTru
         "different answers under two keys",
         "different answers under two spellings",
         "only the tasks' ids",
+        "ids without the object",
+        "positions of VLN-CE",
+        "several trajectories, as in SOON",
         "viewpoints as numbers",
         "two answers for an episode",
     ],
@@ -120,7 +144,7 @@ def message_about_ids(instr_ids: Mapping[int, str], demo: GroundTruth) -> str:
 
 def test_a_mistake_that_explains_half_of_the_unknown_ids_is_named(demo: GroundTruth) -> None:
     prefixed = f"r2r_{OFFICIAL[0]['instr_id']}"
-    assert "has a prefix before the instr_id" in message_about_ids({0: prefixed, 1: "?"}, demo)
+    assert "has a prefix before the id" in message_about_ids({0: prefixed, 1: "?"}, demo)
 
 
 def test_a_mistake_that_explains_fewer_is_not_named(demo: GroundTruth) -> None:
@@ -136,7 +160,7 @@ def test_a_mistake_in_few_ids_is_named_though_the_others_are_right(demo: GroundT
         for row, record in enumerate(OFFICIAL)
         if record["instr_id"].endswith("_0")
     )
-    assert "has a task's id instead of an episode's" in message_about_ids({row: task}, demo)
+    assert "has an id without the index of the instruction" in message_about_ids({row: task}, demo)
 
 
 def test_a_scan_before_viewpoint_ids_may_have_underscores(demo: GroundTruth) -> None:

@@ -6,8 +6,10 @@ from typing import Any
 import pytest
 
 from reverie_eval.submissions import read_predictions
-from reverie_eval.submissions._fields import find_misspelt
+from reverie_eval.submissions._fields import fields_of, find_misspelt
+from reverie_eval.tasks import find_task
 
+FIELDS = fields_of(find_task("reverie"))
 BOX = [10, 20, 30, 40]
 
 
@@ -60,11 +62,11 @@ BOX = [10, 20, 30, 40]
 def test_a_field_counts_as_misspelt_if_the_record_lacks_what_it_is_for(
     record: Mapping[str, Any], expected: Mapping[str, str]
 ) -> None:
-    assert find_misspelt(record) == expected
+    assert find_misspelt(record, FIELDS) == expected
 
 
 def test_a_record_that_has_a_key_needs_no_instr_id() -> None:
-    assert find_misspelt({"instrId": "7_1_0"}, {"instr_id"}) == {}
+    assert find_misspelt({"instrId": "7_1_0"}, FIELDS, {"instr_id"}) == {}
 
 
 def test_answers_alone_need_no_trajectory() -> None:

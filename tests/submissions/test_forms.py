@@ -382,24 +382,17 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
         ),
         pytest.param(
             walking({"path": [["a", 0, 0]]}),
-            "other-task",
-            "file",
-            "holds results of SOON, not of REVERIE",
+            "wrong-type",
+            "[0].trajectory",
+            "a trajectory that is an object with a path, as in SOON",
             id="SOON",
         ),
         pytest.param(
             [{**RECORD, "trajectory": {"path": [["a"]]}}],
-            "other-task",
-            "file",
-            "holds results of SOON, not of REVERIE",
-            id="SOON as DUET writes it",
-        ),
-        pytest.param(
-            [{**RECORD, "instr_id": 0}],
             "wrong-type",
-            "[0].instr_id",
-            "got 0; expected the episode's id as text",
-            id="SOON's ids",
+            "[0].trajectory",
+            "a trajectory that is an object with a path, as in SOON",
+            id="SOON as DUET writes it",
         ),
         pytest.param(
             {"7_1_0": {**RECORD, "instr_id": None}},
@@ -433,10 +426,10 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
             RECORD, "not-a-list", "file", "expected a list of predictions", id="record alone"
         ),
         pytest.param(
-            answering(pred_objid=["402"]),
+            answering(pred_objid=["402", "17"]),
             "wrong-type",
             "[0].pred_objid",
-            "got ['402']; expected an object id",
+            "got ['402', '17']; expected an object id",
             id="list under DUET's key",
         ),
         pytest.param(

@@ -115,7 +115,7 @@ def of_record(report: Callable[[], Problem], code: str, field: str, message: str
             "is a zip archive with 4 files: 'a', 'b', 'c' and 1 more; pack only the result file",
         ),
         of_file(
-            lambda: problems.not_a_list(17),
+            lambda: problems.not_a_list(17, REVERIE),
             "not-a-list",
             f'holds 17; expected a list of predictions: [{{"instr_id": ..., "trajectory": '
             f'[{POSE_FORM}, ...], "predObjId": ...}}, ...]',
@@ -213,18 +213,27 @@ def of_record(report: Callable[[], Problem], code: str, field: str, message: str
             "has '7_1_0' twice; keep the right one",
         ),
         of_record(
-            lambda: problems.ids_of_another_split(1, "test", "val_unseen", RECORD, "7_1_0"),
+            lambda: problems.results_of_other_splits({"test": 1}, "val_unseen", RECORD, "7_1_0"),
             "other-split",
             ".instr_id",
-            "1 id looks like test ids, the first is 7_1_0; score the file as test, or send the "
-            "predictions for val_unseen",
+            "holds test (1 record), and no episode of val_unseen; the first is '7_1_0': score the "
+            "file as test, or send the predictions for val_unseen",
         ),
         of_record(
-            lambda: problems.ids_of_another_split(1_200, "test", "val_unseen", RECORD, "7_1_0"),
+            lambda: problems.results_of_other_splits(
+                {"train": 1_200, "test": 2}, "val_unseen", RECORD, "7_1_0"
+            ),
             "other-split",
             ".instr_id",
-            "1,200 ids look like test ids, the first is 7_1_0; score the file as test, or send the "
-            "predictions for val_unseen",
+            "holds train (1,200 records) and test (2 records), and no episode of val_unseen; the "
+            "first is '7_1_0': send the predictions for val_unseen",
+        ),
+        of_file(
+            lambda: problems.positions(40, 42, [1.5, 0.1, -2.5]),
+            "continuous-environment",
+            "40 of its 42 paths are positions, such as [1.5, 0.1, -2.5], of a continuous "
+            "environment (VLN-CE, RxR-Habitat); only viewpoints of the navigation graph can be "
+            "scored",
         ),
         of_record(
             lambda: problems.wrong_type(RECORD, 7, "an object"),

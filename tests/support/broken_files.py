@@ -18,6 +18,7 @@ from typing import Any
 
 from reverie_eval import GroundTruth, SubmissionError, validate
 from reverie_eval.ground_truth import find_ground_truth
+from tests.conftest import SAMPLES
 from tests.support.forms import OFFICIAL, Record
 from tests.support.worlds import SPLIT
 
@@ -159,6 +160,10 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "object ids as decimals in text": answers(lambda answer: f"{abs(answer)}.0"),
         "object ids with a name": answers(lambda answer: f"obj_{answer}"),
         "object ids in lists": answers(lambda answer: [answer]),
+        "object ids printed by PyTorch": answers("tensor({}, device='cuda:0')".format),
+        "object ids printed by TensorFlow": answers("tf.Tensor({}, shape=(), dtype=int64)".format),
+        "object ids printed by numpy": answers("[{}]".format),
+        "object ids with a line end": answers("{}\r\n".format),
         "object ids as probabilities": answers(lambda _: 0.25),
         "object ids as booleans": answers(lambda answer: answer > 0),
         "object ids as NaN": answers(lambda _: float("nan")),
@@ -172,7 +177,16 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "only the tasks' ids": first_of_tasks,
         "the prefix r2r_": ids("r2r_{}".format),
         "the prefix val_unseen_": ids("val_unseen_{}".format),
+        "a prefix of two parts": lambda records: [
+            {**record, "instr_id": f"x_{row}_{record['instr_id']}"}
+            for row, record in enumerate(records)
+        ],
+        "ids without the object": ids(lambda it: "_".join(it.split("_")[::2])),
+        "ids without the path": ids(lambda it: it.partition("_")[2]),
         "a space after every id": ids("{} ".format),
+        "ids with a line end": ids("{}\r\n".format),
+        "ids in lists": ids(lambda instr_id: [instr_id]),
+        "ids printed by numpy": ids("np.str_('{}')".format),
         "ids as numbers": ids(lambda instr_id: int(instr_id.replace("_", ""))),
         "ids of another split": lambda records: [
             {**record, "instr_id": instr_id}
@@ -189,6 +203,10 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
             {**records[0], "predObjId": 12345},
         ],
         "no records": lambda _: [],
+        "val_seen and val_unseen": lambda records: [
+            *records,
+            *({**records[0], "instr_id": instr_id} for instr_id in _val_seen_ids()),
+        ],
         # Poses.
         "poses as objects": poses(
             lambda pose: {"viewpoint": pose[0], "heading": pose[1], "elevation": pose[2]}
@@ -199,6 +217,12 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "viewpoints with spaces": poses(lambda pose: [f" {pose[0]}", *pose[1:]]),
         "one unknown viewpoint": in_one(lambda _: {"trajectory": [["ffff", 0, 0]]}),
         "angles as text": poses(lambda pose: [pose[0], str(pose[1]), str(pose[2])]),
+        "angles printed by PyTorch": poses(
+            lambda pose: [pose[0], *map("tensor({})".format, pose[1:])]
+        ),
+        "angles in lists": poses(lambda pose: [pose[0], *([angle] for angle in pose[1:])]),
+        "poses in lists": poses(lambda pose: [pose]),
+        "viewpoints with a line end": poses(lambda pose: [f"{pose[0]}\n", *pose[1:]]),
         "a heading without elevation": poses(lambda pose: pose[:2]),
         "an angle that is NaN": in_one(
             lambda record: {"trajectory": [[record["trajectory"][0][0], float("nan"), 0.0]]}
@@ -206,9 +230,20 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "empty trajectories": in_every(lambda _: {"trajectory": []}),
         "no start viewpoint": in_every(lambda record: {"trajectory": record["trajectory"][1:]}),
         "trajectories as text": in_every(lambda record: {"trajectory": str(record["trajectory"])}),
-        "SOON's trajectories": in_every(
-            lambda record: {"trajectory": [{"path": record["trajectory"]}]}
+        "trajectories in objects, as in SOON": in_every(
+            lambda record: {"trajectory": {"path": record["trajectory"]}}
         ),
+        "several trajectories, as in SOON": in_every(
+            lambda record: {"trajectory": [{"path": record["trajectory"]}] * 2}
+        ),
+        "positions of RxR-Habitat": lambda records: b"\n".join(
+            json.dumps({"instruction_id": row, "path": [[1.5, 0.1, -2.5]]}).encode()
+            for row, _ in enumerate(records)
+        ),
+        "positions of VLN-CE": lambda records: {
+            str(row): [{"position": [1.5, 0.1, -2.5], "heading": 0.5, "stop": True}]
+            for row, _ in enumerate(records)
+        },
         # Boxes.
         "null boxes without object ids": lambda records: [
             {**record, "predBox": None}
@@ -256,6 +291,10 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         '{"results": {...}}': lambda records: {
             "results": {record["instr_id"]: record for record in records}
         },
+        '{"val_seen": [...], "val_unseen": [...]}': lambda records: {
+            "val_seen": [{**records[0], "instr_id": instr_id} for instr_id in _val_seen_ids()],
+            "val_unseen": records,
+        },
         "one list per process": lambda records: [records[:40], records[40:]],
         "two files joined": lambda records: text(records[:40]) + b"\n" + text(records[40:]),
         "JSON within JSON": lambda records: json.dumps(text(records).decode()).encode(),
@@ -298,6 +337,83 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
 """Every mistake, by what it is."""
 
 
+def walks(change: Callable[[Record], Mapping[str, Any]]) -> Mistake:
+    """Return what changes every trajectory of SOON's items."""
+    return in_every(
+        lambda record: {"trajectory": [dict(change(it)) for it in record["trajectory"]]}
+    )
+
+
+def respelt(old: str, new: str) -> Callable[[Record], Mapping[str, Any]]:
+    """Return what writes a field of a trajectory under another name."""
+    return lambda walk: {(new if name == old else name): value for name, value in walk.items()}
+
+
+MISTAKES_OF_TASKS: Mapping[str, tuple[str, Mistake]] = MappingProxyType(
+    {
+        "NDH: inst_idx written instIdx": ("ndh", renamed("inst_idx", "instIdx")),
+        "NDH: numbers as decimals": (
+            "ndh",
+            in_every(lambda record: {"inst_idx": float(record["inst_idx"])}),
+        ),
+        "NDH: NaviLLM's prefix": (
+            "ndh",
+            lambda records: [
+                {**record, "inst_idx": f"cvdn_{row}_{record['inst_idx']}"}
+                for row, record in enumerate(records)
+            ],
+        ),
+        "R2R: paths without the instruction": (
+            "r2r",
+            ids(lambda instr_id: int(instr_id.partition("_")[0])),
+        ),
+        "RxR: paths without the instruction": (
+            "rxr",
+            ids(lambda instr_id: int(instr_id.partition("_")[0])),
+        ),
+        "SOON: obj_heading written objHeading": (
+            "soon",
+            walks(respelt("obj_heading", "objHeading")),
+        ),
+        "SOON: path written traj": ("soon", walks(respelt("path", "traj"))),
+        "SOON: no points": ("soon", walks(lambda walk: {"path": walk["path"]})),
+        "SOON: points printed by PyTorch": (
+            "soon",
+            walks(
+                lambda walk: (
+                    walk
+                    | {
+                        key: None if walk[key] is None else f"tensor([{walk[key]}])"
+                        for key in ("obj_heading", "obj_elevation")
+                    }
+                )
+            ),
+        ),
+        "SOON: lists of poses": (
+            "soon",
+            lambda records: [
+                {**record, "trajectory": walk["path"]}
+                for record in records
+                for walk in record["trajectory"]
+            ],
+        ),
+        "SOON: DUET's ids": ("soon", in_every(lambda _: {"instr_id": "4-0_0"})),
+    }
+)
+"""Mistakes in files of the other tasks, with the task of each."""
+
+
+def message_about_task(name: str) -> str:
+    """Return what is said about the file of another task with a mistake."""
+    task, mistake = MISTAKES_OF_TASKS[name]
+    records = json.loads((SAMPLES / f"{task}.json").read_bytes())
+    try:
+        validate(json.dumps(mistake(records)).encode(), split=SPLIT, task=task)
+    except SubmissionError as error:
+        return str(error)
+    return ""
+
+
 def broken(name: str) -> bytes:
     """Return the file with a mistake."""
     made = MISTAKES[name]([dict(record) for record in OFFICIAL])
@@ -319,7 +435,11 @@ def _val_seen_ids() -> list[str]:
 
 def table(truth: GroundTruth) -> str:
     """Return the table of the documentation: each mistake and the first line about it."""
-    first = {name: message_about(name, truth).splitlines()[1] for name in MISTAKES}
+    told = {
+        **{name: message_about(name, truth) for name in MISTAKES},
+        **{name: message_about_task(name) for name in MISTAKES_OF_TASKS},
+    }
+    first = {name: message.splitlines()[1] for name, message in told.items()}
     rows = [
         f"| {name} | {line.replace('`', '').replace('<', '&lt;')} |" for name, line in first.items()
     ]

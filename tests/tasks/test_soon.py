@@ -437,7 +437,7 @@ def broken(**changes: Any) -> list[dict[str, Any]]:
         ({"obj_heading": ...}, "[2].trajectory[1]", "has no obj_heading; add it"),
         ({"obj_heading": None}, "[2].trajectory[1]", "the other is null; give both or neither"),
         (
-            {"obj_elevation": "0.5"},
+            {"obj_elevation": "up"},
             "[2].trajectory[1].obj_elevation",
             "expected a number of turns, or null",
         ),

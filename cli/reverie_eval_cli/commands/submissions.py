@@ -94,7 +94,7 @@ def validation_json(split: str, problems: Sequence[Problem] = (), notes: Sequenc
     "--split",
     metavar="NAME",
     help="Also fix ids that this split does not have: prefixes, spaces, instructions counted "
-    "from 1.",
+    "from 1; and leave out records of other splits.",
 )
 @options.ground_truth
 @options.task

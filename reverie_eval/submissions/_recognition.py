@@ -1,0 +1,365 @@
+"""What a file is: decided in one place, by its form and by all of its ids, before any advice.
+
+A file is one of the task if the split has its ids, or has them once a mistake that they share is
+corrected. Only a file that is not can be advised to be scored as another task's, and only if its
+form or its ids are that task's alone: numbers, for one, are ids in three of the tasks, and counts
+in many other files.
+"""
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, TypeAlias
+
+from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._answers import predicts
+from reverie_eval.submissions._document import is_integer, is_list, is_number
+from reverie_eval.submissions._fields import ID_KEYS, id_key_of, means_trajectory
+from reverie_eval.submissions._items import has_point, is_item
+from reverie_eval.submissions._predictions import MOST, Signs
+from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._unknown_ids import Ids, Place, correct_instr_ids
+from reverie_eval.submissions._values import unwrap
+from reverie_eval.tasks import BUILT_IN, Task, find_task
+
+_POSITION_KEYS = ("position", "pos", "location", "agent_position", "xyz")
+_PATHS_OF_POSITIONS = ("positions", "locations", "waypoints", "poses", "states")
+_AXES = ("x", "y", "z")
+_MOST_COORDINATES = 7
+"""A position and a rotation: x, y, z and a quaternion."""
+_NEARLY_ALL = 0.9
+"""Share of unknown ids that must fit a split's ids without some of their parts."""
+
+_BETWEEN_PARTS = re.compile("[_-]")
+_NUMBER_ID = re.compile(r"[\d#]+")
+"""An id that tells nothing of its task."""
+
+_Records: TypeAlias = Sequence[Mapping[str, Any]]
+
+
+# By the form alone.
+
+
+def check_viewpoints(document: Any) -> None:
+    """Raise one SubmissionError for a file of a continuous environment, which has positions.
+
+    VLN-CE writes ``{"<episode_id>": [{"position": [x, y, z], "heading": h, "stop": b}, ...]}``, and
+    RxR-Habitat a line ``{"instruction_id": n, "path": [[x, y, z], ...]}`` for each episode [1]_.
+
+    References
+    ----------
+    .. [1] jacobkrantz/VLN-CE 729d141, vlnce_baselines/common/base_il_trainer.py, lines 597-625
+    """
+    if isinstance(document, Mapping):
+        # The records by their ids, or the list of records under a key.
+        records = list(document.values())
+        records += [each for value in records if is_list(value) for each in value[:1]]
+        records = records if _walk_of(document) is None else [document]
+    else:
+        records = list(document) if is_list(document) else []
+    walks = [walk for walk in map(_walk_of, records) if walk is not None]
+    found = [walk for walk in walks if all(map(_is_position, walk))]
+    has_fractions = any(map(_has_fractions, found))
+    if found and has_fractions and len(found) > MOST * len(walks):
+        raise SubmissionError([problems.positions(len(found), len(walks), found[0][0])])
+
+
+def _walk_of(record: Any) -> Sequence[Any] | None:
+    """Return the elements of a record's path; None for what is not a record."""
+    if is_list(record) and record and not _are_coordinates(record):
+        return record
+    if not isinstance(record, Mapping):
+        return None
+    named = (key for key in record if means_trajectory(key) or key in _PATHS_OF_POSITIONS)
+    return next((record[key] for key in named if is_list(record[key]) and record[key]), None)
+
+
+def _is_position(element: Any) -> bool:
+    if isinstance(element, Mapping):
+        return any(_are_coordinates(element.get(key)) for key in _POSITION_KEYS) or all(
+            is_number(element.get(axis)) for axis in _AXES
+        )
+    return _are_coordinates(element)
+
+
+def _are_coordinates(value: Any) -> bool:
+    is_short = is_list(value) and 1 < len(value) <= _MOST_COORDINATES
+    return is_short and all(map(is_number, value))
+
+
+def _has_fractions(walk: Sequence[Any]) -> bool:
+    """Whether these are not viewpoints given by whole numbers, with their angles."""
+    return any(isinstance(each, Mapping) or isinstance(each[0], float) for each in walk)
+
+
+def signs_of(given: _Records, named: _Records, task: Task) -> Signs:
+    """Return what the form of records says, as given and with their fields renamed."""
+    if not given:
+        return Signs()
+    keys = {frozenset(ID_KEYS.intersection(record)) for record in given}
+    (key,) = next(iter(keys)) if len(keys) == 1 and len(next(iter(keys))) == 1 else ("",)
+    ids = [unwrap(record.get(id_key_of(record, task)))[0] for record in named]
+    items = [record for record in named if is_item(record)]
+    return Signs(
+        id_key=key,
+        has_items=len(items) == len(named),
+        has_points=any(map(has_point, items)),
+        has_answers=task.has_targets and any(map(predicts, named)),
+        numbered=frozenset(
+            row for row, each in enumerate(ids) if is_integer(each) and not task.has_numbers
+        ),
+    )
+
+
+# By the form and the ids.
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """What the ids of a file are."""
+
+    instr_ids: Ids
+    """The ids that were meant; None for those that do not tell."""
+    problem: Problem | None = None
+    """Why the file as a whole is not one for the split."""
+    others: Sequence[int] = ()
+    """The rows of records of other splits."""
+    is_unresolved: bool = False
+    """Whether some ids do not tell their episode, so that it is open which episodes are missing."""
+
+
+def recognise_task(ids: Ids, signs: Signs, task: Task, log: ReadingLog, place: Place) -> None:
+    """Raise one SubmissionError for a file of another task, where no ground truth is known."""
+    raw = _raw(ids)
+    looks_ours = 2 * sum(map(task.has_id_like, raw)) >= len(raw)
+    # Numbers look like those of several tasks, so they are looked at in any case.
+    is_ours = looks_ours and not all(map(_NUMBER_ID.fullmatch, raw))
+    other = None if is_ours else _other_task(raw, signs, task)
+    if other is not None:
+        raise SubmissionError([other])
+    for row in sorted(signs.numbered):
+        log.add_fault(problems.NUMBERED_IDS, *place(row), ids[row])
+
+
+def recognise(
+    ids: Ids, signs: Signs, ground_truth: GroundTruth, log: ReadingLog, place: Place
+) -> Recognition:
+    """Return what the ids of a file are, and note the mistakes in them in the log."""
+    known = _KnownIds(ground_truth)
+    corrected = correct_instr_ids(ids, known)
+    raw, task, split = _raw(ids), ground_truth.task, ground_truth.split
+    if not (_knows(corrected.ids, known) and _has_form_of(task, raw, signs)):
+        other = _other_task(raw, signs, task)
+        if other is not None:
+            return Recognition(ids, other)
+    corrected.note(ids, log, place)
+    completed = _complete(corrected.ids, known, log, place)
+    meant = [each if each is None else known.own.get(each, each) for each in completed]
+    of_split = _rows_by_split(meant, known)
+    unknown, there = of_split.pop(None, []), {each for each in meant if each in known.own}
+    numbered = [row for row in unknown if row in signs.numbered]
+    strange = [row for row in unknown if row not in signs.numbered]
+    is_unresolved = completed.count(None) > ids.count(None)
+    if not there and strange:  # then a few are ids of another split by chance
+        strange = sorted([*strange, *(row for rows in of_split.values() for row in rows)])
+        of_split = {}
+    if not there and not is_unresolved:
+        problem = _problem_of_all(ids, of_split, strange, ground_truth, place)
+        if problem is not None:
+            return Recognition(ids, problem)
+    expected = len(ground_truth.episodes.index)
+    names = sorted(name for name in of_split if name is not None)
+    others = sorted(row for rows in of_split.values() for row in rows)
+    for fault, rows in (
+        (problems.records_of_other_splits(names, len(there), expected, split), others),
+        (problems.NUMBERED_IDS, numbered),
+        # A few are told one by one.
+        (problems.unknown_episodes(split, task), strange if len(strange) > SHOWN_PROBLEMS else ()),
+    ):
+        for row in rows:
+            log.add_fault(fault, *place(row), ids[row])
+            meant[row] = None
+    is_unresolved |= bool(raw) and not there
+    return Recognition(meant, None, others, is_unresolved)
+
+
+def _rows_by_split(ids: Ids, known: "_KnownIds") -> dict[str | None, list[int]]:
+    """Group the rows of ids that the split does not have by the split that has them, if any."""
+    rows: defaultdict[str | None, list[int]] = defaultdict(list)
+    for row, each in enumerate(ids):
+        if each is not None and each not in known.own:
+            rows[known.split_of.get(each)].append(row)
+    return dict(rows)
+
+
+class _KnownIds:
+    """The ids of all episodes that the ground truth knows of."""
+
+    def __init__(self, ground_truth: GroundTruth) -> None:
+        episodes = ground_truth.episodes
+        self.ground_truth = ground_truth
+        short = episodes.by_short_id if ground_truth.task.has_short_ids else {}
+        full = {each: each for each in episodes.index}
+        self.own: Mapping[Any, str] = {**short, **full}
+        """The episodes of the split by their ids."""
+        self.split_of: Mapping[Any, str] = {
+            each: split
+            for split, instr_ids in ground_truth.other_splits.items()
+            for each in instr_ids.tolist()
+            if each not in self.own
+        }
+        """The other splits of the dataset by the ids of their episodes."""
+
+    def __contains__(self, instr_id: object) -> bool:
+        return instr_id in self.own or instr_id in self.split_of
+
+
+def _problem_of_all(
+    ids: Ids,
+    of_split: Mapping[str | None, Sequence[int]],
+    unknown: Sequence[int],
+    ground_truth: GroundTruth,
+    place: Place,
+) -> Problem | None:
+    """Return the one problem of a file without any episode of the split."""
+    if of_split:
+        counts = {str(other): len(rows) for other, rows in of_split.items()}
+        row = min(rows[0] for rows in of_split.values())
+        return problems.results_of_other_splits(
+            counts, ground_truth.split, place(row)[0], str(ids[row])
+        )
+    if unknown and ground_truth.is_demo:
+        first = str(ids[unknown[0]])
+        return problems.ids_outside_demo(len(unknown), first, ground_truth.split, ground_truth.task)
+    return None
+
+
+def _raw(ids: Ids) -> Sequence[str]:
+    """Return ids as the records have them: those of an item's trajectories have its own."""
+    return [each.partition("#")[0] for each in ids if each is not None]
+
+
+def _knows(ids: Ids, known: _KnownIds) -> bool:
+    """Whether most ids are known; a few may be by chance."""
+    given = [each for each in ids if each is not None]
+    return 2 * sum(each in known for each in given) >= len(given)
+
+
+def _has_form_of(task: Task, raw: Sequence[str], signs: Signs) -> bool:
+    """Whether the form of a file is that of a task; ids that are not mere numbers tell more."""
+    if not all(map(_NUMBER_ID.fullmatch, raw)):
+        return True
+    return signs.has_items == task.has_items or (signs.has_items and not signs.has_points)
+
+
+def _other_task(raw: Sequence[str], signs: Signs, task: Task) -> Problem | None:
+    """Return the problem of a file that is another task's, by its form or by all of its ids."""
+    others = [find_task(name) for name in BUILT_IN if name != task.name]
+    are_numbers = all(map(_NUMBER_ID.fullmatch, raw))
+    looks_ours = bool(raw) and all(map(task.has_id_like, raw)) and not are_numbers
+    for other in others if raw else ():
+        if signs.has_items and other.has_items and not (task.has_items or looks_ours):
+            sign = "their trajectories are objects with a path"
+            return problems.results_of_another_task(task, other, sign)
+        if are_numbers and signs.id_key in set(other.id_keys) - set(task.id_keys):
+            sign = f"their ids are in {signs.id_key!r}"
+            return problems.results_of_another_task(task, other, sign)
+    found = [
+        other
+        for other in _tasks_with_such_ids(raw, task)
+        if signs.has_items == other.has_items and (other.has_targets or not signs.has_answers)
+    ]
+    return problems.ids_of_another_task(len(raw), raw[0], task, found) if found else None
+
+
+def _tasks_with_such_ids(raw: Sequence[str], task: Task) -> Sequence[Task]:
+    """Return the tasks whose ids look most like all of these; none if this task's do."""
+    if all(map(_NUMBER_ID.fullmatch, raw)):
+        return []
+    known = [task, *(find_task(name) for name in BUILT_IN if name != task.name)]
+    alike = [each for each in known if all(map(each.has_id_like, raw))]
+    # Of two tasks, the ids of one may all look like the other's: RxR's as R2R's, but not R2R's as
+    # RxR's. The narrower form says more.
+    narrow = [each for each in alike if not any(_is_wider(each, other) for other in alike)]
+    return [] if task in narrow else narrow
+
+
+def _is_wider(task: Task, other: Task) -> bool:
+    return task.has_id_like(other.id_example) and not other.has_id_like(task.id_example)
+
+
+# Ids without some of their parts.
+
+
+def _complete(ids: Ids, known: _KnownIds, log: ReadingLog, place: Place) -> list[str | None]:
+    """Return ids with the parts that they lack, or None where several episodes fit."""
+    completed = list(ids)
+    foreign = [row for row, each in enumerate(ids) if each is not None and each not in known.own]
+    unknown = [row for row in foreign if ids[row] not in known]
+    # Without its object, an id of a path may be one of another split by chance.
+    for rows in (foreign, unknown) if unknown else ():
+        found = _find_parts({row: str(ids[row]) for row in rows}, known.ground_truth)
+        if found is None:
+            continue
+        lacking, fitting = found
+        count = Counter(each for fits in fitting.values() for each in fits)
+        several = [row for row, fits in fitting.items() if len(fits) > 1 or count[fits[0]] > 1]
+        reason = ""
+        if several:
+            fit = (
+                "1 of these ids fits" if len(several) == 1 else f"{len(several):,} of these ids fit"
+            )
+            reason = f"{fit} several episodes, so the file does not tell which is meant"
+        fault = problems.incomplete_ids(lacking, _form_of_ids(known.ground_truth), reason)
+        for row, fits in fitting.items():
+            log.add_fault(fault, *place(row), ids[row])
+            completed[row] = None if several else fits[0]
+        break
+    return completed
+
+
+def _find_parts(
+    given: Mapping[int, str], ground_truth: GroundTruth
+) -> tuple[Sequence[str], Mapping[int, Sequence[str]]] | None:
+    """Return the names of the parts that nearly all ids lack, and the episodes that each fits."""
+    full = {each: _BETWEEN_PARTS.split(each) for each in ground_truth.episodes.index}
+    names = _names_of_parts(ground_truth)
+    best, most = None, _NEARLY_ALL * len(given)
+    for lacking in _combinations(len(names)):
+        by_rest: defaultdict[str, list[str]] = defaultdict(list)
+        for instr_id, parts in full.items():
+            rest = [part for index, part in enumerate(parts) if index not in lacking]
+            by_rest["_".join(rest) if lacking else "".join(rest)].append(instr_id)
+        fitting = {
+            row: by_rest[key]
+            for row, each in given.items()
+            if (key := _BETWEEN_PARTS.sub("_", each)) in by_rest
+        }
+        if len(fitting) > most or (best is None and len(fitting) >= most):
+            best, most = ([names[index] for index in lacking], fitting), len(fitting)
+    return best
+
+
+def _combinations(number: int) -> Iterator[Sequence[int]]:
+    """Yield the places of parts that may be left out, the last part first; none are the marks."""
+    if number > 1:
+        yield ()
+    for count in range(1, number):
+        yield from sorted(combinations(range(number), count), reverse=True)
+
+
+def _names_of_parts(ground_truth: GroundTruth) -> Sequence[str]:
+    """Return the names of the parts of a split's ids; REVERIE's of test have a part less."""
+    counts = {len(_BETWEEN_PARTS.split(each)) for each in ground_truth.episodes.index}
+    names = ground_truth.task.id_parts
+    if counts == {len(names)}:
+        return names
+    return ("task id", names[-1]) if counts == {2} and names else ()
+
+
+def _form_of_ids(ground_truth: GroundTruth) -> str:
+    return "_".join(f"<{name}>" for name in _names_of_parts(ground_truth))

@@ -1,4 +1,4 @@
-"""The Matterport3D simulator without its C++: ``MatterSim`` computes the states of an agent.
+"""The Matterport3D simulator without its C++: ``MatterSim`` has its states and pictures.
 
 ``import MatterSim`` finds the same file if :data:`FOLDER` is on ``PYTHONPATH``.
 """

@@ -325,13 +325,6 @@ def test_what_came_before_an_error_has_happened(graphs: Path) -> None:
     assert (moved.scanId, moved.heading, other.scanId) == ("nowhere", TURN, "house")
 
 
-def test_pictures_are_not_to_be_had(graphs: Path) -> None:
-    new = MatterSim.Simulator()
-    new.setNavGraphPath(str(graphs))
-    with pytest.raises(NotImplementedError, match="setRenderingEnabled"):
-        new.newEpisode(["house"], ["centre"], [0], [0])
-
-
 def change(**fields: object) -> Callable[[list[Any]], object]:
     def changed(viewpoints: list[Any]) -> object:
         viewpoints[1].update(fields)

@@ -23,9 +23,9 @@ def simulator(*, path: bool, folder: Path | None) -> None:
       export PYTHONPATH=$(reverie-eval simulator --path)
       reverie-eval simulator --copy my-project
 
-    MatterSim.py is one file that needs numpy alone. It computes the states of the Matterport3D
-    simulator from connectivity files, but no pictures. `pip install mattersim` is something else, a
-    model of materials.
+    MatterSim.py is one file that needs numpy alone, and Pillow for pictures. It computes the states
+    of the Matterport3D simulator from connectivity files, number for number. `pip install
+    mattersim` is something else, a model of materials.
     """  # noqa: D301  # click keeps the lines of a paragraph that begins with it
     from reverie_eval.simulator import FOLDER
 

@@ -1,8 +1,9 @@
-"""The Matterport3D simulator's states, from connectivity files and numpy alone.
+"""The Matterport3D simulator from connectivity files and numpy alone.
 
 It stands in for ``import MatterSim`` where the original cannot be built: the same classes, methods,
-defaults, errors and numbers, for both generations of its interface. There are no pictures: switch
-rendering off, as everybody does who trains on features.
+defaults, errors and numbers, for both generations of its interface. Pictures are rendered from the
+skyboxes that ``scripts/downsize_skybox.py`` of the original makes, and need Pillow too; without
+skyboxes, switch rendering off, as everybody does who trains on features.
 
 The rules are those of ``src/lib/MatterSim.cpp``, ``src/lib/NavGraph.cpp`` and
 ``src/lib_python/MatterSimPython.cpp`` in github.com/peteanderson80/Matterport3DSimulator at 589d091
@@ -117,8 +118,8 @@ class SimState:
 
     scanId = _read_only("scanId", "The building; empty before the first episode.")
     step = _read_only("step", "Actions since the episode began.")
-    rgb = _read_only("rgb", "uint8 of shape (height, width, 3): black.")
-    depth = _read_only("depth", "uint16 of shape (height, width, 1): zero.")
+    rgb = _read_only("rgb", "uint8 of shape (height, width, 3), blue first; black if not rendered.")
+    depth = _read_only("depth", "uint16 of shape (height, width, 1); zero if not rendered.")
     location = _read_only("location", "The agent's viewpoint; None before the first episode.")
     heading = _read_only("heading", "Radians to the right of the building's second axis, from 0.")
     elevation = _read_only("elevation", "Radians above the horizon.")
@@ -154,8 +155,8 @@ class Simulator:
     def __init__(self) -> None:
         self._width, self._height, self._vfov = 320, 240, 0.8
         self._lowest, self._highest = -0.94, 0.94
-        self._path = "./connectivity"
-        self._is_rendering = True
+        self._path, self._dataset_path = "./connectivity", "./data/v1/scans/"
+        self._is_rendering, self._has_depth = True, False
         self._is_discretized = False
         self._is_restricted = True
         self._batch_size = 1
@@ -163,13 +164,16 @@ class Simulator:
         self._generation = 0
         """0 until it is initialized, and again after :meth:`close`."""
         self._buildings: Optional[_Buildings] = None
+        self._renderer: Optional[_Renderer] = None
         self._states: List[SimState] = []
 
     # Camera and elevation limits can change at any time. What else is set after initialization is
     # ignored without a word, except that the first generation takes another path of graphs.
 
     def setDatasetPath(self, path: str) -> None:
-        """Ignore the folder of the skyboxes."""
+        """Set the folder with the skyboxes, ``<scan>/matterport_skybox_images/<viewpoint>_...``."""
+        if self._generation != 2:
+            self._dataset_path = _text(path)
 
     def setNavGraphPath(self, path: str) -> None:
         """Set the folder with the connectivity files."""
@@ -177,7 +181,7 @@ class Simulator:
             self._path = _text(path)
 
     def setRenderingEnabled(self, value: bool) -> None:
-        """Set whether pictures are rendered: switch it off, it is on at first."""
+        """Set whether pictures are rendered; at first, they are."""
         if not self._generation:
             self._is_rendering = bool(value)
 
@@ -220,29 +224,28 @@ class Simulator:
         if self._generation != 2:
             self._random = random.Random(operator.index(seed))
 
-    def setPreloadingEnabled(self, value: bool) -> None:
-        """Do nothing: there are no pictures."""
-
     def setDepthEnabled(self, value: bool) -> None:
-        """Do nothing: there are no pictures."""
+        """Set whether depth is rendered, from skyboxes with depth; at first, it is not."""
+        if not self._generation:
+            self._has_depth = bool(value)
+
+    def setPreloadingEnabled(self, value: bool) -> None:
+        """Do nothing: skyboxes are read when an agent comes to them."""
 
     def setCacheSize(self, size: int) -> None:
-        """Do nothing: there are no pictures."""
+        """Do nothing: the skyboxes of the last few viewpoints are kept."""
 
     def init(self) -> None:
-        """Begin in the first generation. Raises NotImplementedError if rendering is on."""
+        """Begin in the first generation. Raises ImportError if rendering is on, without Pillow."""
         self._begin(1)
 
     def initialize(self) -> None:
-        """Begin in the second generation. Raises NotImplementedError if rendering is on."""
+        """Begin in the second generation. Raises ImportError if rendering is on, without Pillow."""
         self._begin(2)
 
     def _begin(self, generation: int) -> None:
         if self._is_rendering:
-            raise NotImplementedError(
-                "MatterSim: there are no pictures without the original simulator; call "
-                "setRenderingEnabled(False) before init or initialize"
-            )
+            self._renderer = _Renderer(self._width, self._height, self._vfov)
         # In the second generation, a second call adds as many agents again, as in the original.
         number = self._batch_size if generation == 2 else 1 - len(self._states)
         self._states += [SimState(self._width, self._height) for _ in range(number)]
@@ -385,6 +388,19 @@ class Simulator:
                 relative = rel_heading, place.elevation - state._elevation, place.distance
                 seen.append(ViewPoint(place.viewpointId, place.ix, place.xyz, *relative))
             state._navigable = [location, *sorted(seen, key=_from_centre)]
+            if self._is_rendering and self._renderer is not None:
+                self._render(self._renderer, state, location, building.rotation(location._ix))
+
+    def _render(
+        self, renderer: "_Renderer", state: SimState, location: ViewPoint, rotation: np.ndarray
+    ) -> None:
+        """Set the pictures of a state."""
+        folder = f"{self._dataset_path}/{state._scanId}/matterport_skybox_images"
+        skybox = f"{folder}/{location._viewpointId}_skybox"
+        sight = renderer.look(rotation, state._heading, state._elevation)
+        state._rgb = renderer.colours(skybox + "_small.jpg", sight)
+        if self._has_depth:
+            state._depth = renderer.depths(skybox + "_depth_small.png", sight)
 
     def _building(self, scan: str) -> "_Building":
         if self._generation == 1:
@@ -433,6 +449,7 @@ class _Building:
         self._indices = {name: ix for ix, name in reversed(list(enumerate(self._ids)))}
         self._included = table["included"]
         self._xyz = table["xyz"]
+        self._rotation = table["rotation"]
         self._unobstructed = table["unobstructed"]
         self._neighbours: Dict[int, _Neighbours] = {}
         self._seen: Dict[Tuple[int, float, float], List[Tuple[_Place, float]]] = {}
@@ -449,6 +466,11 @@ class _Building:
                 f"MatterSim: ViewpointId: {viewpointId}, is excluded from the connectivity graph."
             )
         return ViewPoint(viewpointId, ix, tuple(self._xyz[ix].tolist()))
+
+    def rotation(self, ix: int) -> np.ndarray:
+        """Return how the skybox of a viewpoint is turned, shape (3, 3)."""
+        rotation: np.ndarray = self._rotation[ix].reshape(3, 3)
+        return rotation
 
     def random_viewpoint(self, source: random.Random) -> str:
         """Return any viewpoint where one can be. Raises RuntimeError if there is none."""
@@ -570,6 +592,154 @@ def _atan2f(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     return signed
 
 
+# Pictures. A skybox is a strip of six square faces of a cube around the viewpoint.
+
+_UP, _FRONT, _RIGHT, _BACK, _LEFT, _DOWN = range(6)
+"""The place of each face in the strip, in the cube's own directions: y, z, x, -z, -x and -y."""
+_STEPS = 64
+"""Pixels are blended from their four neighbours in this many steps along each side."""
+_BITS = 12
+"""Of the product of two numbers of steps."""
+_LANES = 0, 21, 42
+"""The first bits of red, green and blue in an integer of 64 bits: one product blends all three."""
+_SKYBOXES_KEPT = 8
+
+
+class _Sight(NamedTuple):
+    """Where each pixel of a view is in the strip, arrays of shape (height * width,)."""
+
+    face: np.ndarray
+    across: np.ndarray
+    """In [-1, 1] from the left edge of the face to the right one."""
+    down: np.ndarray
+
+
+class _Renderer:
+    """Renders views of skyboxes, as the original does by a cube map."""
+
+    def __init__(self, width: int, height: int, vfov: float) -> None:
+        try:
+            from PIL import Image
+        except ImportError:
+            raise ImportError(
+                "MatterSim: pictures need Pillow (pip install pillow); without them, call "
+                "setRenderingEnabled(False) before init or initialize"
+            ) from None
+        self._open = Image.open
+        self._shape = height, width
+        # Of the ray through each pixel: to the right and upwards, for each metre forwards.
+        slope = math.tan(vfov / 2.0)
+        right = ((np.arange(width) + 0.5) * 2.0 / width - 1.0) * slope * width / height
+        upwards = ((np.arange(height) + 0.5) * 2.0 / height - 1.0) * slope
+        self._right, self._upwards = right.astype(np.float32), upwards.astype(np.float32)[:, None]
+        self._skyboxes: Dict[str, np.ndarray] = {}
+
+    def look(self, rotation: np.ndarray, heading: float, elevation: float) -> _Sight:
+        """Return where the pixels are of a view with this heading and elevation."""
+        # The original turns the camera upside down, because OpenGL's first row is the lowest.
+        view = _turned(0, elevation - math.pi / 2.0).dot(_turned(2, math.pi + heading))
+        x, y, z = (
+            (right * self._right + (up * self._upwards - forwards)).ravel()
+            for right, up, forwards in view.dot(rotation).T.astype(np.float32)
+        )
+        along_x, along_y, along_z = np.abs(x), np.abs(y), np.abs(z)
+        face = np.where(z > 0, _FRONT, _BACK).astype(np.int32)
+        across, down, depth = np.where(z > 0, x, -x), -y, along_z
+        (side,) = np.nonzero((along_x >= along_y) & (along_x >= along_z))
+        is_right = x[side] > 0
+        face[side] = np.where(is_right, _RIGHT, _LEFT)
+        across[side] = np.where(is_right, -z[side], z[side])
+        depth[side] = along_x[side]
+        (level,) = np.nonzero((along_y >= along_z) & (along_y > along_x))
+        is_up = y[level] > 0
+        face[level] = np.where(is_up, _UP, _DOWN)
+        across[level] = x[level]
+        down[level] = np.where(is_up, z[level], -z[level])
+        depth[level] = along_y[level]
+        return _Sight(face, across / depth, down / depth)
+
+    def colours(self, file: str, sight: _Sight) -> np.ndarray:
+        """Return a view in colours, blended from neighbours within a face."""
+        packed = self._strip(file, "RGB")
+        size = len(packed)
+        column, right = _place(sight.across, size)
+        row, lower = _place(sight.down, size)
+        index = (row * 6 + sight.face) * size + column
+        left, upper = np.uint64(_STEPS) - right, np.uint64(_STEPS) - lower
+        pixels = packed.ravel()
+        above = pixels.take(index) * left + pixels.take(index + 1) * right
+        index += 6 * size
+        below = pixels.take(index) * left + pixels.take(index + 1) * right
+        blended = above * upper + below * lower
+        blended += np.uint64(sum(1 << (_BITS - 1 + lane) for lane in _LANES))  # to round
+        view = np.empty((*self._shape, 3), np.uint8)
+        for channel, lane in enumerate(reversed(_LANES)):
+            shifted = blended >> np.uint64(_BITS + lane)
+            view[..., channel] = shifted.astype(np.uint8).reshape(self._shape)
+        return view
+
+    def depths(self, file: str, sight: _Sight) -> np.ndarray:
+        """Return a view in depth along the camera's axis: skyboxes have it along each ray."""
+        strip = self._strip(file, "I")
+        size = len(strip)
+        row, column = (
+            np.clip((side + 1) * (size / 2), 0, size - 1).astype(np.int32)
+            for side in (sight.down, sight.across)
+        )
+        along_axis = 1.0 / np.sqrt(1.0 + self._right**2 + self._upwards**2)
+        view = strip[row, sight.face * size + column].reshape(self._shape) * along_axis
+        rounded: np.ndarray = (view + 0.5).astype(np.uint16)[..., None]
+        return rounded
+
+    def _strip(self, file: str, mode: str) -> np.ndarray:
+        strip = self._skyboxes.pop(file, None)
+        if strip is None:
+            strip = self._read(file, mode)
+        while len(self._skyboxes) >= _SKYBOXES_KEPT:
+            del self._skyboxes[next(iter(self._skyboxes))]  # used longest ago
+        self._skyboxes[file] = strip
+        return strip
+
+    def _read(self, file: str, mode: str) -> np.ndarray:
+        try:
+            with self._open(file) as opened:
+                strip = np.asarray(opened.convert(mode))
+        except OSError:
+            raise ValueError(
+                f"MatterSim: Could not open skybox {'RGB' if mode == 'RGB' else 'depth'} files at: "
+                f"{file}"
+            ) from None
+        if strip.shape[1] != 6 * strip.shape[0]:
+            raise ValueError(
+                f"MatterSim: {file} has {strip.shape[1]} x {strip.shape[0]} pixels; expected six "
+                "square faces beside each other"
+            )
+        if mode == "I":
+            return strip
+        packed = np.zeros(strip.shape[:2], np.uint64)
+        for channel, lane in enumerate(_LANES):
+            packed |= strip[..., channel].astype(np.uint64) << np.uint64(lane)
+        return packed
+
+
+def _turned(axis: int, angle: float) -> np.ndarray:
+    """Return a rotation about an axis, shape (3, 3)."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    rotation = np.eye(3)
+    rotation[first, first] = rotation[second, second] = cosine
+    rotation[first, second], rotation[second, first] = -sine, sine
+    return rotation
+
+
+def _place(side: np.ndarray, size: int) -> Tuple[np.ndarray, np.ndarray]:
+    """Return the pixel at or before each place along a face, and how many steps follow it."""
+    steps = np.clip((side + 1) * (size / 2) - 0.5, 0, size - 1) * _STEPS + 0.5
+    whole = steps.astype(np.int32)
+    pixel = np.minimum(whole // _STEPS, size - 2)
+    return pixel, (whole - pixel * _STEPS).astype(np.uint64)
+
+
 class _Buildings:
     """The buildings of a folder, each read when somebody first enters it."""
 
@@ -630,10 +800,14 @@ def _building(file: str) -> _Building:
     return building
 
 
+_FORMAT = 1
+"""Of the tables: another number when they have other fields."""
+
+
 def _table(file: str) -> np.ndarray:
     """Read a connectivity file, or the table that was made of it earlier."""
     status = os.stat(file)
-    of = f"{os.path.abspath(file)}\0{status.st_size}\0{status.st_mtime_ns}"
+    of = f"{_FORMAT}\0{os.path.abspath(file)}\0{status.st_size}\0{status.st_mtime_ns}"
     folder = _cache_folder()
     cached = folder and os.path.join(folder, hashlib.sha256(of.encode()).hexdigest() + ".npy")
     try:
@@ -673,6 +847,7 @@ def _parse(file: str) -> np.ndarray:
             ("id", f"S{width}"),
             ("included", "?"),
             ("xyz", "<f4", 3),
+            ("rotation", "<f4", 9),
             ("unobstructed", "?", (len(rows),)),
         ]
         return np.array(rows, fields)
@@ -686,7 +861,7 @@ def _rows(viewpoints: Any) -> List[Any]:
     return [_row(len(viewpoints), *each) for each in enumerate(viewpoints)]
 
 
-def _row(number: int, ix: int, viewpoint: Any) -> Tuple[bytes, bool, List[float], List[bool]]:
+def _row(number: int, ix: int, viewpoint: Any) -> Tuple[Any, ...]:
     where = f"viewpoint {ix}: "
     if not isinstance(viewpoint, dict):
         raise ValueError(where + "it is not an object")
@@ -701,7 +876,8 @@ def _row(number: int, ix: int, viewpoint: Any) -> Tuple[bytes, bool, List[float]
         raise ValueError(where + "pose has no 16 numbers")
     if not (isinstance(unobstructed, list) and len(unobstructed) == number):
         raise ValueError(where + f"unobstructed has no value for each of {number} viewpoints")
-    return name.encode(), bool(included), pose[3:12:4], list(map(bool, unobstructed))
+    rotation = [*pose[0:3], *pose[4:7], *pose[8:11]]
+    return name.encode(), bool(included), pose[3:12:4], rotation, list(map(bool, unobstructed))
 
 
 _FIELDS = "image_id", "included", "pose", "unobstructed"

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from sys import maxsize
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -170,6 +170,12 @@ LISTED_VALUES = Fault(
     "a value in a list of one, such as {example}",
     "write the value alone",
 )
+ARRAYS_OF_ONE = Fault(
+    "wrong-type",
+    "a tensor or an array instead of its value, such as {example}",
+    "use .item()",
+    convert="",
+)
 PADDED_VALUES = Fault(
     "wrong-type",
     "spaces or a line end around a value, such as {example}",
@@ -293,7 +299,7 @@ def records_of_other_splits(others: Sequence[str], found: int, expected: int, sp
     return Fault(
         "other-split",
         f"an id of {' or '.join(others)}, such as {{example}}, beside {there} episodes of {split}",
-        "remove the others",
+        "remove these records",
         _CONVERT_FOR_SPLIT,
     )
 
@@ -373,17 +379,19 @@ def _json(value: object) -> str:
         return "an integer with thousands of digits"
 
 
+def size_of_array(value: Any) -> int | None:
+    """Return the number of values in an array or a tensor; None for anything else."""
+    is_array = hasattr(value, "tolist") and not isinstance(value, np.generic)
+    return math.prod(np.shape(value)) if is_array else None
+
+
 def _array_remedy(found: object) -> str:
     """Say how to turn the arrays or tensors in a value into what JSON would hold."""
     parts = [found, *(found if isinstance(found, list | tuple) else ())]
-    sizes = [
-        math.prod(np.shape(part))
-        for part in parts
-        if hasattr(part, "tolist") and not isinstance(part, np.generic)
-    ]
+    sizes = {size for size in map(size_of_array, parts) if size is not None}
     if not sizes:
         return ""
-    return "; use .item()" if set(sizes) == {1} else "; use .tolist()"
+    return "; use .item()" if sizes == {1} else "; use .tolist()"
 
 
 def _record_problem(code: str, location: RecordLocation, message: str, field: str = "") -> Problem:

@@ -1,4 +1,4 @@
-"""Values that writers did not write as JSON has them: printed tensors, lists of one, line ends.
+"""Values that writers did not write as JSON has them: tensors, lists of one, line ends.
 
 Such a value tells what was meant, whatever field it is in, but no published evaluator reads it.
 """
@@ -41,6 +41,8 @@ def unwrap(value: Any) -> tuple[Any, Fault | None]:
     for _ in range(_MOST_LEVELS):
         if is_list(value) and len(value) == 1:
             (value,), found = value, problems.LISTED_VALUES
+        elif problems.size_of_array(value) == 1:
+            value, found = value.tolist(), problems.ARRAYS_OF_ONE
         elif not isinstance(value, str):
             break
         elif (printed := read_printed(value)) is not None:

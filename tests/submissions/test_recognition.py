@@ -262,7 +262,7 @@ def test_several_splits_in_one_file(others: tuple[str, ...], task: str, *, is_fi
     problem = the_problem_of(document, task)
     assert problem.code == "other-split"
     assert f"an id of {' or '.join(sorted(others))}, such as " in problem.message
-    assert f"episodes of {SPLIT}; remove the others" in problem.message
+    assert f"episodes of {SPLIT}; remove these records" in problem.message
     converted = convert(document, split=SPLIT, task=task)
     assert converted.records == convert(own, split=SPLIT, task=task).records
     assert evaluate(converted.records, split=SPLIT, task=task)["success"] == 1.0

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from reverie_eval import GroundTruth, SubmissionError, evaluate, validate
@@ -183,6 +184,23 @@ def test_a_mistake_of_all_values_is_one_problem_and_can_be_converted(
         {**record, "trajectory": [[it, float(a), float(b)] for it, a, b in record["trajectory"]]}
         for record in OFFICIAL
     ]
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (1, 1)])
+@pytest.mark.parametrize("field", ["predObjId", "trajectory", "instr_id"])
+def test_arrays_of_one_in_python_are_one_problem(
+    field: str, shape: tuple[int, ...], demo: GroundTruth
+) -> None:
+    def array(value: Any) -> object:
+        return np.array(value).reshape(shape)
+
+    write = angles(array) if field == "trajectory" else array
+    records = changed(**{field: write})
+    with pytest.raises(SubmissionError) as rejected:
+        validate(records, split=SPLIT, ground_truth=demo)
+    (problem,) = rejected.value.problems
+    assert problem.message.startswith(f"{len(OFFICIAL)} records have a tensor or an array instead")
+    assert problem.message.endswith("; use .item()")
 
 
 def test_a_mistake_in_several_fields_is_one_problem(demo: GroundTruth) -> None:

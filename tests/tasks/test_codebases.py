@@ -43,7 +43,7 @@ def test_every_protocol_that_a_codebase_scores_by_has_one() -> None:
     }
     released = {(name, rules.name) for name in BUILT_IN for rules in find_task(name).protocols}
     not_of_codebases = {("reverie", it) for it in ("paper", "paper-3m", "r2r-style")}
-    further_paths = {("ndh", "official-v1"), ("ndh", "official-player")}
+    further_paths = {("ndh", "official-player")}
     assert released - used == not_of_codebases | further_paths
 
 

@@ -150,7 +150,9 @@ FILES = "files"
         pytest.param("reverie-eval server to", {"token"}, id="command of a group"),
         pytest.param("reverie-eval server token rev", {"revoke"}, id="command of a group below"),
         pytest.param("reverie-eval submit.json --format la", {"latex"}, id="value of an option"),
-        pytest.param("reverie-eval submit.json --protocol pa", {"paper", "paper-3m"}, id="protocol"),
+        pytest.param(
+            "reverie-eval submit.json --protocol pa", {"paper", "paper-3m"}, id="protocol"
+        ),
         pytest.param("reverie-eval submit.json --track gr", {"grounding"}, id="track"),
         pytest.param("reverie-eval con", {"convert"}, id="another command"),
         pytest.param("reverie-eval agent sh", {"shortest"}, id="agent"),

@@ -101,7 +101,7 @@ def read_answer(
     if not answers:
         log.problems.append(problems.no_answer(location, ANSWER_KEYS[0], BOX_KEY))
         return Answer(ABSTAINED)
-    if disagree(answers.values()):
+    if len(answers) > 1 and disagree(answers.values()):
         log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
     key, value = next(iter(answers.items()))
     log.differences["other key"] += key != ANSWER_KEYS[0]

@@ -126,6 +126,7 @@ def id_key_of(record: Mapping[str, Any], task: Task) -> str:
     return next((key for key in task.id_keys if record.get(key) is not None), task.id_keys[0])
 
 
+@lru_cache(maxsize=1024)
 def means_trajectory(field: object) -> bool:
     """Whether a name is a spelling of a trajectory's field."""
     return isinstance(field, str) and _MARKS.sub("", field.lower()) in _SPELLINGS[TRAJECTORY_KEY]

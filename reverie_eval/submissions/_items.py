@@ -31,6 +31,7 @@ NO_POINT: Point = (np.nan, np.nan)
 
 PATH_KEY = "path"
 _SEPARATOR = "#"
+_NO_OBJECTS = frozenset({list, tuple, str})
 _DUETS_ID = re.compile(r"(?:[A-Za-z]\w*_)?\d+-\d+_\d+")
 """The id of an episode of DUET's own files of SOON; NaviLLM writes a prefix before it."""
 
@@ -39,8 +40,10 @@ def is_item(record: Mapping[str, Any]) -> bool:
     """Whether a record's trajectory is an object or a list of objects."""
     given = record.get(TRAJECTORY_KEY)
     trajectories = given if is_list(given) else [given]
+    if set(map(type, trajectories)) <= _NO_OBJECTS:
+        return False  # nearly always: types are compared by loops in C
     # An object without a path is a pose, which REVERIE's files may have in error.
-    return any(_path_key(each) is not None for each in trajectories)
+    return any(isinstance(each, Mapping) and _path_key(each) for each in trajectories)
 
 
 def has_point(record: Mapping[str, Any]) -> bool:

@@ -79,11 +79,11 @@ def _walk_of(record: Any) -> Sequence[Any] | None:
 
 
 def _is_position(element: Any) -> bool:
-    if isinstance(element, Mapping):
-        return any(_are_coordinates(element.get(key)) for key in _POSITION_KEYS) or all(
-            is_number(element.get(axis)) for axis in _AXES
-        )
-    return _are_coordinates(element)
+    if not isinstance(element, dict):
+        return _are_coordinates(element)
+    return any(_are_coordinates(element.get(key)) for key in _POSITION_KEYS) or all(
+        is_number(element.get(axis)) for axis in _AXES
+    )
 
 
 def _are_coordinates(value: Any) -> bool:
@@ -102,16 +102,23 @@ def signs_of(given: _Records, named: _Records, task: Task) -> Signs:
         return Signs()
     keys = {frozenset(ID_KEYS.intersection(record)) for record in given}
     (key,) = next(iter(keys)) if len(keys) == 1 and len(next(iter(keys))) == 1 else ("",)
-    ids = [unwrap(record.get(id_key_of(record, task)))[0] for record in named]
     items = [record for record in named if is_item(record)]
     return Signs(
         id_key=key,
         has_items=len(items) == len(named),
         has_points=any(map(has_point, items)),
         has_answers=task.has_targets and any(map(predicts, named)),
-        numbered=frozenset(
-            row for row, each in enumerate(ids) if is_integer(each) and not task.has_numbers
-        ),
+        numbered=frozenset() if task.has_numbers else _numbered(named, task),
+    )
+
+
+def _numbered(records: _Records, task: Task) -> frozenset[int]:
+    """Return the rows of records whose ids are numbers."""
+    ids = [record.get(id_key_of(record, task)) for record in records]
+    return frozenset(
+        row
+        for row, each in enumerate(ids)
+        if not isinstance(each, str) and is_integer(unwrap(each)[0])
     )
 
 

@@ -131,11 +131,12 @@ def read_records(
         Smaller problems are in the log, to be reported together with those that alignment finds.
     """
     check_viewpoints(document)
-    document = _unwrap(document, log)
-    check_viewpoints(document)
+    given, document = document, _unwrap(document, log)
+    if document is not given:
+        check_viewpoints(document)
     if isinstance(document, Sized):
         check_record_count(len(document))
-    given = [
+    located = [
         (location, record)
         for location, record in _located_records(document, log, task)
         if _is_record(location, record, log, task)
@@ -143,9 +144,9 @@ def read_records(
     optional = {TRAJECTORY_KEY} if answers_only else set()
     named = [
         (location, _with_known_fields(location, record, log, optional, fields_of(task)))
-        for location, record in given
+        for location, record in located
     ]
-    signs = signs_of([record for _, record in given], [record for _, record in named], task)
+    signs = signs_of([record for _, record in located], [record for _, record in named], task)
     found = [(location, _with_id(location, record, log, task)) for location, record in named]
     if task.has_items:
         records = [

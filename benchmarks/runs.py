@@ -1,7 +1,7 @@
 """How often intervals over several runs of a method contain the truth, in simulated worlds.
 
 ``python benchmarks/runs.py`` prints the shares, the same on every machine, in about ten minutes. It
-fails if a share of the intervals of means is not 93 to 97 %.
+fails if a share of the intervals of means is not 93 to 97 %, give or take a point.
 """
 
 import sys
@@ -19,6 +19,8 @@ RUN_SPREADS = (0.0, 0.05, 0.2)
 LOG_ODDS = {"58 %": 0.5, "7 %": -3.5}
 """By the rate of success to which they lead."""
 ALLOWED = (0.93, 0.97)
+CHANCE = 0.01
+"""How far a share of so many worlds may be off by chance."""
 
 
 def main() -> int:
@@ -35,7 +37,8 @@ def main() -> int:
                         f"{shares.held_difference:.1%} | {100 * shares.width:.1f}",
                         flush=True,
                     )
-                    are_allowed.append(ALLOWED[0] <= shares.held <= ALLOWED[1])
+                    is_allowed = ALLOWED[0] - CHANCE <= shares.held <= ALLOWED[1] + CHANCE
+                    are_allowed.append(is_allowed)
     return int(not all(are_allowed))
 
 

@@ -102,11 +102,10 @@ def _informative(values: FloatArray, cluster: IntArray, bounds: FloatArray) -> I
 
     For a rate, these are the clusters in which something succeeds, or in which something fails.
     """
-    _, row = np.unique(cluster, return_inverse=True)
+    order = np.argsort(cluster, kind="stable")
+    _, first = np.unique(cluster[order], return_index=True)
     counts = []
     for bound in bounds:
-        rows, columns = np.nonzero(np.abs(values - bound) > ROUNDING)
-        differs = np.zeros((row.max() + 1, values.shape[1]), dtype=bool)
-        differs[row[rows], columns] = True
-        counts.append(differs.sum(axis=0))
+        differs = (np.abs(values - bound) > ROUNDING)[order]
+        counts.append(np.logical_or.reduceat(differs, first, axis=0).sum(axis=0))
     return np.asarray(np.minimum(*counts))

@@ -19,14 +19,17 @@ def count_text(number: int, noun: str, plural: str = "") -> str:
     return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"
 
 
-def first_few(names: Iterable[T], limit: int = 3, text: Callable[[T], str] = str) -> str:
-    """List the first few names and count the rest.
+def first_few(
+    names: Iterable[T], limit: int = 3, text: Callable[[T], str] = str, *, of: int = 0
+) -> str:
+    """List the first few names and count the rest; there may be more than are given.
 
-    >>> first_few("abcde")
-    'a, b, c and 2 more'
+    >>> first_few("abcde"), first_few("abcde", of=700)
+    ('a, b, c and 2 more', 'a, b, c and 697 more')
     """
     listed = list(names)
-    more = f" and {len(listed) - limit:,} more" if len(listed) > limit else ""
+    count = max(of, len(listed))
+    more = f" and {count - limit:,} more" if count > limit else ""
     return ", ".join(map(text, listed[:limit])) + more
 
 

@@ -131,7 +131,7 @@ def find_problems(
         if rule.severity == "error" and purpose not in rule.tolerated_by:
             found = rule.find(subject)
             if found.number:
-                examples = first_few(found.examples)
+                examples = first_few(found.examples, of=found.number)
                 message = f"{found} {rule.says}: {examples}. {rule.advice}"
                 yield Problem(rule.code, str(where), message)
 

@@ -74,8 +74,11 @@ class Annotation(Struct, frozen=True, kw_only=True):
 
     @property
     def is_answered(self) -> bool:
-        """Whether the record has what the public file of a private split leaves out."""
-        return len(self.reference) > 1
+        """Whether the record has what the public file of a private split leaves out.
+
+        A path that stays at its first viewpoint is none, however often it lists that.
+        """
+        return len(set(self.reference)) > 1
 
 
 class EpisodeAnnotation(Annotation, frozen=True, kw_only=True):

@@ -3,6 +3,7 @@
 What is known stands in ``codebases.toml``, and nowhere else.
 """
 
+import re
 import tomllib
 from collections.abc import Sequence
 from datetime import date
@@ -13,8 +14,12 @@ import msgspec
 from msgspec import Struct
 
 from reverie_eval.errors import ProtocolError
+from reverie_eval.tasks._registry import BUILT_IN, find_task
 
 _FILE = Path(__file__).with_name("codebases.toml")
+_ON_GITHUB = re.compile(r"github\.com[:/]([^/]+/[^/]+)")
+_CLOSE = 0.7
+"""How similar an unknown name must be to be asked about: FAST is not FSTTA."""
 
 
 class CodebaseEvaluator(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -98,15 +103,20 @@ def find_codebase(name: str) -> Codebase:
 
     Examples
     --------
-    >>> find_codebase("vln-duet").name, find_codebase("https://github.com/cshizhe/VLN-DUET/").name
+    >>> find_codebase("vln-duet").name, find_codebase("git@github.com:cshizhe/VLN-DUET.git").name
     ('DUET', 'DUET')
     """
     from difflib import get_close_matches  # slow to import, and only needed in errors
 
-    wanted = name.strip("/").removesuffix(".git").rpartition("github.com/")[2].casefold()
+    address = _ON_GITHUB.search(name)
+    wanted = (name if address is None else address[1]).strip("/").removesuffix(".git").casefold()
     by_name = {key.casefold(): each for each in codebases() for key in each.names}
-    if wanted not in by_name:
-        close = get_close_matches(wanted, by_name, n=1)
-        guess = f"did you mean {by_name[close[0]].name}? " if close else ""
-        raise ProtocolError(f"unknown codebase {name!r}; {guess}`reverie-eval protocol` lists all")
-    return by_name[wanted]
+    if wanted in by_name:
+        return by_name[wanted]
+    scored = [task for task in map(find_task, BUILT_IN) if task.has_protocol(name)]
+    if scored:
+        options = " or ".join(f"--task {task.name} --protocol {name}" for task in scored)
+        raise ProtocolError(f"{name!r} is a protocol itself: score with {options}")
+    close = get_close_matches(wanted, by_name, n=1, cutoff=_CLOSE)
+    guess = f"did you mean {by_name[close[0]].name}? " if close else ""
+    raise ProtocolError(f"unknown codebase {name!r}; {guess}`reverie-eval protocol` lists all")

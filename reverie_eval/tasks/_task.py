@@ -112,6 +112,10 @@ class Task:
         """Return a metric with its definition by the task's goal."""
         return CATALOGUE[key].for_goal(self.goal)
 
+    def has_protocol(self, name: str) -> bool:
+        """Whether a protocol has this name or alias."""
+        return name in {*self.aliases, *(rules.name for rules in self.protocols)}
+
     def protocol(self, name: str) -> Protocol:
         """Return the protocol with this name or alias.
 

@@ -28,11 +28,10 @@ def test_an_entry_is_complete(each: Codebase) -> None:
 
 
 def test_a_name_belongs_to_one_codebase() -> None:
-    owners: dict[str, set[str]] = {}
-    for each in codebases():
-        for name in each.names:
-            owners.setdefault(name.casefold(), set()).add(each.name)
-    assert {name: found for name, found in owners.items() if len(found) > 1} == {}
+    owners = Counter(
+        name for each in codebases() for name in {name.casefold() for name in each.names}
+    )
+    assert {name: count for name, count in owners.items() if count > 1} == {}
 
 
 def test_every_protocol_that_a_codebase_scores_by_has_one() -> None:
@@ -57,6 +56,8 @@ def test_every_protocol_that_a_codebase_scores_by_has_one() -> None:
         "https://github.com/cshizhe/VLN-DUET",
         "https://github.com/cshizhe/VLN-DUET.git",
         "github.com/cshizhe/VLN-DUET/",
+        "git@github.com:cshizhe/VLN-DUET.git",
+        "https://github.com/cshizhe/VLN-DUET/tree/main/map_nav_src",
     ],
 )
 def test_a_codebase_has_many_names(name: str) -> None:
@@ -68,6 +69,15 @@ def test_a_codebase_has_many_names(name: str) -> None:
     [
         pytest.param("HM3D-AutoVLN", "did you mean HM3DAutoVLN? `reverie-eval", id="close"),
         pytest.param("vlnduet", "did you mean DUET? `reverie-eval", id="a repository's name"),
+        pytest.param(
+            "FAST", "unknown codebase 'FAST'; `reverie-eval protocol` lists", id="another"
+        ),
+        pytest.param(
+            "official-v1",
+            "'official-v1' is a protocol itself: score with --task reverie --protocol official-v1 "
+            "or --task r2r --protocol official-v1 or",
+            id="a protocol's name",
+        ),
         pytest.param("zzz", "unknown codebase 'zzz'; `reverie-eval protocol` lists", id="no guess"),
     ],
 )

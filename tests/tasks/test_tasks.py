@@ -421,6 +421,23 @@ def test_tasks_without_an_answer_among_others_stop_the_compiler(
     assert row.split()[2] == str(number)
 
 
+def test_a_path_that_stays_at_its_start_is_no_answer(
+    demo_world: Path, run: Run, tmp_path: Path
+) -> None:
+    records = annotated(demo_world, "r2r", "val_unseen")
+    for record in records[1:]:
+        record["path"] = record["path"][:1] * 3
+    file = tmp_path / "in.json"
+    file.write_text(json.dumps(records))
+    given = (*(str(demo_world), "--task", "r2r"), *("--annotations", str(file)))
+    compiled = run("compile", *given, "--split", "val_unseen", "-o", str(tmp_path / "it.npz"))
+    assert compiled.status == 1
+    count = len(records) - 1
+    assert f"{count} of {len(records)} tasks without an answer" in compiled.err
+    # Of many, only some are kept by name, but all are counted.
+    assert f" and {count - 3} more. Give every task its answer" in compiled.err
+
+
 @every_task
 def test_a_file_without_any_answer_is_public(
     name: str, demo_world: Path, run: Run, tmp_path: Path

@@ -31,6 +31,8 @@ from reverie_eval.submissions._values import unwrap, unwrap_numbers
 _STRAIGHT_UP = math.pi / 2
 """Radians."""
 _NONE = "none"
+_NOTHING = ("nan", "null")
+"""What libraries write where there is no value, as text in lower case."""
 _MOST_DIGITS = len(str(LARGEST_OBJECT_ID))
 _SLACK = 1e-6
 """Pixels by which rounding alone may push a scaled box beyond the image."""
@@ -111,11 +113,11 @@ def read_answer(
 def _answers_of(record: Mapping[str, Any], log: ReadingLog) -> Mapping[str, Any]:
     """Return the object ids of a record by their keys, without null beside another answer."""
     answers = {key: record[key] for key in ANSWER_KEYS if key in record}
-    nulls = [key for key, value in answers.items() if value is None]
+    nulls = [key for key, value in answers.items() if value is None or _is_nan(value)]
     if len(nulls) == len(answers) and record.get(BOX_KEY) is None:
         return answers
     log.differences.update(f"null {key}" for key in nulls)
-    return {key: value for key, value in answers.items() if value is not None}
+    return {key: value for key, value in answers.items() if key not in nulls}
 
 
 def disagree(answers: Iterable[Any]) -> bool:
@@ -125,8 +127,20 @@ def disagree(answers: Iterable[Any]) -> bool:
     return len({_NONE if is_abstention(value) else str(value) for value in meant}) > 1
 
 
+def _is_nan(value: Any) -> bool:
+    """Whether this is NaN, which pandas makes of null in a column of numbers."""
+    return isinstance(value, float) and math.isnan(value)
+
+
+def _is_nothing(value: Any) -> bool:
+    """Whether this is how libraries write that there is no value."""
+    return _is_nan(value) or (isinstance(value, str) and value.lower() in _NOTHING)
+
+
 def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog) -> Answer:
     meant, fault = (value, None) if is_abstention(value) else unwrap(value)
+    if not is_abstention(meant) and _is_nothing(meant):
+        meant, fault = None, problems.NO_OBJECTS
     if (isinstance(meant, float) and meant.is_integer()) or _is_decimal_text(meant):
         meant, fault = int(float(meant)), fault or problems.DECIMAL_IDS
     is_text = _is_digits(meant)
@@ -147,7 +161,10 @@ def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog
 
 
 def _is_decimal_text(value: Any) -> bool:
-    return isinstance(value, str) and "." in value and _is_digits(value.removesuffix(".0"))
+    if not isinstance(value, str):
+        return False
+    whole, point, zeros = value.partition(".")
+    return bool(point) and not zeros.strip("0") and _is_digits(whole)
 
 
 def _is_digits(value: Any) -> bool:

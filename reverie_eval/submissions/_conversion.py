@@ -192,10 +192,14 @@ def _without_repeats(
     written = []
     for record in records:
         official = _official(record, task)
-        if record.instr_id is not None and earlier.get(record.instr_id) == official:
+        # As when repeats are reported, the angles of poses do not count, but a box's camera does.
+        content = {**official, "trajectory": record.poses.viewpoint_ids}
+        if record.answer is not None and record.answer.box is not None:
+            content["camera"] = record.answer.box.camera
+        if record.instr_id is not None and earlier.get(record.instr_id) == content:
             log.add_fault(problems.REPEATED_RECORDS, record.location, ".instr_id", record.instr_id)
         else:
-            earlier.setdefault(record.instr_id, official)
+            earlier.setdefault(record.instr_id, content)
             written.append(official)
     return written
 

@@ -135,6 +135,11 @@ DISAGREEING_ANSWERS = Fault(
     "keep one of the keys",
     convert="",
 )
+NO_OBJECTS = Fault(
+    "wrong-type",
+    "{example} for no object",
+    "write -1 where the agent predicts no object",
+)
 VIEWS_NOT_WHOLE = Fault(
     "wrong-view",
     "a view index that is not written as a whole number, such as {example}",
@@ -232,6 +237,24 @@ PREFIXED_IDS = Fault(
     "unknown-episode",
     "a prefix before the id, such as {example}",
     "remove it",
+    _CONVERT_FOR_SPLIT,
+)
+SUFFIXED_IDS = Fault(
+    "unknown-episode",
+    "something after the id, such as {example}",
+    "remove it",
+    _CONVERT_FOR_SPLIT,
+)
+REWRITTEN_IDS = Fault(
+    "unknown-episode",
+    "an id that is written otherwise, such as {example}",
+    "write its numbers plainly, with underscores between them",
+    _CONVERT_FOR_SPLIT,
+)
+REORDERED_IDS = Fault(
+    "unknown-episode",
+    "the parts of the id in another order, such as {example}",
+    "write them in the order of the annotations' ids",
     _CONVERT_FOR_SPLIT,
 )
 IDS_FROM_ONE = Fault(

@@ -159,7 +159,8 @@ def recognise(
     known = _KnownIds(ground_truth)
     corrected = correct_instr_ids(ids, known)
     raw, task, split = _raw(ids), ground_truth.task, ground_truth.split
-    if not (_knows(corrected.ids, known) and _has_form_of(task, raw, signs)):
+    is_ours = _knows(corrected.ids, known) or _knows_paths(raw, ground_truth)
+    if not (is_ours and _has_form_of(task, raw, signs)):
         other = _other_task(raw, signs, task)
         if other is not None:
             return Recognition(ids, other)
@@ -239,7 +240,7 @@ def _problem_of_all(
         return problems.results_of_other_splits(
             counts, ground_truth.split, place(row)[0], str(ids[row])
         )
-    if unknown and ground_truth.is_demo:
+    if unknown and ground_truth.is_demo and not _knows_paths(_raw(ids), ground_truth):
         first = str(ids[unknown[0]])
         return problems.ids_outside_demo(len(unknown), first, ground_truth.split, ground_truth.task)
     return None
@@ -254,6 +255,15 @@ def _knows(ids: Ids, known: _KnownIds) -> bool:
     """Whether most ids are known; a few may be by chance."""
     given = [each for each in ids if each is not None]
     return 2 * sum(each in known for each in given) >= len(given)
+
+
+def _knows_paths(raw: Sequence[str], ground_truth: GroundTruth) -> bool:
+    """Whether nearly all ids begin with a path of the split, though they may end otherwise."""
+    paths, given = (
+        [parts[0] for parts in map(_BETWEEN_PARTS.split, ids) if len(parts) > 1]
+        for ids in (ground_truth.episodes.index, raw)
+    )
+    return sum(map(set(paths).__contains__, given)) > _NEARLY_ALL * len(raw)
 
 
 def _has_form_of(task: Task, raw: Sequence[str], signs: Signs) -> bool:
@@ -278,7 +288,9 @@ def _other_task(raw: Sequence[str], signs: Signs, task: Task) -> Problem | None:
     found = [
         other
         for other in _tasks_with_such_ids(raw, task)
-        if signs.has_items == other.has_items and (other.has_targets or not signs.has_answers)
+        if signs.has_items == other.has_items
+        and (other.has_targets or not signs.has_answers)
+        and (signs.id_key in other.id_keys or signs.id_key not in task.id_keys)
     ]
     return problems.ids_of_another_task(len(raw), raw[0], task, found) if found else None
 

@@ -323,6 +323,9 @@ def _with_id(
     if isinstance(meant, float) and meant.is_integer() and task.has_numbers:
         log.add_fault(problems.DECIMAL_NUMBERS, location, f".{INSTR_ID_KEY}", given)
         meant = int(meant)
+    if is_list(meant) and meant and all(map(is_integer, meant)):
+        log.add_fault(problems.REWRITTEN_IDS, location, f".{INSTR_ID_KEY}", given)
+        meant = "_".join(map(str, meant))
     text = str(meant) if is_integer(meant) else meant
     if key == INSTR_ID_KEY and text is given:
         return record

@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import permutations
 from typing import NamedTuple, Protocol, TypeAlias
 
 from reverie_eval.ground_truth import GroundTruth
@@ -27,6 +29,11 @@ _Correction: TypeAlias = Callable[[str, Known], str]
 _MARK = re.compile(r"[^A-Za-z0-9]+")
 """What stands between the parts of an id."""
 _INSTRUCTION = re.compile(r"\d{1,9}$")
+_DIGITS = re.compile(r"\d+")
+_DECIMALS = re.compile(r"(\d+)(?:\.0+(?!\d))?")
+_LONGEST = 60
+"""Longer ids are not compared; Python refuses to convert thousands of digits."""
+_MOST_PARTS = 3
 
 
 class Corrected(NamedTuple):
@@ -67,6 +74,28 @@ def _without_prefix(instr_id: str, known: Known) -> str:
     return next((end for end in ends if end in known), instr_id)
 
 
+def _without_suffix(instr_id: str, known: Known) -> str:
+    item, mark, start = instr_id.partition("#")
+    ends = [found.start() for found in _MARK.finditer(item)]
+    cut = (f"{item[:end]}{mark}{start}" for end in reversed(ends))
+    return next((each for each in cut if each in known), instr_id)
+
+
+def _rewritten(instr_id: str, known: Known) -> str:
+    """Return an id by its numbers: ``4774-267-1``, ``(4774, 267, 1)`` and ``4774_0267.0_1``."""
+    item, mark, start = instr_id.partition("#")
+    for pattern in (_DIGITS, _DECIMALS) if len(item) <= _LONGEST else ():
+        rewritten = "_".join(str(int(number)) for number in pattern.findall(item))
+        if f"{rewritten}{mark}{start}" in known:
+            return f"{rewritten}{mark}{start}"
+    return instr_id
+
+
+def _reordered(order: Sequence[int], instr_id: str, _: Known) -> str:
+    parts = instr_id.split("_")
+    return "_".join(map(parts.__getitem__, order)) if len(parts) == len(order) else instr_id
+
+
 def _counted_from_zero(instr_id: str, _: Known) -> str:
     return _INSTRUCTION.sub(lambda index: str(int(index[0]) - 1), instr_id)
 
@@ -80,6 +109,13 @@ _INSTR_ID_CAUSES: Sequence[tuple[Fault, _Correction]] = (
     (problems.PRINTED_IDS, _unprinted),
     (problems.PREFIXED_IDS, _without_prefix),
     (problems.IDS_FROM_ONE, _counted_from_zero),
+    *(
+        (problems.REORDERED_IDS, partial(_reordered, order))
+        for count in range(2, _MOST_PARTS + 1)
+        for order in list(permutations(range(count)))[1:]
+    ),
+    (problems.SUFFIXED_IDS, _without_suffix),
+    (problems.REWRITTEN_IDS, _rewritten),
 )
 _VIEWPOINT_CAUSES: Sequence[tuple[Fault, _Correction]] = (
     (problems.PADDED_VIEWPOINTS, _stripped),
@@ -93,8 +129,7 @@ def correct_instr_ids(ids: Ids, known: Known) -> Corrected:
 
     Different ids stay different: where they do not, the mistake is another one.
     """
-    corrected = _correct(ids, known, _INSTR_ID_CAUSES)
-    return corrected if len(set(corrected.ids)) == len(set(ids)) else Corrected(ids)
+    return _correct(ids, known, _INSTR_ID_CAUSES, count=len(set(ids)))
 
 
 def fix_viewpoint_ids(ids: Ids, ground_truth: GroundTruth, log: ReadingLog, place: Place) -> Ids:
@@ -104,13 +139,16 @@ def fix_viewpoint_ids(ids: Ids, ground_truth: GroundTruth, log: ReadingLog, plac
     return corrected.ids
 
 
-def _correct(ids: Ids, known: Known, causes: Sequence[tuple[Fault, _Correction]]) -> Corrected:
+def _correct(
+    ids: Ids, known: Known, causes: Sequence[tuple[Fault, _Correction]], count: int = 0
+) -> Corrected:
+    """Return ids without the first mistake that explains them, of which so many stay different."""
     unknown = count_unknown(ids, known)
     for fault, correct in causes if unknown else ():
         # In a file whose instructions are counted from 1, most ids are known: of other episodes.
         is_right = known if fault is not problems.IDS_FROM_ONE else ()
         fixed = [each if each is None or each in is_right else correct(each, known) for each in ids]
-        if 2 * count_unknown(fixed, known) <= unknown:
+        if 2 * count_unknown(fixed, known) <= unknown and len(set(fixed)) >= count:
             return Corrected(fixed, fault)
     return Corrected(ids)
 

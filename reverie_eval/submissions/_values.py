@@ -24,7 +24,8 @@ _TENSOR = re.compile(
     re.DOTALL,
 )
 _TENSORFLOWS = re.compile(r"<tf\.(?:Tensor|Variable)[ :].*?\bnumpy=(?P<value>.*)>", re.DOTALL)
-_BYTES = re.compile(r"b(?P<quote>['\"])(?P<value>.*)(?P=quote)", re.DOTALL)
+_QUOTED = re.compile(r"b?(?P<quote>['\"])(?P<value>.*)(?P=quote)", re.DOTALL)
+"""A text as Python prints it, or bytes."""
 _POINT_WITHOUT_DIGITS = re.compile(r"(?<=\d)\.(?!\d)")
 _BETWEEN_NUMBERS = re.compile(r"(?<=[\d\]])\s+(?=[-\d\[])")
 _TO_JSON = str.maketrans("'()", '"[]')
@@ -86,7 +87,7 @@ def read_printed(text: str) -> Any:
     text = text.strip()
     if not text.endswith((")", "]", ">", "'", '"')):
         return None  # nearly always
-    if match := _BYTES.fullmatch(text):
+    if match := _QUOTED.fullmatch(text):
         return match["value"]
     match = _TENSORFLOWS.fullmatch(text) or _TENSOR.fullmatch(text)
     if match:

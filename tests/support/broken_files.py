@@ -167,6 +167,14 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "object ids as probabilities": answers(lambda _: 0.25),
         "object ids as booleans": answers(lambda answer: answer > 0),
         "object ids as NaN": answers(lambda _: float("nan")),
+        "object ids as NaN where there is none": lambda records: [
+            {**record, "predObjId": float("nan") if row % 9 == 0 else record["predObjId"]}
+            for row, record in enumerate(records)
+        ],
+        "object ids with several zeros after the point": answers(
+            lambda answer: f"{abs(answer)}.00"
+        ),
+        "object ids within quotes": answers('"{}"'.format),
         "object ids below -1": answers(lambda _: -2),
         "different answers under two keys": in_every(lambda _: {"pred_objid": "99999"}),
         "different answers under two spellings": in_every(lambda _: {"predObjid": 99999}),
@@ -185,6 +193,15 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "ids without the path": ids(lambda it: it.partition("_")[2]),
         "a space after every id": ids("{} ".format),
         "ids with a line end": ids("{}\r\n".format),
+        "something after every id": ids("{}_0".format),
+        "ids with other marks": ids(lambda instr_id: instr_id.replace("_", "-")),
+        "ids of padded numbers": ids(
+            lambda instr_id: "_".join(part.zfill(5) for part in instr_id.split("_"))
+        ),
+        "ids as lists of numbers": ids(lambda instr_id: list(map(int, instr_id.split("_")))),
+        "ids with the object first": ids(
+            lambda instr_id: "_".join(instr_id.split("_")[part] for part in (1, 0, 2))
+        ),
         "ids in lists": ids(lambda instr_id: [instr_id]),
         "ids printed by numpy": ids("np.str_('{}')".format),
         "ids as numbers": ids(lambda instr_id: int(instr_id.replace("_", ""))),
@@ -196,6 +213,10 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         # Completeness.
         "half of the records": lambda records: records[: len(records) // 2],
         "all but one record": lambda records: records[1:],
+        "the last batch twice, without angles": lambda records: [
+            *records,
+            *poses(lambda pose: [pose[0], 0, 0])(records[-5:]),  # type: ignore[misc]
+        ],
         "every record twice": lambda records: [*records, *records],
         "the last batch twice": lambda records: [*records, *records[-5:]],
         "two answers for an episode": lambda records: [
@@ -356,6 +377,14 @@ MISTAKES_OF_TASKS: Mapping[str, tuple[str, Mistake]] = MappingProxyType(
             "ndh",
             in_every(lambda record: {"inst_idx": float(record["inst_idx"])}),
         ),
+        "NDH: numbers as decimals in text": (
+            "ndh",
+            in_every(lambda record: {"inst_idx": f"{record['inst_idx']}.0"}),
+        ),
+        "NDH: an index after every number": (
+            "ndh",
+            in_every(lambda record: {"inst_idx": f"{record['inst_idx']}_0"}),
+        ),
         "NDH: NaviLLM's prefix": (
             "ndh",
             lambda records: [
@@ -370,6 +399,13 @@ MISTAKES_OF_TASKS: Mapping[str, tuple[str, Mistake]] = MappingProxyType(
         "RxR: paths without the instruction": (
             "rxr",
             ids(lambda instr_id: int(instr_id.partition("_")[0])),
+        ),
+        "RxR: an index for the instruction": (
+            "rxr",
+            lambda records: [
+                {**record, "instr_id": f"{record['instr_id'].partition('_')[0]}_{row % 9}"}
+                for row, record in enumerate(records)
+            ],
         ),
         "SOON: obj_heading written objHeading": (
             "soon",

@@ -52,10 +52,10 @@ STEPS: Mapping[str, Step] = MappingProxyType(
         "it is scored": Step(FolderUploads, "staged"),
         "its file is written": Step(Transactions, "begin"),
         "its rows are written": Step(AuditLog, "append", "after"),
+        "its attempt is recorded": Step(Attempts, "record_with", "after"),
         "its file is named": Step(store, "_rename", "after"),
         "it is about to be committed": Step(DefaultDialect, "do_commit"),
         "it is committed": Step(DefaultDialect, "do_commit", "after"),
-        "its reply is worded": Step(Attempts, "_write"),
     }
 )
 """The steps of an upload, in their order."""
@@ -64,7 +64,7 @@ STEPS: Mapping[str, Step] = MappingProxyType(
 PAUSES: Mapping[str, Step] = MappingProxyType(
     {
         "it is stored": Step(Intake, "_store", "after"),
-        "its attempt is recorded": Step(Intake, "submit", "after"),
+        "its reply is worded": Step(Intake, "submit", "after"),
     }
 )
 """Steps between commit and reply, at which an upload waits for its server to be killed."""

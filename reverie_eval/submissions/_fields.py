@@ -51,6 +51,8 @@ _SPELLINGS: Mapping[str, tuple[str, ...]] = {
 }
 """How people spell each field, in lower case and without underscores or other marks."""
 
+_INDICES = ("instr_idx", "instrIdx", "instruction_idx", "instruction_index")
+"""Names that resemble an id's, but are an index where a record has the path id beside them."""
 _UNRELATED = ("instruction", "instructions")
 """Names that resemble a spelling, but mean something else in the dataset's own files."""
 
@@ -132,6 +134,13 @@ def means_trajectory(field: object) -> bool:
     return isinstance(field, str) and _MARKS.sub("", field.lower()) in _SPELLINGS[TRAJECTORY_KEY]
 
 
+def has_spelling(record: Mapping[str, Any], fields: Fields) -> bool:
+    """Whether some field of a record is a known one, or a spelling of one."""
+    return not fields.all.isdisjoint(record) or any(
+        _spelling(field) in fields.meant_by for field in record
+    )
+
+
 def find_misspelt(
     record: Mapping[str, Any], fields: Fields, optional: AbstractSet[str] = frozenset()
 ) -> Mapping[str, str]:
@@ -149,8 +158,12 @@ def find_misspelt(
     if BOX_KEY not in missing and not _has_box(record):
         missing -= {VIEW_KEY, IMAGE_SIZE_KEY}
     missing -= optional
+    if "path_id" in record:  # then it counts the instructions of a path
+        unknown = {field: meant for field, meant in unknown.items() if field not in _INDICES}
     if list(unknown.values()).count(fields.id_keys[0]) > 1:
         unknown.pop("id", None)  # the weakest of the spellings: ids of other things have it too
+    if list(unknown.values()).count(TRAJECTORY_KEY) > 1:
+        unknown.pop("path", None)  # beside another it is the annotated one
     # Of two fields that mean the same, the first counts, as it would under its right name.
     first = {meant: field for field, meant in reversed(unknown.items()) if meant in missing}
     return {field: meant for meant, field in first.items()}

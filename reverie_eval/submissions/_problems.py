@@ -160,6 +160,11 @@ ANGLES_AS_TEXT = Fault(
     "angles written as text, such as {example}",
     "write numbers",
 )
+NULL_ANGLES = Fault(
+    "wrong-type",
+    "null for heading and elevation, such as {example}",
+    "write numbers, or [viewpoint_id] alone",
+)
 NUMBERS_AS_TEXT = Fault(
     "wrong-type",
     "numbers written as text, such as {example}",
@@ -272,6 +277,12 @@ PADDED_VIEWPOINTS = Fault(
 PRINTED_VIEWPOINTS = Fault(
     "unknown-viewpoint",
     "viewpoint ids printed as arrays or lists, such as {example}",
+    "write the viewpoint ids alone",
+    _CONVERT_FOR_SPLIT,
+)
+SURROUNDED_VIEWPOINTS = Fault(
+    "unknown-viewpoint",
+    "viewpoint ids in capitals or with something beside them, such as {example}",
     "write the viewpoint ids alone",
     _CONVERT_FOR_SPLIT,
 )

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._answers import predicts
+from reverie_eval.submissions._answers import has_answer, predicts
 from reverie_eval.submissions._document import is_integer, is_list, is_number
 from reverie_eval.submissions._fields import ID_KEYS, id_key_of, means_trajectory
 from reverie_eval.submissions._items import has_point, is_item
@@ -29,6 +29,8 @@ from reverie_eval.tasks import BUILT_IN, Task, find_task
 _POSITION_KEYS = ("position", "pos", "location", "agent_position", "xyz")
 _PATHS_OF_POSITIONS = ("positions", "locations", "waypoints", "poses", "states")
 _AXES = ("x", "y", "z")
+_TEXTS_OF_ANNOTATIONS = ("instructions", "dialog_history", "timed_instruction")
+"""The fields with lists that the annotations of the tasks have, and predictions do not."""
 _MOST_COORDINATES = 7
 """A position and a rotation: x, y, z and a quaternion."""
 _NEARLY_ALL = 0.9
@@ -94,6 +96,20 @@ def _are_coordinates(value: Any) -> bool:
 def _has_fractions(walk: Sequence[Any]) -> bool:
     """Whether these are not viewpoints given by whole numbers, with their angles."""
     return any(isinstance(each, Mapping) or isinstance(each[0], float) for each in walk)
+
+
+def check_predictions(document: Any) -> None:
+    """Raise one SubmissionError for the annotations of a dataset, which people send by mistake."""
+    records = list(document.values()) if isinstance(document, Mapping) else document
+    if is_list(records) and records and sum(map(_is_annotation, records)) > MOST * len(records):
+        raise SubmissionError([problems.another_kind("an annotation file of the dataset")])
+
+
+def _is_annotation(record: Any) -> bool:
+    if not isinstance(record, Mapping) or has_answer(record):
+        return False
+    has_texts = any(is_list(record.get(key)) for key in _TEXTS_OF_ANNOTATIONS)
+    return has_texts and not any(key != "path" and means_trajectory(key) for key in record)
 
 
 def signs_of(given: _Records, named: _Records, task: Task) -> Signs:

@@ -38,6 +38,7 @@ from reverie_eval.submissions._fields import (
     answers_spelt_like,
     fields_of,
     find_misspelt,
+    has_spelling,
     id_key_of,
 )
 from reverie_eval.submissions._items import (
@@ -60,7 +61,7 @@ from reverie_eval.submissions._predictions import (
 )
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._recognition import check_viewpoints, signs_of
+from reverie_eval.submissions._recognition import check_predictions, check_viewpoints, signs_of
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._tables import rows_of_table
 from reverie_eval.submissions._trajectories import Poses, read_trajectory
@@ -134,6 +135,7 @@ def read_records(
     given, document = document, _unwrap(document, log)
     if document is not given:
         check_viewpoints(document)
+    check_predictions(document)
     if isinstance(document, Sized):
         check_record_count(len(document))
     located = [
@@ -202,7 +204,18 @@ def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
         _is_record_like(value) for value in document.values()
     ):
         return _without_row_numbers(document, log)
+    if len(document) > 1 and all(map(_is_lone_record, document.values())):
+        log.add_whole_file_fault(problems.LISTED_VALUES, next(iter(document.values())))
+        return {key: record for key, (record,) in document.items()}
+    return _take_held(document, log)
+
+
+def _take_held(document: Mapping[str, Any], log: ReadingLog) -> Any:
+    """Return the records that an object holds under some of its keys, if it tells which."""
     held = {key: value for key, value in document.items() if _holds_records(value)}
+    within = [value for value in document.values() if _has_records_within(value)]
+    if len(within) == 1 and not held:
+        return _unwrap_object(within[0], log)
     if len(held) == 1:
         ((key, records),) = held.items()
         log.add_whole_file_fault(problems.WRAPPED, key)
@@ -212,6 +225,16 @@ def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
         log.add_whole_file_fault(problems.WRAPPED_LISTS, next(iter(held)))
         return [record for records in lists for record in records]
     return document
+
+
+def _is_lone_record(value: Any) -> bool:
+    """Whether this is a list of one record, whose id is the key of the list."""
+    is_lone = is_list(value) and len(value) == 1 and isinstance(value[0], Mapping)
+    return is_lone and ID_KEYS.isdisjoint(value[0])
+
+
+def _has_records_within(value: Any) -> bool:
+    return isinstance(value, Mapping) and any(map(_holds_records, value.values()))
 
 
 def _is_list_of_records(value: Any) -> bool:
@@ -252,6 +275,11 @@ def _located_records(
         raise SubmissionError([problems.not_a_list(document, task)])
     # One record by itself is not a set of keyed records, nor is a report with some sections.
     if 2 * sum(isinstance(value, Mapping) for value in document.values()) < len(document):
+        raise SubmissionError([problems.not_a_list(document, task)])
+    of_task = fields_of(task)
+    records = [record for record in document.values() if isinstance(record, Mapping)]
+    is_other = records and not any(has_spelling(record, of_task) for record in records)
+    if is_other and not isinstance(document, RepeatingObject):
         raise SubmissionError([problems.not_a_list(document, task)])
     if isinstance(document, RepeatingObject):
         log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))

@@ -120,6 +120,8 @@ def _meant_pose(location: RecordLocation, index: int, element: Any, log: Reading
         )
     if _has_angles_as_text(meant):
         meant, fault = [meant[0], *map(float, meant[1:])], fault or problems.ANGLES_AS_TEXT
+    if is_list(meant) and list(meant[1:]) == [None, None] and isinstance(meant[0], str):
+        meant, fault = meant[:1], fault or problems.NULL_ANGLES
     if fault is None:
         return element
     log.add_fault(fault, location, f".trajectory[{index}]", element)

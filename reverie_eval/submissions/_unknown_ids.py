@@ -29,6 +29,7 @@ _Correction: TypeAlias = Callable[[str, Known], str]
 _MARK = re.compile(r"[^A-Za-z0-9]+")
 """What stands between the parts of an id."""
 _INSTRUCTION = re.compile(r"\d{1,9}$")
+_VIEWPOINT = re.compile(r"(?<![0-9a-f])[0-9a-f]{32}(?![0-9a-f])")
 _DIGITS = re.compile(r"\d+")
 _DECIMALS = re.compile(r"(\d+)(?:\.0+(?!\d))?")
 _LONGEST = 60
@@ -104,6 +105,12 @@ def _without_scan(viewpoint_id: str, _: Known) -> str:
     return viewpoint_id.rpartition("_")[2]
 
 
+def _bare_viewpoint(viewpoint_id: str, _: Known) -> str:
+    """Return the one viewpoint id in a text such as ``4BC2...AB71`` or ``4bc2...ab71_12.jpg``."""
+    found = _VIEWPOINT.findall(viewpoint_id.lower())
+    return found[0] if len(found) == 1 else viewpoint_id
+
+
 _INSTR_ID_CAUSES: Sequence[tuple[Fault, _Correction]] = (
     (problems.PADDED_IDS, _stripped),
     (problems.PRINTED_IDS, _unprinted),
@@ -121,6 +128,7 @@ _VIEWPOINT_CAUSES: Sequence[tuple[Fault, _Correction]] = (
     (problems.PADDED_VIEWPOINTS, _stripped),
     (problems.PRINTED_VIEWPOINTS, _unprinted),
     (problems.VIEWPOINTS_WITH_SCANS, _without_scan),
+    (problems.SURROUNDED_VIEWPOINTS, _bare_viewpoint),
 )
 
 

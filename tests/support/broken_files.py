@@ -115,6 +115,18 @@ def first_of_tasks(records: Records) -> Records:
     return [{**record, "instr_id": task} for task, record in first.items()]
 
 
+def in_renamed_walks(records: Records) -> Records:
+    """Return records with the walk in ``pred_path``, and the annotated one in ``path``."""
+    return [
+        {
+            **{name: value for name, value in record.items() if name != "trajectory"},
+            "path": [record["trajectory"][0][0]],
+            "pred_path": record["trajectory"],
+        }
+        for record in records
+    ]
+
+
 MISTAKES: Mapping[str, Mistake] = MappingProxyType(
     {
         # Fields.
@@ -138,6 +150,7 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "trajectory written path": renamed("trajectory", "path"),
         "trajectory written traj": renamed("trajectory", "traj"),
         "trajectory written pred_path": renamed("trajectory", "pred_path"),
+        "trajectory written pred_path beside path": in_renamed_walks,
         "instr_id written instruction_id": renamed("instr_id", "instruction_id"),
         "instr_id written id": renamed("instr_id", "id"),
         "instr_id written instrId": renamed("instr_id", "instrId"),
@@ -236,6 +249,9 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "viewpoints as numbers": poses(lambda pose: [7, *pose[1:]]),
         "viewpoints with their scan": poses(lambda pose: [f"2t7WUuJeko7_{pose[0]}", *pose[1:]]),
         "viewpoints with spaces": poses(lambda pose: [f" {pose[0]}", *pose[1:]]),
+        "viewpoints in capitals": poses(lambda pose: [pose[0].upper(), *pose[1:]]),
+        "viewpoints with the number of a view": poses(lambda pose: [f"{pose[0]}_12", *pose[1:]]),
+        "angles that are null": poses(lambda pose: [pose[0], None, None]),
         "one unknown viewpoint": in_one(lambda _: {"trajectory": [["ffff", 0, 0]]}),
         "angles as text": poses(lambda pose: [pose[0], str(pose[1]), str(pose[2])]),
         "angles printed by PyTorch": poses(
@@ -309,6 +325,22 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
             "meta": {"model": "ours"},
             "results": records,
         },
+        '{"val_unseen": {"results": [...], "scores": {...}}}': lambda records: {
+            "val_unseen": {"results": records, "scores": {"sr": 50.0}}
+        },
+        '{"1196_0_0": [{...}]}': lambda records: {
+            record["instr_id"]: without("instr_id")([record]) for record in records
+        },
+        '{"val_unseen": {"sr": ...}}': lambda _: {"val_unseen": {"sr": 50.0, "spl": 40.0}},
+        "the annotations": lambda records: [
+            {
+                "id": record["instr_id"].rpartition("_")[0],
+                "path": [record["trajectory"][0][0]],
+                "instructions": ["Clean the sink."],
+                "objId": 3,
+            }
+            for record in records
+        ],
         '{"results": {...}}': lambda records: {
             "results": {record["instr_id"]: record for record in records}
         },
@@ -395,6 +427,17 @@ MISTAKES_OF_TASKS: Mapping[str, tuple[str, Mistake]] = MappingProxyType(
         "R2R: paths without the instruction": (
             "r2r",
             ids(lambda instr_id: int(instr_id.partition("_")[0])),
+        ),
+        "R2R: path_id and instr_idx": (
+            "r2r",
+            lambda records: [
+                {
+                    "path_id": int(record["instr_id"].partition("_")[0]),
+                    "instr_idx": int(record["instr_id"].partition("_")[2]),
+                    "trajectory": record["trajectory"],
+                }
+                for record in records[:1]
+            ],
         ),
         "RxR: paths without the instruction": (
             "rxr",

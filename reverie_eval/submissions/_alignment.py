@@ -283,8 +283,8 @@ def _episode_problems(looked: _Looked, ground_truth: GroundTruth) -> Iterator[Pr
     if is_unresolved:
         return
     instr_ids = ground_truth.episodes.instr_ids
-    if not known.size and len(episode) and all(it is None for it in predictions.instr_ids):
-        return  # that no id could be read was reported
+    if len(episode) > SHOWN_PROBLEMS and not any(it is not None for it in predictions.instr_ids):
+        return  # that no id could be read is one problem, which was reported
     if not known.size:
         yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
         return

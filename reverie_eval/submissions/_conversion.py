@@ -114,7 +114,7 @@ def convert(
         )
     written = _without_repeats(records, log, of_task)
     if log.has_unfixable:
-        raise SubmissionError(log.all_problems())
+        raise SubmissionError(problems.limit_problems(log.all_problems()))
     poses = [pose for record in records for pose in record.poses]
     converted = join_items(written) if of_task.has_items else written
     return Conversion(

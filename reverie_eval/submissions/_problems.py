@@ -6,6 +6,7 @@ splits see it.
 """
 
 import math
+import re
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
-from reverie_eval.errors import Problem
+from reverie_eval.errors import SHOWN_PROBLEMS, Problem
 from reverie_eval.tasks import DEFAULT_TASK, Task
 from reverie_eval.text import count_text, first_few
 
@@ -378,17 +379,49 @@ def id_form(task: Task) -> str:
     return f'the episode\'s id as text: "{task.id_example}"'
 
 
+_ANY_PLACE = re.compile(r"""^\["[^"]*"\]|\[\d+\]""")
+"""The numbers of records and poses in the location of a problem, and the keys of records."""
+_OF_FIELDS = (
+    *("wrong-type", "missing-field", "not-finite", "empty-trajectory", "empty-box", "wrong-view"),
+    *("two-answers", "wrong-camera", "unknown-viewpoint", "other-scan", "wrong-start"),
+    *("unreachable", "duplicate-episode"),
+)
+"""The codes of problems with one field of one record."""
+
+
 def limit_problems(problems: Iterable[Problem]) -> Sequence[Problem]:
-    """Return all problems, or the first of them and one that says that there are more."""
+    """Return all problems, or the first of them and one that says that there are more.
+
+    A mistake that more records share than fit a screen is one problem.
+    """
     first = list(islice(problems, MAX_PROBLEMS + 1))
     if len(first) <= MAX_PROBLEMS:
-        return first
+        return _join_alike(first)
     message = (
         f"has more than {MAX_PROBLEMS:,} problems; fix these first, because the rest was not "
         "checked"
     )
     # Problems are sorted by position: the largest possible one comes last.
-    return [*first[:-1], Problem("too-many-problems", WHOLE_FILE, message, (maxsize,))]
+    return [*_join_alike(first[:-1]), Problem("too-many-problems", WHOLE_FILE, message, (maxsize,))]
+
+
+def _join_alike(problems: Iterable[Problem]) -> Sequence[Problem]:
+    """Return problems with one for each field that many records have wrong in the same way.
+
+    Where values differ, so do the messages, though the mistake is one.
+    """
+    alike: dict[tuple[str, str], list[Problem]] = {}
+    for problem in problems:
+        field = _ANY_PLACE.sub("", problem.where) or problem.message
+        alike.setdefault((problem.code, field), []).append(problem)
+    return [each for found in alike.values() for each in _joined(found)]
+
+
+def _joined(found: Sequence[Problem]) -> Sequence[Problem]:
+    if len(found) <= SHOWN_PROBLEMS or found[0].code not in _OF_FIELDS:
+        return found
+    first = min(found, key=lambda problem: problem.position)
+    return [replace(first, message=f"{first.message} ({len(found) - 1:,} more like it)")]
 
 
 class _Short(reprlib.Repr):

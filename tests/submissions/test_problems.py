@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from reverie_eval import Problem
+from reverie_eval.errors import SHOWN_PROBLEMS
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.tasks import find_task
@@ -469,6 +470,29 @@ def test_a_value_is_shown_in_a_line(value: object, shown: str) -> None:
 )
 def test_the_remedy_for_arrays(found: object, remedy: str) -> None:
     assert problems.wrong_pose(RECORD, (0,), found).message.endswith(f"{POSE_FORM}{remedy}")
+
+
+def test_a_mistake_that_many_records_share_is_one_problem() -> None:
+    """Also where every value differs; up to a screenful, each is told by itself."""
+    found = [
+        problems.wrong_type(RecordLocation(row), f"obj_{row}", problems.OBJECT_FORM, "predObjId")
+        for row in range(SHOWN_PROBLEMS + 1)
+    ]
+    others = [problems.wrong_type(RecordLocation(2), 7, problems.TRAJECTORY_FORM, "trajectory")]
+    assert problems.limit_problems([*found[1:], *others]) == [*found[1:], *others]
+    joined, *rest = problems.limit_problems([*reversed(found), *others])
+    assert rest == others
+    assert (joined.where, joined.code) == ("[0].predObjId", "wrong-type")
+    assert joined.message == f"{found[0].message} (20 more like it)"
+
+
+def test_the_same_field_of_records_by_their_ids_is_one_place() -> None:
+    found = [
+        problems.missing_field(RecordLocation(row, f"{row}_1_0"), "trajectory")
+        for row in range(SHOWN_PROBLEMS + 1)
+    ]
+    (joined,) = problems.limit_problems(found)
+    assert str(joined) == '["0_1_0"]: has no trajectory; add it (20 more like it)'
 
 
 def test_problems_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -436,7 +436,7 @@ MISTAKES_OF_TASKS: Mapping[str, tuple[str, Mistake]] = MappingProxyType(
                     "instr_idx": int(record["instr_id"].partition("_")[2]),
                     "trajectory": record["trajectory"],
                 }
-                for record in records[:1]
+                for record in records
             ],
         ),
         "RxR: paths without the instruction": (

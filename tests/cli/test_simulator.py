@@ -10,7 +10,7 @@ import pytest
 from reverie_eval.simulator import FOLDER
 from reverie_eval_cli.main import main
 
-USE = "import MatterSim; print(MatterSim.__file__, MatterSim.Simulator().getState())"
+USE = "import MatterSim; print(MatterSim.__file__, MatterSim.Simulator().getState(), sep=chr(10))"
 
 
 def used(folder: Path) -> list[str]:
@@ -18,7 +18,7 @@ def used(folder: Path) -> list[str]:
     surroundings = {**os.environ, "PYTHONPATH": str(folder)}
     words = [sys.executable, "-c", USE]
     done = subprocess.run(words, env=surroundings, capture_output=True, text=True, check=True)
-    return done.stdout.split()
+    return done.stdout.splitlines()
 
 
 def test_the_folder_is_one_for_python_path(capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,7 +34,7 @@ def test_the_file_is_written_into_a_project(
     for _ in range(2):  # again is no harm
         assert main(["simulator", "--copy", str(tmp_path)]) == 0
     copy = tmp_path / "MatterSim.py"
-    assert capsys.readouterr().out.split() == [str(copy)] * 2
+    assert capsys.readouterr().out.splitlines() == [str(copy)] * 2
     assert copy.read_bytes() == (FOLDER / "MatterSim.py").read_bytes()
     assert used(tmp_path) == [str(copy), "[]"]
 

@@ -443,13 +443,6 @@ MISTAKES_OF_TASKS: Mapping[str, tuple[str, Mistake]] = MappingProxyType(
             "rxr",
             ids(lambda instr_id: int(instr_id.partition("_")[0])),
         ),
-        "RxR: an index for the instruction": (
-            "rxr",
-            lambda records: [
-                {**record, "instr_id": f"{record['instr_id'].partition('_')[0]}_{row % 9}"}
-                for row, record in enumerate(records)
-            ],
-        ),
         "SOON: obj_heading written objHeading": (
             "soon",
             walks(respelt("obj_heading", "objHeading")),

@@ -16,6 +16,7 @@ from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._predictions import (
+    MOST,
     AnswerColumns,
     BoxAnswers,
     Content,
@@ -25,7 +26,7 @@ from reverie_eval.submissions._predictions import (
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._recognition import recognise
-from reverie_eval.submissions._unknown_ids import Ids, fix_viewpoint_ids
+from reverie_eval.submissions._unknown_ids import Ids, fix_viewpoint_ids, is_viewpoint_id
 
 _UNKNOWN = -1
 
@@ -88,6 +89,7 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
     whole, rows = ground_truth.subset_of or (ground_truth, None)
     looked = _look_up(predictions, whole)
     predictions, episode, viewpoint, _ = looked
+    _check_buildings(predictions, episode, viewpoint, whole)
     _raise_problems(
         predictions.problems,
         _episode_problems(looked, ground_truth),
@@ -219,6 +221,28 @@ def _look_up(predictions: Predictions, ground_truth: GroundTruth) -> _Looked:
     predictions = _with_ids(predictions, found.instr_ids, ground_truth, log)
     places = _episodes_and_viewpoints(predictions, ground_truth)
     return _Looked(predictions, *places, found.is_unresolved)
+
+
+def _check_buildings(
+    predictions: Predictions, episode: IntArray, viewpoint: IntArray, ground_truth: GroundTruth
+) -> None:
+    """Raise one SubmissionError for a file whose ids are only by chance those of the split.
+
+    R2R, R4R and their splits number paths alike, in different buildings.
+    """
+    first = predictions.offsets[:-1]
+    rows = np.flatnonzero((np.diff(predictions.offsets) > 0) & (episode != _UNKNOWN))
+    begin = viewpoint[first[rows]]
+    scan = ground_truth.graph.viewpoint_scan
+    elsewhere = scan[begin] != scan[ground_truth.episodes.start[episode[rows]]]
+    # The graph has the buildings of the split alone, so other viewpoints may be of another one.
+    elsewhere[begin == _UNKNOWN] = [
+        is_viewpoint_id(predictions.viewpoint_ids[pose])
+        for pose in first[rows[begin == _UNKNOWN]].tolist()
+    ]
+    count = int(elsewhere.sum())
+    if count > SHOWN_PROBLEMS and count > MOST * len(rows):
+        raise SubmissionError([problems.other_buildings(count, len(rows), ground_truth.split)])
 
 
 def _with_ids(

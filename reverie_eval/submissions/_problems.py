@@ -827,6 +827,15 @@ def viewpoint_of_another_scan(
     return _pose_problem("other-scan", location, path, message)
 
 
+def other_buildings(count: int, total: int, split: str) -> Problem:
+    message = (
+        f"{count:,} of {total:,} trajectories begin in another building than the episode of "
+        f"{split} with their id; other splits and tasks number theirs alike: check --split and "
+        "--task, and that trajectories and instr_ids were not mixed up"
+    )
+    return Problem("other-scan", WHOLE_FILE, message)
+
+
 def wrong_start(location: RecordLocation, instr_id: str, expected: str, found: str) -> Problem:
     remedy = "list the start viewpoint as the first pose"
     if location.place is not None:

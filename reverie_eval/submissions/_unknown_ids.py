@@ -132,6 +132,11 @@ _VIEWPOINT_CAUSES: Sequence[tuple[Fault, _Correction]] = (
 )
 
 
+def is_viewpoint_id(text: str | None) -> bool:
+    """Whether a text has the form of Matterport3D's viewpoint ids."""
+    return text is not None and _VIEWPOINT.fullmatch(text) is not None
+
+
 def correct_instr_ids(ids: Ids, known: Known) -> Corrected:
     """Return ids without the mistake that unknown ones have in common, if there is one.
 

@@ -88,6 +88,32 @@ def problems_of(submission: Submission, truth: GroundTruth) -> Sequence[Problem]
     return rejected.value.problems
 
 
+def test_ids_that_are_those_of_the_split_by_chance() -> None:
+    """R2R and R4R number their paths alike, in different buildings."""
+    crowd = ground_truth_of(
+        world(
+            Task("7_1", "house", ["hall", "kitchen", "pantry"], SPOON, instructions=15),
+            Task("8_2", "barn", ["stall", "loft"], OWL, instructions=15),
+        )
+    )
+    elsewhere = [
+        record(f"{task}_{index}", start)
+        for task, start in (("7_1", "stall"), ("8_2", "hall"))
+        for index in range(15)
+    ]
+    (problem,) = problems_of([*elsewhere, record("9_9_0", "hall")], crowd)
+    assert (problem.code, problem.where) == ("other-scan", "file")
+    assert problem.message.startswith("30 of 30 trajectories begin in another building")
+    # The graph of a split lacks the buildings of others.
+    strange = [record(each["instr_id"], "4bc21ec71c2eb1724484d2974c46412c") for each in elsewhere]
+    assert [each.where for each in problems_of(strange, crowd)] == ["file"]
+    # Some may be mixed up, and are told one by one.
+    found = [*(record(f"8_2_{index}", "stall") for index in range(15)), *elsewhere[:15]]
+    assert [each.where for each in problems_of(found, crowd)] == [
+        f"[{row}].trajectory[0][0]" for row in range(15, 30)
+    ]
+
+
 faults = pytest.mark.parametrize(
     ("submission", "code", "where", "fragment"),
     [

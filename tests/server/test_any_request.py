@@ -40,7 +40,7 @@ from tests.support.serving import (
 )
 
 ROLES = {"visitor": ANYBODY, "participant": OWNER, "organiser": ORGANISER}
-REQUESTS_IN_SUITE = 2
+REQUESTS_IN_SUITE = 1
 """For each operation, and for each of allowed and forbidden requests."""
 PATIENCE = 10
 """Seconds: what takes longer hangs."""

@@ -126,7 +126,7 @@ def damaged_documents(draw: st.DrawFn) -> bytes:
     return content[:begin] + draw(st.binary(max_size=3)) + content[end:]
 
 
-@settings(max_examples=500)
+@settings(max_examples=200)
 @given(content=documents | damaged_documents(), chunk=st.sampled_from([1, 100, 1 << 16]))
 def test_the_fast_lane_declines_or_agrees(content: bytes, chunk: int) -> None:
     """However many bytes it decodes at once."""
@@ -166,7 +166,7 @@ def test_a_text_that_looks_like_the_space_between_records() -> None:
     assert read_predictions(content).instr_ids[0] == json.loads(name)
 
 
-@settings(max_examples=500)
+@settings(max_examples=200)
 @given(content=damaged_documents() | st.binary())
 def test_bytes_are_read_or_rejected(content: bytes) -> None:
     """Anything but a rejection would be our own error, and fail here."""
@@ -174,7 +174,7 @@ def test_bytes_are_read_or_rejected(content: bytes) -> None:
         assert problem.message
 
 
-@settings(max_examples=500)
+@settings(max_examples=200)
 @given(content=documents | damaged_documents(), answers_only=st.booleans())
 def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
     """Whatever is read has a value for each record and a location for each pose."""
@@ -194,7 +194,7 @@ def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
         assert (np.diff(predictions.first_of_hops().offsets) >= 1).all()
 
 
-@settings(max_examples=500)
+@settings(max_examples=200)
 @given(content=documents)
 def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> None:
     """Except for missing angles, which become 0, and for what was fixed."""

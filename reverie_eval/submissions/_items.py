@@ -21,7 +21,7 @@ from reverie_eval.submissions._fields import (
     TRAJECTORY_KEY,
     means_trajectory,
 )
-from reverie_eval.submissions._problems import RecordLocation
+from reverie_eval.submissions._problems import Fault, RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._values import unwrap_number
 
@@ -38,7 +38,7 @@ _DUETS_ID = re.compile(r"(?:[A-Za-z]\w*_)?\d+-\d+_\d+")
 
 def is_item(record: Mapping[str, Any]) -> bool:
     """Whether a record's trajectory is an object or a list of objects."""
-    given = record.get(TRAJECTORY_KEY)
+    given, _ = _unnest(record.get(TRAJECTORY_KEY))
     trajectories = given if is_list(given) else [given]
     if set(map(type, trajectories)) <= _NO_OBJECTS:
         return False  # nearly always: types are compared by loops in C
@@ -46,9 +46,21 @@ def is_item(record: Mapping[str, Any]) -> bool:
     return any(isinstance(each, Mapping) and _path_key(each) for each in trajectories)
 
 
+def _unnest(trajectories: Any) -> tuple[Any, Fault | None]:
+    """Return the list of objects that is in lists of one, if it is."""
+    given, fault = trajectories, None
+    while is_list(trajectories) and len(trajectories) == 1 and is_list(trajectories[0]):
+        (inner,) = trajectories
+        if not (inner and isinstance(inner[0], Mapping | list | tuple)):
+            break
+        trajectories, fault = inner, problems.LISTED_VALUES
+    is_meant = is_list(trajectories) and all(isinstance(each, Mapping) for each in trajectories)
+    return (trajectories, fault) if is_meant else (given, None)
+
+
 def has_point(record: Mapping[str, Any]) -> bool:
     """Whether one of an item's trajectories has a point, or it has several trajectories."""
-    given = record[TRAJECTORY_KEY]
+    given, _ = _unnest(record[TRAJECTORY_KEY])
     trajectories = given if is_list(given) else [given]
     return len(trajectories) > 1 or any(key in each for key in POINT_KEYS for each in trajectories)
 
@@ -57,7 +69,7 @@ def take_path(
     location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
 ) -> Mapping[str, Any]:
     """Return an item's record as that of one trajectory, for tasks that have no items."""
-    given = record[TRAJECTORY_KEY]
+    given, _ = _unnest(record[TRAJECTORY_KEY])
     trajectories = given if is_list(given) else [given]
     first, key = next((each, key) for each in trajectories if (key := _path_key(each)) is not None)
     fault = problems.ITEMS_FOR_PATHS if len(trajectories) == 1 else problems.SEVERAL_PATHS
@@ -80,7 +92,9 @@ def split_items(
             yield location, record
             continue
         item = record if is_item(record) else _as_item(location, record, log)
-        trajectories = item[TRAJECTORY_KEY]
+        trajectories, fault = _unnest(item[TRAJECTORY_KEY])
+        if fault is not None:
+            log.add_fault(fault, location, f".{TRAJECTORY_KEY}", item[TRAJECTORY_KEY])
         if isinstance(trajectories, Mapping):
             log.differences["single trajectories"] += 1
             trajectories = [trajectories]

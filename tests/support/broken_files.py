@@ -448,6 +448,10 @@ MISTAKES_OF_TASKS: Mapping[str, tuple[str, Mistake]] = MappingProxyType(
             walks(respelt("obj_heading", "objHeading")),
         ),
         "SOON: path written traj": ("soon", walks(respelt("path", "traj"))),
+        "SOON: trajectories in a list of one": (
+            "soon",
+            in_every(lambda record: {"trajectory": [record["trajectory"]]}),
+        ),
         "SOON: no points": ("soon", walks(lambda walk: {"path": walk["path"]})),
         "SOON: points printed by PyTorch": (
             "soon",

@@ -8,7 +8,7 @@ files nor their problems are stored.
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
@@ -29,7 +29,7 @@ from reverie_eval.server.errors import (
     request_error,
 )
 from reverie_eval.server.service.paging import Listed, Page, list_page
-from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.database import Database, is_unreachable
 from reverie_eval.server.store.tables import (
     IS_CHANGE,
     IS_SHOWN,
@@ -131,9 +131,16 @@ class Attempts:
                 self._write(upload)
 
     def record_with(self, session: Session, upload: Handled) -> None:
-        """Record an upload in the transaction that stores its submission, if possible."""
-        with suppress(SQLAlchemyError), session.begin_nested():
-            upload.add(session, self.clock())
+        """Record an upload in the transaction that stores its submission, if possible.
+
+        Raises SQLAlchemyError if the database cannot be reached: then nothing can be stored.
+        """
+        try:
+            with session.begin_nested():
+                upload.add(session, self.clock())
+        except SQLAlchemyError as error:
+            if is_unreachable(error):
+                raise
 
     def _write(self, upload: Handled) -> None:
         try:

@@ -157,6 +157,21 @@ def test_what_was_noted_is_undone_with_the_submission(
     assert server.ask(OWNER, "GET", "/submissions").json() == []
 
 
+def test_a_database_that_is_lost_meanwhile_is_down(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Going on without a connection would end in a reply with 500."""
+
+    def lose(*_: object) -> None:
+        raise OperationalError("", {}, Exception("gone"), connection_invalidated=True)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(attempts.Handled, "add", lose)
+        reply = server.upload(OWNER)
+    assert (reply.status_code, reply.json()["code"]) == (503, "database-down")
+    assert server.ask(OWNER, "GET", "/submissions").json() == []
+
+
 def test_what_is_older_than_ninety_days_is_forgotten(server: Serving) -> None:
     server.upload(OWNER)
     server.clock.turn(days=90)

@@ -15,7 +15,7 @@ WORLDS = 2000
 CLUSTERS = (513, 100)
 """The number of targets in val_unseen, and fewer."""
 RUN_SPREADS = (0.0, 0.05, 0.2)
-"""Of the log odds of success: the rate of a run varies by 0, 0.8 and 3.3 points."""
+"""How much the log odds of success differ between runs: by 0, 0.8 and 3.3 points of the rate."""
 LOG_ODDS = {"58 %": 0.5, "7 %": -3.5}
 """By the rate of success to which they lead."""
 ALLOWED = (0.93, 0.97)

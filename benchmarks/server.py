@@ -111,6 +111,8 @@ class Load(NamedTuple):
     latencies: Sequence[float]
     processor_milliseconds: float
     """Of the server, for all uploads."""
+    answering_milliseconds: float
+    """Of that, what the process takes that answers requests."""
     busy_milliseconds: float
     """Of all processes of the machine, the sender's too."""
 
@@ -125,6 +127,11 @@ class Load(NamedTuple):
         return self.processor_milliseconds / len(self.latencies)
 
     @property
+    def answering_cost(self) -> float:
+        """Milliseconds of the processor for an upload, in the process that answers requests."""
+        return self.answering_milliseconds / len(self.latencies)
+
+    @property
     def busy(self) -> float:
         """The number of processors that were busy, on average."""
         return self.busy_milliseconds / (1000 * self.seconds)
@@ -137,6 +144,7 @@ class Comparison(NamedTuple):
     """Of their throughputs."""
     throughputs: Sequence[float]
     costs: Sequence[float]
+    answering_costs: Sequence[float]
     busy: Sequence[float]
 
 
@@ -182,7 +190,7 @@ def compare(visibility: str, scored: Target, bare: Target, bodies: Iterator[byte
             f"{visibility} split, {concurrency:2} at once: median {median:6.1f} ms, p99 "
             f"{p99:6.1f} ms, of {len(latencies)} uploads"
         )
-    ratio, (ours, theirs), costs, _ = in_turns(scored, bare, bodies)
+    ratio, (ours, theirs), costs, *_ = in_turns(scored, bare, bodies)
     verdict = "ok" if ratio >= BAR else "MISSED"
     print(
         f"{visibility} split, {COMPARED_AT} at once: {ours:.1f} uploads/s, bare route "
@@ -199,7 +207,7 @@ def compare_workers(visibility: str, one: Target, crew: Target, bodies: Iterator
     """Print the throughput of several scoring processes against that of one; return the ratio."""
     for target in (one, crew):
         upload(target, itertools.islice(bodies, 32), COMPARED_AT)
-    ratio, (several, single), _, busy = in_turns(crew, one, bodies)
+    ratio, (several, single), costs, answering, busy = in_turns(crew, one, bodies)
     verdict = "ok" if ratio >= BAR_OF_WORKERS else "MISSED"
     print(
         f"{visibility} split, {COMPARED_AT} at once: {WORKERS} scoring processes {several:.1f} "
@@ -208,6 +216,10 @@ def compare_workers(visibility: str, one: Target, crew: Target, bodies: Iterator
     print(
         f"{visibility} split, {COMPARED_AT} at once: with {WORKERS}, {busy[0]:.2f} of "
         f"{os.cpu_count()} processors are busy, with one {busy[1]:.2f}, the sender included"
+    )
+    print(
+        f"{visibility} split, {COMPARED_AT} at once: of the {costs[0]:.1f} ms of an upload with "
+        f"{WORKERS}, the process that answers takes {answering[0]:.1f}"
     )
     return ratio
 
@@ -228,6 +240,10 @@ def in_turns(first: Target, second: Target, bodies: Iterator[bytes]) -> Comparis
             for loads in zip(*rounds, strict=True)
         ],
         [statistics.median(load.cost for load in loads) for loads in zip(*rounds, strict=True)],
+        [
+            statistics.median(load.answering_cost for load in loads)
+            for loads in zip(*rounds, strict=True)
+        ],
         [statistics.median(load.busy for load in loads) for loads in zip(*rounds, strict=True)],
     )
 
@@ -300,10 +316,12 @@ def upload(target: Target, bodies: Iterator[bytes], concurrency: int) -> Load:
     with ThreadPoolExecutor(concurrency) as senders:
         start, busy = time.perf_counter(), busy_milliseconds()
         spent = processor_milliseconds(*family_of(target.process))
+        answering = processor_milliseconds(target.process)
         latencies = list(senders.map(send, prepared, target.tokens))
         seconds = time.perf_counter() - start
         spent = processor_milliseconds(*family_of(target.process)) - spent
-        return Load(seconds, latencies, spent, busy_milliseconds() - busy)
+        answering = processor_milliseconds(target.process) - answering
+        return Load(seconds, latencies, spent, answering, busy_milliseconds() - busy)
 
 
 if __name__ == "__main__":

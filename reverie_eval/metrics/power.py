@@ -34,10 +34,11 @@ WORLDS = 10_000
 _SIDE_BY_SIDE = 200
 """Simulated comparisons in memory at once."""
 _FEWEST_RESAMPLES = 1_000
-"""Of each simulated comparison. Comparisons have 10,000, with which power is the same to 0.3
-points, unless clusters are so few that p-values are far apart."""
+"""A simulated comparison has at least so many resamples. A real one has 10,000, with which power is
+the same to 0.3 points, unless clusters are so few that p-values are far apart."""
 _DRAWN_CLUSTERS = 200_000
-"""Of each simulated comparison, if that makes more resamples; about as fast for all designs."""
+"""A simulated comparison draws about so many clusters, if that gives more resamples; so designs of
+any size take about as long."""
 _QUANTILES = (np.arange(20) + 0.5) / 20
 """Where the distribution of an estimated variance is looked at."""
 _BOUNDS = np.array([[-1.0], [1.0]])

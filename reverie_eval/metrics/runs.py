@@ -39,7 +39,7 @@ _SHARE_POWER = 1.35
 and Cox have 1; then up to 98 % of 95 % intervals over two runs contain the truth, and up to 97 %
 with this power. Measured by benchmarks/runs.py."""
 _BISECTIONS = 60
-"""Of the logarithms of all p-values that a float holds, to their last digits."""
+"""Enough to find the logarithm of any p-value that a float holds to its last digits."""
 
 
 @dataclass(frozen=True)

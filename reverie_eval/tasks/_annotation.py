@@ -76,7 +76,7 @@ class Annotation(Struct, frozen=True, kw_only=True):
     def is_answered(self) -> bool:
         """Whether the record has what the public file of a private split leaves out.
 
-        A path that stays at its first viewpoint is none, however often it lists that.
+        A path that stays at its first viewpoint is no answer, however often it lists it.
         """
         return len(set(self.reference)) > 1
 

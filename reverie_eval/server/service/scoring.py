@@ -134,7 +134,7 @@ class EpisodeValues(NamedTuple):
     """Scores without the ground truth, which both processes have; it may be 100 times as large."""
 
     signature: str
-    """What they were scored by."""
+    """The rules and the ground truth by which the episodes were scored."""
     episodes: Mapping[str, Array]
     hints: Sequence[str]
     qualifier: str

@@ -433,7 +433,8 @@ class _Neighbours(NamedTuple):
     x: np.ndarray
     y: np.ndarray
     unit_x: np.ndarray
-    """Of the horizontal direction; NaN for what is straight above, so that it is never seen."""
+    """With ``unit_y``, the horizontal direction, of length 1; NaN for a viewpoint straight above or
+    below, which is therefore never seen."""
     unit_y: np.ndarray
 
 
@@ -599,7 +600,7 @@ _UP, _FRONT, _RIGHT, _BACK, _LEFT, _DOWN = range(6)
 _STEPS = 64
 """Pixels are blended from their four neighbours in this many steps along each side."""
 _BITS = 12
-"""Of the product of two numbers of steps."""
+"""Bits that two numbers of steps add to a colour that is multiplied by both."""
 _LANES = 0, 21, 42
 """The first bits of red, green and blue in an integer of 64 bits: one product blends all three."""
 _SKYBOXES_KEPT = 8

@@ -1,6 +1,5 @@
-"""Scores and datasets in the formats of other collections: one module for each format."""
+"""Scores in the formats of other collections: one module for each format."""
 
-from reverie_eval.exports._croissant import croissant
 from reverie_eval.exports._every_eval_ever import (
     EvaluatedModel,
     collection,
@@ -12,7 +11,6 @@ from reverie_eval.exports._hugging_face import evaluation_results, model_index
 __all__ = [
     "EvaluatedModel",
     "collection",
-    "croissant",
     "evaluation_results",
     "every_eval_ever",
     "instance_results",

@@ -15,7 +15,6 @@ from urllib.parse import unquote, urlsplit
 import httpx
 import pytest
 from anyio.from_thread import BlockingPortal
-from rocrate.rocrate import ROCrate
 
 from reverie_eval import PROTOCOLS, GroundTruth, ReverieEvalError, evaluate
 from reverie_eval.ground_truth import Bundle
@@ -25,6 +24,7 @@ from reverie_eval.server.operations.site import export_site
 from reverie_eval.server.settings import SETTINGS_FILE
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.dump import dump
+from reverie_eval.version import __version__
 from tests.support.acting import NOON, review
 from tests.support.crawling import links_of
 from tests.support.entries import entered
@@ -386,41 +386,10 @@ def test_a_date_that_the_data_cannot_have(
     assert not (tmp_path / "site").exists()
 
 
-# For archives.
-
-
-def test_its_description_follows_the_specification(lab: Lab) -> None:
-    crate = ROCrate(lab.site)
-    root = crate.root_dataset
-    assert crate.metadata["conformsTo"] == "https://w3id.org/ro/crate/1.1"
-    assert root.id == "./"
-    assert root["name"] == "REVERIE at <our> lab: leaderboards"
-    assert root["datePublished"] == DATE.isoformat()
-    assert root["license"]  # may be a text, and must be there
-    assert ADDRESS in root["description"]
-    assert {each.id for each in root["citation"]} == {"https://arxiv.org/abs/1904.10151", PAPER}
-    files = {unquote(each.id): each for each in root["hasPart"]}
-    assert files.keys() == lab.files.keys() - {"ro-crate-metadata.json"}
-    for name, file in files.items():
-        assert file.type == "File"
-        assert file["name"]
-        assert file["description"]
-        assert re.fullmatch(r"[a-z]+/[a-z0-9.+-]+", file["encodingFormat"])
-        assert int(file["contentSize"]) == len(lab.files[name])
-
-
-def test_its_graph_is_flat_and_whole(lab: Lab) -> None:
-    """As the specification says: every entity once, with an id and a type, and none missing."""
-    document = json.loads(lab.files["ro-crate-metadata.json"])
-    assert document["@context"] == "https://w3id.org/ro/crate/1.1/context"
-    entities = {entity["@id"]: entity for entity in document["@graph"]}
-    assert len(entities) == len(document["@graph"])
-    assert all(entity["@type"] for entity in entities.values())
-    named = {
-        each["@id"]
-        for entity in entities.values()
-        for value in entity.values()
-        for each in (value if isinstance(value, list) else [value])
-        if isinstance(each, dict)
+def test_a_copy_says_of_which_server_it_is_and_when_it_was_made(lab: Lab) -> None:
+    assert json.loads(lab.files["copy.json"]) == {
+        "server": "REVERIE at <our> lab",
+        "address": ADDRESS,
+        "copied_at": DATE.isoformat(),
+        "software": f"reverie-eval {__version__}",
     }
-    assert named - entities.keys() == {"https://w3id.org/ro/crate/1.1"}

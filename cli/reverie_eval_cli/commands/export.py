@@ -1,4 +1,4 @@
-"""``reverie-eval export FORMAT``: scores and datasets in the formats of other collections."""
+"""``reverie-eval export FORMAT``: scores in the formats of other collections."""
 
 import hashlib
 import json
@@ -58,7 +58,7 @@ def _scored(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.group(cls=Group)
 def export() -> None:
-    """Write scores, or the description of a dataset, in the format of another collection."""
+    """Write scores in the format of another collection."""
 
 
 @export.command("every-eval-ever")
@@ -179,24 +179,6 @@ def export_eval_results(
     at = datetime.now(UTC)
     results = evaluation_results(scores, "/".join(benchmark), task_id, at)
     show(lambda: _yaml(results).rstrip(), output)
-
-
-@export.command("croissant")
-@options.dataset_files
-@options.dataset_task
-@options.output("the description")
-def export_croissant(*, task: str, output: str | None, **paths: Path | None) -> None:
-    """Describe a dataset's files and its task in Croissant.
-
-    DATASET is a clone of the REVERIE dataset repository, or of another task's. Put the description
-    into its root.
-    """
-    from reverie_eval.dataset import DatasetFiles
-    from reverie_eval.exports import croissant
-
-    check_outputs([output], paths.values())
-    files = DatasetFiles.find(split=None, task=task, **paths)
-    show(lambda: json.dumps(croissant(files), indent=2, ensure_ascii=False), output)
 
 
 def _yaml(document: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> str:

@@ -13,7 +13,6 @@ from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.operations.checks import opened_server
-from reverie_eval.server.operations.crate import METADATA, Crate, File
 from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import write_csv
@@ -24,20 +23,6 @@ from reverie_eval.server.state import ServerState
 Format = Literal["csv", "parquet"]
 DESCRIPTION = "datapackage.json"
 """A Data Package: https://specs.frictionlessdata.io/data-package/"""
-
-_MEDIA_TYPES = {
-    ".csv": "text/csv",
-    ".json": "application/json",
-    ".parquet": "application/vnd.apache.parquet",
-}
-
-_TITLES = {
-    "leaderboards": "Leaderboards and their rules",
-    "results": "Results, one row for each on a leaderboard",
-    "reviews": "Reviews of results",
-    "corrections": "Corrections of ground truth or rules",
-    "datapackage": "Columns, types and units of the tables",
-}
 
 Row = Mapping[str, Any]
 
@@ -64,28 +49,14 @@ def export(settings: Settings, folder: Path, layout: Format) -> Sequence[Exporte
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ReverieEvalError(f"{folder} is not empty; choose a new or an empty folder")
     write = _write_csv if layout == "csv" else _parquet_writer()
-    with opened_server(settings) as state, staged_folder(folder, last=METADATA) as place:
+    with opened_server(settings) as state, staged_folder(folder, last=DESCRIPTION) as place:
         tables = list(_tables(state))
         for table in tables:
             write(table, place / f"{table.name}.{layout}")
         description = _description(settings.title, tables, layout)
-        _write_json(description, place / DESCRIPTION)
-        files = [
-            File(
-                path.name,
-                _MEDIA_TYPES[path.suffix],
-                path.stat().st_size,
-                title=_TITLES[path.stem],
-            )
-            for path in sorted(place.iterdir())
-        ]
-        crate = Crate.of("The leaderboards, as tables,", state, files)
-        _write_json(crate.document(), place / METADATA)
+        text = json.dumps(description, indent=2, ensure_ascii=False)
+        (place / DESCRIPTION).write_text(f"{text}\n", encoding="utf-8")
     return tables
-
-
-def _write_json(document: Row, path: Path) -> None:
-    path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _tables(state: ServerState) -> Iterator[ExportedTable]:

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from html import unescape
 from os.path import relpath
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -25,7 +24,6 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import replacing_folder
 from reverie_eval.server.app import create_app
 from reverie_eval.server.operations.checks import check_known, database_errors
-from reverie_eval.server.operations.crate import METADATA, Crate, File, is_crate_of_ours
 from reverie_eval.server.operations.restore import unpacked
 from reverie_eval.server.pages.rendering import links_of, with_links
 from reverie_eval.server.settings import Settings, load_settings
@@ -33,7 +31,9 @@ from reverie_eval.server.state import ServerState, utc_now
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import Row, dump, load
 from reverie_eval.server.store.tables import AuditEntry
+from reverie_eval.version import __version__
 
+_SOFTWARE = "reverie-eval"
 _ORIGIN = "http://copy.invalid"
 """The address that the application appears to have; the name cannot exist (RFC 6761)."""
 _LEFT_OUT = ("/episodes", "/play")
@@ -43,7 +43,8 @@ _EXAMPLE = "/submissions/ID"
 _UNLIMITED = 1 << 31
 _PAGE = "text/html"
 _SUFFIXES = {_PAGE: ".html", "application/json": ".json", "text/plain": ".txt"}
-_TITLE = re.compile(r"<title>(.*?)</title>")
+_COPY = "copy.json"
+"""What the folder is a copy of; it marks a folder that a new copy may replace."""
 _SENDING_FORM = re.compile(r'<form\b[^>]* method="post"')
 
 
@@ -82,20 +83,35 @@ def export_site(source: Path, output: Path, date: datetime | None = None) -> Sit
     _check_replaceable(output)
     with _copied(source, date) as state, replacing_folder(output) as folder:
         visited = asyncio.run(_visit(state, folder))
-        files = _link_files(visited, state.settings.path_prefix, folder)
-        document = Crate.of("The public pages", state, files).document()
-        (folder / METADATA).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-        size = sum(file.size for file in files)
-        return SiteReport(len(files), size, state.clock(), state.settings.public_address)
+        _link_files(visited, state.settings.path_prefix, folder)
+        size = sum((folder / each.name).stat().st_size for each in visited.values())
+        report = SiteReport(len(visited), size, state.clock(), state.settings.public_address)
+        origin = {
+            "server": state.settings.title,
+            "address": report.address,
+            "copied_at": report.copied_at.isoformat(),
+            "software": f"{_SOFTWARE} {__version__}",
+        }
+        (folder / _COPY).write_text(f"{json.dumps(origin, indent=2)}\n", encoding="utf-8")
+        return report
 
 
 def _check_replaceable(output: Path) -> None:
-    if output.is_dir() and (not any(output.iterdir()) or is_crate_of_ours(output / METADATA)):
+    if output.is_dir() and (not any(output.iterdir()) or _is_copy(output)):
         return
     if output.exists():
         raise ReverieEvalError(
             f"{output} is not an earlier copy, and is not empty; choose a new folder"
         )
+
+
+def _is_copy(folder: Path) -> bool:
+    """Return whether a folder was written by :func:`export_site`."""
+    try:
+        software: str = json.loads((folder / _COPY).read_bytes())["software"]
+        return software.startswith(f"{_SOFTWARE} ")
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return False
 
 
 @contextmanager
@@ -200,20 +216,15 @@ async def _visit(state: ServerState, folder: Path) -> Mapping[str, _Visited]:
     return {address: visited for address, visited in found.items() if visited is not None}
 
 
-def _link_files(found: Mapping[str, _Visited], prefix: str, folder: Path) -> list[File]:
-    """Let the pages link files, and describe all files."""
+def _link_files(found: Mapping[str, _Visited], prefix: str, folder: Path) -> None:
+    """Let the pages link files instead of addresses."""
     names = {address: visited.name for address, visited in found.items()}
     names[prefix + _EXAMPLE] = _name(_EXAMPLE, _PAGE)
-    files = []
-    for address, visited in sorted(found.items()):
-        file, title = folder / visited.name, ""
+    for visited in found.values():
         if visited.media_type == _PAGE:
+            file = folder / visited.name
             html = _relinked(file.read_text(encoding="utf-8"), visited, names)
             file.write_text(html, encoding="utf-8", newline="\n")
-            title = unescape(_TITLE.findall(html)[0])
-        size = file.stat().st_size
-        files.append(File(visited.name, visited.media_type, size, address, title))
-    return files
 
 
 def _relinked(html: str, page: _Visited, names: Mapping[str, str]) -> str:

@@ -28,8 +28,7 @@ def export_tables(*, folder: Folder, output: Path, layout: "Format") -> None:
     """Write what the leaderboards show as tables.
 
     These are leaderboards, results, reviews and corrections, with datapackage.json, which describes
-    their columns and units, and ro-crate-metadata.json, by which archives catalogue the folder.
-    Nothing is in them that the leaderboards do not show.
+    their columns and units. Nothing is in them that the leaderboards do not show.
     """
     from reverie_eval.server.operations.export import export
 
@@ -51,7 +50,7 @@ def export_site(*, source: Path, output: Path, date: datetime | None) -> int:
 
     Of a server's folder, also while the server runs, or of a backup. The files need no server: open
     index.html, or publish the folder anywhere. They have only what a visitor sees who is not signed
-    in. ro-crate-metadata.json describes them to archives.
+    in.
 
     Exit status: 0 written, 1 a backup or the settings are rejected, 2 usage or system error.
     """

@@ -126,16 +126,26 @@ def test_reports_name_persons(database: Database) -> None:
 
 EVENTS: list[tuple[str, dict[str, Any], str, str]] = [
     ("submitted", {}, "received and scored", ""),
-    ("changed", {"published": True}, "published", ""),
-    ("changed", {"published": False}, "unpublished", ""),
-    ("changed", {"withdrawn": True}, "withdrawn", ""),
-    ("changed", {"withdrawn": False, "published": True}, "restored; published", ""),
-    ("changed", {"shows_episodes": True}, "episodes shown to everyone", ""),
-    ("changed", {"shows_episodes": False}, "episodes shown to the team only", ""),
-    ("changed", {"anonymous_until": "2026-06-01T00:00:00Z"}, "team hidden until 2026-06-01", ""),
-    ("changed", {"anonymous_until": None}, "team named", ""),
-    ("changed", {"method": {"name": "x", "paper_url": ""}}, "edited: name, paper url", ""),
-    ("changed", {"method": {}}, "changed", ""),
+    ("changed", {"after": {"published": True}}, "published", ""),
+    ("changed", {"after": {"published": False}}, "unpublished", ""),
+    ("changed", {"after": {"withdrawn": True}}, "withdrawn", ""),
+    ("changed", {"after": {"withdrawn": False, "published": True}}, "restored; published", ""),
+    ("changed", {"after": {"shows_episodes": True}}, "episodes shown to everyone", ""),
+    ("changed", {"after": {"shows_episodes": False}}, "episodes shown to the team only", ""),
+    (
+        "changed",
+        {"after": {"anonymous_until": "2026-06-01T00:00:00Z"}},
+        "team hidden until 2026-06-01",
+        "",
+    ),
+    ("changed", {"after": {"anonymous_until": None}}, "team named", ""),
+    (
+        "changed",
+        {"after": {"method": {"name": "x", "paper_url": ""}}},
+        "edited: name, paper url",
+        "",
+    ),
+    ("changed", {"after": {"method": {}}}, "changed", ""),
     (
         "changed",
         {"before": {"published": False}, "after": {"published": True}},
@@ -155,10 +165,7 @@ EVENTS: list[tuple[str, dict[str, Any], str, str]] = [
     ("review lifted", {"verdict": "baseline"}, "no longer baseline", ""),
     ("review lifted", {}, "no longer reviewed", ""),
 ]
-"""Action, details, and what the history of a submission says of it, and why.
-
-Version 0.1.0 recorded the new values of a change alone.
-"""
+"""Action, details, and what the history of a submission says of it, and why."""
 
 
 def test_the_history_of_a_submission_words_every_action(database: Database) -> None:

@@ -246,7 +246,9 @@ def _own_cookies(header: bytes) -> bytes:
 class PathPrefix(Middleware):
     """Serves the application below a path of its host; the application itself does not know it.
 
-    A request may come with the prefix or, from a monitor on the same machine, without.
+    A request may come with the prefix or, from a monitor on the same machine, without. The
+    ``root_path`` of ASGI is no substitute: Starlette matches routes by it, but leaves the prefix in
+    ``request.url.path`` and does not put it into redirects.
     """
 
     def __init__(self, app: ASGIApp, prefix: str) -> None:

@@ -270,8 +270,8 @@ def history(session: Session, submission_id: str, organiser: str) -> Sequence[Ev
 
 def _event(entry: AuditEntry, actor: str) -> Event:
     changes: Sequence[str] = ()
-    if entry.action == "changed":  # version 0.1.0 recorded the new values alone
-        changes = list(_changes(entry.details.get("after", entry.details)))
+    if entry.action == "changed":
+        changes = list(_changes(entry.details.get("after", {})))
     what = "; ".join(changes) or entry.action.replace("submitted", "received and scored")
     if entry.action == "review lifted":
         what = f"no longer {entry.details.get('verdict', 'reviewed')}"

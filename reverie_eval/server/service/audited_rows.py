@@ -130,7 +130,7 @@ def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
 
 def changed_values(session: Session) -> Iterator[str]:
     """Describe every row with a value that is not the last one in the audit log."""
-    columns = (AuditEntry.row, AuditEntry.action, AuditEntry.details)
+    columns = (AuditEntry.row, AuditEntry.details)
     chosen = select(*columns).order_by(AuditEntry.row, AuditEntry.id)
     by_row = groupby(session.execute(chosen.execution_options(yield_per=AT_ONCE)), itemgetter(0))
     logged = ((row, _Logged.of(entries)) for row, entries in by_row)
@@ -152,7 +152,7 @@ class _Logged(NamedTuple):
     def of(cls, entries: Iterable[Any]) -> Self:
         """Return the values with which the entries of a row leave it."""
         logged = cls({}, set())
-        for _, action, details in entries:
+        for _, details in entries:
             if not isinstance(details, Mapping):
                 continue
             is_change = "after" in details
@@ -161,16 +161,12 @@ class _Logged(NamedTuple):
                 _apply(logged.values, before, after)
             elif not is_change:
                 _apply(logged.values, {}, details)
-                # Of changes, version 0.1.0 logged the new values alone.
-                logged.whole.update(details if action != "changed" else ())
+                logged.whole.update(details)
         return logged
 
     def differs(self, column: Column[Any], value: Any) -> bool:
         """Whether a row has another value in a column than the log, if that has one."""
-        # Version 0.1.0 logged None for what a request did not change.
-        if column.name not in self.values or (
-            self.values[column.name] is None and not column.nullable
-        ):
+        if column.name not in self.values:
             return False
         return _differs(self.values[column.name], value, is_whole=column.name in self.whole)
 

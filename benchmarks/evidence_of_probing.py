@@ -1,7 +1,7 @@
 """How many honest teams the evidence of probing points to, and how many that probe it misses.
 
 ``python benchmarks/evidence_of_probing.py [HISTORIES]`` draws histories of 30 submissions, of each
-kind as many, on the tasks and instructions of REVERIE's splits; without the published files, on
+kind as many, on the items and instructions of REVERIE's splits; without the published files, on
 those of the demo world. After each third submission from the fifteenth on, the organiser looks at
 the p-value. An honest team is a false alarm if it is ever below 0.001; a team that probes is missed
 if it never is.
@@ -36,9 +36,9 @@ def main() -> int:
     """Print the share of wrong ones for each kind of history; return 1 if a bar is missed."""
     histories = int(sys.argv[1]) if len(sys.argv) > 1 else HISTORIES
     figures: list[Figure] = []
-    for split, task in tasks().items():
+    for split, item in episodes_by_split().items():
         for name in (*HONEST, *PROBING):
-            jobs = [(name, task, seed) for seed in range(histories)]
+            jobs = [(name, item, seed) for seed in range(histories)]
             found = list(map_in_processes(is_found, jobs, 2))
             share = 100 * float(np.mean(found))
             if name in HONEST:
@@ -50,15 +50,15 @@ def main() -> int:
 
 def is_found(job: tuple[str, IntArray, int]) -> bool:
     """Whether the evidence points to a team at any look."""
-    name, task, seed = job
+    name, item, seed = job
     history = {**HONEST, **PROBING}[name]
-    answers = history(task, SUBMISSIONS, np.random.default_rng(seed))
-    spreads = (spread_of_changes(answers[:look], task) for look in LOOKS)
+    answers = history(item, SUBMISSIONS, np.random.default_rng(seed))
+    spreads = (spread_of_changes(answers[:look], item) for look in LOOKS)
     return any(spread is not None and spread.p_value < ALARM for spread in spreads)
 
 
-def tasks() -> dict[str, IntArray]:
-    """Return the task of each episode, by split."""
+def episodes_by_split() -> dict[str, IntArray]:
+    """Return the item of each episode, by split."""
     published = published_folder()
     if published is None:
         bundle = Bundle.load(DEMO_BUNDLES / "val_unseen.npz")

@@ -236,7 +236,7 @@ def repeated_truth(truth: rv.GroundTruth, copies: int) -> rv.GroundTruth:
     whole, answers = truth.episodes, truth.require_answers()
     ids = tuple(f"{each}-{number}" for number in range(copies) for each in whole.instr_ids)
     episodes = replace(
-        whole, instr_ids=ids, task=np.tile(whole.task, copies), start=np.tile(whole.start, copies)
+        whole, instr_ids=ids, item=np.tile(whole.item, copies), start=np.tile(whole.start, copies)
     )
     answers = replace(
         answers,

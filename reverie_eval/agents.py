@@ -58,7 +58,7 @@ Record: TypeAlias = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class AgentTask:
+class AgentEpisode:
     """An episode as an agent sees it; only the Shortest agent uses the goal and the target."""
 
     start: int
@@ -69,22 +69,22 @@ class AgentTask:
 Behaviour: TypeAlias = tuple[Sequence[int], int]
 """The viewpoints an agent visited, and the object that it predicts."""
 
-Agent: TypeAlias = Callable[[AgentTask, Surroundings, random.Random], Behaviour]
+Agent: TypeAlias = Callable[[AgentEpisode, Surroundings, random.Random], Behaviour]
 
 
-def stop(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:  # noqa: ARG001
+def stop(episode: AgentEpisode, surroundings: Surroundings, rng: random.Random) -> Behaviour:  # noqa: ARG001
     """Stay at the start and predict no object."""
-    return [task.start], ABSTAINED
+    return [episode.start], ABSTAINED
 
 
-def shortest(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:  # noqa: ARG001
+def shortest(episode: AgentEpisode, surroundings: Surroundings, rng: random.Random) -> Behaviour:  # noqa: ARG001
     """Follow the shortest route to the goal and predict the target object."""
-    return surroundings.shortest_route(task.start, task.goal), task.target_object
+    return surroundings.shortest_route(episode.start, episode.goal), episode.target_object
 
 
-def random_walk(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:
+def random_walk(episode: AgentEpisode, surroundings: Surroundings, rng: random.Random) -> Behaviour:
     """Walk up to ten random steps and predict a random object visible at the end."""
-    viewpoints = [task.start]
+    viewpoints = [episode.start]
     for _ in range(rng.randint(0, MAX_RANDOM_STEPS)):
         viewpoints.append(rng.choice(surroundings.neighbours(viewpoints[-1])))
     visible = surroundings.visible_objects(viewpoints[-1])
@@ -117,7 +117,7 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     answers, episodes = ground_truth.require_answers(), ground_truth.episodes
     surroundings, rng = Surroundings(ground_truth), random.Random(seed)  # noqa: S311
     columns = np.stack([episodes.start, answers.goal, answers.target_object], axis=1)
-    behaviours = [AGENTS[name](AgentTask(*task), surroundings, rng) for task in columns.tolist()]
+    behaviours = [AGENTS[name](AgentEpisode(*each), surroundings, rng) for each in columns.tolist()]
     task = ground_truth.task
     records: list[Record] = [
         {

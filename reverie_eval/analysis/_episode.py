@@ -176,10 +176,10 @@ def episode(scores: Scores, instr_id: str) -> Episode:
     if row is None:
         raise ReverieEvalError(_unknown_episode(instr_id, truth))
     graph, answers = truth.graph, truth.require_answers()
-    task = int(truth.episodes.task[row])
+    item = int(truth.episodes.item[row])
     start = int(truth.episodes.start[row])
     poses = submission.viewpoint[slice(*submission.offsets[row : row + 2])]
-    path = answers.path[slice(*answers.path_offsets[task : task + 2])]
+    path = answers.path[slice(*answers.path_offsets[item : item + 2])]
     predicted = int(submission.predicted_object[row])
     return Episode(
         instr_id=instr_id,
@@ -192,7 +192,7 @@ def episode(scores: Scores, instr_id: str) -> Episode:
         annotated_path=_ids(graph, path),
         goal_viewpoints=_ids(graph, _goal_viewpoints(scores.protocol, truth, row)),
         target_object=int(answers.target_object[row]) if truth.task.has_targets else None,
-        target_category=_text_or_empty(lambda: answers.target_categories[task]),
+        target_category=_text_or_empty(lambda: answers.target_categories[item]),
         predicted_object=None if predicted == ABSTAINED else predicted,
         predicted_box=_predicted_box(submission, row),
         box_outcome=scores.box_outcomes[row],

@@ -58,26 +58,26 @@ def compile_split(
     content = read_one_split(files, split, progress)
     check_sound(content, "compile")
     (annotations,), boxes, centres = content.splits, content.boxes, content.centres
-    graph, tasks = content.graphs.ground_truth(), annotations.tasks
-    arrays = graph.to_arrays() | _episode_arrays(tasks, graph)
-    texts = {"instruction": [text.strip() for task in tasks for text in task.texts]}
-    if any(task.language for task in tasks):
-        texts["language"] = [task.language for task in tasks for _ in task.texts]
+    graph, items = content.graphs.ground_truth(), annotations.items
+    arrays = graph.to_arrays() | _episode_arrays(items, graph)
+    texts = {"instruction": [text.strip() for item in items for text in item.texts]}
+    if any(item.language for item in items):
+        texts["language"] = [item.language for item in items for _ in item.texts]
     has_targets = content.has_answers and files.task.has_targets
     if has_targets:
-        arrays["task_target"] = np.array([target_of(task) for task in tasks])
+        arrays["task_target"] = np.array([target_of(item) for item in items])
     if content.has_answers:
-        arrays |= _path_arrays(tasks, graph)
+        arrays |= _path_arrays(items, graph)
     if has_targets:
         seen, candidates = _candidates(boxes, graph)
         arrays |= candidates
-        entries = [boxes.entry_at[viewpoints_of(task)[-1], target_of(task)] for task in tasks]
+        entries = [boxes.entry_at[viewpoints_of(item)[-1], target_of(item)] for item in items]
         texts["target_category"] = [boxes.entries[entry].record.name for entry in entries]
         texts["candidate_category"] = [boxes.entries[entry].record.name for entry in seen]
         if centres is not None:
             arrays["candidate_distance"] = _candidate_distances(arrays, centres, graph)
             arrays["target_position"] = np.array(
-                [_centre_of_target(task, centres) for task in tasks]
+                [_centre_of_target(item, centres) for item in items]
             )
     # Episodes of other splits are used in messages only, so problems in their files are ignored.
     others = {
@@ -85,7 +85,7 @@ def compile_split(
         for name, path in files.annotations.items()
         if name != split
     }
-    size = len(tasks), len(annotations.instr_ids)
+    size = len(items), len(annotations.instr_ids)
     sources = content.reader.digests()
     release = files.task.release(split, *size, sources["annotations"])
     return Bundle.build(
@@ -120,30 +120,30 @@ def origin_notes(header: BundleHeader) -> Iterator[str]:
         )
 
 
-def _episode_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
+def _episode_arrays(items: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
     """Return what is public: the episodes, and the start of each."""
     return {
-        "instr_id": np.array([id_ for task in tasks for id_ in task.instr_ids], dtype=np.str_),
-        "episode_task": np.repeat(np.arange(len(tasks)), [len(task.instr_ids) for task in tasks]),
-        "task_start": np.array([graph.index[task.reference[0]] for task in tasks]),
+        "instr_id": np.array([id_ for item in items for id_ in item.instr_ids], dtype=np.str_),
+        "episode_task": np.repeat(np.arange(len(items)), [len(item.instr_ids) for item in items]),
+        "task_start": np.array([graph.index[item.reference[0]] for item in items]),
     }
 
 
-def _path_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
+def _path_arrays(items: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
     """Return the annotated paths, and the goals beside paths of a task that has them."""
     rows: dict[tuple[str, str], Sequence[Sequence[str]]] = {
-        ("path", "path_offsets"): [task.reference for task in tasks]
+        ("path", "path_offsets"): [item.reference for item in items]
     }
-    for name in tasks[0].further_paths:
-        further = [task.further_paths[name] for task in tasks]
+    for name in items[0].further_paths:
+        further = [item.further_paths[name] for item in items]
         rows[f"path/{name}", f"path_offsets/{name}"] = further
-    if any(task.goals for task in tasks):
-        rows["goal_viewpoint", "goal_offsets"] = [task.goals for task in tasks]
+    if any(item.goals for item in items):
+        rows["goal_viewpoint", "goal_offsets"] = [item.goals for item in items]
     arrays: dict[str, Array] = {}
     for (viewpoints, offsets), listed in rows.items():
         arrays[viewpoints] = np.array([graph.index[id_] for row in listed for id_ in row])
         arrays[offsets] = offsets_of(np.array([len(row) for row in listed]))
-    outlines = [outline for task in tasks for outline in task.outlines]
+    outlines = [outline for item in items for outline in item.outlines]
     if outlines:
         arrays["goal_outline"] = np.array(outlines)
     return arrays
@@ -173,8 +173,8 @@ def _candidates(boxes: Boxes, graph: NavigationGraph) -> tuple[IntArray, dict[st
     }
 
 
-def _centre_of_target(task: Annotation, centres: Centres) -> Sequence[float]:
-    return centres.get(task.scan, {}).get(str(target_of(task)), _UNKNOWN)
+def _centre_of_target(item: Annotation, centres: Centres) -> Sequence[float]:
+    return centres.get(item.scan, {}).get(str(target_of(item)), _UNKNOWN)
 
 
 def _candidate_distances(

@@ -1,4 +1,4 @@
-"""The content of a dataset's files, valid or not: splits with their tasks, graphs and boxes."""
+"""The content of a dataset's files, valid or not: splits with their items, graphs and boxes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -33,67 +33,67 @@ class Split:
 
     name: str
     path: Path
-    tasks: Sequence[Annotation]
+    items: Sequence[Annotation]
     malformed: Sequence[str] = ()
-    """Records that do not have the form of a task, with the reason."""
+    """Records that do not have the form of an item, with the reason."""
 
     @property
     def scans(self) -> set[str]:
-        """The scans of the tasks."""
-        return {task.scan for task in self.tasks}
+        """The scans of the items."""
+        return {item.scan for item in self.items}
 
     @property
     def instr_ids(self) -> list[str]:
         """The ids of the episodes, in the order of the file."""
-        return [instr_id for task in self.tasks for instr_id in task.instr_ids]
+        return [instr_id for item in self.items for instr_id in item.instr_ids]
 
     @property
     def has_answers(self) -> bool:
-        """Whether any task has what the public file of a private split leaves out."""
-        return any(task.is_answered for task in self.tasks)
+        """Whether any item has what the public file of a private split leaves out."""
+        return any(item.is_answered for item in self.items)
 
 
 @dataclass(frozen=True, eq=False)
-class Tasks:
-    """The tasks of a split in the navigation graphs."""
+class Items:
+    """The items of a split in the navigation graphs."""
 
     split: Split
     graphs: Graphs
     other_splits: Mapping[str, str] = field(default_factory=dict)
     """The split of each instr_id that another split has."""
 
-    def is_on_graph(self, task: Annotation) -> bool:
-        """Whether every viewpoint of a task's paths is in the graph of its scan."""
-        return all(map(self.graphs.is_node, mentioned_by(task)))
+    def is_on_graph(self, item: Annotation) -> bool:
+        """Whether every viewpoint of an item's paths is in the graph of its scan."""
+        return all(map(self.graphs.is_node, mentioned_by(item)))
 
     @cached_property
     def on_graph(self) -> Sequence[Annotation]:
-        """The tasks whose whole path is in the graph; the others cannot be checked any further."""
-        return [task for task in self.split.tasks if self.is_on_graph(task)]
+        """The items whose whole path is in the graph; the others cannot be checked any further."""
+        return [item for item in self.split.items if self.is_on_graph(item)]
 
     @cached_property
     def with_target(self) -> Sequence[Annotation]:
-        """The tasks on the graph that have a target."""
-        return [task for task in self.on_graph if task.target is not None]
+        """The items on the graph that have a target."""
+        return [item for item in self.on_graph if item.target is not None]
 
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """The targets of a split's tasks among the listed objects."""
+    """The targets of a split's items among the listed objects."""
 
     split: Split
-    tasks: Sequence[Annotation]
-    """The tasks that have a target and whose whole path is in the graph."""
+    items: Sequence[Annotation]
+    """The items that have a target and whose whole path is in the graph."""
     boxes: Boxes
 
     @cached_property
     def at_start(self) -> IntArray:
-        """Shape (n_tasks,): the entry of each target at the start; -1 if not listed there."""
+        """Shape (n_items,): the entry of each target at the start; -1 if not listed there."""
         return self._entries(0)
 
     @cached_property
     def at_goal(self) -> IntArray:
-        """Shape (n_tasks,): the entry of each target at the goal; -1 if not listed there."""
+        """Shape (n_items,): the entry of each target at the goal; -1 if not listed there."""
         return self._entries(-1)
 
     def is_visible(self, entry: IntArray) -> BoolArray:
@@ -114,7 +114,7 @@ class Targets:
 
     def _entries(self, end: int) -> IntArray:
         entry_at = self.boxes.entry_at
-        keys = [(viewpoints_of(task)[end], target_of(task)) for task in self.tasks]
+        keys = [(viewpoints_of(item)[end], target_of(item)) for item in self.items]
         entries = [entry_at.get(key, -1) for key in keys]
         return np.array(entries, dtype=np.int64)
 
@@ -134,7 +134,7 @@ class Dataset:
 
     @property
     def has_answers(self) -> bool:
-        """Whether any task has answers; boxes are needed only then."""
+        """Whether any item has answers; boxes are needed only then."""
         return any(split.has_answers for split in self.splits)
 
 

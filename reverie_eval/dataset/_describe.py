@@ -10,7 +10,7 @@ from pydantic import ConfigDict
 
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import Split, read_dataset
-from reverie_eval.dataset._description import AnswerFacts, SplitDescription, TaskFacts
+from reverie_eval.dataset._description import AnswerFacts, ItemFacts, SplitDescription
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._lint import check_sound
 from reverie_eval.dataset._paper import PaperComparison, compare_with_paper
@@ -35,7 +35,7 @@ class DatasetDescription:
     total: SplitDescription
     """All splits together."""
     buildings: int
-    """Scans that have a navigation graph, with or without tasks."""
+    """Scans that have a navigation graph, with or without items."""
     viewpoints: int
     """Included viewpoints of these graphs: panoramas."""
     paper: Sequence[PaperComparison]
@@ -70,7 +70,7 @@ def describe_dataset(
     dataset = read_dataset(files, progress)
     check_sound(dataset, "describe")
     graph, boxes, task = dataset.graphs.ground_truth(), dataset.boxes, files.task
-    facts = {split.name: list(_task_facts(split, graph, boxes)) for split in dataset.splits}
+    facts = {split.name: list(_item_facts(split, graph, boxes)) for split in dataset.splits}
     viewpoint_counts = {
         scan_id: len(scan.viewpoint_ids) for scan_id, scan in dataset.graphs.scans.items()
     }
@@ -101,15 +101,15 @@ def _notes(splits: Mapping[str, SplitDescription]) -> Sequence[str]:
         *(f"{name} has no targets: its goals and paths are unknown" for name in without),
         *(
             f"{name}: the target is not visible at the goal in {hidden:,} of "
-            f"{count_text(split.tasks, 'task')}; `reverie-eval lint` lists them"
+            f"{count_text(split.items, 'item')}; `reverie-eval lint` lists them"
             for name, split in splits.items()
             if split.answers and (hidden := split.answers.hidden_targets)
         ),
     ]
 
 
-def _task_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[TaskFacts]:
-    """Yield what each task adds to the description of its split."""
+def _item_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[ItemFacts]:
+    """Yield what each item adds to the description of its split."""
     names = {
         (boxes.viewpoints[viewpoint].scan_id, object_id): category_text(record.name)
         for viewpoint, object_id, record in boxes.entries
@@ -118,20 +118,20 @@ def _task_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[
     n_objects = np.bincount(boxes.viewpoint[boxes.is_visible], minlength=size).tolist()
     n_boxes = np.bincount(boxes.viewpoint[boxes.box_entry], minlength=size).tolist()
     visible_at = dict(zip(boxes.viewpoints, zip(n_objects, n_boxes, strict=True), strict=True))
-    for task in split.tasks:
+    for item in split.items:
         answer = None
-        if task.target is not None:
-            goal = viewpoints_of(task)[-1]
-            entry = boxes.entry_at.get((goal, task.target))
+        if item.target is not None:
+            goal = viewpoints_of(item)[-1]
+            entry = boxes.entry_at.get((goal, item.target))
             goal_objects, goal_boxes = visible_at.get(goal, (0, 0))
-            path = np.array([graph.index[viewpoint_id] for viewpoint_id in task.reference])
+            path = np.array([graph.index[viewpoint_id] for viewpoint_id in item.reference])
             answer = AnswerFacts(
-                target=(split.name, task.scan, task.target),
-                category=names.get((task.scan, task.target), ""),
+                target=(split.name, item.scan, item.target),
+                category=names.get((item.scan, item.target), ""),
                 is_visible=entry is not None and bool(boxes.is_visible[entry]),
-                path_steps=len(task.reference) - 1,
+                path_steps=len(item.reference) - 1,
                 path_length=float(graph.distance_between(path[:-1], path[1:]).sum()),
                 goal_objects=goal_objects,
                 goal_boxes=goal_boxes,
             )
-        yield TaskFacts(task.scan, [tokenize(text) for text in task.texts], answer)
+        yield ItemFacts(item.scan, [tokenize(text) for text in item.texts], answer)

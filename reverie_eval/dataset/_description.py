@@ -22,7 +22,7 @@ The dataset's own training vocabulary uses the same limit: ``build_vocab(min_cou
 
 @dataclass(frozen=True, slots=True)
 class AnswerFacts:
-    """What the description uses of a task that has a target."""
+    """What the description uses of an item that has a target."""
 
     target: tuple[str, str, int]
     """Split, scan and object id."""
@@ -41,19 +41,19 @@ class AnswerFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class TaskFacts:
-    """What the description uses of a task."""
+class ItemFacts:
+    """What the description uses of an item."""
 
     scan: str
     words: Sequence[Sequence[str]]
     """The words of each instruction."""
     answer: AnswerFacts | None
-    """None if the task has no target."""
+    """None if the item has no target."""
 
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """One quantity over many tasks or instructions; nothing is rounded."""
+    """One quantity over many items or instructions; nothing is rounded."""
 
     mean: float
     median: float
@@ -88,12 +88,12 @@ class Distribution:
 
 @dataclass(frozen=True, eq=False)
 class AnswerDescription:
-    """The tasks that have a target, in numbers."""
+    """The items that have a target, in numbers."""
 
-    tasks: int
-    """Tasks that have a target."""
+    items: int
+    """Items that have a target."""
     hidden_targets: int
-    """Tasks whose target is not visible at the goal."""
+    """Items whose target is not visible at the goal."""
     target_objects: int
     """Distinct targets. For several splits it is the sum over them, as in the paper: its 4,140 are
     2,353 of train, 953 of val_seen and val_unseen, and 834 of test."""
@@ -106,17 +106,17 @@ class AnswerDescription:
     path_length: Distribution
     """Metres per annotated path, along the navigation graph."""
     goal_objects: Distribution
-    """Objects that are visible at the goal, per task."""
+    """Objects that are visible at the goal, per item."""
     goal_boxes: Distribution
-    """Boxes of visible objects in all views of the goal, per task."""
+    """Boxes of visible objects in all views of the goal, per item."""
 
     @classmethod
     def of(cls, facts: Sequence[AnswerFacts]) -> Self:
-        """Describe one or more tasks."""
+        """Describe one or more items."""
         category = {answer.target: answer.category for answer in facts}
         named = Counter(name for name in category.values() if name)
         return cls(
-            tasks=len(facts),
+            items=len(facts),
             hidden_targets=sum(not answer.is_visible for answer in facts),
             target_objects=len(category),
             target_categories=len(named),
@@ -133,11 +133,11 @@ class SplitDescription:
     """A split in numbers, or several taken together."""
 
     splits: Sequence[str]
-    tasks: int
+    items: int
     instructions: int
-    """Episodes: a task has one for each of its instructions."""
+    """Episodes: an item has one for each of its instructions."""
     scans: int
-    """Buildings that the tasks are in."""
+    """Buildings that the items are in."""
     viewpoints: int
     """Included viewpoints of these buildings."""
     words: Distribution
@@ -147,24 +147,24 @@ class SplitDescription:
     frequent_vocabulary: int
     """Distinct words that occur at least five times."""
     answers: AnswerDescription | None
-    """About the tasks that have a target; null if no task does."""
+    """About the items that have a target; null if no item does."""
 
     @classmethod
     def of(
-        cls, facts: Mapping[str, Sequence[TaskFacts]], viewpoint_counts: Mapping[str, int]
+        cls, facts: Mapping[str, Sequence[ItemFacts]], viewpoint_counts: Mapping[str, int]
     ) -> Self:
-        """Describe one split, or several together, each with at least one task.
+        """Describe one split, or several together, each with at least one item.
 
         ``viewpoint_counts`` has the number of included viewpoints of each scan.
         """
-        tasks = [task for split in facts.values() for task in split]
-        instructions = [words for task in tasks for words in task.words]
+        items = [item for split in facts.values() for item in split]
+        instructions = [words for item in items for words in item.words]
         word_counts = Counter(word for words in instructions for word in words)
-        scans = {task.scan for task in tasks}
-        answers = [task.answer for task in tasks if task.answer]
+        scans = {item.scan for item in items}
+        answers = [item.answer for item in items if item.answer]
         return cls(
             splits=list(facts),
-            tasks=len(tasks),
+            items=len(items),
             instructions=len(instructions),
             scans=len(scans),
             viewpoints=sum(viewpoint_counts[scan] for scan in scans),
@@ -178,5 +178,5 @@ class SplitDescription:
 def of_answers(
     measure: Callable[[AnswerDescription], T],
 ) -> Callable[[SplitDescription], T | None]:
-    """Return a measure of answers as a measure of splits; None if no task has a target."""
+    """Return a measure of answers as a measure of splits; None if no item has a target."""
     return lambda split: None if split.answers is None else measure(split.answers)

@@ -24,8 +24,8 @@ class Distances:
 
     boxes: Boxes
     centres: Centres
-    tasks: Sequence[Annotation]
-    """The tasks that have a target and whose whole path is in the graph."""
+    items: Sequence[Annotation]
+    """The items that have a target and whose whole path is in the graph."""
 
     @cached_property
     def offset(self) -> FloatArray:
@@ -41,8 +41,8 @@ class Distances:
 
     @cached_property
     def target(self) -> FloatArray:
-        """Shape (n_tasks,): metres from the goal to the target; NaN if unknown."""
-        pairs = [(viewpoints_of(task)[-1], target_of(task)) for task in self.tasks]
+        """Shape (n_items,): metres from the goal to the target; NaN if unknown."""
+        pairs = [(viewpoints_of(item)[-1], target_of(item)) for item in self.items]
         return np.asarray(np.linalg.norm(self._offsets(pairs), axis=1))
 
     @cached_property
@@ -121,5 +121,5 @@ def distance_spreads(distances: Distances) -> list[Spread]:
     listed, target = (each[~np.isnan(each)] for each in (distances.listed, distances.target))
     return [
         spread("object-distance", "distance from the camera to listed objects", "m", listed),
-        spread("target-distance", "distance from the goal to the target, over tasks", "m", target),
+        spread("target-distance", "distance from the goal to the target, over items", "m", target),
     ]

@@ -104,7 +104,7 @@ GRAPH_RULES: Sequence[Rule[Graphs]] = (
     warning(
         "graph-in-parts",
         "scans whose graph has more than one connected part",
-        "Distances between the parts are infinite; `unreachable-goal` counts the tasks that fail.",
+        "Distances between the parts are infinite; `unreachable-goal` counts the items that fail.",
         _disconnected,
     ),
 )

@@ -16,13 +16,13 @@ from reverie_eval.dataset._box_rules import (
     visibility_spreads,
 )
 from reverie_eval.dataset._boxes import Boxes
-from reverie_eval.dataset._dataset import Centres, Dataset, Split, Targets, Tasks, read_dataset
+from reverie_eval.dataset._dataset import Centres, Dataset, Items, Split, Targets, read_dataset
 from reverie_eval.dataset._distance_rules import DISTANCE_RULES, Distances, distance_spreads
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._graph_rules import FILE_RULES, GRAPH_RULES, graph_spreads
+from reverie_eval.dataset._item_rules import ITEM_RULES, TARGET_RULES, target_spreads
 from reverie_eval.dataset._reader import Progress, Reader, no_progress
 from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_problems
-from reverie_eval.dataset._task_rules import TARGET_RULES, TASK_RULES, target_spreads
 from reverie_eval.dataset._view_rules import VIEW_RULES, view_spreads
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.tasks import Task
@@ -35,7 +35,7 @@ _BOX_SECTIONS: Sequence[tuple[str, Sequence[Rule[Boxes]], Callable[[Boxes], list
     ("neighbouring views", VIEW_RULES, view_spreads),
 )
 _NO_CENTRES = "left out: give the centres of the objects with --object-positions objpos.json"
-_NO_ANSWERS = "targets left out: the tasks have no answers, as in the published test file"
+_NO_ANSWERS = "targets left out: the items have no answers, as in the published test file"
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class LintReport:
 
 
 def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> LintReport:
-    """Check all published files: all splits and all scans, with or without tasks.
+    """Check all published files: all splits and all scans, with or without items.
 
     Parameters
     ----------
@@ -82,15 +82,15 @@ def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> Li
     """
     dataset = read_dataset(files, progress)
     splits = sorted(dataset.splits, key=lambda split: split.name)
-    tasks = [Tasks(split, dataset.graphs, _other_splits(split, splits)) for split in splits]
+    items = [Items(split, dataset.graphs, _other_splits(split, splits)) for split in splits]
     boxes = dataset.boxes
     box_sections = _BOX_SECTIONS if files.boxes else ()
     sections = [
         _section("files", FILE_RULES, dataset.reader),
         _section("navigation graphs", GRAPH_RULES, dataset.graphs, graph_spreads(dataset.graphs)),
         *(_section(title, rules, boxes, of(boxes)) for title, rules, of in box_sections),
-        *(_annotations(each, boxes, files.task) for each in tasks),
-        *([_distances(boxes, dataset.centres, tasks)] if files.boxes else []),
+        *(_annotations(each, boxes, files.task) for each in items),
+        *([_distances(boxes, dataset.centres, items)] if files.boxes else []),
     ]
     findings = [finding for section in sections for finding in section.counts]
     is_sound = not any(each.severity == "error" and each.found.number for each in findings)
@@ -108,10 +108,10 @@ def check_sound(dataset: Dataset, purpose: Purpose) -> None:
         for _, rules, _ in _BOX_SECTIONS:
             found += find_problems(rules, boxes, files.boxes, purpose)
     for split in dataset.splits:
-        tasks = Tasks(split, graphs)
-        found += find_problems(TASK_RULES, tasks, split.path, purpose)
+        items = Items(split, graphs)
+        found += find_problems(ITEM_RULES, items, split.path, purpose)
         if split.has_answers and files.boxes:
-            targets = Targets(split, tasks.with_target, boxes)
+            targets = Targets(split, items.with_target, boxes)
             found += find_problems(TARGET_RULES, targets, split.path, purpose)
     if found:
         raise DatasetError(found)
@@ -133,22 +133,22 @@ def _other_splits(split: Split, splits: Sequence[Split]) -> Mapping[str, str]:
     }
 
 
-def _annotations(tasks: Tasks, boxes: Boxes, task: Task) -> LintSection:
-    split = tasks.split
-    counts = [rule.check(tasks) for rule in TASK_RULES]
+def _annotations(items: Items, boxes: Boxes, task: Task) -> LintSection:
+    split = items.split
+    counts = [rule.check(items) for rule in ITEM_RULES]
     if not task.has_targets:
         return LintSection("annotations", split.name, counts)
     if not split.has_answers:
         return LintSection("annotations", split.name, counts, note=_NO_ANSWERS)
-    targets = Targets(split, tasks.with_target, boxes)
+    targets = Targets(split, items.with_target, boxes)
     counts += [rule.check(targets) for rule in TARGET_RULES]
     return LintSection("annotations", split.name, counts, target_spreads(targets))
 
 
-def _distances(boxes: Boxes, centres: Centres | None, tasks: Sequence[Tasks]) -> LintSection:
+def _distances(boxes: Boxes, centres: Centres | None, items: Sequence[Items]) -> LintSection:
     if centres is None:
         return LintSection("distances", note=_NO_CENTRES)
-    answered = [task for each in tasks for task in each.with_target]
+    answered = [item for each in items for item in each.with_target]
     distances = Distances(boxes, centres, answered)
     return _section("distances", DISTANCE_RULES, distances, distance_spreads(distances))
 

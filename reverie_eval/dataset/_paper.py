@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from reverie_eval.dataset._description import SplitDescription, of_answers
 
 Measure = Callable[[SplitDescription], float | None]
-"""Returns one number of a description; None if the tasks have no targets."""
+"""Returns one number of a description; None if the items have no targets."""
 
 _TRAIN, _VAL_UNSEEN, _TEST = ("train",), ("val_unseen",), ("test",)
 _VAL = ("val_seen", "val_unseen")

@@ -85,7 +85,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Rule(Generic[S]):
-    """A rule about one subject: the graphs, the boxes, or the tasks of a split."""
+    """A rule about one subject: the graphs, the boxes, or the items of a split."""
 
     code: str
     severity: Severity

@@ -124,13 +124,13 @@ class Answers:
     if the bundle was compiled without object positions, or by an earlier version."""
     boxes: CandidateBoxes
     path: IntArray
-    """Annotated paths of the tasks, end to end."""
+    """Annotated paths of the items, end to end."""
     path_offsets: IntArray
-    """Shape (n_tasks + 1,): where each task's path begins in ``path``."""
+    """Shape (n_items + 1,): where each item's path begins in ``path``."""
     goal_viewpoint: IntArray | None = None
-    """Annotated goals of the tasks, end to end; None if the task has none besides paths."""
+    """Annotated goals of the items, end to end; None if the task has none besides paths."""
     goal_offsets: IntArray | None = None
-    """Shape (n_tasks + 1,): where each task's goals begin in ``goal_viewpoint``."""
+    """Shape (n_items + 1,): where each item's goals begin in ``goal_viewpoint``."""
     goal_outline: FloatArray | None = None
     """Shape (n_goals, 5, 2): centre and corners of the target as each goal viewpoint sees it,
     heading and elevation in turns; None if the task does not annotate that."""
@@ -146,17 +146,17 @@ class Answers:
         if bundle.is_public:
             return None
         arrays = bundle.arrays
-        task = arrays["episode_task"]
-        task_goal = arrays["path"][last_of(arrays["path_offsets"])]
-        targets = arrays if "task_target" in arrays else _without_targets(len(task_goal))
+        item = arrays["episode_task"]
+        item_goal = arrays["path"][last_of(arrays["path_offsets"])]
+        targets = arrays if "task_target" in arrays else _without_targets(len(item_goal))
         position = arrays.get("target_position")
         return cls(
-            target_object=targets["task_target"][task],
-            goal=task_goal[task],
+            target_object=targets["task_target"][item],
+            goal=item_goal[item],
             candidate_viewpoint=targets["candidate_viewpoint"],
             candidate_object=targets["candidate_object"],
             candidate_distance=targets.get("candidate_distance"),
-            target_position=None if position is None else position[task],
+            target_position=None if position is None else position[item],
             boxes=CandidateBoxes(
                 candidate=targets["box_candidate"],
                 candidate_viewpoint=targets["candidate_viewpoint"],
@@ -178,7 +178,7 @@ class Answers:
         )
 
     def take(self, rows: IntArray) -> "Answers":
-        """Return the answers of some episodes; tasks, paths and candidates stay."""
+        """Return the answers of some episodes; items, paths and candidates stay."""
         position = self.target_position
         return replace(
             self,
@@ -189,7 +189,7 @@ class Answers:
 
     @cached_property
     def target_categories(self) -> tuple[str, ...]:
-        """The annotated category of each task's target; empty if it has none.
+        """The annotated category of each item's target; empty if it has none.
 
         Raises
         ------
@@ -210,16 +210,16 @@ class Answers:
         packed, count = self.packed_candidate_categories, len(self.candidate_object)
         return unpack_texts(packed, "categories of candidates", count)
 
-    def along(self, reference: str, task: IntArray) -> "Answers":
+    def along(self, reference: str, item: IntArray) -> "Answers":
         """Return the answers with one of the further paths in place of the usual one.
 
-        ``task`` is the task of each episode.
+        ``item`` is the item of each episode.
         """
         path, offsets = self.further_paths[reference]
-        return replace(self, path=path, path_offsets=offsets, goal=path[last_of(offsets)][task])
+        return replace(self, path=path, path_offsets=offsets, goal=path[last_of(offsets)][item])
 
     def goals(self) -> tuple[IntArray, IntArray]:
-        """Return the annotated goals of the tasks, and where each task's begin.
+        """Return the annotated goals of the items, and where each item's begin.
 
         Raises
         ------
@@ -230,14 +230,14 @@ class Answers:
             raise GroundTruthError("this ground truth has no goals besides its paths")
         return self.goal_viewpoint, self.goal_offsets
 
-    def is_goal(self, task: IntArray, viewpoint: IntArray) -> BoolArray:
-        """Whether each viewpoint is an annotated goal of the task."""
-        return find_sorted(self._goal_keys, with_object(task, viewpoint))[1]
+    def is_goal(self, item: IntArray, viewpoint: IntArray) -> BoolArray:
+        """Whether each viewpoint is an annotated goal of the item."""
+        return find_sorted(self._goal_keys, with_object(item, viewpoint))[1]
 
     def outlines(
-        self, task: IntArray, viewpoint: IntArray, which: Literal["first", "last"]
+        self, item: IntArray, viewpoint: IntArray, which: Literal["first", "last"]
     ) -> FloatArray:
-        """Return the outline of each task's target as a viewpoint sees it.
+        """Return the outline of each item's target as a viewpoint sees it.
 
         Returns
         -------
@@ -254,13 +254,13 @@ class Answers:
             raise GroundTruthError("this ground truth has no outlines of its targets")
         step = 1 if which == "first" else -1
         keys, row = np.unique(with_object(row_of(offsets), goal)[::step], return_index=True)
-        index, is_seen = find_sorted(keys, with_object(task, viewpoint))
+        index, is_seen = find_sorted(keys, with_object(item, viewpoint))
         outline = self.goal_outline[::step][row[index]]
         return np.where(is_seen[:, None, None], outline, np.nan)
 
     @cached_property
     def goal_region(self) -> IntArray:
-        """Shape (n_tasks,): a number for each set of annotated goals."""
+        """Shape (n_items,): a number for each set of annotated goals."""
         goal, offsets = self.goals()
         sets = [frozenset(goal[slice(*ends)].tolist()) for ends in pairwise(offsets.tolist())]
         number = {region: index for index, region in enumerate(dict.fromkeys(sets))}
@@ -298,11 +298,11 @@ class Answers:
         return with_object(self.candidate_viewpoint, self.candidate_object)
 
 
-def _without_targets(n_tasks: int) -> Mapping[str, Array]:
+def _without_targets(n_items: int) -> Mapping[str, Array]:
     """Return the arrays of targets and candidates for a task that has none."""
     nothing = np.zeros(0, dtype=np.int64)
     return {
-        "task_target": np.full(n_tasks, NO_TARGET),
+        "task_target": np.full(n_items, NO_TARGET),
         "candidate_viewpoint": nothing,
         "candidate_object": nothing,
         "box_candidate": nothing,

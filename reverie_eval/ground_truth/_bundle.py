@@ -30,8 +30,8 @@ FORMAT_VERSION = 1
 PUBLIC_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "instr_id": "U",  # (n_episodes,)
-        "episode_task": "i4",  # (n_episodes,) row of the episode's task
-        "task_start": "i4",  # (n_tasks,) viewpoint
+        "episode_task": "i4",  # (n_episodes,) row of the episode's item
+        "task_start": "i4",  # (n_items,) viewpoint
         "scan_id": "U",  # (n_scans,)
         "viewpoint_id": "U",  # (n_viewpoints,) scan by scan
         "viewpoint_scan": "i4",  # (n_viewpoints,)
@@ -43,12 +43,12 @@ PUBLIC_ARRAYS: Mapping[str, str] = MappingProxyType(
 ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "path": "i4",  # annotated paths, end to end
-        "path_offsets": "i8",  # (n_tasks + 1,)
+        "path_offsets": "i8",  # (n_items + 1,)
     }
 )
 TARGET_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
-        "task_target": "i4",  # (n_tasks,) object id within the scan
+        "task_target": "i4",  # (n_items,) object id within the scan
         "candidate_viewpoint": "i4",  # (n_candidates,) ordered by viewpoint, then object
         "candidate_object": "i4",  # (n_candidates,) object id, visible from the viewpoint
         "box_candidate": "i4",  # (n_boxes,) row of the candidate in the box
@@ -60,13 +60,13 @@ TARGET_ARRAYS: Mapping[str, str] = MappingProxyType(
 OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
-        "target_position": "f8",  # (n_tasks, 3) metres: the target's centre, inf if unknown
+        "target_position": "f8",  # (n_items, 3) metres: the target's centre, inf if unknown
     }
 )
 GOAL_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
-        "goal_viewpoint": "i4",  # annotated goals of the tasks, end to end
-        "goal_offsets": "i8",  # (n_tasks + 1,)
+        "goal_viewpoint": "i4",  # annotated goals of the items, end to end
+        "goal_offsets": "i8",  # (n_items + 1,)
         "goal_outline": "f8",  # (n_goals, 5, 2) turns: the target as seen there
     }
 )

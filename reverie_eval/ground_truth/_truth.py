@@ -39,8 +39,8 @@ class Episodes:
     """The public part of the episodes, one row each."""
 
     instr_ids: tuple[str, ...]
-    task: IntArray
-    """The task of each episode; episodes of one task share path and target."""
+    item: IntArray
+    """The item of each episode; episodes of one item share path and target."""
     start: IntArray
     """The viewpoint where each episode starts."""
     # Unpacked when needed: scoring does not read them.
@@ -52,7 +52,7 @@ class Episodes:
     def take(self, rows: IntArray) -> "Episodes":
         """Return some of the episodes."""
         instr_ids = tuple(self.instr_ids[row] for row in rows)
-        return Episodes(instr_ids, self.task[rows], self.start[rows], taken_from=(self, rows))
+        return Episodes(instr_ids, self.item[rows], self.start[rows], taken_from=(self, rows))
 
     @cached_property
     def instructions(self) -> tuple[str, ...]:
@@ -131,14 +131,14 @@ class GroundTruth:
     def from_bundle(cls, bundle: Bundle, origin: str = "memory") -> Self:
         """Build the ground truth from a bundle's arrays."""
         arrays = bundle.arrays
-        task = arrays["episode_task"]
+        item = arrays["episode_task"]
         return cls(
             header=bundle.header,
             graph=NavigationGraph.from_arrays(arrays),
             episodes=Episodes(
                 instr_ids=tuple(arrays["instr_id"].tolist()),
-                task=task,
-                start=arrays["task_start"][task],
+                item=item,
+                start=arrays["task_start"][item],
                 packed_instructions=bundle.texts.get("instruction"),
                 packed_languages=bundle.texts.get("language"),
             ),
@@ -183,9 +183,9 @@ class GroundTruth:
         if number is None:
             return self
         whole, rows = self.subset_of or (self, np.arange(len(self.episodes.instr_ids)))
-        task = whole.episodes.task
+        item = whole.episodes.item
         # The episodes of a path follow each other, so its first one is where its number begins.
-        index = np.arange(len(task)) - np.searchsorted(task, task)
+        index = np.arange(len(item)) - np.searchsorted(item, item)
         is_scored = index[rows] < number
         if is_scored.all():
             return self
@@ -205,10 +205,10 @@ class GroundTruth:
             paths = list(self._paths_to_region(answers))
             further = np.concatenate(paths), offsets_of(np.array([len(path) for path in paths]))
             answers = replace(answers, further_paths={**answers.further_paths, reference: further})
-        return replace(self, answers=answers.along(reference, self.episodes.task))
+        return replace(self, answers=answers.along(reference, self.episodes.item))
 
     def _paths_to_region(self, answers: Answers) -> Iterator[IntArray]:
-        """Yield each task's planner's path if it ends at a goal, else the route to a goal."""
+        """Yield each item's planner's path if it ends at a goal, else the route to a goal."""
         routes = cache(self.graph.routes_from)
         path, offsets = answers.further_paths["planner"]
         goal, goal_offsets = answers.goals()
@@ -278,7 +278,7 @@ class GroundTruth:
         """
         annotated = self.require_targets().target_categories
         names = [category_text(name).strip().lower() or NO_CATEGORY for name in annotated]
-        return [names[task] for task in self.episodes.task]
+        return [names[item] for item in self.episodes.item]
 
     def require_targets(self) -> Answers:
         """Return the answers of a task with target objects.

@@ -1,6 +1,6 @@
 """Uncertainty of means over clustered episodes.
 
-Episodes are not independent: the instructions of a task share path and target, and tasks share
+Episodes are not independent: the instructions of an item share path and target, and items share
 targets and buildings. Therefore whole clusters are drawn, or swapped, at random.
 
 Functions take one row per episode and one column per metric. Those that draw at random are seeded.

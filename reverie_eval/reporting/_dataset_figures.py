@@ -41,12 +41,12 @@ _WORDS = (
     ),
 )
 _GOALS = (
-    _Quantity("objects at the goal", "visible objects at the goal", "task", GOAL_OBJECTS),
-    _Quantity("boxes at the goal", "boxes at the goal, in all views", "task", GOAL_BOXES),
+    _Quantity("objects at the goal", "visible objects at the goal", "item", GOAL_OBJECTS),
+    _Quantity("boxes at the goal", "boxes at the goal, in all views", "item", GOAL_BOXES),
 )
 _PATHS = (
-    _Quantity("path steps", "steps of the annotated path", "task", PATH_STEPS),
-    _Quantity("path length", "length of the annotated path (m)", "task", PATH_LENGTH, bin_edges),
+    _Quantity("path steps", "steps of the annotated path", "item", PATH_STEPS),
+    _Quantity("path length", "length of the annotated path (m)", "item", PATH_LENGTH, bin_edges),
 )
 
 

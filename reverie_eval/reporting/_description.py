@@ -88,7 +88,7 @@ GOAL_BOXES = of_answers(lambda answers: answers.goal_boxes)
 PATH_STEPS = of_answers(lambda answers: answers.path_steps)
 PATH_LENGTH = of_answers(lambda answers: answers.path_length)
 _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], str]]] = (
-    ("tasks", lambda part: part.tasks, _number),
+    ("items", lambda part: part.items, _number),
     ("instructions", lambda part: part.instructions, _number),
     ("scans", lambda part: part.scans, _number),
     ("viewpoints in scans", lambda part: part.viewpoints, _number),

@@ -198,7 +198,7 @@ def clusters_of(truth: GroundTruth, cluster: Clustering) -> IntArray:
     if truth.task.has_targets:
         return with_object(scan, answers.target_object)
     has_regions = answers.goal_viewpoint is not None
-    return answers.goal_region[truth.episodes.task] if has_regions else answers.goal
+    return answers.goal_region[truth.episodes.item] if has_regions else answers.goal
 
 
 def _one_cluster(cluster: Clustering) -> str:

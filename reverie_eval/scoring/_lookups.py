@@ -97,7 +97,7 @@ class Lookups:
     def outline(self, which: Literal["first", "last"]) -> FloatArray:
         """Shape (n_episodes, 5, 2): the target as seen from the stop, turns; NaN if not visible."""
         stop = self.submission.viewpoint[last_of(self.offsets)]
-        return self._answers.outlines(self.ground_truth.episodes.task, stop, which)
+        return self._answers.outlines(self.ground_truth.episodes.item, stop, which)
 
     @cached_property
     def boxes(self) -> BoxScores:
@@ -133,9 +133,9 @@ class Lookups:
 
     def _to_goals(self, viewpoint: IntArray) -> FloatArray:
         goal, offsets = self._answers.goals()
-        task = self.ground_truth.episodes.task
-        count = np.diff(offsets)[task]
-        goals = goal[take_rows(task, offsets)]
+        item = self.ground_truth.episodes.item
+        count = np.diff(offsets)[item]
+        goals = goal[take_rows(item, offsets)]
         distance = self._graph.distance_between(np.repeat(viewpoint, count), goals)
         return np.minimum.reduceat(distance, offsets_of(count)[:-1])
 
@@ -143,7 +143,7 @@ class Lookups:
     def planner_distance(self) -> FloatArray:
         """Shape (n_poses,): metres to the end of the planner's path."""
         path, offsets = self._answers.further_paths["planner"]
-        end = path[last_of(offsets)][self.ground_truth.episodes.task[self._episode]]
+        end = path[last_of(offsets)][self.ground_truth.episodes.item[self._episode]]
         return self._graph.distance_between(self.submission.viewpoint, end)
 
     @cached_property
@@ -151,7 +151,7 @@ class Lookups:
         """Shape (n_episodes,): metres along the annotated path."""
         path, offsets = self._answers.path, self._answers.path_offsets
         legs = self._graph.distance_between(_previous(path, offsets), path)
-        return path_length(legs, offsets)[self.ground_truth.episodes.task]
+        return path_length(legs, offsets)[self.ground_truth.episodes.item]
 
     @cached_property
     def n_poses(self) -> IntArray:
@@ -161,15 +161,15 @@ class Lookups:
     @cached_property
     def n_nodes(self) -> IntArray:
         """Shape (n_episodes,): nodes of the annotated path."""
-        return np.diff(self._answers.path_offsets)[self.ground_truth.episodes.task]
+        return np.diff(self._answers.path_offsets)[self.ground_truth.episodes.item]
 
     @cached_property
     def pose_to_node(self) -> FloatArray:
         """Metres from poses to path nodes: one table per episode, as path fidelity takes them."""
         # Row by row: each node of an episode's path is paired with all poses of its trajectory.
-        task = self.ground_truth.episodes.task
-        node = self._answers.path[take_rows(task, self._answers.path_offsets)]
-        episode = np.repeat(np.arange(len(task)), self.n_nodes)
+        item = self.ground_truth.episodes.item
+        node = self._answers.path[take_rows(item, self._answers.path_offsets)]
+        episode = np.repeat(np.arange(len(item)), self.n_nodes)
         pose = self.submission.viewpoint[take_rows(episode, self.offsets)]
         return self._graph.distance_between(pose, np.repeat(node, self.n_poses[episode]))
 
@@ -193,7 +193,7 @@ class _MovedGoals(Lookups):
     def __init__(self, given: Lookups) -> None:
         truth, submission = given.ground_truth, given.submission
         answers, stop = truth.require_answers(), submission.viewpoint[last_of(given.offsets)]
-        is_seen = answers.is_goal(truth.episodes.task, stop)
+        is_seen = answers.is_goal(truth.episodes.item, stop)
         moved = replace(answers, goal=np.where(is_seen, stop, answers.goal))
         super().__init__(submission, replace(truth, answers=moved))
         self._given = given
@@ -256,10 +256,10 @@ def is_goal(
             near = np.less if rule == "near the path's end" else np.less_equal
             return np.asarray(near(distance, SUCCESS_DISTANCE))
         case "at a goal viewpoint":
-            return answers.is_goal(ground_truth.episodes.task[episode], viewpoint)
+            return answers.is_goal(ground_truth.episodes.item[episode], viewpoint)
         case "near the path's end, which a stop at a goal viewpoint becomes":
             distance = ground_truth.graph.distance_between(viewpoint, answers.goal[episode])
-            is_seen = answers.is_goal(ground_truth.episodes.task[episode], viewpoint)
+            is_seen = answers.is_goal(ground_truth.episodes.item[episode], viewpoint)
             return np.less(distance, SUCCESS_DISTANCE) | is_seen
 
 

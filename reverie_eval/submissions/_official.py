@@ -39,7 +39,7 @@ from reverie_eval.submissions._values import is_number_as_text
 # The descriptions are those of the published JSON Schema.
 _InstrId = Annotated[
     str,
-    Meta(description="The episode: the task's id, an underscore, the instruction's index from 0."),
+    Meta(description="The episode: the item's id, an underscore, the instruction's index from 0."),
 ]
 _Trajectory = Annotated[
     list[tuple[str, float, float]],

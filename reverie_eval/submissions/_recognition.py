@@ -395,7 +395,7 @@ def _names_of_parts(ground_truth: GroundTruth) -> Sequence[str]:
     names = ground_truth.task.id_parts
     if counts == {len(names)}:
         return names
-    return ("task id", names[-1]) if counts == {2} and names else ()
+    return ("item id", names[-1]) if counts == {2} and names else ()
 
 
 def _form_of_ids(ground_truth: GroundTruth) -> str:

@@ -151,7 +151,7 @@ TASK = Task(
         }
     ),
     id_pattern=r"\d+_\d+_\d+",
-    id_form="<task id>_<index of the instruction>, counted from 0",
+    id_form="<item id>_<index of the instruction>, counted from 0",
     id_example="4774_267_1",
     id_parts=("path id", "object id", "index of the instruction"),
     has_targets=True,

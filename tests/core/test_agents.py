@@ -14,7 +14,7 @@ from reverie_eval.agents import AGENTS, MAX_RANDOM_STEPS, Record, run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.submissions._official import decode_official
 from tests.support.flat import Run
-from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import SPLIT, ground_truth_of
 
 COMMAND = Path(sys.executable).with_name("reverie-eval")
@@ -71,7 +71,7 @@ def test_shortest_takes_the_shorter_way_round() -> None:
         },
         frozenset({("door", "hall"), ("hall", "bath"), ("door", "bath"), ("door", "yard")}),
     )
-    world = World({"house": house}, [Task("7_1", "house", ["door", "hall", "bath"], 5)])
+    world = World({"house": house}, [Item("7_1", "house", ["door", "hall", "bath"], 5)])
     (record,) = run_agent("shortest", ground_truth_of(world))
     assert (viewpoints(record), record["predObjId"]) == (["door", "bath"], 5)
 
@@ -121,7 +121,7 @@ def test_random_takes_every_number_of_steps(truth: GroundTruth) -> None:
 
 def test_random_stays_if_there_is_no_edge() -> None:
     tower = Scan({"cell": Viewpoint((0.0, 0.0, 0.0), views={5: [12]})}, frozenset())
-    truth = ground_truth_of(World({"tower": tower}, [Task("7_1", "tower", ["cell"], 5)]))
+    truth = ground_truth_of(World({"tower": tower}, [Item("7_1", "tower", ["cell"], 5)]))
     for seed in SEEDS:
         (record,) = run_agent("random", truth, seed)
         assert (set(viewpoints(record)), record["predObjId"]) == ({"cell"}, 5)
@@ -173,7 +173,7 @@ def test_poses_look_in_the_direction_of_travel(
         {"here": Viewpoint((0.0, 0.0, 0.0)), "there": Viewpoint(there, views={5: [12]})},
         frozenset({("here", "there")}),
     )
-    world = World({"field": field}, [Task("7_1", "field", ["here", "there"], 5)])
+    world = World({"field": field}, [Item("7_1", "field", ["here", "there"], 5)])
     (record,) = run_agent("shortest", ground_truth_of(world))
     first, last = record["trajectory"]
     assert first == ["here", 0.0, 0.0]

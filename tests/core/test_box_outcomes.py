@@ -20,7 +20,7 @@ from reverie_eval.scoring._boxes import score_boxes
 from reverie_eval.submissions import BoxAnswers
 from tests.support.drawings import Record
 from tests.support.metrics import BOX_METRICS
-from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.panorama import PICTURE, Box, camera_of, common, drawn_from
 from tests.support.worlds import SPLIT, ground_truth_by_hand
 
@@ -73,9 +73,9 @@ def named(object_id: object, **stop: Any) -> Record:
 
 def submitted(records: Sequence[Record]) -> tuple[list[Record], GroundTruth]:
     """Return records as a submission, and a ground truth with as many episodes."""
-    task = Task("7_1", "flat", WALK, TUB, instructions=len(records))
+    item = Item("7_1", "flat", WALK, TUB, instructions=len(records))
     submission = [{"instr_id": f"7_1_{row}", **record} for row, record in enumerate(records)]
-    return submission, ground_truth_by_hand(World({"flat": FLAT}, [task]))
+    return submission, ground_truth_by_hand(World({"flat": FLAT}, [item]))
 
 
 def scored(*records: Record, **how: Any) -> Scores:
@@ -435,13 +435,13 @@ def test_whole_image_and_ambiguous_shares_of_the_published_boxes(
     whole_image: tuple[float, float],
     published_bundles: Path,
 ) -> None:
-    """Percentages of the views that show a target at its goal, and of tasks with such a view."""
+    """Percentages of the views that show a target at its goal, and of items with such a view."""
     truth = GroundTruth.load(published_bundles / f"{split}.npz")
     answers = truth.require_answers()
-    _, first_episode = np.unique(truth.episodes.task, return_index=True)
+    _, first_episode = np.unique(truth.episodes.item, return_index=True)
     goal, target = answers.goal[first_episode], answers.target_object[first_episode]
     candidate, _ = answers.find(target, goal)
-    task, box = np.nonzero(candidate[:, None] == answers.boxes.candidate)
+    item, box = np.nonzero(candidate[:, None] == answers.boxes.candidate)
     outcomes = score_boxes(
         BoxAnswers(
             row=np.arange(len(box)),
@@ -451,16 +451,16 @@ def test_whole_image_and_ambiguous_shares_of_the_published_boxes(
             uncut_xywh=answers.boxes.xywh[box].astype(float),
             stop_angles=view_angles(answers.boxes.view[box]),
         ),
-        stop=goal[task],
-        target_object=target[task],
+        stop=goal[item],
+        target_object=target[item],
         answers=answers,
     )
     assert outcomes.is_correct.all()
     shares = outcomes.ambiguous_share, outcomes.whole_image_share
     assert [round(100 * share, 2) for share in shares] == [ambiguous[0], whole_image[0]]
     passes = outcomes.is_ambiguous, outcomes.whole_image.reaches(0.5)
-    tasks = [len(np.unique(task[which])) / len(goal) for which in passes]
-    assert [round(100 * share, 1) for share in tasks] == [ambiguous[1], whole_image[1]]
+    items = [len(np.unique(item[which])) / len(goal) for which in passes]
+    assert [round(100 * share, 1) for share in items] == [ambiguous[1], whole_image[1]]
 
 
 def _measured(truth: GroundTruth) -> GroundTruth:

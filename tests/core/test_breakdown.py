@@ -14,7 +14,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.metrics.engine import IntervalEngine
 from reverie_eval.scoring import clusters_of
 from tests.conftest import SAMPLES
-from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import ground_truth_of
 
 LAMP, SOFA, PLANT = 3, 4, 5
@@ -35,9 +35,9 @@ HOUSE = World(
         ),
     },
     [
-        Task("1_3", "house", ["a", "b", "c", "d"], LAMP, instructions=2),  # 16 m, seen from 4
-        Task("2_4", "house", ["a", "b"], SOFA, instructions=1),  # 5 m, seen from 1
-        Task("3_3", "hut", ["x", "y"], LAMP, instructions=1),  # 6 m, seen from 1
+        Item("1_3", "house", ["a", "b", "c", "d"], LAMP, instructions=2),  # 16 m, seen from 4
+        Item("2_4", "house", ["a", "b"], SOFA, instructions=1),  # 5 m, seen from 1
+        Item("3_3", "hut", ["x", "y"], LAMP, instructions=1),  # 6 m, seen from 1
     ],
 )
 WALKS = {
@@ -216,7 +216,7 @@ def test_groups_with_few_targets_have_no_intervals() -> None:
     found = scores.breakdown("category", intervals=True)
     cluster = clusters_of(scores.ground_truth, "target")
     truth = scores.ground_truth
-    categories = [truth.require_answers().target_categories[task] for task in truth.episodes.task]
+    categories = [truth.require_answers().target_categories[item] for item in truth.episodes.item]
     targets = {
         part: len({cluster[row] for row, name in enumerate(categories) if name == part})
         for part in found.index
@@ -245,7 +245,7 @@ def test_groups_by_words_and_category_in_the_demo_world(demo: GroundTruth) -> No
     assert words["1 to 11 words"] == sum(length <= 11 for length in lengths)
     assert words["12 to 15 words"] == sum(12 <= length <= 15 for length in lengths)
     categories = scores.breakdown("category")["episodes"]
-    named = [demo.require_answers().target_categories[task] for task in demo.episodes.task]
+    named = [demo.require_answers().target_categories[item] for item in demo.episodes.item]
     assert categories.to_dict() == {name: named.count(name) for name in set(named)}
     assert list(categories) == sorted(categories, reverse=True)
 

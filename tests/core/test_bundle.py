@@ -275,12 +275,12 @@ def test_a_public_bundle_has_instructions_but_no_categories(bundle: Bundle) -> N
 
 def test_texts_equal_those_of_the_annotations(demo_world: Path, regenerated: Path) -> None:
     file = demo_world / "tasks" / "REVERIE" / "data" / "REVERIE_val_unseen.json"
-    tasks = json.loads(file.read_text())
+    items = json.loads(file.read_text())
     truth = GroundTruth.load(regenerated / "val_unseen.npz")
     assert truth.episodes.instructions == tuple(
-        text for task in tasks for text in task["instructions"]
+        text for item in items for text in item["instructions"]
     )
-    assert len(truth.require_answers().target_categories) == len(tasks)
+    assert len(truth.require_answers().target_categories) == len(items)
     assert "bed" in truth.require_answers().target_categories
 
 
@@ -352,7 +352,7 @@ def test_private_and_published_files_give_the_same_public_bundle(regenerated: Pa
 
 def test_a_public_bundle_validates_but_does_not_score(bundle: Bundle) -> None:
     truth = GroundTruth.from_bundle(bundle.public(), origin="val_unseen.public.npz")
-    submission = [submitted(here, Answer(here.task.path, 3)) for here in episodes_of(SPLIT)]
+    submission = [submitted(here, Answer(here.item.path, 3)) for here in episodes_of(SPLIT)]
     assert not validate(submission, split=SPLIT, ground_truth=truth).notes
     with pytest.raises(
         GroundTruthError, match=r"val_unseen\.public\.npz is a public bundle.*answers"

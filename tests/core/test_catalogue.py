@@ -407,7 +407,7 @@ def scores_of_task(
     """
     random = Random(seed)
     case = random_case(random, (1, 0.5) if task == "reverie" else (0,))
-    regions = [ndh.random_region(random, case.world, each) for each in case.world.tasks]
+    regions = [ndh.random_region(random, case.world, each) for each in case.world.items]
     made = soon.random_items(random, case.world)
     case = _twice_as_large(case) if metres == 2 else case
     case = _doubled(case) if copies == 2 else case
@@ -429,9 +429,9 @@ def scores_of_task(
 
 def _doubled(case: Case) -> Case:
     """Add every episode and its prediction again, under another id."""
-    copies = [replace(task, task_id=f"copy_{task.task_id}") for task in case.world.tasks]
+    copies = [replace(item, item_id=f"copy_{item.item_id}") for item in case.world.items]
     copied = {f"copy_{instr_id}": done for instr_id, done in case.predictions.items()}
-    world = replace(case.world, tasks=[*case.world.tasks, *copies])
+    world = replace(case.world, items=[*case.world.items, *copies])
     return Case(world, {**case.predictions, **copied})
 
 

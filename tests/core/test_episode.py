@@ -82,22 +82,22 @@ def test_goal_viewpoints_of_the_demo_world_match_its_files(demo_world: Path) -> 
     """Counted in the published files, without the code under test."""
     data = demo_world / "tasks" / "REVERIE" / "data"
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
-    tasks = json.loads((data / "REVERIE_val_unseen.json").read_text())
-    for task in tasks:
+    items = json.loads((data / "REVERIE_val_unseen.json").read_text())
+    for item in items:
         graph = json.loads(
-            (demo_world / "connectivity" / f"{task['scan']}_connectivity.json").read_text()
+            (demo_world / "connectivity" / f"{item['scan']}_connectivity.json").read_text()
         )
         seeing = set()
         for viewpoint in graph:
             name = viewpoint["image_id"]
-            file = data / "BBox" / f"{task['scan']}_{name}.json"
+            file = data / "BBox" / f"{item['scan']}_{name}.json"
             listed = json.loads(file.read_text())[name] if file.exists() else {}
-            seen = listed.get(str(task["objId"]), {"visible_pos": []})["visible_pos"]
+            seen = listed.get(str(item["objId"]), {"visible_pos": []})["visible_pos"]
             if viewpoint["included"] and seen:
                 seeing.add(name)
-        episode = scores.episode(f"{task['id']}_0")
+        episode = scores.episode(f"{item['id']}_0")
         assert set(episode.goal_viewpoints) == seeing
-        assert episode.instruction == task["instructions"][0]
+        assert episode.instruction == item["instructions"][0]
 
 
 @pytest.mark.parametrize("seed", range(30))

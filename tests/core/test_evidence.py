@@ -242,8 +242,8 @@ def test_files_that_change_all_episodes_or_none() -> None:
 
 @pytest.mark.parametrize("name", PROBING)
 def test_probing_the_demo_world_is_seen(name: str, demo: GroundTruth) -> None:
-    answers = PROBING[name](demo.episodes.task, FILES, np.random.default_rng(0))
-    spread = spread_of_changes(answers, demo.episodes.task)
+    answers = PROBING[name](demo.episodes.item, FILES, np.random.default_rng(0))
+    spread = spread_of_changes(answers, demo.episodes.item)
     assert spread is not None
     assert spread.value < 1.3
     assert spread.p_value < 0.2
@@ -251,16 +251,16 @@ def test_probing_the_demo_world_is_seen(name: str, demo: GroundTruth) -> None:
 
 @pytest.mark.parametrize("name", HONEST)
 def test_honest_work_on_a_larger_split_is_not(name: str) -> None:
-    task = np.repeat(np.arange(400), 3)
-    answers = HONEST[name](task, FILES, np.random.default_rng(1))
-    spread = spread_of_changes(answers, task)
+    item = np.repeat(np.arange(400), 3)
+    answers = HONEST[name](item, FILES, np.random.default_rng(1))
+    spread = spread_of_changes(answers, item)
     assert spread is None or spread.p_value > 0.5
 
 
 @pytest.mark.parametrize("name", PROBING)
 def test_probing_a_larger_split_is(name: str) -> None:
-    task = np.repeat(np.arange(400), 3)
-    answers = PROBING[name](task, FILES, np.random.default_rng(1))
-    spread = spread_of_changes(answers, task)
+    item = np.repeat(np.arange(400), 3)
+    answers = PROBING[name](item, FILES, np.random.default_rng(1))
+    spread = spread_of_changes(answers, item)
     assert spread is not None
     assert spread.p_value < 0.001

@@ -14,7 +14,7 @@ from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, find_protocol, score
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
 from tests.support.metrics import BOX_METRICS
-from tests.support.oracle import Position, Prediction, Scan, Task, Viewpoint, World
+from tests.support.oracle import Item, Position, Prediction, Scan, Viewpoint, World
 from tests.support.worlds import SPLIT, ground_truth_by_hand, ground_truth_of, records_of
 
 GOOD = SAMPLES / "good.json"
@@ -105,7 +105,7 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
     },
 }
 """A released protocol never changes: a correction is a new protocol with another name."""
-OF_OTHER_TASKS: Mapping[str, Any] = {
+OF_OTHER_ITEMS: Mapping[str, Any] = {
     "reference": "",
     "repeated_outlines": "first",
     "point_errors": "detections",
@@ -121,7 +121,7 @@ PROSE = ("name", "summary", "source")
 def test_a_released_protocol_never_changes(name: str) -> None:
     fields = asdict(PROTOCOLS[name])
     rules = {field: fields[field] for field in fields if field not in PROSE}
-    assert rules == {**RELEASED[name], **OF_OTHER_TASKS}
+    assert rules == {**RELEASED[name], **OF_OTHER_ITEMS}
 
 
 def test_every_protocol_is_pinned_in_table_order() -> None:
@@ -193,7 +193,7 @@ def corridor(stop: float = 2.0, centre: Position | None = ORIGIN) -> World:
     edges = frozenset({(GOAL, STOP), (STOP, START)})
     centres = {} if centre is None else {TARGET: centre}
     scan = Scan(viewpoints, edges, centres)
-    return World({"house": scan}, [Task("1_7", "house", [START, STOP, GOAL], TARGET)])
+    return World({"house": scan}, [Item("1_7", "house", [START, STOP, GOAL], TARGET)])
 
 
 def scored(
@@ -321,7 +321,7 @@ def test_the_correct_object_at_the_wrong_stop(protocol: str, rgs: float) -> None
 )
 def test_a_route_of_half_a_centimetre(protocol: str, spl: float, rgspl: float) -> None:
     """The protocols with a smallest denominator of 1 cm, in SPL or RGSPL."""
-    world = replace(corridor(stop=0.005), tasks=[Task("1_7", "house", [STOP, GOAL], TARGET)])
+    world = replace(corridor(stop=0.005), items=[Item("1_7", "house", [STOP, GOAL], TARGET)])
     scores = scored(world, protocol, STOP, GOAL)
     assert (scores["spl"], scores["rgspl"]) == (spl, rgspl)
 
@@ -341,7 +341,7 @@ def test_an_annotated_detour(protocol: str, weight: float) -> None:
     """The shortest route is 10 m long, the annotated path 15 m, the trajectory 20 m."""
     world = replace(
         corridor(stop=2.5),
-        tasks=[Task("1_7", "house", [START, STOP, GOAL, STOP, GOAL], TARGET)],
+        items=[Item("1_7", "house", [START, STOP, GOAL, STOP, GOAL], TARGET)],
     )
     way = [START, STOP, GOAL, STOP, GOAL, STOP, GOAL]
     scores = scored(world, protocol, *way)

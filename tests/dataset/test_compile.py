@@ -80,7 +80,7 @@ def test_another_split_that_cannot_be_read_is_left_out(world: Path) -> None:
 
 
 def test_sources_are_named_by_their_digests(bundle: Bundle, world: Path) -> None:
-    edit(world / ANNOTATIONS, lambda tasks: tasks[0].update(heading=0))
+    edit(world / ANNOTATIONS, lambda items: items[0].update(heading=0))
     sources, other = bundle.header.sources, compiled(world).header.sources
     assert sources.keys() == {"annotations", "boxes", "connectivity"}
     assert {kind for kind in sources if sources[kind] != other[kind]} == {"annotations"}
@@ -184,7 +184,7 @@ def test_a_centre_counts_only_in_its_own_scan(world: Path) -> None:
     assert known == [scan == "DemoRectory" for scan in scans]
 
 
-def test_the_target_of_each_task_has_its_centre_or_none(world: Path) -> None:
+def test_the_target_of_each_item_has_its_centre_or_none(world: Path) -> None:
     records = read(world / "tasks" / "REVERIE" / "data" / f"REVERIE_{SPLIT}.json")
     first = records[0]
     centres = {first["scan"]: {str(first["objId"]): [1.0, 2.0, 3.0]}}
@@ -338,7 +338,7 @@ def test_a_private_test_file_gives_a_bundle_that_scores(demo_world: Path) -> Non
         compiled(demo_world, "test", annotations=demo_world / "private")
     )
     perfect = [
-        submitted(episode, Answer(episode.task.path, episode.task.target))
+        submitted(episode, Answer(episode.item.path, episode.item.target))
         for episode in episodes_of("test")
     ]
     scores = evaluate(perfect, split="test", ground_truth=truth)
@@ -348,7 +348,7 @@ def test_a_private_test_file_gives_a_bundle_that_scores(demo_world: Path) -> Non
 # What can be wrong.
 
 
-def _tasks(change: Callable[[Any], object]) -> Callable[[Path], None]:
+def _items(change: Callable[[Any], object]) -> Callable[[Path], None]:
     return lambda world: edit(world / ANNOTATIONS, change)
 
 
@@ -368,19 +368,19 @@ def _name_as_in_the_rectory(world: Path) -> None:
 
 
 def _boxes_at_first_goal(world: Path) -> Path:
-    task = read(world / ANNOTATIONS)[0]
-    return world / BOXES / f"{task['scan']}_{task['path'][-1]}.json"
+    item = read(world / ANNOTATIONS)[0]
+    return world / BOXES / f"{item['scan']}_{item['path'][-1]}.json"
 
 
 def _hide_first_target(world: Path) -> None:
-    """Take the first task's target out of all views from its goal."""
+    """Take the first item's target out of all views from its goal."""
     path, target = _boxes_at_first_goal(world), str(read(world / ANNOTATIONS)[0]["objId"])
     hidden: Mapping[str, Sequence[int]] = {"visible_pos": [], "bbox2d": []}
     edit(path, lambda boxes: boxes[_viewpoint(path)][target].update(hidden))
 
 
 def _box_at_first_goal(**fields: object) -> Callable[[Path], None]:
-    """Return the fault of a box with these fields at the first task's goal."""
+    """Return the fault of a box with these fields at the first item's goal."""
 
     def spoil(world: Path) -> None:
         path = _boxes_at_first_goal(world)
@@ -391,7 +391,7 @@ def _box_at_first_goal(**fields: object) -> Callable[[Path], None]:
 
 
 def _end_on_the_balcony(world: Path) -> None:
-    """Move the last task's goal, with all that is seen there, to where no route leads."""
+    """Move the last item's goal, with all that is seen there, to where no route leads."""
     goal = read(world / ANNOTATIONS)[-1]["path"][-1]
     rectory = scan_of(world / RECTORY)
     balcony = next(
@@ -400,7 +400,7 @@ def _end_on_the_balcony(world: Path) -> None:
         if place.included and len(distances_from(rectory, name)) == 1
     )
     edit(
-        world / ANNOTATIONS, lambda tasks: tasks[-1].update(path=[*tasks[-1]["path"][:-1], balcony])
+        world / ANNOTATIONS, lambda items: items[-1].update(path=[*items[-1]["path"][:-1], balcony])
     )
     seen = read(world / BOXES / f"DemoRectory_{goal}.json")[goal]
     (world / BOXES / f"DemoRectory_{balcony}.json").write_text(json.dumps({balcony: seen}))
@@ -456,78 +456,78 @@ def problems_of(world: Path) -> Sequence[Problem]:
             "malformed-file",
             ANNOTATIONS,
             "at least 1 item",
-            id="no task",
+            id="no item",
         ),
         pytest.param(
-            _tasks(lambda tasks: tasks[1].update(objId="lamp")),
-            "malformed-task",
+            _items(lambda items: items[1].update(objId="lamp")),
+            "malformed-item",
             ANNOTATIONS,
             "[1]: objId: Expected `int | null`, got `str`",
             id="target is a text",
         ),
         pytest.param(
-            _tasks(lambda tasks: tasks[1].update(path=[])),
-            "malformed-task",
+            _items(lambda items: items[1].update(path=[])),
+            "malformed-item",
             ANNOTATIONS,
             "[1]: path: Expected `array` of length >= 1",
             id="empty path",
         ),
         pytest.param(
-            _tasks(lambda tasks: [task.pop("instructions") for task in tasks[:5]]),
-            "malformed-task",
+            _items(lambda items: [item.pop("instructions") for item in items[:5]]),
+            "malformed-item",
             ANNOTATIONS,
             "5 of 32 records that do not have the published form: [0]: instructions is missing, "
             "[1]: instructions is missing, [2]: instructions is missing and 2 more. All other",
             id="instructions missing",
         ),
         pytest.param(
-            _tasks(lambda tasks: tasks[1].update(scan="", path=["a", 3], objId=-1)),
-            "malformed-task",
+            _items(lambda items: items[1].update(scan="", path=["a", 3], objId=-1)),
+            "malformed-item",
             ANNOTATIONS,
             "[1]: scan: Expected `str` of length >= 1, path: Expected `str`, got `int` - at "
             "`$[1]`, objId: Expected `int` >= 0",
             id="several fields of one record",
         ),
         pytest.param(
-            _tasks(lambda tasks: [task.pop("objId") for task in tasks[1:3]]),
+            _items(lambda items: [item.pop("objId") for item in items[1:3]]),
             "missing-answer",
             ANNOTATIONS,
-            "2 of 32 tasks without an answer in a file where others have one",
+            "2 of 32 items without an answer in a file where others have one",
             id="targets missing in part",
         ),
         pytest.param(
-            _tasks(lambda tasks: tasks.append(tasks[0])),
+            _items(lambda items: items.append(items[0])),
             "duplicate-episode",
             ANNOTATIONS,
             "instr_ids used by more than one episode",
-            id="task given twice",
+            id="item given twice",
         ),
         pytest.param(
-            _tasks(lambda tasks: [tasks[row]["path"].insert(1, "0ff1ce") for row in (0, 1)]),
+            _items(lambda items: [items[row]["path"].insert(1, "0ff1ce") for row in (0, 1)]),
             "unknown-viewpoint",
             ANNOTATIONS,
-            "2 of 32 tasks with a viewpoint on their path that is not in their scan's graph",
+            "2 of 32 items with a viewpoint on their path that is not in their scan's graph",
             id="path through an unknown viewpoint",
         ),
         pytest.param(
-            _tasks(lambda tasks: tasks[0]["path"].insert(1, tasks[-1]["path"][0])),
+            _items(lambda items: items[0]["path"].insert(1, items[-1]["path"][0])),
             "unknown-viewpoint",
             ANNOTATIONS,
-            "1 of 32 tasks with a viewpoint on their path that is not in their scan's graph",
+            "1 of 32 items with a viewpoint on their path that is not in their scan's graph",
             id="path through another scan",
         ),
         pytest.param(
             _end_on_the_balcony,
             "unreachable-goal",
             ANNOTATIONS,
-            "1 of 32 tasks with a viewpoint on their path that cannot be reached",
+            "1 of 32 items with a viewpoint on their path that cannot be reached",
             id="goal that cannot be reached",
         ),
         pytest.param(
-            _tasks(lambda tasks: [task.update(objId=999) for task in tasks[:4]]),
+            _items(lambda items: [item.update(objId=999) for item in items[:4]]),
             "target-not-listed",
             ANNOTATIONS,
-            "4 of 32 tasks whose target is not listed where the path ends",
+            "4 of 32 items whose target is not listed where the path ends",
             id="target not listed at the goal",
         ),
         pytest.param(
@@ -541,7 +541,7 @@ def problems_of(world: Path) -> Sequence[Problem]:
             lambda world: (world / MANSION).unlink(),
             "missing-scan",
             ANNOTATIONS,
-            "tasks in a scan without a connectivity file",
+            "items in a scan without a connectivity file",
             id="scan missing",
         ),
         pytest.param(
@@ -584,14 +584,14 @@ def problems_of(world: Path) -> Sequence[Problem]:
             lambda world: (world / MANSION).write_text("[]"),
             "unknown-viewpoint",
             ANNOTATIONS,
-            "tasks with a viewpoint on their path that is not in their scan's graph",
+            "items with a viewpoint on their path that is not in their scan's graph",
             id="graph without viewpoints",
         ),
         pytest.param(
             _mansion(lambda places: [place.update(included=False) for place in places]),
             "unknown-viewpoint",
             ANNOTATIONS,
-            "tasks with a viewpoint on their path that is not in their scan's graph",
+            "items with a viewpoint on their path that is not in their scan's graph",
             id="graph of excluded viewpoints",
         ),
         pytest.param(
@@ -681,7 +681,7 @@ def test_a_key_that_is_no_object_id(key: str) -> None:
 def test_all_faults_are_reported_at_once(world: Path) -> None:
     _end_on_the_balcony(world)
     _hide_first_target(world)
-    _tasks(lambda tasks: tasks.append(tasks[0]))(world)
+    _items(lambda items: items.append(items[0]))(world)
     _remove_boxes_of_a_viewpoint_that_lists_nothing(world)
     assert {problem.code for problem in problems_of(world)} == {
         "duplicate-episode",

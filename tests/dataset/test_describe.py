@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 from reverie_eval import __version__
 from reverie_eval.dataset import DatasetDescription, DatasetFiles, describe_dataset
 from tests.conftest import REPOSITORY
-from tests.support.described import SEEN, SPLITS, TABLE, Record, listed, task, write_dataset
+from tests.support.described import SEEN, SPLITS, TABLE, Record, item, listed, write_dataset
 from tests.support.flat import Run
 from tests.support.terminals import on_terminal
 
@@ -41,7 +41,7 @@ def test_json(dataset: Path, run: Run) -> None:
     assert list(report["splits"]) == ["val_seen", "val_unseen", "test"]
     assert report["splits"]["val_unseen"] == {
         "splits": ["val_unseen"],
-        "tasks": 2,
+        "items": 2,
         "instructions": 2,
         "scans": 1,
         "viewpoints": 3,
@@ -49,7 +49,7 @@ def test_json(dataset: Path, run: Run) -> None:
         "vocabulary": 4,
         "frequent_vocabulary": 0,
         "answers": {
-            "tasks": 2,
+            "items": 2,
             "hidden_targets": 1,
             "target_objects": 2,
             "target_categories": 2,
@@ -110,7 +110,7 @@ def test_one_split_alone_needs_no_column_for_all(given: str, dataset: Path, run:
     assert (status, err) == (0, "")
     assert out.splitlines()[:2] == [
         "                       val_seen",
-        "tasks                         3",
+        "items                         3",
     ]
 
 
@@ -139,7 +139,7 @@ def test_boxes_in_one_file_may_leave_out_who_sees_nothing(dataset: Path, tmp_pat
 
 
 def test_a_target_that_is_listed_nowhere_has_no_category(tmp_path: Path) -> None:
-    root = write_dataset(tmp_path, {"train": [task("1_7", "hut-a hut-b", 7, "go")]})
+    root = write_dataset(tmp_path, {"train": [item("1_7", "hut-a hut-b", 7, "go")]})
     answers = describe(root).total.answers
     assert answers is not None
     assert (answers.target_objects, answers.hidden_targets) == (1, 1)
@@ -151,7 +151,7 @@ def test_a_target_that_is_listed_nowhere_has_no_category(tmp_path: Path) -> None
 
 def test_errors_of_all_splits_are_reported_at_once(dataset: Path, run: Run) -> None:
     data = dataset / "tasks" / "REVERIE" / "data"
-    (data / "REVERIE_val_seen.json").write_text(json.dumps([task("1_1", "hut-a hut-z", 1, "go")]))
+    (data / "REVERIE_val_seen.json").write_text(json.dumps([item("1_1", "hut-a hut-z", 1, "go")]))
     (data / "REVERIE_test.json").write_text(json.dumps([*SPLITS["test"], *SPLITS["test"]]))
     (data / "BBox" / "hut_hut-c.json").unlink()
     status, out, err = run("describe", "dataset")
@@ -163,13 +163,13 @@ def test_errors_of_all_splits_are_reported_at_once(dataset: Path, run: Run) -> N
             "that sees no object has an empty file: copy the whole box folder."
         ),
         (
-            f"{data}/REVERIE_val_seen.json: 1 of 1 tasks with a viewpoint on their path that is "
+            f"{data}/REVERIE_val_seen.json: 1 of 1 items with a viewpoint on their path that is "
             "not in their scan's graph: 1_1. Annotations and connectivity files belong to "
             "different datasets."
         ),
         (
             f"{data}/REVERIE_test.json: 1 of 1 instr_ids used by more than one episode: 9_0. A "
-            "submission has one prediction per instr_id: give every task its own id."
+            "submission has one prediction per instr_id: give every item its own id."
         ),
     ]
 
@@ -221,7 +221,7 @@ def test_what_is_counted_in_v1(
     split: str, expected: tuple[int, ...], published_description: DatasetDescription
 ) -> None:
     part = published_description.splits[split]
-    counted = (part.tasks, part.instructions, part.scans, part.viewpoints)
+    counted = (part.items, part.instructions, part.scans, part.viewpoints)
     assert (*counted, part.vocabulary, part.frequent_vocabulary) == expected
 
 

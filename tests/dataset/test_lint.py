@@ -28,12 +28,12 @@ from tests.support.spoiled import (
     empty_boxes,
     file,
     graph,
+    items,
     listed,
     may_stay,
     no_way,
     shed,
     sofas,
-    tasks,
     two_splits,
     unanswered,
     write_json,
@@ -87,7 +87,7 @@ CASES = [
         {"malformed-file": 1},
         id="pose out of this world",
     ),
-    pytest.param(file(ANNOTATIONS, "[]"), {"malformed-file": 1}, id="no tasks"),
+    pytest.param(file(ANNOTATIONS, "[]"), {"malformed-file": 1}, id="no items"),
     pytest.param(
         empty_boxes, {"missing-boxes": 3, "target-not-listed": 1}, id="folder without boxes"
     ),
@@ -240,34 +240,34 @@ CASES = [
         {"in-all-views": 2, "edges-apart": 24, "views-disagree": 24},
         id="most neighbouring views disagree",
     ),
-    pytest.param(tasks(lambda content: content.append({})), {"malformed-task": 1}, id="no task"),
+    pytest.param(items(lambda content: content.append({})), {"malformed-item": 1}, id="no item"),
     pytest.param(
-        tasks(lambda content: content.append(content[0])), {"duplicate-episode": 5}, id="twice"
+        items(lambda content: content.append(content[0])), {"duplicate-episode": 5}, id="twice"
     ),
-    pytest.param(two_splits, {"shared-episode": 10}, id="two splits with the same tasks"),
+    pytest.param(two_splits, {"shared-episode": 10}, id="two splits with the same items"),
     pytest.param(
-        tasks(lambda content: content[0].update(scan="barn")), {"missing-scan": 1}, id="scan"
+        items(lambda content: content[0].update(scan="barn")), {"missing-scan": 1}, id="scan"
     ),
     pytest.param(
-        tasks(lambda content: content[0]["path"].insert(1, "attic")),
+        items(lambda content: content[0]["path"].insert(1, "attic")),
         {"unknown-viewpoint": 1},
         id="unknown viewpoint on the path",
     ),
     pytest.param(
-        both(shed, tasks(lambda content: content[0]["path"].insert(1, "shed"))),
+        both(shed, items(lambda content: content[0]["path"].insert(1, "shed"))),
         {"unknown-viewpoint": 1},
         id="viewpoint on the path that is not included",
     ),
     pytest.param(
-        tasks(lambda content: content[0]["path"].pop(HALL)), {"path-off-edges": 1}, id="no edge"
+        items(lambda content: content[0]["path"].pop(HALL)), {"path-off-edges": 1}, id="no edge"
     ),
     pytest.param(
-        tasks(lambda content: content[0]["path"].insert(1, "hall")), {}, id="a step on the spot"
+        items(lambda content: content[0]["path"].insert(1, "hall")), {}, id="a step on the spot"
     ),
-    pytest.param(tasks(unanswered), {"missing-answer": 1}, id="task without a target"),
-    pytest.param(tasks(lambda content: content[0].pop("objId")), {}, id="no task with a target"),
+    pytest.param(items(unanswered), {"missing-answer": 1}, id="item without a target"),
+    pytest.param(items(lambda content: content[0].pop("objId")), {}, id="no item with a target"),
     pytest.param(
-        tasks(lambda content: content[0].update(objId=9)), {"target-not-listed": 1}, id="target"
+        items(lambda content: content[0].update(objId=9)), {"target-not-listed": 1}, id="target"
     ),
     pytest.param(
         listed(key=TUB, visible_pos=[], bbox2d=[]),
@@ -300,7 +300,7 @@ def test_compiling_refuses_exactly_what_is_an_error(
     spoil(flat)
     errors = found_in(linted(flat), "error")
     if (flat / "connectivity" / "annex_connectivity.json").exists():
-        errors = {}  # no task is in the annex, so it is not read
+        errors = {}  # no item is in the annex, so it is not read
     refused = []
     try:
         compile_split(DatasetFiles.find(flat, split=SPLIT), SPLIT)
@@ -399,9 +399,9 @@ def test_facts_of_a_flat(flat: Path) -> None:
         "at-border": 1,
         "at-left": 1,
         "at-bottom": 1,
-        "tasks": 1,
+        "items": 1,
         "episodes": 5,
-        "task-scans": 1,
+        "item-scans": 1,
         "targets": 1,
         "single-goal": 1,
     }

@@ -114,7 +114,7 @@ def test_counts(code: str, number: int, of: int | None, report: LintReport) -> N
 @pytest.mark.parametrize(
     ("split", "code", "number", "of"),
     [
-        ("val_seen", "tasks", 515, None),
+        ("val_seen", "items", 515, None),
         ("val_seen", "episodes", 1_423, None),
         ("val_seen", "targets", 440, None),
         ("val_seen", "target-not-listed", 0, 515),
@@ -123,7 +123,7 @@ def test_counts(code: str, number: int, of: int | None, report: LintReport) -> N
         ("val_seen", "unreachable-goal", 0, 515),
         ("val_seen", "path-off-edges", 0, 515),
         ("val_seen", "single-goal", 211, 515),  # 41 %
-        ("val_unseen", "tasks", 1_328, None),
+        ("val_unseen", "items", 1_328, None),
         ("val_unseen", "episodes", 3_521, None),
         ("val_unseen", "targets", 513, None),
         ("val_unseen", "target-not-listed", 0, 1_328),
@@ -132,7 +132,7 @@ def test_counts(code: str, number: int, of: int | None, report: LintReport) -> N
         ("val_unseen", "unreachable-goal", 0, 1_328),
         ("val_unseen", "path-off-edges", 0, 1_328),
         ("val_unseen", "single-goal", 496, 1_328),  # 37 %
-        ("test", "tasks", 2_304, None),
+        ("test", "items", 2_304, None),
         ("test", "episodes", 6_292, None),
         ("test", "shared-episode", 0, 6_292),
     ],

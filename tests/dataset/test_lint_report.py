@@ -49,7 +49,7 @@ def test_an_error_is_shown_with_advice_and_examples(flat: Path, run: Run) -> Non
     status, out, err = run("lint", ".")
     assert (status, err) == (1, "")
     assert out.endswith(
-        "\n\nerror target-not-visible, annotations of val_unseen: 1 of 1 tasks whose target is "
+        "\n\nerror target-not-visible, annotations of val_unseen: 1 of 1 items whose target is "
         "listed where the path ends, but not visible in any view\n"
         "Annotations and boxes are probably from different releases (v2 annotations of val_seen "
         "with v1 boxes give 3 of 501): fetch both from the same one.\n"
@@ -101,7 +101,7 @@ def test_files_at_other_paths(run: Run) -> None:
         pytest.param(
             [".", "--annotations", "connectivity"],
             ["connectivity/REVERIE_*.json"],
-            id="tasks",
+            id="items",
         ),
         pytest.param(
             [".", "--object-positions", "nowhere"], ["nowhere: no object-positions"], id="positions"

@@ -348,8 +348,8 @@ def test_targets_are_chosen_by_category(server: Serving) -> None:
     )
     lamps = [
         instr_id
-        for instr_id, task in zip(episodes.instr_ids, episodes.task, strict=True)
-        if answers.target_categories[task] == "lamp"
+        for instr_id, item in zip(episodes.instr_ids, episodes.item, strict=True)
+        if answers.target_categories[item] == "lamp"
     ]
     assert lamps
     assert listed(Visitor(server).get(f"/episodes/{OPEN}?category=lamp")) == lamps

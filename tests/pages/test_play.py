@@ -126,11 +126,11 @@ def test_a_sample_is_the_same_for_everyone_and_repeats_targets_last(server: Serv
     board, episodes = server.state.board(OPEN), TRUTH.episodes
     everything = len(episodes.instr_ids)
     drawn = sample(board, 7, everything)
-    tasks = [int(episodes.task[episodes.index[instr_id]]) for instr_id in drawn]
-    targets = len(set(tasks))
+    items = [int(episodes.item[episodes.index[instr_id]]) for instr_id in drawn]
+    targets = len(set(items))
     assert sorted(drawn) == sorted(episodes.instr_ids)
-    assert len(set(tasks[:targets])) == targets
-    second = tasks[targets : 2 * targets]
+    assert len(set(items[:targets])) == targets
+    second = items[targets : 2 * targets]
     assert len(set(second)) == len(second), "some target is drawn a third time too early"
     assert sample(board, 7, 5) == drawn[:5]
     assert sample(board, 8, everything) != drawn

@@ -111,7 +111,7 @@ def test_a_team_s_files_are_compared_with_its_earlier_ones(server: Serving) -> N
 
 def test_probing_shows_in_the_files_of_a_team(server: Serving) -> None:
     records, truth = json.loads(GOOD), server.state.boards[OPEN].truth
-    answers = random_halves(truth.episodes.task, 24, np.random.default_rng(0))
+    answers = random_halves(truth.episodes.item, 24, np.random.default_rng(0))
     sent(server, OWNER)
     for file in answers.tolist():
         for record, answer in zip(records, file, strict=True):

@@ -157,14 +157,14 @@ def test_a_further_leaderboard_compares_by_its_own_sums(several: Serving) -> Non
 
 
 def test_a_private_split_uses_the_shown_means_alone(server: Serving) -> None:
-    """By hand: 0.5 and 0.4 of so few tasks are not told apart, 0.9 and 0.1 are."""
+    """By hand: 0.5 and 0.4 of so few items are not told apart, 0.9 and 0.1 are."""
     for name, value in (("Ant", 0.9), ("Bee", 0.5), ("Cat", 0.4), ("Dog", 0.1)):
         who = OWNER if value > 0.45 else OTHER
         entered(server, {"rgspl": value}, who, PRIVATE, **named(name))
     with server.state.database.reading() as session:
         assert session.query(ClusterSums).count() == 0
-    n_tasks = len(np.unique(server.state.boards[PRIVATE].truth.episodes.task))
-    assert n_tasks < 100
+    n_items = len(np.unique(server.state.boards[PRIVATE].truth.episodes.item))
+    assert n_items < 100
     found = places(leaderboard(server, PRIVATE))
     assert found[1][2] == found[2][2]
     assert found[0][1][0] == 1

@@ -25,7 +25,7 @@ from reverie_eval.submissions import (
     read_predictions,
 )
 from tests.conftest import SAMPLES
-from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import SPLIT, ground_truth_of
 
 SPOON, OWL, HAY = 424_242, 515_151, 616_161
@@ -38,9 +38,9 @@ HOUSE = {
 BARN = {"stall": (0.0, 0.0, 0.0), "loft": (0.0, 0.0, 2.0)}
 
 
-def world(to_house: Task, to_barn: Task) -> World:
+def world(to_house: Item, to_barn: Item) -> World:
     """Return house and barn, where each target is visible only from the end of its path."""
-    seen = {task.path[-1]: {task.target: [12]} for task in (to_house, to_barn)}
+    seen = {item.path[-1]: {item.target: [12]} for item in (to_house, to_barn)}
     house, barn = (
         {name: Viewpoint(position, views=seen.get(name, {})) for name, position in places.items()}
         for places in (HOUSE, BARN)
@@ -53,12 +53,12 @@ def world(to_house: Task, to_barn: Task) -> World:
 
 
 FARM = world(
-    Task("7_1", "house", ["hall", "kitchen", "pantry"], SPOON, instructions=2),
-    Task("8_2", "barn", ["stall", "loft"], OWL),
+    Item("7_1", "house", ["hall", "kitchen", "pantry"], SPOON, instructions=2),
+    Item("8_2", "barn", ["stall", "loft"], OWL),
 )
 OTHER_ANSWERS = world(
-    Task("7_1", "house", ["hall", "kitchen"], HAY, instructions=2),
-    Task("8_2", "barn", ["stall"], SPOON),
+    Item("7_1", "house", ["hall", "kitchen"], HAY, instructions=2),
+    Item("8_2", "barn", ["stall"], SPOON),
 )
 """The same episodes in the same buildings, with entirely different answers."""
 
@@ -92,13 +92,13 @@ def test_ids_that_are_those_of_the_split_by_chance() -> None:
     """R2R and R4R number their paths alike, in different buildings."""
     crowd = ground_truth_of(
         world(
-            Task("7_1", "house", ["hall", "kitchen", "pantry"], SPOON, instructions=15),
-            Task("8_2", "barn", ["stall", "loft"], OWL, instructions=15),
+            Item("7_1", "house", ["hall", "kitchen", "pantry"], SPOON, instructions=15),
+            Item("8_2", "barn", ["stall", "loft"], OWL, instructions=15),
         )
     )
     elsewhere = [
-        record(f"{task}_{index}", start)
-        for task, start in (("7_1", "stall"), ("8_2", "hall"))
+        record(f"{item}_{index}", start)
+        for item, start in (("7_1", "stall"), ("8_2", "hall"))
         for index in range(15)
     ]
     (problem,) = problems_of([*elsewhere, record("9_9_0", "hall")], crowd)
@@ -135,7 +135,7 @@ faults = pytest.mark.parametrize(
             [*SOUND, record("7_1_2", "hall")],
             "unknown-episode",
             "[3].instr_id",
-            "'7_1_2' is not an episode of val_unseen; ids are <task id>_<index of the instruction>",
+            "'7_1_2' is not an episode of val_unseen; ids are <item id>_<index of the instruction>",
             id="unknown episode",
         ),
         pytest.param(
@@ -273,7 +273,7 @@ def test_the_broken_sample(demo: GroundTruth) -> None:
 
 def test_a_submission_for_another_split(demo: GroundTruth) -> None:
     others = episodes_of("val_seen")
-    submission = [submitted(episode, Answer(episode.task.path[:1], -1)) for episode in others]
+    submission = [submitted(episode, Answer(episode.item.path[:1], -1)) for episode in others]
     (other,) = problems_of(submission, demo)
     assert (other.code, other.where, other.split) == ("other-split", "[0].instr_id", "val_seen")
     assert other.message == (
@@ -294,7 +294,7 @@ def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:
     assert "--ground-truth val_unseen.npz" in problem.message
 
 
-def test_a_submission_for_another_task(demo: GroundTruth) -> None:
+def test_a_submission_for_another_item(demo: GroundTruth) -> None:
     (problem,) = problems_of([record("4332_0", "c1"), record("2_3", "c1")], demo)
     assert (problem.code, problem.where) == ("other-task", "file")
     assert problem.message.startswith("2 ids look like ")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from reverie_eval import Problem, SubmissionError, evaluate
 from reverie_eval.submissions import read_predictions
 from tests.support.drawings import WITHOUT, Record, answer
-from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import SPLIT, ground_truth_by_hand
 
 
@@ -236,7 +236,7 @@ def test_a_box_among_records_without_an_answer() -> None:
 
 WORLD = World(
     {"flat": Scan({"bath": Viewpoint((0, 0, 0), views={5: range(36)})}, frozenset())},
-    [Task("7_1", "flat", ["bath"], 5)],
+    [Item("7_1", "flat", ["bath"], 5)],
 )
 TRUTH = ground_truth_by_hand(WORLD)
 

@@ -112,7 +112,7 @@ def test_the_converted_file_scores_as_the_good_one(mistake: str, demo: GroundTru
     [
         "different answers under two keys",
         "different answers under two spellings",
-        "only the tasks' ids",
+        "only the items' ids",
         "ids without the object",
         "positions of VLN-CE",
         "several trajectories, as in SOON",

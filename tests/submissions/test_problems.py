@@ -279,7 +279,7 @@ def of_record(report: Callable[[], Problem], code: str, field: str, message: str
             lambda: problems.unknown_episode(RECORD, "9_9_9", "test", REVERIE),
             "unknown-episode",
             ".instr_id",
-            "'9_9_9' is not an episode of test; ids are <task id>_<index of the instruction>, "
+            "'9_9_9' is not an episode of test; ids are <item id>_<index of the instruction>, "
             "counted from 0",
         ),
         of_record(

@@ -405,7 +405,7 @@ def test_no_task_is_advised_for_answers_that_it_does_not_have() -> None:
 
 @pytest.mark.dataset
 def test_reveries_ids_without_the_object(published: Any, published_bundles: Any) -> None:
-    """1,099 of them are ids of test by chance; 1,328 tasks are on 315 paths."""
+    """1,099 of them are ids of test by chance; 1,328 items are on 315 paths."""
     truth = GroundTruth.load(published_bundles / f"{SPLIT}.npz")
     records = run_agent("shortest", truth)
     for record in records:

@@ -105,14 +105,14 @@ def zipped(*names: str) -> Mistake:
 
 def from_one(instr_id: str) -> str:
     """Return an instr_id whose instruction is counted from 1."""
-    task, _, index = instr_id.rpartition("_")
-    return f"{task}_{int(index) + 1}"
+    item, _, index = instr_id.rpartition("_")
+    return f"{item}_{int(index) + 1}"
 
 
-def first_of_tasks(records: Records) -> Records:
-    """Return one record for each task, with its id."""
+def first_of_items(records: Records) -> Records:
+    """Return one record for each item, with its id."""
     first = {record["instr_id"].rpartition("_")[0]: record for record in records}
-    return [{**record, "instr_id": task} for task, record in first.items()]
+    return [{**record, "instr_id": item} for item, record in first.items()]
 
 
 def in_renamed_walks(records: Records) -> Records:
@@ -195,7 +195,7 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
             lambda record: {"predObjId": None, "predObjid": record["predObjId"]}
         ),
         "instructions counted from 1": ids(from_one),
-        "only the tasks' ids": first_of_tasks,
+        "only the items' ids": first_of_items,
         "the prefix r2r_": ids("r2r_{}".format),
         "the prefix val_unseen_": ids("val_unseen_{}".format),
         "a prefix of two parts": lambda records: [

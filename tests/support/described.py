@@ -12,7 +12,7 @@ PLACES: Mapping[str, Mapping[str, tuple[float, float, float]]] = {
     "barn": {"barn-a": (0, 0, 0), "barn-b": (0, 2, 0)},
     "shed": {"shed-a": (0, 0, 0)},
 }
-"""Scans with their viewpoints, each joined to the next: 5 m and 12 m in the hut. Nobody has a task
+"""Scans with their viewpoints, each joined to the next: 5 m and 12 m in the hut. Nobody has an item
 in the shed, and each scan has one viewpoint more that is not included."""
 SEEN: Mapping[str, Mapping[str, tuple[str, Sequence[int]]]] = {
     "hut-b": {"2": ("lamp", [1, 2, 3, 4])},
@@ -21,8 +21,8 @@ SEEN: Mapping[str, Mapping[str, tuple[str, Sequence[int]]]] = {
 """Objects by viewpoint: name and views. The rug is listed, but not visible."""
 
 
-def task(id_: str, path: str, target: int | None, *instructions: str) -> Record:
-    """Write a task; without a target as in a public test file."""
+def item(id_: str, path: str, target: int | None, *instructions: str) -> Record:
+    """Write an item; without a target as in a public test file."""
     scan = path.split(maxsplit=1)[0].partition("-")[0]
     answer = {} if target is None else {"objId": target}
     return {
@@ -35,20 +35,20 @@ def task(id_: str, path: str, target: int | None, *instructions: str) -> Record:
 
 
 SPLITS: Mapping[str, Sequence[Record]] = {
-    "test": [task("9", "barn-a", None, "find it")],
+    "test": [item("9", "barn-a", None, "find it")],
     "val_seen": [
-        task("1_1", "hut-a hut-b hut-c", 1, "Go to the coffee table.", "Don't go!"),
-        task("2_2", "hut-a hut-b", 2, "GO to the lamp"),
-        task("3_2", "hut-b hut-c", 2, "the lamp, the lamp"),
+        item("1_1", "hut-a hut-b hut-c", 1, "Go to the coffee table.", "Don't go!"),
+        item("2_2", "hut-a hut-b", 2, "GO to the lamp"),
+        item("3_2", "hut-b hut-c", 2, "the lamp, the lamp"),
     ],
     "val_unseen": [
-        task("4_3", "hut-a hut-b hut-c", 3, "the rug"),
-        task("5_2", "hut-a hut-b", 2, "get it"),
+        item("4_3", "hut-a hut-b hut-c", 3, "the rug"),
+        item("5_2", "hut-a hut-b", 2, "get it"),
     ],
 }
 TABLE = """\
                        val_seen  val_unseen  test  total
-tasks                         3           2     1      6
+items                         3           2     1      6
 instructions                  4           2     1      7
 scans                         1           1     1      2
 viewpoints in scans           3           3     2      5
@@ -92,7 +92,7 @@ boxes at the goal      all             3.4      50  without train, test
 
 paper: Qi et al., REVERIE, CVPR 2020, section 3
 note: test has no targets: its goals and paths are unknown
-note: val_unseen: the target is not visible at the goal in 1 of 2 tasks; `reverie-eval lint` lists \
+note: val_unseen: the target is not visible at the goal in 1 of 2 items; `reverie-eval lint` lists \
 them
 """
 
@@ -102,8 +102,8 @@ def write_dataset(root: Path, splits: Mapping[str, Sequence[Record]] = SPLITS) -
     data, connectivity = root / "tasks" / "REVERIE" / "data", root / "connectivity"
     (data / "BBox").mkdir(parents=True)
     connectivity.mkdir()
-    for split, tasks in splits.items():
-        (data / f"REVERIE_{split}.json").write_text(json.dumps(tasks))
+    for split, items in splits.items():
+        (data / f"REVERIE_{split}.json").write_text(json.dumps(items))
     for scan, places in PLACES.items():
         (connectivity / f"{scan}_connectivity.json").write_text(json.dumps(_connectivity(places)))
         for viewpoint in places:

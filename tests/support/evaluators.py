@@ -236,10 +236,10 @@ class Data:
         self.answers: dict[str, str | None] = {}
         self.points: dict[str, tuple[float, float] | None] = {}
         path, offsets = answers.path.tolist(), answers.path_offsets.tolist()
-        for instr_id, task, target in zip(
-            truth.episodes.instr_ids, truth.episodes.task, answers.target_object, strict=True
+        for instr_id, item, target in zip(
+            truth.episodes.instr_ids, truth.episodes.item, answers.target_object, strict=True
         ):
-            annotated = path[offsets[task] : offsets[task + 1]]
+            annotated = path[offsets[item] : offsets[item + 1]]
             places = by_scan[graph.scan_of(annotated[0])] if jumps else annotated[:1]
             walk = self._walk(random, annotated, places)
             named = [graph.viewpoint_ids[each] for each in walk]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from reverie_eval import GroundTruth, __version__
 from reverie_eval.dataset import DatasetFiles, compile_split
-from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import SPLIT, write_world
 
 TUB, SINK = 5, 6
@@ -23,7 +23,7 @@ FLAT = World(
             frozenset({("door", "hall"), ("hall", "bath")}),
         )
     },
-    [Task("7_1", "flat", ["door", "hall", "bath"], TUB, instructions=5)],
+    [Item("7_1", "flat", ["door", "hall", "bath"], TUB, instructions=5)],
 )
 WALKS = [
     (["door", "hall", "bath"], TUB),  # 14 m, the shortest route

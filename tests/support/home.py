@@ -8,7 +8,7 @@ from pathlib import Path
 from reverie_eval import GroundTruth, Scores, evaluate
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import SPLIT, write_world
 
 LAMP, SOFA = 3, 4
@@ -37,8 +37,8 @@ HOME = World(
         )
     },
     [
-        Task("1_3", "home", ["hall", "room"], LAMP, instructions=3),
-        Task("2_4", "home", ["porch", "room", "hall"], SOFA, instructions=2),
+        Item("1_3", "home", ["hall", "room"], LAMP, instructions=3),
+        Item("2_4", "home", ["porch", "room", "hall"], SOFA, instructions=2),
     ],
 )
 WALKS = {
@@ -99,7 +99,7 @@ def perfect() -> list[dict[str, object]]:
 
 def path_of(truth: GroundTruth, row: int) -> list[int]:
     """Return an episode's annotated path."""
-    task = truth.episodes.task[row]
+    item = truth.episodes.item[row]
     offsets = truth.require_answers().path_offsets
-    path: list[int] = truth.require_answers().path[offsets[task] : offsets[task + 1]].tolist()
+    path: list[int] = truth.require_answers().path[offsets[item] : offsets[item + 1]].tolist()
     return path

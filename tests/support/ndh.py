@@ -8,13 +8,13 @@ import numpy as np
 
 from reverie_eval import GroundTruth
 from reverie_eval.ground_truth import Bundle
-from tests.support.oracle import Task, World
+from tests.support.oracle import Item, World
 from tests.support.worlds import SPLIT, ground_truth_arrays
 
 
 @dataclass(frozen=True)
 class Region:
-    """What NDH annotates of a task beside the trusted path."""
+    """What NDH annotates of an item beside the trusted path."""
 
     goals: Sequence[str]
     planner: Sequence[str]
@@ -42,11 +42,11 @@ def truth_of(world: World, regions: Sequence[Region]) -> GroundTruth:
     return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}, task="ndh"))
 
 
-def random_region(random: Random, world: World, task: Task) -> Region:
+def random_region(random: Random, world: World, item: Item) -> Region:
     """Draw goals and two paths among what can be reached from the start."""
-    reachable = list(world.scans[task.scan_id].routes[task.path[0]])
+    reachable = list(world.scans[item.scan_id].routes[item.path[0]])
     return Region(
         random.choices(reachable, k=random.randint(1, 3)),
-        [task.path[0], *random.choices(reachable, k=random.randint(0, 2))],
-        [task.path[0], *random.choices(reachable, k=random.randint(0, 2))],
+        [item.path[0], *random.choices(reachable, k=random.randint(0, 2))],
+        [item.path[0], *random.choices(reachable, k=random.randint(0, 2))],
     )

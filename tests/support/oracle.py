@@ -107,10 +107,10 @@ class Scan:
 
 
 @dataclass(frozen=True)
-class Task:
+class Item:
     """An annotated path to a target object, with one or more instructions."""
 
-    task_id: str
+    item_id: str
     scan_id: str
     path: Sequence[str]
     target: int
@@ -119,7 +119,7 @@ class Task:
     @property
     def instr_ids(self) -> Sequence[str]:
         """One episode per instruction."""
-        return [f"{self.task_id}_{number}" for number in range(self.instructions)]
+        return [f"{self.item_id}_{number}" for number in range(self.instructions)]
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class World:
     """A whole benchmark."""
 
     scans: Mapping[str, Scan]
-    tasks: Sequence[Task]
+    items: Sequence[Item]
 
 
 @dataclass(frozen=True)
@@ -160,11 +160,11 @@ Values = Mapping[str, float]
 
 
 def score(world: World, predictions: Predictions) -> Mapping[str, Mapping[str, Values]]:
-    """Give, under every protocol, every episode in the order of the tasks its values."""
+    """Give, under every protocol, every episode in the order of the items its values."""
     episodes = {
-        instr_id: measure(world.scans[task.scan_id], task, predictions[instr_id])
-        for task in world.tasks
-        for instr_id in task.instr_ids
+        instr_id: measure(world.scans[item.scan_id], item, predictions[instr_id])
+        for item in world.items
+        for instr_id in item.instr_ids
     }
     unscored = set() if has_boxes(predictions) else {"iou", "iou_25", "iou_50", "iou_75"}
     of_objects = {"rgs", "rgspl", "iou", "iou_25", "iou_50", "iou_75"}
@@ -191,7 +191,7 @@ class Episode:
     """What an agent did in an episode, and what no protocol sees differently."""
 
     scan: Scan
-    task: Task
+    item: Item
     prediction: Prediction
     walked: float
     shortest: float
@@ -205,34 +205,34 @@ class Episode:
     jumps: int
 
 
-def measure(scan: Scan, task: Task, prediction: Prediction) -> Episode:
+def measure(scan: Scan, item: Item, prediction: Prediction) -> Episode:
     """Measure what an agent did."""
-    trajectory, goal = prediction.trajectory, task.path[-1]
-    warped = dynamic_time_warping(scan, trajectory, task.path)
+    trajectory, goal = prediction.trajectory, item.path[-1]
+    warped = dynamic_time_warping(scan, trajectory, item.path)
     return Episode(
         scan,
-        task,
+        item,
         prediction,
         walked=trajectory_length(scan, trajectory),
-        shortest=distance(scan, task.path[0], goal),
-        annotated=trajectory_length(scan, task.path),
+        shortest=distance(scan, item.path[0], goal),
+        annotated=trajectory_length(scan, item.path),
         errors=[distance(scan, viewpoint_id, goal) for viewpoint_id in trajectory],
-        iou=overlap_with_target(scan, task, prediction),
+        iou=overlap_with_target(scan, item, prediction),
         warped=warped,
-        likeness=math.exp(-warped / (3.0 * len(task.path))),
-        coverage=coverage_by_length(scan, trajectory, task.path),
+        likeness=math.exp(-warped / (3.0 * len(item.path))),
+        coverage=coverage_by_length(scan, trajectory, item.path),
         jumps=count_jumps(scan, trajectory),
     )
 
 
 def score_episode(episode: Episode, protocol: str) -> Values:
     """Give one episode its values, in the order in which docs/reference/metrics.md lists them."""
-    scan, task, prediction = episode.scan, episode.task, episode.prediction
+    scan, item, prediction = episode.scan, episode.item, episode.prediction
     walked, iou, trajectory = episode.walked, episode.iou, prediction.trajectory
     length = episode.annotated if protocol in SPL_BY_ANNOTATED_LENGTH else episode.shortest
-    arrivals = [is_at_goal(scan, task, viewpoint_id, protocol) for viewpoint_id in trajectory]
+    arrivals = [is_at_goal(scan, item, viewpoint_id, protocol) for viewpoint_id in trajectory]
     success = arrivals[-1]
-    right = is_right(task, prediction, iou, protocol, success=success)
+    right = is_right(item, prediction, iou, protocol, success=success)
     spl_floor = 0.01 if protocol in SPL_WITH_FLOOR else 0.0
     rgspl_floor = 0.01 if protocol in RGSPL_WITH_FLOOR else 0.0
     return {
@@ -258,20 +258,20 @@ def score_episode(episode: Episode, protocol: str) -> Values:
     }
 
 
-def is_at_goal(scan: Scan, task: Task, viewpoint_id: str, protocol: str) -> bool:
+def is_at_goal(scan: Scan, item: Item, viewpoint_id: str, protocol: str) -> bool:
     """Whether an agent that stops there succeeds."""
     if protocol in BY_THE_PATHS_END:
-        return distance(scan, viewpoint_id, task.path[-1]) < 3.0
+        return distance(scan, viewpoint_id, item.path[-1]) < 3.0
     if protocol == "paper-3m":
-        return metres_to_centre(scan, viewpoint_id, task.target) <= 3.0
+        return metres_to_centre(scan, viewpoint_id, item.target) <= 3.0
     if protocol == "challenge-2022":
-        near = metres_to_centre(scan, viewpoint_id, task.target) <= 3.0
-        return near and scan.sees(viewpoint_id, task.target)
-    return scan.sees(viewpoint_id, task.target)
+        near = metres_to_centre(scan, viewpoint_id, item.target) <= 3.0
+        return near and scan.sees(viewpoint_id, item.target)
+    return scan.sees(viewpoint_id, item.target)
 
 
 def is_right(
-    task: Task, prediction: Prediction, iou: Number, protocol: str, *, success: bool
+    item: Item, prediction: Prediction, iou: Number, protocol: str, *, success: bool
 ) -> bool:
     """Whether the named object counts as the target, or the box as one around it."""
     if protocol in GROUNDING_NEEDS_SUCCESS and not success:
@@ -280,18 +280,18 @@ def is_right(
         return iou >= Fraction(1, 2)
     if protocol in TEXT_IS_NEVER_RIGHT and prediction.as_text:
         return False
-    return prediction.object_id == task.target
+    return prediction.object_id == item.target
 
 
-def overlap_with_target(scan: Scan, task: Task, prediction: Prediction) -> Number:
+def overlap_with_target(scan: Scan, item: Item, prediction: Prediction) -> Number:
     """IoU of the box with the target's in the same view at the stop; 0 where there is none."""
     if prediction.drawing is None:
         return 0
     box, camera = drawn_in_pixels(prediction.drawing), camera_used(prediction.drawing)
     stop, view = scan.viewpoints[prediction.trajectory[-1]], view_of(camera)
-    if view not in stop.views.get(task.target, []) or area(box) == 0:
+    if view not in stop.views.get(item.target, []) or area(box) == 0:
         return 0
-    target = stop.box(task.target, view)
+    target = stop.box(item.target, view)
     if is_a_view(camera):
         return overlap_over_union(box, target)
     return overlap_over_union_from(camera, box, target)

@@ -42,10 +42,10 @@ def planted(bundle: Bundle) -> Bundle:
         candidate_object=_planted(arrays["candidate_object"]),
         box_xywh=np.tile(np.array(BOX), (len(arrays["box_xywh"]), 1)),
     )
-    tasks = len(arrays["task_target"])
+    items = len(arrays["task_target"])
     texts = {
         **bundle.texts,
-        "target_category": pack_texts([f"{CATEGORY}{n}" for n in range(tasks)]),
+        "target_category": pack_texts([f"{CATEGORY}{n}" for n in range(items)]),
         "candidate_category": pack_texts([CATEGORY] * len(arrays["candidate_object"])),
     }
     origin = changed.header.split, changed.header.dataset, changed.header.sources

@@ -54,7 +54,7 @@ def graph(change: Callable[[Any], object]) -> Spoil:
     return edited(GRAPH, change)
 
 
-def tasks(change: Callable[[Any], object]) -> Spoil:
+def items(change: Callable[[Any], object]) -> Spoil:
     """Change the annotations."""
     return edited(ANNOTATIONS, change)
 
@@ -143,10 +143,10 @@ def boxes_at(viewpoint_id: str, text: str) -> Spoil:
 
 
 def two_splits(folder: Path) -> None:
-    """Have the same tasks in another split."""
+    """Have the same items in another split."""
     (folder / DATA / "REVERIE_train.json").write_text((folder / ANNOTATIONS).read_text())
 
 
 def unanswered(content: list[Any]) -> None:
-    """Add a task without a target."""
+    """Add an item without a target."""
     content.append({key: content[0][key] for key in ("scan", "path", "instructions")} | {"id": "8"})

@@ -26,11 +26,11 @@ from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.ground_truth import Bundle
 from tests.support.drawings import fields_of, random_box, random_drawing
 from tests.support.oracle import (
+    Item,
     Position,
     Prediction,
     Predictions,
     Scan,
-    Task,
     Viewpoint,
     World,
     distances_from,
@@ -64,18 +64,18 @@ class Case:
 
 
 def random_case(random: Random, shares_of_boxes: Sequence[float] = (1, 0.5, 0)) -> Case:
-    """Draw a world of up to three scans and five tasks, and a sound submission for it.
+    """Draw a world of up to three scans and five items, and a sound submission for it.
 
     One of the shares is that of answers that are boxes.
     """
     scans = {f"scan{number}": _scan(random, f"s{number}") for number in range(_up_to(random, 3))}
-    tasks = []
+    items = []
     for number in range(_up_to(random, 5)):
         scan_id = random.choice(list(scans))
-        task = _task(random, f"{number}_7", scan_id, scans[scan_id])
-        scans[scan_id] = _with_task(scans[scan_id], task)
-        tasks.append(task)
-    world, share_of_boxes = World(scans, tasks), random.choice(shares_of_boxes)
+        item = _item(random, f"{number}_7", scan_id, scans[scan_id])
+        scans[scan_id] = _with_item(scans[scan_id], item)
+        items.append(item)
+    world, share_of_boxes = World(scans, items), random.choice(shares_of_boxes)
     return Case(world, _predictions(random, world, share_of_boxes))
 
 
@@ -125,24 +125,24 @@ def _views(random: Random) -> Mapping[int, Sequence[int]]:
     return {object_id: random.sample(range(36), random.randint(0, 2)) for object_id in listed}
 
 
-def _task(random: Random, task_id: str, scan_id: str, scan: Scan) -> Task:
+def _item(random: Random, item_id: str, scan_id: str, scan: Scan) -> Item:
     """Draw a path inside one component; its ends may be the same, its legs need no edges."""
     starts = random.choices(list(scan.viewpoints), k=2)
     here, *elsewhere = max((_component(scan, start) for start in starts), key=len)
     goal = random.choice([here, *elsewhere, *elsewhere])
     between = random.choices([here, *elsewhere], k=random.randint(0, 2))
     path = [here, *between, goal]
-    return Task(task_id, scan_id, path, random.choice(_OBJECT_IDS), _up_to(random, 3))
+    return Item(item_id, scan_id, path, random.choice(_OBJECT_IDS), _up_to(random, 3))
 
 
-def _with_task(scan: Scan, task: Task) -> Scan:
+def _with_item(scan: Scan, item: Item) -> Scan:
     """Include the start, and make the target visible at the goal."""
-    start, goal = task.path[0], task.path[-1]
+    start, goal = item.path[0], item.path[-1]
     viewpoints = dict(scan.viewpoints)
     viewpoints[start] = replace(viewpoints[start], included=True)
     views = viewpoints[goal].views
-    if not views.get(task.target):
-        viewpoints[goal] = replace(viewpoints[goal], views={**views, task.target: [12]})
+    if not views.get(item.target):
+        viewpoints[goal] = replace(viewpoints[goal], views={**views, item.target: [12]})
     return replace(scan, viewpoints=viewpoints)
 
 
@@ -158,23 +158,23 @@ def _predictions(random: Random, world: World, share_of_boxes: float) -> Predict
     right, some wrong, some abstentions, and some of each written as text; a share of them are
     boxes. They come in any order.
     """
-    episodes = [(instr_id, task) for task in world.tasks for instr_id in task.instr_ids]
+    episodes = [(instr_id, item) for item in world.items for instr_id in item.instr_ids]
     random.shuffle(episodes)
     return {
-        instr_id: _prediction(random, world.scans[task.scan_id], task, share_of_boxes)
-        for instr_id, task in episodes
+        instr_id: _prediction(random, world.scans[item.scan_id], item, share_of_boxes)
+        for instr_id, item in episodes
     }
 
 
-def _prediction(random: Random, scan: Scan, task: Task, share_of_boxes: float) -> Prediction:
-    start, goal = task.path[0], task.path[-1]
+def _prediction(random: Random, scan: Scan, item: Item, share_of_boxes: float) -> Prediction:
+    start, goal = item.path[0], item.path[-1]
     way = random.choices(_component(scan, start), k=random.choice([0, 0, 1, 1, 2, 3, 4, 5]))
     end = random.choice([[], [goal]])
     trajectory = [start, *way, *end]
     if random.random() < share_of_boxes:
-        drawing = random_drawing(random, scan.viewpoints[trajectory[-1]], task.target)
+        drawing = random_drawing(random, scan.viewpoints[trajectory[-1]], item.target)
         return Prediction(trajectory, _ABSTAINED, drawing=drawing)
-    answer = random.choice([task.target, random.choice(_OBJECT_IDS), _ABSTAINED])
+    answer = random.choice([item.target, random.choice(_OBJECT_IDS), _ABSTAINED])
     return Prediction(trajectory, answer, as_text=random.randint(0, 2) == 0)
 
 
@@ -244,11 +244,11 @@ def ground_truth_arrays(world: World) -> Mapping[str, Array]:
         for candidate, (scan, viewpoint_id, object_id) in enumerate(seen)
         for view in scan.viewpoints[viewpoint_id].views[object_id]
     ]
-    tasks = world.tasks
+    items = world.items
     return {
-        "instr_id": np.array([instr_id for task in tasks for instr_id in task.instr_ids]),
-        "episode_task": np.repeat(np.arange(len(tasks)), [task.instructions for task in tasks]),
-        "task_start": np.array([row[task.path[0]] for task in tasks]),
+        "instr_id": np.array([instr_id for item in items for instr_id in item.instr_ids]),
+        "episode_task": np.repeat(np.arange(len(items)), [item.instructions for item in items]),
+        "task_start": np.array([row[item.path[0]] for item in items]),
         "scan_id": np.array(list(world.scans)),
         "viewpoint_id": np.array(list(row)),
         "viewpoint_scan": np.array([number for number, _, _ in numbered]),
@@ -257,14 +257,14 @@ def ground_truth_arrays(world: World) -> Mapping[str, Array]:
         ),
         "distance": np.array([scan.routes[a].get(b, np.inf) for scan, a, b in pairs]),
         "edge": np.array([scan.has_edge(a, b) for scan, a, b in pairs]),
-        "task_target": np.array([task.target for task in tasks]),
-        "path": np.array([row[viewpoint_id] for task in tasks for viewpoint_id in task.path]),
-        "path_offsets": np.cumsum([0, *(len(task.path) for task in tasks)]),
+        "task_target": np.array([item.target for item in items]),
+        "path": np.array([row[viewpoint_id] for item in items for viewpoint_id in item.path]),
+        "path_offsets": np.cumsum([0, *(len(item.path) for item in items)]),
         "candidate_viewpoint": np.array([row[viewpoint_id] for _, viewpoint_id, _ in seen]),
         "candidate_object": np.array([object_id for _, _, object_id in seen]),
         "candidate_distance": np.array([metres_to_centre(*candidate) for candidate in seen]),
         "target_position": np.array(
-            [world.scans[task.scan_id].centres.get(task.target, [np.inf] * 3) for task in tasks]
+            [world.scans[item.scan_id].centres.get(item.target, [np.inf] * 3) for item in items]
         ),
         "box_candidate": np.array([candidate for candidate, _, _ in shown]),
         "box_view": np.array([view for _, view, _ in shown]),
@@ -277,7 +277,7 @@ def write_world(world: World, folder: Path) -> None:
     data, connectivity = folder / "tasks" / "REVERIE" / "data", folder / "connectivity"
     data.mkdir(parents=True)
     connectivity.mkdir()
-    _write(data / f"REVERIE_{SPLIT}.json", [_annotation(task) for task in world.tasks])
+    _write(data / f"REVERIE_{SPLIT}.json", [_annotation(item) for item in world.items])
     _write(data / "BBoxes.json", _boxes(world.scans))
     _write(folder / OBJECT_POSITIONS, _object_positions(world.scans))
     for scan_id, scan in world.scans.items():
@@ -288,13 +288,13 @@ def _write(path: Path, content: object) -> None:
     path.write_text(json.dumps(content))
 
 
-def _annotation(task: Task) -> Record:
+def _annotation(item: Item) -> Record:
     return {
-        "scan": task.scan_id,
-        "id": task.task_id,
-        "objId": task.target,
-        "path": task.path,
-        "instructions": ["go there"] * task.instructions,
+        "scan": item.scan_id,
+        "id": item.item_id,
+        "objId": item.target,
+        "path": item.path,
+        "instructions": ["go there"] * item.instructions,
     }
 
 

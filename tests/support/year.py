@@ -41,7 +41,7 @@ QUOTA = {"day": (1, 2), "month": (30, 10), "year": (365, 40)}
 SUBMISSIONS = 44
 """That are scored: one of each team, and more of some."""
 CHALLENGE = "challenge 2027"
-CORRECTION = "The targets of 10 tasks were corrected."
+CORRECTION = "The targets of 10 items were corrected."
 LEGACY = "https://eval.ai/web/challenges/challenge-page/606"
 HISTORY = """team,nav_success,nav_spl,nav_length,rgspl,date
 Walker,59.64,38.98,24.66,21.48,01/2026
@@ -306,7 +306,7 @@ def submit_by_mail(year: Year) -> None:
 
 
 def correct_answers(path: Path, corrected: Path) -> None:
-    """Write a bundle with other targets in ten tasks."""
+    """Write a bundle with other targets in ten items."""
     bundle = Bundle.load(path)
     target = bundle.arrays["task_target"].copy()
     target[:10] += 1

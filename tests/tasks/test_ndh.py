@@ -24,7 +24,7 @@ from tests.support.family import (
 )
 from tests.support.flat import Run
 from tests.support.ndh import Region, random_region, truth_of
-from tests.support.oracle import Scan, Task, Viewpoint, World, distance, trajectory_length, weighted
+from tests.support.oracle import Item, Scan, Viewpoint, World, distance, trajectory_length, weighted
 from tests.support.worlds import SPLIT, random_case
 
 SAMPLE = REPOSITORY / "fixtures" / "submissions" / "ndh.json"
@@ -139,7 +139,7 @@ def test_success_is_less_than_3_m_from_the_paths_end(metres: float, success: flo
     scan = Scan(viewpoints, frozenset({("end", "stop"), ("stop", "start")}))
     path = ["start", "stop", "end"]
     truth = truth_of(
-        World({"house": scan}, [Task("1", "house", path, 0)]), [Region(["stop"], path, path)]
+        World({"house": scan}, [Item("1", "house", path, 0)]), [Region(["stop"], path, path)]
     )
     records = [{"instr_id": "1_0", "trajectory": [["start", 0, 0], ["stop", 0, 0]]}]
     official = evaluate(records, split=SPLIT, ground_truth=truth)
@@ -173,7 +173,7 @@ def test_navillms_goal(goals: str, planner: str, way: str, expected: Sequence[fl
     """SR, SPL and the navigation error."""
     viewpoints = {name: Viewpoint((x, y, 0.0)) for name, (x, y) in FORK.items()}
     edges = frozenset({("s", "a"), ("a", "b"), ("b", "c"), ("s", "d")})
-    world = World({"house": Scan(viewpoints, edges)}, [Task("1", "house", ["s", "a"], 0)])
+    world = World({"house": Scan(viewpoints, edges)}, [Item("1", "house", ["s", "a"], 0)])
     truth = truth_of(world, [Region(list(goals), list(planner), ["s", "a"])])
     records = [{"instr_id": "1_0", "trajectory": [[it, 0, 0] for it in way]}]
     scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol="navillm")
@@ -186,7 +186,7 @@ def test_navillms_goal(goals: str, planner: str, way: str, expected: Sequence[fl
 def test_standing_at_the_goal(protocol: str, spl: float) -> None:
     """HAMT's smallest denominator makes it 0; the dataset's own script says 1."""
     scan = Scan({"here": Viewpoint((0.0, 0.0, 0.0))}, frozenset())
-    world = World({"house": scan}, [Task("1", "house", ["here"], 0)])
+    world = World({"house": scan}, [Item("1", "house", ["here"], 0)])
     truth = truth_of(world, [Region(["here"], ["here"], ["here"])])
     records = [{"instr_id": "1_0", "trajectory": [["here", 0, 0]]}]
     scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
@@ -198,7 +198,7 @@ def test_every_protocol_agrees_with_the_rules_written_once_more() -> None:
     for seed in range(worlds):
         random = Random(seed)
         case = random_case(random, (0,))
-        regions = [random_region(random, case.world, task) for task in case.world.tasks]
+        regions = [random_region(random, case.world, item) for item in case.world.items]
         truth = truth_of(case.world, regions)
         records = [
             {"instr_id": id_, "trajectory": [[it] for it in each.trajectory]}
@@ -208,14 +208,14 @@ def test_every_protocol_agrees_with_the_rules_written_once_more() -> None:
             scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
             expected = {
                 id_: expected_values(
-                    case.world.scans[task.scan_id],
-                    task,
+                    case.world.scans[item.scan_id],
+                    item,
                     region,
                     case.predictions[id_].trajectory,
                     protocol,
                 )
-                for task, region in zip(case.world.tasks, regions, strict=True)
-                for id_ in task.instr_ids
+                for item, region in zip(case.world.items, regions, strict=True)
+                for id_ in item.instr_ids
             }
             for key in expected[scores.instr_ids[0]]:
                 values = [expected[id_][key] for id_ in scores.instr_ids]
@@ -224,10 +224,10 @@ def test_every_protocol_agrees_with_the_rules_written_once_more() -> None:
 
 
 def expected_values(
-    scan: Scan, task: Task, region: Region, trajectory: Sequence[str], protocol: str
+    scan: Scan, item: Item, region: Region, trajectory: Sequence[str], protocol: str
 ) -> Mapping[str, float]:
     """Score an episode by the rules of the script, sentence by sentence."""
-    paths = {"trusted": task.path, "planner": region.planner, "player": region.player}
+    paths = {"trusted": item.path, "planner": region.planner, "player": region.player}
     start, stop, walked = trajectory[0], trajectory[-1], trajectory_length(scan, trajectory)
     at_start = min(distance(scan, start, goal) for goal in region.goals)
     progress = at_start - min(distance(scan, stop, goal) for goal in region.goals)
@@ -349,7 +349,7 @@ def test_goal_progress_can_be_negative() -> None:
         frozenset({("in", "out")}),
     )
     truth = truth_of(
-        World({"house": scan}, [Task("1", "house", ["in", "out"], 0)]),
+        World({"house": scan}, [Item("1", "house", ["in", "out"], 0)]),
         [Region(["in"], ["in", "out"], ["in", "out"])],
     )
     records = [{"instr_id": "1_0", "trajectory": [["in", 0, 0], ["out", 0, 0]]}]

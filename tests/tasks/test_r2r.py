@@ -22,7 +22,7 @@ from tests.support.family import (
     world_of_task,
 )
 from tests.support.flat import Run
-from tests.support.oracle import Scan, Task, Viewpoint, World, measure, score_episode, weighted
+from tests.support.oracle import Item, Scan, Viewpoint, World, measure, score_episode, weighted
 from tests.support.worlds import SPLIT, random_case
 
 SAMPLE = REPOSITORY / "fixtures" / "submissions" / "r2r.json"
@@ -109,7 +109,7 @@ def corridor(metres: float) -> World:
     }
     edges = frozenset({("goal", "stop"), ("stop", "start")})
     path = ["start", "stop", "goal"]
-    return World({"house": Scan(viewpoints, edges)}, [Task("1", "house", path, 0)])
+    return World({"house": Scan(viewpoints, edges)}, [Item("1", "house", path, 0)])
 
 
 @pytest.mark.parametrize("protocol", ["official-v1", "duet"])
@@ -131,9 +131,9 @@ def test_both_protocols_agree_with_the_oracle() -> None:
         official = evaluate(records, split=SPLIT, ground_truth=truth)
         duet = evaluate(records, split=SPLIT, ground_truth=truth, protocol="duet")
         episodes = [
-            measure(case.world.scans[task.scan_id], task, case.predictions[instr_id])
-            for task in case.world.tasks
-            for instr_id in task.instr_ids
+            measure(case.world.scans[item.scan_id], item, case.predictions[instr_id])
+            for item in case.world.items
+            for instr_id in item.instr_ids
         ]
         expected = [score_episode(episode, "r2r-style") for episode in episodes]
         for key in official:

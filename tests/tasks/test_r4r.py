@@ -22,7 +22,7 @@ from tests.support.family import (
     walks_of,
     world_of_task,
 )
-from tests.support.oracle import Episode, Scan, Task, Viewpoint, World, measure, weighted
+from tests.support.oracle import Episode, Item, Scan, Viewpoint, World, measure, weighted
 from tests.support.worlds import SPLIT, random_case
 
 SAMPLE = REPOSITORY / "fixtures" / "submissions" / "r4r.json"
@@ -81,7 +81,7 @@ def test_whether_exactly_3_m_is_a_success(
         "start": Viewpoint((10.0, 0.0, 0.0)),
     }
     scan = Scan(viewpoints, frozenset({("goal", "stop"), ("stop", "start")}))
-    world = World({"house": scan}, [Task("1", "house", ["start", "stop", "goal"], 0)])
+    world = World({"house": scan}, [Item("1", "house", ["start", "stop", "goal"], 0)])
     records = [{"instr_id": "1_0", "trajectory": [["start", 0, 0], ["stop", 0, 0]]}]
     truth = world_of_task(world, task)
     scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
@@ -98,7 +98,7 @@ def test_both_protocols_agree_with_the_oracle(task: str) -> None:
         truth, records = world_of_task(case.world, task), walks_of(case.predictions)
         episodes = [
             measure(case.world.scans[of.scan_id], of, case.predictions[instr_id])
-            for of in case.world.tasks
+            for of in case.world.items
             for instr_id in of.instr_ids
         ]
         for protocol in ("official-v1", "hamt"):
@@ -133,7 +133,7 @@ def test_a_path_that_ends_where_it_starts() -> None:
         {"a": Viewpoint((0.0, 0.0, 0.0)), "b": Viewpoint((4.0, 0.0, 0.0))},
         frozenset({("a", "b")}),
     )
-    world = World({"house": scan}, [Task("1", "house", ["a", "b", "a"], 0)])
+    world = World({"house": scan}, [Item("1", "house", ["a", "b", "a"], 0)])
     records = [{"instr_id": "1_0", "trajectory": [["a", 0, 0]]}]
     scores = evaluate(records, split=SPLIT, ground_truth=world_of_task(world, "r4r"))
     assert (scores["success"], scores["spl"]) == (1.0, 1.0)

@@ -400,7 +400,7 @@ def annotated(demo_world: Path, name: str, split: str) -> list[dict[str, Any]]:
 
 
 @every_task
-def test_tasks_without_an_answer_among_others_stop_the_compiler(
+def test_items_without_an_answer_among_others_stop_the_compiler(
     name: str, demo_world: Path, run: Run, tmp_path: Path
 ) -> None:
     """They would be scored as if the start were the goal; lint counts them too."""
@@ -414,7 +414,7 @@ def test_tasks_without_an_answer_among_others_stop_the_compiler(
     compiled = run("compile", *given, "--split", "val_unseen", "-o", str(tmp_path / "it.npz"))
     assert compiled.status == 1
     assert f"{number} of " in compiled.err
-    assert " tasks without an answer in a file where others have one: " in compiled.err
+    assert " items without an answer in a file where others have one: " in compiled.err
     checked = run("lint", *given)
     assert checked.status == 1
     (row,) = re.findall(r"^error +missing-answer .*$", checked.out, re.MULTILINE)
@@ -433,7 +433,7 @@ def test_a_path_that_stays_at_its_start_is_no_answer(
     compiled = run("compile", *given, "--split", "val_unseen", "-o", str(tmp_path / "it.npz"))
     assert compiled.status == 1
     count = len(records) - 1
-    assert f"{count} of {len(records)} tasks without an answer" in compiled.err
+    assert f"{count} of {len(records)} items without an answer" in compiled.err
     # Of many, only some are kept by name, but all are counted.
     assert f" and {count - 3} more. Give every task its answer" in compiled.err
 

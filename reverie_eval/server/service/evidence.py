@@ -291,7 +291,7 @@ class _Examined:
     def _team(
         self, name: str, loaded: Sequence[Fingerprint], codes: IntArray, changed: IntArray
     ) -> TeamEvidence:
-        spread = spread_of_changes(codes, self.board.truth.episodes.task)
+        spread = spread_of_changes(codes, self.board.truth.episodes.item)
         first, latest = loaded[0], loaded[-1]
         return TeamEvidence(
             team=name,

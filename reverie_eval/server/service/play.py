@@ -155,13 +155,13 @@ class HumanWalk:
 def sample(board: Board, seed: int, size: int) -> Sequence[str]:
     """Draw distinct episodes at random; the same seed draws the same ones in the same order.
 
-    Every task has one instruction before any has a second, because a target is known once seen.
+    Every item has one instruction before any has a second, because a target is known once seen.
     """
-    ids, tasks = board.truth.episodes.instr_ids, board.truth.episodes.task.tolist()
+    ids, items = board.truth.episodes.instr_ids, board.truth.episodes.item.tolist()
     shuffled = random.Random(seed).sample(range(len(ids)), len(ids))  # noqa: S311
     earlier: Counter[int] = Counter()
     turns = {}
     for row in shuffled:
-        turns[row] = earlier[tasks[row]]
-        earlier[tasks[row]] += 1
+        turns[row] = earlier[items[row]]
+        earlier[items[row]] += 1
     return [ids[row] for row in sorted(shuffled, key=turns.__getitem__)[:size]]

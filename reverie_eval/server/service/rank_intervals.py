@@ -2,7 +2,7 @@
 
 On an open split, results are compared on the same episodes: for this, the sums of each result over
 clusters of episodes are stored when it is published. On a private split, only the shown means are
-used, and the number of tasks, which is known from the public instructions.
+used, and the number of items, which is known from the public instructions.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -157,9 +157,9 @@ def _of_shown_means(board: Board, means: FloatArray) -> FloatArray:
     """Bound the covariance of means between 0 and 1 by what everyone can see.
 
     A mean of values between 0 and 1 varies at most as much as a rate with the same mean. The
-    instructions of a task count as one, as if all had the same outcome, and results count as
+    instructions of an item count as one, as if all had the same outcome, and results count as
     independent: in fact, results on the same episodes tend to succeed and fail together, which
     makes differences more certain.
     """
-    n_tasks = len(np.unique(board.truth.episodes.task))
-    return np.diag(means * (1 - means) / n_tasks)
+    n_items = len(np.unique(board.truth.episodes.item))
+    return np.diag(means * (1 - means) / n_items)

@@ -6,73 +6,73 @@ from itertools import pairwise
 import numpy as np
 
 from reverie_eval.arrays import BoolArray
-from reverie_eval.dataset._dataset import Targets, Tasks
+from reverie_eval.dataset._dataset import Items, Targets
 from reverie_eval.dataset._records import mentioned_by
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 from reverie_eval.tasks import Annotation
 
 
-def _shared_episodes(tasks: Tasks) -> Count:
-    instr_ids, other = dict.fromkeys(tasks.split.instr_ids), tasks.other_splits
+def _shared_episodes(items: Items) -> Count:
+    instr_ids, other = dict.fromkeys(items.split.instr_ids), items.other_splits
     return Count.among(instr_ids, lambda id_: id_ in other, lambda id_: f"{id_} of {other[id_]}")
 
 
-def _count_tasks(tasks: Sequence[Annotation], which: Callable[[Annotation], bool]) -> Count:
-    return Count.among(tasks, which, lambda task: task.name)
+def _count_items(items: Sequence[Annotation], which: Callable[[Annotation], bool]) -> Count:
+    return Count.among(items, which, lambda item: item.name)
 
 
-def _without_answer(tasks: Tasks) -> Count:
-    has_answers = tasks.split.has_answers
-    return _count_tasks(tasks.split.tasks, lambda task: has_answers and not task.is_answered)
+def _without_answer(items: Items) -> Count:
+    has_answers = items.split.has_answers
+    return _count_items(items.split.items, lambda item: has_answers and not item.is_answered)
 
 
-def _without_graph(tasks: Tasks) -> Count:
-    graphs = tasks.graphs
+def _without_graph(items: Items) -> Count:
+    graphs = items.graphs
     with_file = graphs.scans.keys() | graphs.unreadable
-    return _count_tasks(tasks.split.tasks, lambda task: task.scan not in with_file)
+    return _count_items(items.split.items, lambda item: item.scan not in with_file)
 
 
-def _off_the_graph(tasks: Tasks) -> Count:
-    scans, all_tasks = tasks.graphs.scans, tasks.split.tasks
-    return _count_tasks(all_tasks, lambda task: task.scan in scans and not tasks.is_on_graph(task))
+def _off_the_graph(items: Items) -> Count:
+    scans, all_items = items.graphs.scans, items.split.items
+    return _count_items(all_items, lambda item: item.scan in scans and not items.is_on_graph(item))
 
 
-def _unreachable(tasks: Tasks) -> Count:
-    def is_cut_off(task: Annotation) -> bool:
-        scan = tasks.graphs.scans[task.scan]
-        return len({scan.component[scan.row[id_]] for _, id_ in mentioned_by(task)}) > 1
+def _unreachable(items: Items) -> Count:
+    def is_cut_off(item: Annotation) -> bool:
+        scan = items.graphs.scans[item.scan]
+        return len({scan.component[scan.row[id_]] for _, id_ in mentioned_by(item)}) > 1
 
-    return _count_tasks(tasks.on_graph, is_cut_off)
-
-
-def _off_the_edges(tasks: Tasks) -> Count:
-    def leaves_edges(task: Annotation) -> bool:
-        scan = tasks.graphs.scans[task.scan]
-        return any(a != b and not scan.has_edge(a, b) for a, b in pairwise(task.reference))
-
-    return _count_tasks(tasks.on_graph, leaves_edges)
+    return _count_items(items.on_graph, is_cut_off)
 
 
-TASK_RULES: Sequence[Rule[Tasks]] = (
-    info("tasks", "tasks", lambda tasks: Count(len(tasks.split.tasks))),
+def _off_the_edges(items: Items) -> Count:
+    def leaves_edges(item: Annotation) -> bool:
+        scan = items.graphs.scans[item.scan]
+        return any(a != b and not scan.has_edge(a, b) for a, b in pairwise(item.reference))
+
+    return _count_items(items.on_graph, leaves_edges)
+
+
+ITEM_RULES: Sequence[Rule[Items]] = (
+    info("items", "items", lambda items: Count(len(items.split.items))),
     info(
         "episodes",
         "episodes, one per instruction",
-        lambda tasks: Count(len(tasks.split.instr_ids)),
+        lambda items: Count(len(items.split.instr_ids)),
     ),
-    info("task-scans", "scans with a task", lambda tasks: Count(len(tasks.split.scans))),
+    info("item-scans", "scans with an item", lambda items: Count(len(items.split.scans))),
     error(
-        "malformed-task",
+        "malformed-item",
         "records that do not have the published form",
         "All other counts leave them out. Fetch the file again, or fix the program that wrote it.",
-        lambda tasks: Count.from_names(
-            tasks.split.malformed, len(tasks.split.tasks) + len(tasks.split.malformed)
+        lambda items: Count.from_names(
+            items.split.malformed, len(items.split.items) + len(items.split.malformed)
         ),
     ),
     error(
         "missing-answer",
-        "tasks without an answer in a file where others have one",
-        "Give every task its answer, or none, as in the published test file. An answer is the "
+        "items without an answer in a file where others have one",
+        "Give every item its answer, or none, as in the published test file. An answer is the "
         "objId (REVERIE), the bboxes (SOON), the paths and end_panos (NDH), or else a path of more "
         "than one viewpoint.",
         _without_answer,
@@ -80,8 +80,8 @@ TASK_RULES: Sequence[Rule[Tasks]] = (
     error(
         "duplicate-episode",
         "instr_ids used by more than one episode",
-        "A submission has one prediction per instr_id: give every task its own id.",
-        lambda tasks: Count.repeated(tasks.split.instr_ids),
+        "A submission has one prediction per instr_id: give every item its own id.",
+        lambda items: Count.repeated(items.split.instr_ids),
     ),
     warning(
         "shared-episode",
@@ -91,25 +91,25 @@ TASK_RULES: Sequence[Rule[Tasks]] = (
     ),
     error(
         "missing-scan",
-        "tasks in a scan without a connectivity file",
+        "items in a scan without a connectivity file",
         "Copy the whole connectivity folder.",
         _without_graph,
     ),
     error(
         "unknown-viewpoint",
-        "tasks with a viewpoint on their path that is not in their scan's graph",
+        "items with a viewpoint on their path that is not in their scan's graph",
         "Annotations and connectivity files belong to different datasets.",
         _off_the_graph,
     ),
     error(
         "unreachable-goal",
-        "tasks with a viewpoint on their path that cannot be reached",
+        "items with a viewpoint on their path that cannot be reached",
         "They cannot be scored: distances would be infinite.",
         _unreachable,
     ),
     warning(
         "path-off-edges",
-        "tasks whose path moves between unconnected viewpoints",
+        "items whose path moves between unconnected viewpoints",
         "Such a move counts at shortest-path distance.",
         _off_the_edges,
     ),
@@ -122,26 +122,26 @@ _MIXED_RELEASES = (
 
 
 def _where(targets: Targets, mask: BoolArray) -> Count:
-    """Count the tasks for which the mask is true."""
-    return Count.where(mask, lambda row: targets.tasks[row].name)
+    """Count the items for which the mask is true."""
+    return Count.where(mask, lambda row: targets.items[row].name)
 
 
 TARGET_RULES: Sequence[Rule[Targets]] = (
     info(
         "targets",
         "distinct target objects",
-        lambda targets: Count(len({(task.scan, task.target) for task in targets.tasks})),
+        lambda targets: Count(len({(item.scan, item.target) for item in targets.items})),
     ),
     error(
         "target-not-listed",
-        "tasks whose target is not listed where the path ends",
+        "items whose target is not listed where the path ends",
         _MIXED_RELEASES,
         lambda targets: _where(targets, targets.at_goal < 0),
         tolerated_by=["describe"],
     ),
     error(
         "target-not-visible",
-        "tasks whose target is listed where the path ends, but not visible in any view",
+        "items whose target is listed where the path ends, but not visible in any view",
         _MIXED_RELEASES,
         lambda targets: _where(
             targets, (targets.at_goal >= 0) & ~targets.is_visible(targets.at_goal)
@@ -151,13 +151,13 @@ TARGET_RULES: Sequence[Rule[Targets]] = (
     ),
     warning(
         "target-at-start",
-        "tasks whose target is visible where the path begins",
+        "items whose target is visible where the path begins",
         "An agent that does not move succeeds.",
         lambda targets: _where(targets, targets.is_visible(targets.at_start)),
     ),
     info(
         "single-goal",
-        "tasks whose target is visible from one viewpoint only",
+        "items whose target is visible from one viewpoint only",
         lambda targets: Count.where(targets.n_viewpoints == 1),
     ),
 )

@@ -26,7 +26,7 @@ from reverie_eval.submissions import check_names
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
-    from reverie_eval.metrics.runs import CrossedMeans
+    from reverie_eval.metrics.engine import CrossedMeans
     from reverie_eval.schemas.report import RunsReport
 
 FEWEST_RUNS = 2
@@ -301,7 +301,7 @@ def crossed_means(
     Equal runs are no evidence of how much runs differ: they weigh in the mean, but count as one.
     """
     # Importing scipy would double the start-up time of commands that show no intervals.
-    from reverie_eval.metrics.runs import CrossedMeans
+    from reverie_eval.metrics.engine import CrossedMeans
 
     groups = equal_runs(runs)
     several = [runs[first] for first, *_ in groups]

@@ -7,7 +7,6 @@ from reverie_eval.metrics._catalogue import (
     Need,
     units_of,
 )
-from reverie_eval.metrics._fidelity import FIDELITY_DISTANCE, cls, dtw, ndtw, sdtw
 from reverie_eval.metrics._grounding import (
     ABSTAINED,
     IOU_THRESHOLD,
@@ -20,12 +19,17 @@ from reverie_eval.metrics._grounding import (
     candidate_match,
 )
 from reverie_eval.metrics._navigation import (
+    FIDELITY_DISTANCE,
     SUCCESS_DISTANCE,
+    cls,
+    dtw,
     jumps,
     navigation_error,
+    ndtw,
     oracle_error,
     oracle_success,
     path_length,
+    sdtw,
     spl,
     steps,
     success,

@@ -15,31 +15,32 @@ from typing import Literal
 import numpy as np
 
 from reverie_eval.arrays import Array
-from reverie_eval.metrics._fidelity import cls, dtw, ndtw, sdtw
 from reverie_eval.metrics._grounding import (
     IOU_THRESHOLD,
     LOOSE_IOU_THRESHOLD,
     STRICT_IOU_THRESHOLD,
+    detection_success,
+    elevation_error,
+    heading_error,
     iou,
     iou_reaches,
+    point_error,
     remote_grounding_success,
 )
 from reverie_eval.metrics._navigation import (
+    cls,
+    dtw,
     jumps,
     navigation_error,
+    ndtw,
     oracle_error,
     oracle_path_success,
     oracle_success,
     path_length,
+    sdtw,
     spl,
     steps,
     success,
-)
-from reverie_eval.metrics._pointing import (
-    detection_success,
-    elevation_error,
-    heading_error,
-    point_error,
 )
 
 Unit = Literal["fraction", "metres", "count", "turns"]

@@ -18,8 +18,7 @@ from scipy.special import gammaincinv, ndtr, stdtrit
 
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics.engine import IntervalEngine
-from reverie_eval.metrics.runs import CrossedMeans
+from reverie_eval.metrics.engine import CrossedMeans, IntervalEngine
 from reverie_eval.metrics.uncertainty import CONFIDENCE, RESAMPLES, SEED, randomisation_p
 
 SIGNIFICANCE = 1 - CONFIDENCE

@@ -1,16 +1,33 @@
 """Scoring: from an aligned submission and a protocol to scores."""
 
-from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
-from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of, scored_metrics
+from reverie_eval.scoring._episode_table import (
+    OUTCOMES,
+    EpisodeTable,
+    FailureModes,
+    Track,
+    failure_modes,
+    outcome_indices,
+    qualifier_of,
+    scored_metrics,
+)
 from reverie_eval.scoring._evaluation import (
     PreparedSubmission,
+    Validation,
     diagnose,
     evaluate,
     evaluate_protocols,
     validate,
     why_not,
 )
-from reverie_eval.scoring._evaluator import Evaluator
+from reverie_eval.scoring._evaluator import (
+    TABLE_KEYS,
+    Evaluator,
+    Executor,
+    Failure,
+    ScoredFiles,
+    evaluate_many,
+    score_files,
+)
 from reverie_eval.scoring._intervals import (
     FEW_CLUSTERS,
     Clustering,
@@ -20,19 +37,9 @@ from reverie_eval.scoring._intervals import (
     bounds_of,
     clusters_of,
 )
-from reverie_eval.scoring._lookups import Lookups, is_goal
-from reverie_eval.scoring._many import (
-    TABLE_KEYS,
-    Executor,
-    Failure,
-    ScoredFiles,
-    evaluate_many,
-    score_files,
-)
-from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
+from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups, is_goal
 from reverie_eval.scoring._protocol import ALIASES, PROTOCOLS, basis_of, find_protocol, scored_by
 from reverie_eval.scoring._scores import Scores, signature_of, task_of
-from reverie_eval.scoring._validation import Validation
 from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 
 __all__ = [

@@ -1,13 +1,22 @@
-"""The evaluator: scores many submissions, or one in batches, as in a training loop."""
+"""Scoring many submissions: one by one or in batches, as in training, and files in processes."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+import os
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from os import PathLike
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, cast
 
-from reverie_eval.errors import GroundTruthError
+from reverie_eval.errors import GroundTruthError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.scoring._episode_table import Track, qualifier_of
+from reverie_eval.metrics import CATALOGUE, Metric, units_of
+from reverie_eval.processes import map_in_processes
+from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
 from reverie_eval.scoring._evaluation import check_track, evaluate, find_answers, why_not
+from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._protocol import scored_by
 from reverie_eval.scoring._scores import Scores, signature_of
 from reverie_eval.submissions import (
@@ -18,7 +27,12 @@ from reverie_eval.submissions import (
     check_batch,
     read_predictions,
 )
-from reverie_eval.tasks import DEFAULT_PROTOCOL, KnownProtocol, KnownSplit
+from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, KnownProtocol, KnownSplit, find_task
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from reverie_eval.submissions import AlignedSubmission
 
 
 class Evaluator:
@@ -147,3 +161,255 @@ def _listed(records: Records) -> Iterable[Mapping[str, Any]]:
     if isinstance(records, Mapping):
         return ({"instr_id": key, **record} for key, record in records.items())
     return records
+
+
+_CHUNK = 50
+"""Files that are sent to a process together: scoring them takes about a second."""
+_FOR_ONE = 50
+"""Files for which one more process pays: to start it takes about as long as to score them."""
+
+TABLE_KEYS = frozenset(metric.key for metric in find_task(DEFAULT_TASK).table_metrics(CATALOGUE))
+"""The metrics that a score table may show."""
+
+Failure: TypeAlias = SubmissionError | OSError
+"""Why a file has no scores: it is invalid, or cannot be read."""
+
+
+class Executor(Protocol):
+    """Runs functions elsewhere, as the executors of ``concurrent.futures`` and Dask do."""
+
+    def submit(self, function: Any, argument: Any, /) -> Any:
+        """Start a call, and return a future whose ``result()`` waits for it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScoredFiles(Mapping[str, Scores]):
+    """The scores of many files by their paths, best first.
+
+    The best has the highest RGSPL, or RGS or SPL if RGSPL is not scored. Files without answers come
+    last.
+    """
+
+    scores: Mapping[str, Scores]
+    failures: Mapping[str, Failure]
+    """Why the other files have no scores, by path."""
+
+    @classmethod
+    def of(cls, results: Iterable[tuple[str, Scores | Failure]]) -> Self:
+        """Rank results, given with their paths; of equal ones, the earlier is first."""
+        found = dict(results)
+        scores = {path: each for path, each in found.items() if isinstance(each, Scores)}
+        failures = {path: each for path, each in found.items() if not isinstance(each, Scores)}
+        key = _ranking_key(scores)
+        ranked = sorted(scores, key=lambda path: -scores[path].get(key, -math.inf))
+        return cls({path: scores[path] for path in ranked}, failures)
+
+    def __getitem__(self, path: str) -> Scores:
+        return self.scores[path]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.scores)
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    @property
+    def metrics(self) -> Sequence[Metric]:
+        """The metrics of a score table that has any of them."""
+        first = next(iter(self.values()), None)
+        return first.ground_truth.task.table_metrics(_keys(self)) if first else []
+
+    @property
+    def ranks(self) -> Mapping[str, int | None]:
+        """The rank of each file: equal for equal values, None for files without the metric."""
+        if not self:
+            return {}
+        key = _ranking_key(self)
+        values = {path: each[key] for path, each in self.items() if key in each}
+        return {
+            path: 1 + sum(value > values[path] for value in values.values())
+            if path in values
+            else None
+            for path in self
+        }
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a row per file, best first, with every metric of the score table.
+
+        Values are in the metrics' own units, which ``attrs["units"]`` lists by column.
+        """
+        import pandas as pd
+
+        keys = [metric.key for metric in self.metrics]
+        rows = [{key: each[key] for key in keys if key in each} for each in self.values()]
+        frame = pd.DataFrame(rows, index=pd.Index(list(self), name="file"), columns=keys)
+        frame.attrs["units"] = units_of(keys)
+        return frame
+
+    def __repr__(self) -> str:
+        return f"<ScoredFiles: {len(self)} scored, {len(self.failures)} failed>"
+
+
+def _ranking_key(scores: Mapping[str, Scores]) -> str:
+    """Return the metric that ranks; empty if there are no scores."""
+    first = next(iter(scores.values()), None)
+    return first.ground_truth.task.primary_metric(_keys(scores)).key if first else ""
+
+
+def _keys(scores: Mapping[str, Scores]) -> set[str]:
+    return {key for each in scores.values() for key in each}
+
+
+def evaluate_many(
+    paths: Iterable[str | PathLike[str]],
+    *,
+    split: KnownSplit | str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
+    track: Track = "full",
+    subset: Iterable[str] | None = None,
+    task: str | None = None,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+) -> ScoredFiles:
+    """Score many files; an invalid file does not stop the others.
+
+    Parameters
+    ----------
+    paths : paths
+        The result files. A path that is given twice is scored once.
+    split, ground_truth, protocol, track, subset, task
+        As for :func:`reverie_eval.evaluate`.
+    jobs : int, optional
+        Number of processes; by default as many as are useful, up to the number of processors.
+    executor : optional
+        Scores the files instead of processes on this machine: anything with ``submit(function,
+        argument)``, such as an executor of ``concurrent.futures`` or submitit, or Dask's client. It
+        gets fifty paths at a time, which must name the same files there.
+
+    Returns
+    -------
+    ScoredFiles
+        The scores by path, best first, and ``failures``.
+
+    Raises
+    ------
+    GroundTruthError, ProtocolError, SubsetError
+        As :func:`reverie_eval.evaluate` does.
+
+    Examples
+    --------
+    >>> files = [f"demo/{name}.json" for name in ("mediocre", "good", "broken")]
+    >>> scored = evaluate_many(files, split="val_unseen")
+    >>> list(scored)
+    ['demo/good.json', 'demo/mediocre.json']
+    >>> list(scored.failures)
+    ['demo/broken.json']
+    """
+    evaluator = Evaluator(
+        split=split,
+        ground_truth=ground_truth,
+        protocol=protocol,
+        track=track,
+        subset=subset,
+        task=task,
+    )
+    names = list(dict.fromkeys(os.fspath(path) for path in paths))
+    return ScoredFiles.of(score_files(names, evaluator, jobs=jobs, executor=executor))
+
+
+def score_files(
+    paths: Sequence[str],
+    evaluator: Evaluator,
+    *,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    keys: Collection[str] = TABLE_KEYS,
+) -> Iterator[tuple[str, Scores | Failure]]:
+    """Yield the result of each file, in their order, as soon as it is available.
+
+    Parameters are those of :func:`evaluate_many`; ``keys`` are the metrics that are computed where
+    the file is read. All others are computed here, on first access.
+    """
+    jobs = jobs or min(os.cpu_count() or 1, 1 + len(paths) // _FOR_ONE)
+    if executor is None and jobs == 1:
+        yield from ((path, _result(evaluator, path)) for path in paths)
+        return
+    truth, rules, track = evaluator.ground_truth, evaluator.protocol, evaluator.track
+    # A path is a short message, and a process elsewhere may read the bundle faster than receive it.
+    place = truth.origin if Path(truth.origin).is_file() else truth
+    size = min(_CHUNK, math.ceil(len(paths) / jobs)) if executor is None else _CHUNK
+    subset = truth.episodes.instr_ids if truth.subset_digest else None
+    chunks = [
+        _Chunk(paths[begin : begin + size], place, truth.split, rules, track, subset, keys)
+        for begin in range(0, len(paths), size)
+    ]
+    if executor is None:
+        results = map_in_processes(_score_chunk, chunks, jobs)
+    else:
+        futures = [executor.submit(_score_chunk, chunk) for chunk in chunks]
+        results = (future.result() for future in futures)
+    with closing(results):
+        for chunk, (fingerprint, found) in zip(chunks, results, strict=True):
+            if fingerprint != truth.fingerprint:
+                raise GroundTruthError(
+                    f"a process found a different ground truth in {truth.origin}; give all "
+                    "processes the same file"
+                )
+            for path, each in zip(chunk.paths, found, strict=True):
+                yield path, _received(each, truth, track) if isinstance(each, Scores) else each
+
+
+class _Chunk(NamedTuple):
+    """Files for a process to score."""
+
+    paths: Sequence[str]
+    ground_truth: str | GroundTruth
+    """The path of a bundle, or the ground truth itself if it was not read from a file."""
+    split: str
+    protocol: str
+    track: Track
+    subset: tuple[str, ...] | None
+    keys: Collection[str]
+
+
+def _score_chunk(chunk: _Chunk) -> tuple[str, list[Scores | Failure]]:
+    """Score files in a process of its own; return the ground truth's fingerprint as well."""
+    paths, *settings, keys = chunk
+    evaluator = _evaluator(*settings)
+    results = (_result(evaluator, path) for path in paths)
+    found = [_sent(each, keys) if isinstance(each, Scores) else each for each in results]
+    return evaluator.ground_truth.fingerprint, found
+
+
+@lru_cache(maxsize=1)
+def _evaluator(
+    ground_truth: str | GroundTruth,
+    split: str,
+    protocol: str,
+    track: Track,
+    subset: tuple[str, ...] | None,
+) -> Evaluator:
+    return Evaluator(
+        split=split, ground_truth=ground_truth, protocol=protocol, track=track, subset=subset
+    )
+
+
+def _result(evaluator: Evaluator, path: str) -> Scores | Failure:
+    try:
+        return evaluator(path)
+    except (SubmissionError, OSError) as error:
+        return error
+
+
+def _sent(scores: Scores, keys: Collection[str]) -> Scores:
+    """Return scores as a process sends them: without the ground truth, which the receiver has."""
+    columns = {key: scores.episodes[key] for key in scores if key in keys}
+    return replace(scores, ground_truth=None, episodes=columns)  # type: ignore[arg-type]
+
+
+def _received(scores: Scores, truth: GroundTruth, track: Track) -> Scores:
+    """Return scores as they were before they were sent."""
+    lookups = Lookups(cast("AlignedSubmission", scores.submission), truth)
+    table = EpisodeTable(lookups, scores.protocol, track, scores.episodes)
+    return replace(scores, ground_truth=truth, episodes=table)

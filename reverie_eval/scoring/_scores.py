@@ -13,14 +13,18 @@ from reverie_eval.arrays import Array
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
-from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
-from reverie_eval.scoring._episode_table import EpisodeTable, track_of
+from reverie_eval.scoring._episode_table import (
+    OUTCOMES,
+    EpisodeTable,
+    FailureModes,
+    failure_modes,
+    outcome_indices,
+    track_of,
+)
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
-from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
+from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups
 from reverie_eval.scoring._protocol import find_protocol, scored_by
 from reverie_eval.scoring._saved import IntervalSettings, SavedHeader, read_saved, write_saved
-from reverie_eval.scoring._validation import jump_notes
 from reverie_eval.submissions import AlignedSubmission
 from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
 from reverie_eval.text import count_text, first_few, tokenize
@@ -471,6 +475,18 @@ def _conditions(scores: Scores) -> Sequence[str]:
     truth = scores.ground_truth
     of = truth.task.name, truth.split, truth.fingerprint
     return *of, scores.protocol.name, scores.qualifier
+
+
+def jump_notes(jumps: Array, rules: Protocol | None = None) -> Sequence[str]:
+    """Count the moves between unconnected viewpoints, and say how a protocol treats them."""
+    if not jumps.any():
+        return ()
+    episodes = count_text(int((jumps > 0).sum()), "episode")
+    remark = ""
+    if rules is not None and rules.rejects_jumps:
+        remark = f"; {rules.name}'s own evaluator stops at a jump"
+    jumps_text = count_text(int(jumps.sum()), "jump")
+    return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{remark}",)
 
 
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:

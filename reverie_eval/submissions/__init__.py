@@ -1,9 +1,10 @@
 """Submissions: from bytes to predictions to aligned columns, or every problem with its place.
 
 There are two lanes from bytes to predictions. The fast lane (``_official``) decodes the plain
-official form straight into columns: nearly every file has it. The careful lane (``_document``,
-``_records``, ``_trajectories``, ``_answers``) reads everything else value by value, and explains
-what is wrong. Both give the same :class:`Predictions`. ``_alignment`` turns its ids into integers.
+official form straight into columns: nearly every file has it. The careful lane reads everything
+else value by value, and explains what is wrong: ``_document`` finds the records, ``_records`` reads
+them with ``_trajectories`` and ``_answers``. Both give the same :class:`Predictions`. ``_alignment``
+turns its ids into integers.
 """
 
 from reverie_eval.submissions._alignment import (
@@ -13,10 +14,10 @@ from reverie_eval.submissions._alignment import (
     check_batch,
     check_navigation_only,
 )
+from reverie_eval.submissions._answers import NO_POINT, official_point
 from reverie_eval.submissions._conversion import Conversion, convert
 from reverie_eval.submissions._document import are_records
 from reverie_eval.submissions._hints import answer_hints, submission_hints
-from reverie_eval.submissions._items import NO_POINT, join_items, official_point
 from reverie_eval.submissions._official import submission_schema
 from reverie_eval.submissions._predictions import (
     NO_BOXES,
@@ -39,6 +40,7 @@ from reverie_eval.submissions._sources import (
     submission_names,
     watch_files,
 )
+from reverie_eval.submissions._trajectories import join_items
 
 __all__ = [
     "MAX_MEBIBYTES_VARIABLE",

@@ -22,11 +22,10 @@ from reverie_eval.submissions._predictions import (
     Content,
     IdColumn,
     Predictions,
+    ReadingLog,
 )
 from reverie_eval.submissions._problems import RecordLocation
-from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._recognition import recognise
-from reverie_eval.submissions._unknown_ids import Ids, fix_viewpoint_ids, is_viewpoint_id
+from reverie_eval.submissions._recognition import Ids, fix_viewpoint_ids, is_viewpoint_id, recognise
 
 _UNKNOWN = -1
 

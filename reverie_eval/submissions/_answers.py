@@ -1,4 +1,4 @@
-"""Read an answer: an object id, under any key and of any type that codebases write, or a box.
+"""Read an answer: an object id, under any key and of any type that codebases write, a box, a point.
 
 A box belongs to an image: the view that ``predView`` gives, or else the image that the camera of
 the last pose sees. If ``predImageSize`` gives another image size, the box is scaled to 640 x 480
@@ -6,27 +6,34 @@ pixels. Then it is cut to the image.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
-from reverie_eval.arrays import LARGEST_OBJECT_ID
+from reverie_eval.arrays import LARGEST_OBJECT_ID, FloatArray
+from reverie_eval.errors import Problem
 from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, view_angles
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._document import is_finite, is_integer, is_list, is_number
 from reverie_eval.submissions._fields import (
     ANSWER_KEYS,
     BOX_KEY,
     IMAGE_SIZE_KEY,
+    POINT_KEYS,
     VIEW_KEY,
     is_abstention,
+    is_finite,
+    is_integer,
+    is_list,
+    is_number,
+    unwrap,
+    unwrap_number,
+    unwrap_numbers,
 )
+from reverie_eval.submissions._predictions import MOST, BoxAnswers, ReadingLog
 from reverie_eval.submissions._problems import RecordLocation
-from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._trajectories import Pose
-from reverie_eval.submissions._values import unwrap, unwrap_numbers
 
 _STRAIGHT_UP = math.pi / 2
 """Radians."""
@@ -36,8 +43,6 @@ _NOTHING = ("nan", "null")
 _MOST_DIGITS = len(str(LARGEST_OBJECT_ID))
 _SLACK = 1e-6
 """Pixels by which rounding alone may push a scaled box beyond the image."""
-
-
 Camera: TypeAlias = tuple[float, float]
 """Heading and elevation, radians."""
 
@@ -286,3 +291,75 @@ def _are_numbers(value: Any, count: int) -> TypeGuard[Sequence[float]]:
 
 def _clamp(edge: float, size: int) -> float:
     return min(max(edge, 0.0), float(size))
+
+
+Point: TypeAlias = tuple[float, float]
+"""Heading and elevation in turns; NaN for none."""
+NO_POINT: Point = (np.nan, np.nan)
+
+
+def read_point(location: RecordLocation, record: Mapping[str, Any], log: ReadingLog) -> Point:
+    """Read a trajectory's point; an unreadable one is reported and becomes none."""
+    values: list[float | None] = []
+    for key in POINT_KEYS:
+        if key not in record:
+            log.add_fault(problems.missing_in_all(key), location, "", None)
+            return NO_POINT
+        value = record[key]
+        listed = value
+        while is_list(value) and len(value) == 1:
+            (value,) = value
+        log.differences["listed angles"] += value is not listed
+        meant, fault = (value, None) if value is None else unwrap_number(value)
+        if meant is not None and not (is_number(meant) and is_finite(meant)):
+            log.problems.append(problems.wrong_type(location, value, problems.POINT_FORM, key))
+            return NO_POINT
+        if fault is not None:
+            log.add_fault(fault, location, f".{key}", value)
+        values.append(meant)
+    heading, elevation = values
+    if heading is not None and elevation is not None:
+        return float(heading), float(elevation)
+    if heading is elevation is None:
+        log.differences["no point"] += 1
+    else:
+        log.problems.append(problems.half_a_point(location, POINT_KEYS))
+    return NO_POINT
+
+
+def official_point(point: Point) -> Mapping[str, float | None]:
+    """Return the fields of a point in the official form; null for none."""
+    values = [None if np.isnan(value) else value for value in point]
+    return dict(zip(POINT_KEYS, values, strict=True))
+
+
+_ENOUGH = 20
+"""Fewer boxes say nothing about how they were meant."""
+_TINY = 2
+"""Pixels: fractions of an image reach no farther, as sides or as corners."""
+
+
+def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
+    """Yield a problem if most boxes cannot match anything, so that their scale must be wrong."""
+    if len(boxes.row) < _ENOUGH:
+        return
+    is_outside = (boxes.xywh[:, 2:] == 0).any(axis=1)
+    is_tiny = (boxes.uncut_xywh[:, 2:] <= _TINY).all(axis=1)
+    for is_wrong, problem in (
+        (is_outside, problems.boxes_outside),
+        (is_tiny & ~is_outside, problems.tiny_boxes),
+    ):
+        if is_wrong.mean() > MOST:
+            yield problem(int(is_wrong.sum()), len(is_wrong))
+
+
+def box_columns(answers: Sequence[Answer], stop_angles: FloatArray) -> BoxAnswers:
+    boxes = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
+    return BoxAnswers(
+        row=np.array(list(boxes), dtype=np.int64),
+        xywh=np.array([box.xywh for box in boxes.values()]).reshape(-1, 4),
+        camera=np.array([box.camera for box in boxes.values()]).reshape(-1, 2),
+        is_cut=np.array([box.is_cut for box in boxes.values()], dtype=np.bool_),
+        uncut_xywh=np.array([box.uncut_xywh for box in boxes.values()]).reshape(-1, 4),
+        stop_angles=stop_angles[list(boxes)],
+    )

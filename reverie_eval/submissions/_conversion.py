@@ -9,7 +9,7 @@ from reverie_eval.errors import Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._alignment import align
-from reverie_eval.submissions._answers import Answer, has_answer
+from reverie_eval.submissions._answers import Answer, has_answer, official_point
 from reverie_eval.submissions._document import (
     are_records,
     is_python_literal,
@@ -18,14 +18,11 @@ from reverie_eval.submissions._document import (
 )
 from reverie_eval.submissions._fields import ANSWER_KEYS
 from reverie_eval.submissions._hints import UNNAMED_ANSWERS
-from reverie_eval.submissions._items import join_items, official_point
-from reverie_eval.submissions._predictions import Signs, Submission
-from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._recognition import recognise, recognise_task
+from reverie_eval.submissions._predictions import ReadingLog, Signs, Submission
+from reverie_eval.submissions._recognition import fix_viewpoint_ids, recognise, recognise_task
 from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
 from reverie_eval.submissions._sources import read_bytes
-from reverie_eval.submissions._trajectories import Poses
-from reverie_eval.submissions._unknown_ids import fix_viewpoint_ids
+from reverie_eval.submissions._trajectories import Poses, join_items
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import count_text
 

@@ -1,16 +1,30 @@
-"""Parse any JSON text or report where it stops being JSON, and tell its types of values apart."""
+"""From JSON text to records with their locations, or why the text holds none.
 
-import math
+Text that is not quite JSON, and records within another structure, are read if they tell what was
+meant. What holds no records at all is told by its form alone.
+"""
+
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, TypeGuard
+from collections.abc import Iterable, Mapping, Sequence, Sized
+from typing import TYPE_CHECKING, Any
 
 from reverie_eval.errors import SubmissionError
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._predictions import Records, Submission
-from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._answers import has_answer
+from reverie_eval.submissions._fields import (
+    ID_KEYS,
+    RECORD_FIELDS,
+    fields_of,
+    has_spelling,
+    id_key_of,
+    is_list,
+    is_number,
+    means_trajectory,
+)
+from reverie_eval.submissions._predictions import MOST, ReadingLog, Records, Submission
+from reverie_eval.submissions._problems import RecordLocation
+from reverie_eval.tasks import Task
 
 if TYPE_CHECKING:
     from json import JSONDecodeError
@@ -44,9 +58,6 @@ _PYTHON_LITERAL = re.compile(rb"[\s\[{(]+'")
 _BRACKETS = ("[", "{")
 _SHOWN_TEXT = 60
 _SPACE = re.compile(r"\s*")
-
-_NUMBER_TYPES = (float, int, Real)
-"""The common types come first: checking against an abstract class takes ten times as long."""
 
 
 class RepeatingObject(dict[str, Any]):
@@ -214,25 +225,253 @@ def _build_object(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     return repeating
 
 
-def is_list(value: Any) -> TypeGuard[Sequence[Any]]:
-    """Whether JSON would write a value as a list."""
-    return isinstance(value, list | tuple)
+def locate_records(
+    document: Any, log: ReadingLog, task: Task
+) -> Sequence[tuple[RecordLocation, Mapping[str, Any]]]:
+    """Return the records that a document holds, each with its location.
+
+    Raises
+    ------
+    SubmissionError
+        If it holds none: it is neither a list of records nor records keyed by their ids, or has
+        positions instead of viewpoints, or is an annotation file.
+    """
+    _check_viewpoints(document)
+    given, document = document, _unwrap(document, log)
+    if document is not given:
+        _check_viewpoints(document)
+    _check_predictions(document)
+    if isinstance(document, Sized):
+        check_record_count(len(document))
+    return [
+        (location, record)
+        for location, record in _located_records(document, log, task)
+        if _is_record(location, record, log, task)
+    ]
 
 
-def is_number(value: Any) -> TypeGuard[float]:
-    """Whether a value is a number of Python's or numpy's; booleans are not."""
-    return isinstance(value, _NUMBER_TYPES) and not isinstance(value, bool)
+def _unwrap(document: Any, log: ReadingLog) -> Any:
+    """Return the records of a document that holds them in another structure, if it tells which."""
+    if is_list(document):
+        if document and all(_is_list_of_records(value) for value in document):
+            log.add_whole_file_fault(problems.NESTED_LISTS, None)
+            return [record for records in document for record in records]
+    elif isinstance(document, Mapping) and not isinstance(document, RepeatingObject):
+        return _unwrap_object(document, log)
+    return document
 
 
-def is_integer(value: Any) -> TypeGuard[int]:
-    """Whether a value has an integer type; 3.0 has not."""
-    # The common type comes first here too.
-    return type(value) is int or (isinstance(value, Integral) and not isinstance(value, bool))
+def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
+    rows = rows_of_table(document)
+    if rows is not None:
+        log.add_whole_file_fault(problems.TABLE, None)
+        return rows
+    # The values may be notes beside the records, but not records themselves.
+    if not ID_KEYS.isdisjoint(document) or any(
+        _is_record_like(value) for value in document.values()
+    ):
+        return _without_row_numbers(document, log)
+    if len(document) > 1 and all(map(_is_lone_record, document.values())):
+        log.add_whole_file_fault(problems.LISTED_VALUES, next(iter(document.values())))
+        return {key: record for key, (record,) in document.items()}
+    return _take_held(document, log)
 
 
-def is_finite(number: float) -> bool:
-    """Whether a number fits a float and is neither infinite nor NaN."""
-    try:
-        return math.isfinite(number)
-    except OverflowError:  # an integer too large for a float
+def _take_held(document: Mapping[str, Any], log: ReadingLog) -> Any:
+    """Return the records that an object holds under some of its keys, if it tells which."""
+    held = {key: value for key, value in document.items() if _holds_records(value)}
+    within = [value for value in document.values() if _has_records_within(value)]
+    if len(within) == 1 and not held:
+        return _unwrap_object(within[0], log)
+    if len(held) == 1:
+        ((key, records),) = held.items()
+        log.add_whole_file_fault(problems.WRAPPED, key)
+        return records
+    lists = [value for value in held.values() if is_list(value) and _is_record_like(value[0])]
+    if lists and len(lists) == len(document):
+        log.add_whole_file_fault(problems.WRAPPED_LISTS, next(iter(held)))
+        return [record for records in lists for record in records]
+    return document
+
+
+def _is_lone_record(value: Any) -> bool:
+    """Whether this is a list of one record, whose id is the key of the list."""
+    is_lone = is_list(value) and len(value) == 1 and isinstance(value[0], Mapping)
+    return is_lone and ID_KEYS.isdisjoint(value[0])
+
+
+def _has_records_within(value: Any) -> bool:
+    return isinstance(value, Mapping) and any(map(_holds_records, value.values()))
+
+
+def _is_list_of_records(value: Any) -> bool:
+    return is_list(value) and bool(value) and isinstance(value[0], Mapping)
+
+
+def _is_record_like(value: Any) -> bool:
+    return isinstance(value, Mapping) and not RECORD_FIELDS.isdisjoint(value)
+
+
+def _holds_records(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return bool(value) and all(map(_is_record_like, value.values()))
+    return _is_list_of_records(value)
+
+
+def _without_row_numbers(document: Mapping[str, Any], log: ReadingLog) -> Any:
+    """Return the records alone if they are keyed by row numbers and have their ids within."""
+    for key, record in document.items():
+        if not (str(key).isdigit() and isinstance(record, Mapping)):
+            return document
+        ids = [record[name] for name in ID_KEYS.intersection(record)]
+        if not ids or key in map(str, ids):
+            return document
+    log.add_whole_file_fault(problems.KEYED_BY_ROW, next(iter(document)))
+    return list(document.values())
+
+
+def _located_records(
+    document: Any, log: ReadingLog, task: Task
+) -> Iterable[tuple[RecordLocation, Any]]:
+    if isinstance(document, list | tuple):
+        return [
+            (RecordLocation(row, id_key=_id_key(record, task)), record)
+            for row, record in enumerate(document)
+        ]
+    if not isinstance(document, Mapping):
+        raise SubmissionError([problems.not_a_list(document, task)])
+    # One record by itself is not a set of keyed records, nor is a report with some sections.
+    if 2 * sum(isinstance(value, Mapping) for value in document.values()) < len(document):
+        raise SubmissionError([problems.not_a_list(document, task)])
+    of_task = fields_of(task)
+    records = [record for record in document.values() if isinstance(record, Mapping)]
+    is_other = records and not any(has_spelling(record, of_task) for record in records)
+    if is_other and not isinstance(document, RepeatingObject):
+        raise SubmissionError([problems.not_a_list(document, task)])
+    if isinstance(document, RepeatingObject):
+        log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
+    log.differences["keyed"] += len(document)
+    return [
+        (RecordLocation(row, key, id_key=_id_key(record, task)), record)
+        for row, (key, record) in enumerate(document.items())
+    ]
+
+
+def _id_key(record: Any, task: Task) -> str:
+    return id_key_of(record, task) if isinstance(record, Mapping) else task.id_keys[0]
+
+
+def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Task) -> bool:
+    if not isinstance(record, Mapping):
+        log.problems.append(problems.wrong_type(location, record, problems.record_form(task)))
         return False
+    if isinstance(record, RepeatingObject):
+        for field in sorted(record.repeated & RECORD_FIELDS):
+            log.problems.append(problems.repeated_field(location, field))
+    return True
+
+
+def rows_of_table(document: Mapping[str, Any]) -> Sequence[Mapping[str, Any]] | None:
+    """Return the rows of a table of columns; None if the document is no table.
+
+    >>> rows_of_table({"instr_id": {"0": "1_2_0", "1": "1_2_1"}, "predObjId": {"0": 3, "1": 4}})
+    [{'instr_id': '1_2_0', 'predObjId': 3}, {'instr_id': '1_2_1', 'predObjId': 4}]
+    >>> rows_of_table({"columns": ["instr_id", "predObjId"], "data": [["1_2_0", 3]]})
+    [{'instr_id': '1_2_0', 'predObjId': 3}]
+    """
+    names, rows = document.get("columns"), document.get("data")
+    if is_list(names) and is_list(rows):
+        return _named(names, rows)
+    columns = list(document.values())
+    if RECORD_FIELDS.isdisjoint(document) or len(columns) == 1:
+        return None
+    if all(isinstance(column, Mapping) for column in columns):
+        keys = columns[0].keys()
+        if all(column.keys() == keys for column in columns):
+            return [{name: column[key] for name, column in document.items()} for key in keys]
+    if all(is_list(column) and len(column) == len(columns[0]) for column in columns):
+        return [dict(zip(document, row, strict=True)) for row in zip(*columns, strict=True)]
+    return None
+
+
+def _named(names: Sequence[Any], rows: Sequence[Any]) -> Sequence[Mapping[str, Any]] | None:
+    if not all(isinstance(name, str) for name in names):
+        return None
+    if not all(is_list(row) and len(row) == len(names) for row in rows):
+        return None
+    return [dict(zip(names, row, strict=True)) for row in rows]
+
+
+_POSITION_KEYS = ("position", "pos", "location", "agent_position", "xyz")
+_PATHS_OF_POSITIONS = ("positions", "locations", "waypoints", "poses", "states")
+_AXES = ("x", "y", "z")
+_TEXTS_OF_ANNOTATIONS = ("instructions", "dialog_history", "timed_instruction")
+"""The fields with lists that the annotations of the tasks have, and predictions do not."""
+_MOST_COORDINATES = 7
+"""A position and a rotation: x, y, z and a quaternion."""
+
+
+def _check_viewpoints(document: Any) -> None:
+    """Raise one SubmissionError for a file of a continuous environment, which has positions.
+
+    VLN-CE writes ``{"<episode_id>": [{"position": [x, y, z], "heading": h, "stop": b}, ...]}``, and
+    RxR-Habitat a line ``{"instruction_id": n, "path": [[x, y, z], ...]}`` for each episode [1]_.
+
+    References
+    ----------
+    .. [1] jacobkrantz/VLN-CE 729d141, vlnce_baselines/common/base_il_trainer.py, lines 597-625
+    """
+    if isinstance(document, Mapping):
+        # The records by their ids, or the list of records under a key.
+        records = list(document.values())
+        records += [each for value in records if is_list(value) for each in value[:1]]
+        records = records if _walk_of(document) is None else [document]
+    else:
+        records = list(document) if is_list(document) else []
+    walks = [walk for walk in map(_walk_of, records) if walk is not None]
+    found = [walk for walk in walks if all(map(_is_position, walk))]
+    has_fractions = any(map(_has_fractions, found))
+    if found and has_fractions and len(found) > MOST * len(walks):
+        raise SubmissionError([problems.positions(len(found), len(walks), found[0][0])])
+
+
+def _walk_of(record: Any) -> Sequence[Any] | None:
+    """Return the elements of a record's path; None for what is not a record."""
+    if is_list(record) and record and not _are_coordinates(record):
+        return record
+    if not isinstance(record, Mapping):
+        return None
+    named = (key for key in record if means_trajectory(key) or key in _PATHS_OF_POSITIONS)
+    return next((record[key] for key in named if is_list(record[key]) and record[key]), None)
+
+
+def _is_position(element: Any) -> bool:
+    if not isinstance(element, dict):
+        return _are_coordinates(element)
+    return any(_are_coordinates(element.get(key)) for key in _POSITION_KEYS) or all(
+        is_number(element.get(axis)) for axis in _AXES
+    )
+
+
+def _are_coordinates(value: Any) -> bool:
+    is_short = is_list(value) and 1 < len(value) <= _MOST_COORDINATES
+    return is_short and all(map(is_number, value))
+
+
+def _has_fractions(walk: Sequence[Any]) -> bool:
+    """Whether these are not viewpoints given by whole numbers, with their angles."""
+    return any(isinstance(each, Mapping) or isinstance(each[0], float) for each in walk)
+
+
+def _check_predictions(document: Any) -> None:
+    """Raise one SubmissionError for the annotations of a dataset, which people send by mistake."""
+    records = list(document.values()) if isinstance(document, Mapping) else document
+    if is_list(records) and records and sum(map(_is_annotation, records)) > MOST * len(records):
+        raise SubmissionError([problems.another_kind("an annotation file of the dataset")])
+
+
+def _is_annotation(record: Any) -> bool:
+    if not isinstance(record, Mapping) or has_answer(record):
+        return False
+    has_texts = any(is_list(record.get(key)) for key in _TEXTS_OF_ANNOTATIONS)
+    return has_texts and not any(key != "path" and means_trajectory(key) for key in record)

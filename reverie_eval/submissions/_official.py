@@ -23,18 +23,18 @@ from msgspec import Meta
 from reverie_eval.arrays import LARGEST_OBJECT_ID, BoolArray, FloatArray, IntArray, offsets_of
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions._fields import is_number_as_text
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
     IdColumn,
     Numbering,
     Predictions,
+    ReadingLog,
     Records,
     Signs,
     look_like_degrees,
 )
-from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._trajectories import MAX_POSES, have_types
-from reverie_eval.submissions._values import is_number_as_text
 
 # The descriptions are those of the published JSON Schema.
 _InstrId = Annotated[

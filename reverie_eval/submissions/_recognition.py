@@ -4,35 +4,51 @@ A file is one of the task if the split has its ids, or has them once a mistake t
 corrected. Only a file that is not can be advised to be scored as another task's, and only if its
 form or its ids are that task's alone: numbers, for one, are ids in three of the tasks, and counts
 in many other files.
+
+A mistake in ids is corrected if it explains most of the unknown ones: a prefix, another order of
+the parts, instructions counted from 1.
 """
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from typing import Any, TypeAlias
+from functools import partial
+from itertools import combinations, permutations
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._answers import has_answer, predicts
-from reverie_eval.submissions._document import is_integer, is_list, is_number
-from reverie_eval.submissions._fields import ID_KEYS, id_key_of, means_trajectory
-from reverie_eval.submissions._items import has_point, is_item
-from reverie_eval.submissions._predictions import MOST, Signs
-from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._unknown_ids import Ids, Place, correct_instr_ids
-from reverie_eval.submissions._values import unwrap
+from reverie_eval.submissions._answers import predicts
+from reverie_eval.submissions._fields import ID_KEYS, id_key_of, is_integer, unwrap
+from reverie_eval.submissions._predictions import ReadingLog, Signs
+from reverie_eval.submissions._problems import Fault, RecordLocation
+from reverie_eval.submissions._trajectories import has_point, is_item
 from reverie_eval.tasks import BUILT_IN, Task, find_task
 
-_POSITION_KEYS = ("position", "pos", "location", "agent_position", "xyz")
-_PATHS_OF_POSITIONS = ("positions", "locations", "waypoints", "poses", "states")
-_AXES = ("x", "y", "z")
-_TEXTS_OF_ANNOTATIONS = ("instructions", "dialog_history", "timed_instruction")
-"""The fields with lists that the annotations of the tasks have, and predictions do not."""
-_MOST_COORDINATES = 7
-"""A position and a rotation: x, y, z and a quaternion."""
+Ids: TypeAlias = Sequence[str | None]
+Place: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
+"""Returns the record of an id, and where in it the id is."""
+
+
+class Known(Protocol):
+    """Ids that the ground truth has."""
+
+    def __contains__(self, instr_id: object, /) -> bool: ...
+
+
+_Correction: TypeAlias = Callable[[str, Known], str]
+"""Returns what an id would be without a mistake, given the ids that are known."""
+_MARK = re.compile(r"[^A-Za-z0-9]+")
+"""What stands between the parts of an id."""
+_INSTRUCTION = re.compile(r"\d{1,9}$")
+_VIEWPOINT = re.compile(r"(?<![0-9a-f])[0-9a-f]{32}(?![0-9a-f])")
+_DIGITS = re.compile(r"\d+")
+_DECIMALS = re.compile(r"(\d+)(?:\.0+(?!\d))?")
+_LONGEST = 60
+"""Longer ids are not compared; Python refuses to convert thousands of digits."""
+_MOST_PARTS = 3
 _NEARLY_ALL = 0.9
 """Share of unknown ids that must fit a split's ids without some of their parts."""
 
@@ -41,75 +57,6 @@ _NUMBER_ID = re.compile(r"[\d#]+")
 """An id that tells nothing of its task."""
 
 _Records: TypeAlias = Sequence[Mapping[str, Any]]
-
-
-# By the form alone.
-
-
-def check_viewpoints(document: Any) -> None:
-    """Raise one SubmissionError for a file of a continuous environment, which has positions.
-
-    VLN-CE writes ``{"<episode_id>": [{"position": [x, y, z], "heading": h, "stop": b}, ...]}``, and
-    RxR-Habitat a line ``{"instruction_id": n, "path": [[x, y, z], ...]}`` for each episode [1]_.
-
-    References
-    ----------
-    .. [1] jacobkrantz/VLN-CE 729d141, vlnce_baselines/common/base_il_trainer.py, lines 597-625
-    """
-    if isinstance(document, Mapping):
-        # The records by their ids, or the list of records under a key.
-        records = list(document.values())
-        records += [each for value in records if is_list(value) for each in value[:1]]
-        records = records if _walk_of(document) is None else [document]
-    else:
-        records = list(document) if is_list(document) else []
-    walks = [walk for walk in map(_walk_of, records) if walk is not None]
-    found = [walk for walk in walks if all(map(_is_position, walk))]
-    has_fractions = any(map(_has_fractions, found))
-    if found and has_fractions and len(found) > MOST * len(walks):
-        raise SubmissionError([problems.positions(len(found), len(walks), found[0][0])])
-
-
-def _walk_of(record: Any) -> Sequence[Any] | None:
-    """Return the elements of a record's path; None for what is not a record."""
-    if is_list(record) and record and not _are_coordinates(record):
-        return record
-    if not isinstance(record, Mapping):
-        return None
-    named = (key for key in record if means_trajectory(key) or key in _PATHS_OF_POSITIONS)
-    return next((record[key] for key in named if is_list(record[key]) and record[key]), None)
-
-
-def _is_position(element: Any) -> bool:
-    if not isinstance(element, dict):
-        return _are_coordinates(element)
-    return any(_are_coordinates(element.get(key)) for key in _POSITION_KEYS) or all(
-        is_number(element.get(axis)) for axis in _AXES
-    )
-
-
-def _are_coordinates(value: Any) -> bool:
-    is_short = is_list(value) and 1 < len(value) <= _MOST_COORDINATES
-    return is_short and all(map(is_number, value))
-
-
-def _has_fractions(walk: Sequence[Any]) -> bool:
-    """Whether these are not viewpoints given by whole numbers, with their angles."""
-    return any(isinstance(each, Mapping) or isinstance(each[0], float) for each in walk)
-
-
-def check_predictions(document: Any) -> None:
-    """Raise one SubmissionError for the annotations of a dataset, which people send by mistake."""
-    records = list(document.values()) if isinstance(document, Mapping) else document
-    if is_list(records) and records and sum(map(_is_annotation, records)) > MOST * len(records):
-        raise SubmissionError([problems.another_kind("an annotation file of the dataset")])
-
-
-def _is_annotation(record: Any) -> bool:
-    if not isinstance(record, Mapping) or has_answer(record):
-        return False
-    has_texts = any(is_list(record.get(key)) for key in _TEXTS_OF_ANNOTATIONS)
-    return has_texts and not any(key != "path" and means_trajectory(key) for key in record)
 
 
 def signs_of(given: _Records, named: _Records, task: Task) -> Signs:
@@ -136,9 +83,6 @@ def _numbered(records: _Records, task: Task) -> frozenset[int]:
         for row, each in enumerate(ids)
         if not isinstance(each, str) and is_integer(unwrap(each)[0])
     )
-
-
-# By the form and the ids.
 
 
 @dataclass(frozen=True)
@@ -400,3 +344,137 @@ def _names_of_parts(ground_truth: GroundTruth) -> Sequence[str]:
 
 def _form_of_ids(ground_truth: GroundTruth) -> str:
     return "_".join(f"<{name}>" for name in _names_of_parts(ground_truth))
+
+
+class Corrected(NamedTuple):
+    """Ids without the mistake that unknown ones have in common."""
+
+    ids: Ids
+    fault: Fault | None = None
+    """None if no mistake explains at least half of the unknown ids."""
+
+    def note(self, given: Ids, log: ReadingLog, place: Place) -> None:
+        """Note the mistake of each id that was corrected."""
+        if self.fault is not None:
+            for row, (each, meant) in enumerate(zip(given, self.ids, strict=True)):
+                if each != meant:
+                    log.add_fault(self.fault, *place(row), each)
+
+
+def _stripped(instr_id: str, _: Known) -> str:
+    item, mark, start = instr_id.partition("#")
+    return f"{item.strip()}{mark}{start}"
+
+
+def _unprinted(instr_id: str, __: Known) -> str:
+    item, mark, start = instr_id.partition("#")
+    meant, _ = unwrap(item)
+    text = int(meant) if isinstance(meant, float) and meant.is_integer() else meant
+    return f"{text}{mark}{start}"
+
+
+def _without_prefix(instr_id: str, known: Known) -> str:
+    """Return an id without what is before a known one: NaviLLM's ``cvdn_0_1196`` is 1196 [1]_.
+
+    References
+    ----------
+    .. [1] zd11024/NaviLLM a221f42, tasks/datasets/cvdn.py, load_data
+    """
+    ends = (instr_id[mark.end() :] for mark in _MARK.finditer(instr_id))
+    return next((end for end in ends if end in known), instr_id)
+
+
+def _without_suffix(instr_id: str, known: Known) -> str:
+    item, mark, start = instr_id.partition("#")
+    ends = [found.start() for found in _MARK.finditer(item)]
+    cut = (f"{item[:end]}{mark}{start}" for end in reversed(ends))
+    return next((each for each in cut if each in known), instr_id)
+
+
+def _rewritten(instr_id: str, known: Known) -> str:
+    """Return an id by its numbers: ``4774-267-1``, ``(4774, 267, 1)`` and ``4774_0267.0_1``."""
+    item, mark, start = instr_id.partition("#")
+    for pattern in (_DIGITS, _DECIMALS) if len(item) <= _LONGEST else ():
+        rewritten = "_".join(str(int(number)) for number in pattern.findall(item))
+        if f"{rewritten}{mark}{start}" in known:
+            return f"{rewritten}{mark}{start}"
+    return instr_id
+
+
+def _reordered(order: Sequence[int], instr_id: str, _: Known) -> str:
+    parts = instr_id.split("_")
+    return "_".join(map(parts.__getitem__, order)) if len(parts) == len(order) else instr_id
+
+
+def _counted_from_zero(instr_id: str, _: Known) -> str:
+    return _INSTRUCTION.sub(lambda index: str(int(index[0]) - 1), instr_id)
+
+
+def _without_scan(viewpoint_id: str, _: Known) -> str:
+    return viewpoint_id.rpartition("_")[2]
+
+
+def _bare_viewpoint(viewpoint_id: str, _: Known) -> str:
+    """Return the one viewpoint id in a text such as ``4BC2...AB71`` or ``4bc2...ab71_12.jpg``."""
+    found = _VIEWPOINT.findall(viewpoint_id.lower())
+    return found[0] if len(found) == 1 else viewpoint_id
+
+
+_INSTR_ID_CAUSES: Sequence[tuple[Fault, _Correction]] = (
+    (problems.PADDED_IDS, _stripped),
+    (problems.PRINTED_IDS, _unprinted),
+    (problems.PREFIXED_IDS, _without_prefix),
+    (problems.IDS_FROM_ONE, _counted_from_zero),
+    *(
+        (problems.REORDERED_IDS, partial(_reordered, order))
+        for count in range(2, _MOST_PARTS + 1)
+        for order in list(permutations(range(count)))[1:]
+    ),
+    (problems.SUFFIXED_IDS, _without_suffix),
+    (problems.REWRITTEN_IDS, _rewritten),
+)
+_VIEWPOINT_CAUSES: Sequence[tuple[Fault, _Correction]] = (
+    (problems.PADDED_VIEWPOINTS, _stripped),
+    (problems.PRINTED_VIEWPOINTS, _unprinted),
+    (problems.VIEWPOINTS_WITH_SCANS, _without_scan),
+    (problems.SURROUNDED_VIEWPOINTS, _bare_viewpoint),
+)
+
+
+def is_viewpoint_id(text: str | None) -> bool:
+    """Whether a text has the form of Matterport3D's viewpoint ids."""
+    return text is not None and _VIEWPOINT.fullmatch(text) is not None
+
+
+def correct_instr_ids(ids: Ids, known: Known) -> Corrected:
+    """Return ids without the mistake that unknown ones have in common, if there is one.
+
+    Different ids stay different: where they do not, the mistake is another one.
+    """
+    return _correct(ids, known, _INSTR_ID_CAUSES, count=len(set(ids)))
+
+
+def fix_viewpoint_ids(ids: Ids, ground_truth: GroundTruth, log: ReadingLog, place: Place) -> Ids:
+    """Return viewpoint ids without the mistake that unknown ones have in common, and note it."""
+    corrected = _correct(ids, ground_truth.graph.index, _VIEWPOINT_CAUSES)
+    corrected.note(ids, log, place)
+    return corrected.ids
+
+
+def _correct(
+    ids: Ids, known: Known, causes: Sequence[tuple[Fault, _Correction]], count: int = 0
+) -> Corrected:
+    """Return ids without the first mistake that explains them, of which so many stay different."""
+    unknown = count_unknown(ids, known)
+    for fault, correct in causes if unknown else ():
+        # In a file whose instructions are counted from 1, most ids are known: of other episodes.
+        is_right = known if fault is not problems.IDS_FROM_ONE else ()
+        fixed = [each if each is None or each in is_right else correct(each, known) for each in ids]
+        if 2 * count_unknown(fixed, known) <= unknown and len(set(fixed)) >= count:
+            return Corrected(fixed, fault)
+    return Corrected(ids)
+
+
+def count_unknown(ids: Ids, known: Known) -> int:
+    """Return how many ids are not known."""
+    return sum(each is not None and each not in known for each in ids)

@@ -5,67 +5,64 @@ and reading goes on, so that all problems are found at once. A form that differs
 one without changing the meaning is read, counted and reported.
 """
 
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from reverie_eval.arrays import FloatArray, offsets_of
+from reverie_eval.arrays import offsets_of
 from reverie_eval.errors import SubmissionError
 from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._answers import Answer, disagree, has_answer, read_answer
-from reverie_eval.submissions._box_hints import box_scale_problems
-from reverie_eval.submissions._document import (
-    RepeatingObject,
-    are_records,
-    check_record_count,
-    is_integer,
-    is_list,
-    parse_document,
+from reverie_eval.submissions._answers import (
+    NO_POINT,
+    Answer,
+    Point,
+    box_columns,
+    box_scale_problems,
+    disagree,
+    has_answer,
+    read_answer,
+    read_point,
 )
+from reverie_eval.submissions._document import are_records, locate_records, parse_document
 from reverie_eval.submissions._fields import (
-    ID_KEYS,
     INSTR_ID_KEY,
     MAX_COMPARED,
     PART_OF_ITEM,
-    RECORD_FIELDS,
     TRAJECTORY_KEY,
     Fields,
     answers_spelt_like,
     fields_of,
     find_misspelt,
-    has_spelling,
     id_key_of,
-)
-from reverie_eval.submissions._items import (
-    NO_POINT,
-    Point,
-    is_item,
-    read_point,
-    split_items,
-    take_path,
+    is_integer,
+    is_list,
+    unwrap,
 )
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
-    BoxAnswers,
     IdColumn,
     Predictions,
+    ReadingLog,
     Signs,
     Submission,
     look_like_degrees,
 )
 from reverie_eval.submissions._problems import RecordLocation
-from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._recognition import check_predictions, check_viewpoints, signs_of
+from reverie_eval.submissions._recognition import signs_of
 from reverie_eval.submissions._sources import read_bytes
-from reverie_eval.submissions._tables import rows_of_table
-from reverie_eval.submissions._trajectories import Poses, read_trajectory
-from reverie_eval.submissions._values import unwrap
+from reverie_eval.submissions._trajectories import (
+    Poses,
+    is_item,
+    read_trajectory,
+    split_items,
+    take_path,
+)
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 
 REVERIE = find_task(DEFAULT_TASK)
@@ -131,18 +128,7 @@ def read_records(
         If it is neither, or has positions instead of viewpoints, or too many problems to go on.
         Smaller problems are in the log, to be reported together with those that alignment finds.
     """
-    check_viewpoints(document)
-    given, document = document, _unwrap(document, log)
-    if document is not given:
-        check_viewpoints(document)
-    check_predictions(document)
-    if isinstance(document, Sized):
-        check_record_count(len(document))
-    located = [
-        (location, record)
-        for location, record in _located_records(document, log, task)
-        if _is_record(location, record, log, task)
-    ]
+    located = locate_records(document, log, task)
     optional = {TRAJECTORY_KEY} if answers_only else set()
     named = [
         (location, _with_known_fields(location, record, log, optional, fields_of(task)))
@@ -181,127 +167,6 @@ def read_records(
 def _check_problem_count(log: ReadingLog) -> None:
     if len(log.problems) > problems.MAX_PROBLEMS:
         raise SubmissionError(problems.limit_problems(log.all_problems()))
-
-
-def _unwrap(document: Any, log: ReadingLog) -> Any:
-    """Return the records of a document that holds them in another structure, if it tells which."""
-    if is_list(document):
-        if document and all(_is_list_of_records(value) for value in document):
-            log.add_whole_file_fault(problems.NESTED_LISTS, None)
-            return [record for records in document for record in records]
-    elif isinstance(document, Mapping) and not isinstance(document, RepeatingObject):
-        return _unwrap_object(document, log)
-    return document
-
-
-def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
-    rows = rows_of_table(document)
-    if rows is not None:
-        log.add_whole_file_fault(problems.TABLE, None)
-        return rows
-    # The values may be notes beside the records, but not records themselves.
-    if not ID_KEYS.isdisjoint(document) or any(
-        _is_record_like(value) for value in document.values()
-    ):
-        return _without_row_numbers(document, log)
-    if len(document) > 1 and all(map(_is_lone_record, document.values())):
-        log.add_whole_file_fault(problems.LISTED_VALUES, next(iter(document.values())))
-        return {key: record for key, (record,) in document.items()}
-    return _take_held(document, log)
-
-
-def _take_held(document: Mapping[str, Any], log: ReadingLog) -> Any:
-    """Return the records that an object holds under some of its keys, if it tells which."""
-    held = {key: value for key, value in document.items() if _holds_records(value)}
-    within = [value for value in document.values() if _has_records_within(value)]
-    if len(within) == 1 and not held:
-        return _unwrap_object(within[0], log)
-    if len(held) == 1:
-        ((key, records),) = held.items()
-        log.add_whole_file_fault(problems.WRAPPED, key)
-        return records
-    lists = [value for value in held.values() if is_list(value) and _is_record_like(value[0])]
-    if lists and len(lists) == len(document):
-        log.add_whole_file_fault(problems.WRAPPED_LISTS, next(iter(held)))
-        return [record for records in lists for record in records]
-    return document
-
-
-def _is_lone_record(value: Any) -> bool:
-    """Whether this is a list of one record, whose id is the key of the list."""
-    is_lone = is_list(value) and len(value) == 1 and isinstance(value[0], Mapping)
-    return is_lone and ID_KEYS.isdisjoint(value[0])
-
-
-def _has_records_within(value: Any) -> bool:
-    return isinstance(value, Mapping) and any(map(_holds_records, value.values()))
-
-
-def _is_list_of_records(value: Any) -> bool:
-    return is_list(value) and bool(value) and isinstance(value[0], Mapping)
-
-
-def _is_record_like(value: Any) -> bool:
-    return isinstance(value, Mapping) and not RECORD_FIELDS.isdisjoint(value)
-
-
-def _holds_records(value: Any) -> bool:
-    if isinstance(value, Mapping):
-        return bool(value) and all(map(_is_record_like, value.values()))
-    return _is_list_of_records(value)
-
-
-def _without_row_numbers(document: Mapping[str, Any], log: ReadingLog) -> Any:
-    """Return the records alone if they are keyed by row numbers and have their ids within."""
-    for key, record in document.items():
-        if not (str(key).isdigit() and isinstance(record, Mapping)):
-            return document
-        ids = [record[name] for name in ID_KEYS.intersection(record)]
-        if not ids or key in map(str, ids):
-            return document
-    log.add_whole_file_fault(problems.KEYED_BY_ROW, next(iter(document)))
-    return list(document.values())
-
-
-def _located_records(
-    document: Any, log: ReadingLog, task: Task
-) -> Iterable[tuple[RecordLocation, Any]]:
-    if isinstance(document, list | tuple):
-        return [
-            (RecordLocation(row, id_key=_id_key(record, task)), record)
-            for row, record in enumerate(document)
-        ]
-    if not isinstance(document, Mapping):
-        raise SubmissionError([problems.not_a_list(document, task)])
-    # One record by itself is not a set of keyed records, nor is a report with some sections.
-    if 2 * sum(isinstance(value, Mapping) for value in document.values()) < len(document):
-        raise SubmissionError([problems.not_a_list(document, task)])
-    of_task = fields_of(task)
-    records = [record for record in document.values() if isinstance(record, Mapping)]
-    is_other = records and not any(has_spelling(record, of_task) for record in records)
-    if is_other and not isinstance(document, RepeatingObject):
-        raise SubmissionError([problems.not_a_list(document, task)])
-    if isinstance(document, RepeatingObject):
-        log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
-    log.differences["keyed"] += len(document)
-    return [
-        (RecordLocation(row, key, id_key=_id_key(record, task)), record)
-        for row, (key, record) in enumerate(document.items())
-    ]
-
-
-def _id_key(record: Any, task: Task) -> str:
-    return id_key_of(record, task) if isinstance(record, Mapping) else task.id_keys[0]
-
-
-def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Task) -> bool:
-    if not isinstance(record, Mapping):
-        log.problems.append(problems.wrong_type(location, record, problems.record_form(task)))
-        return False
-    if isinstance(record, RepeatingObject):
-        for field in sorted(record.repeated & RECORD_FIELDS):
-            log.problems.append(problems.repeated_field(location, field))
-    return True
 
 
 def _with_known_fields(
@@ -391,7 +256,7 @@ def read_carefully(
     lengths = np.fromiter(map(len, poses), np.int64, len(poses))
     answers = [record.answer or Answer(ABSTAINED) for record in records]
     stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
-    boxes = _box_columns(answers, stop_angles)
+    boxes = box_columns(answers, stop_angles)
     log.problems.extend(box_scale_problems(boxes))
     log.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
     log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
@@ -427,15 +292,3 @@ def _stop_angles(record: ReadRecord) -> tuple[float, float]:
     if not poses or poses.headings[-1] is None or poses.elevations[-1] is None:
         return np.nan, np.nan
     return float(poses.headings[-1]), float(poses.elevations[-1])
-
-
-def _box_columns(answers: Sequence[Answer], stop_angles: FloatArray) -> BoxAnswers:
-    boxes = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
-    return BoxAnswers(
-        row=np.array(list(boxes), dtype=np.int64),
-        xywh=np.array([box.xywh for box in boxes.values()]).reshape(-1, 4),
-        camera=np.array([box.camera for box in boxes.values()]).reshape(-1, 2),
-        is_cut=np.array([box.is_cut for box in boxes.values()], dtype=np.bool_),
-        uncut_xywh=np.array([box.uncut_xywh for box in boxes.values()]).reshape(-1, 4),
-        stop_angles=stop_angles[list(boxes)],
-    )

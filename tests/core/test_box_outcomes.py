@@ -16,7 +16,7 @@ from reverie_eval import PROTOCOLS, GroundTruth, Scores, evaluate, evaluate_prot
 from reverie_eval.geometry import FAR_OFF, degrees_off, view_angles
 from reverie_eval.metrics import box_iou
 from reverie_eval.scoring import BoxScores
-from reverie_eval.scoring._boxes import score_boxes
+from reverie_eval.scoring._lookups import score_boxes
 from reverie_eval.submissions import BoxAnswers
 from tests.support.drawings import Record
 from tests.support.metrics import BOX_METRICS

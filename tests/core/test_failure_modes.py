@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from reverie_eval import PROTOCOLS, ProtocolError, evaluate
 from reverie_eval.arrays import FloatArray
 from reverie_eval.scoring import OUTCOMES
-from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
+from reverie_eval.scoring._episode_table import failure_modes, outcome_indices
 from tests.conftest import SAMPLES
 
 COMBINATIONS = {

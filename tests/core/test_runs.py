@@ -17,7 +17,7 @@ import reverie_eval as rv
 from fixtures.clustered_worlds import DIFFERENCE, RATE, simulated_runs
 from reverie_eval.arrays import FloatArray
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.metrics.runs import CrossedMeans
+from reverie_eval.metrics.engine import CrossedMeans
 from reverie_eval.reporting import results_table
 from reverie_eval.submissions import find_runs
 from tests.conftest import SAMPLES

@@ -14,8 +14,8 @@ from reverie_eval import GroundTruth, validate
 from reverie_eval.geometry import view_angles
 from reverie_eval.scoring import PreparedSubmission, find_protocol
 from reverie_eval.submissions import BoxAnswers, read_predictions
-from reverie_eval.submissions._box_hints import _other_readings, box_hints, box_scale_problems
-from reverie_eval.submissions._hints import _point_hints
+from reverie_eval.submissions._answers import box_scale_problems
+from reverie_eval.submissions._hints import _other_readings, _point_hints, box_hints
 from tests.support.worlds import SPLIT
 
 Box = list[float]

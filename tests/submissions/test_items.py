@@ -8,7 +8,8 @@ import pytest
 
 from reverie_eval import SubmissionError
 from reverie_eval.submissions import read_predictions
-from reverie_eval.submissions._items import NO_POINT, join_items, official_point
+from reverie_eval.submissions._answers import NO_POINT, official_point
+from reverie_eval.submissions._trajectories import join_items
 from reverie_eval.tasks import find_task
 
 SOON = find_task("soon")

@@ -17,7 +17,7 @@ from reverie_eval.submissions import (
 )
 from reverie_eval.submissions._document import parse_document
 from reverie_eval.submissions._official import decode_official
-from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._predictions import ReadingLog
 from reverie_eval.submissions._records import read_carefully
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES

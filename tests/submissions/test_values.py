@@ -9,7 +9,7 @@ import pytest
 
 from reverie_eval import GroundTruth, SubmissionError, evaluate, validate
 from reverie_eval.submissions import convert
-from reverie_eval.submissions._values import unwrap, unwrap_numbers
+from reverie_eval.submissions._fields import unwrap, unwrap_numbers
 from tests.conftest import SAMPLES
 from tests.support.forms import OFFICIAL, Record
 from tests.support.worlds import SPLIT

@@ -33,7 +33,7 @@ from reverie_eval import (
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.scoring._literal_reading import check_first_of_hop
+from reverie_eval.scoring._evaluation import check_first_of_hop
 from reverie_eval.server.service.boards import load_board
 from reverie_eval.server.settings import Also, Split
 from reverie_eval.submissions import convert

@@ -435,7 +435,7 @@ def test_a_path_that_stays_at_its_start_is_no_answer(
     count = len(records) - 1
     assert f"{count} of {len(records)} items without an answer" in compiled.err
     # Of many, only some are kept by name, but all are counted.
-    assert f" and {count - 3} more. Give every task its answer" in compiled.err
+    assert f" and {count - 3} more. Give every item its answer" in compiled.err
 
 
 @every_task

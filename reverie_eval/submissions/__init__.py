@@ -3,8 +3,8 @@
 There are two lanes from bytes to predictions. The fast lane (``_official``) decodes the plain
 official form straight into columns: nearly every file has it. The careful lane reads everything
 else value by value, and explains what is wrong: ``_document`` finds the records, ``_records`` reads
-them with ``_trajectories`` and ``_answers``. Both give the same :class:`Predictions`. ``_alignment``
-turns its ids into integers.
+them with ``_trajectories`` and ``_answers``. Both give the same :class:`Predictions`, whose ids
+``_alignment`` turns into integers.
 """
 
 from reverie_eval.submissions._alignment import (

@@ -292,6 +292,22 @@ def test_headers_without_end_are_cut_short(small: Small) -> None:
         assert reply_on(connection)[0] == 400
 
 
+@pytest.mark.parametrize(
+    "lines",
+    [
+        pytest.param([f"GET /{'x' * 16384} HTTP/1.1", "Host: server"], id="a long path"),
+        pytest.param(["GET /healthz HTTP/1.1", f"X-More: {'x' * 16384}"], id="a long header"),
+        pytest.param(["GET /healthz HTTP/1.1", *["A: b"] * 8192], id="many headers"),
+    ],
+)
+def test_headers_that_are_too_long_are_refused_also_when_they_come_at_once(
+    lines: Sequence[str], small: Small
+) -> None:
+    with small.connect() as connection:
+        connection.sendall("\r\n".join([*lines, "", ""]).encode())
+        assert reply_on(connection)[0] == 400
+
+
 def test_what_is_no_http_is_told_so(small: Small) -> None:
     with small.connect() as connection:
         connection.sendall(b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" * 9)

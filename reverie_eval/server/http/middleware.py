@@ -127,6 +127,7 @@ class HeadRequests(Middleware):
             return
 
         async def without_body(message: Message) -> None:
+            scope["method"] = "HEAD"  # what sends it counts the bytes of any other reply
             is_body = message["type"] == "http.response.body"
             await send({**message, "body": b""} if is_body else message)
 

@@ -134,7 +134,7 @@ def _complete_split(context: click.Context) -> Iterable[str]:
 def complete_protocol(context: click.Context) -> Iterable[str]:
     """Complete to the protocols of the task."""
     task = find_task(context.params.get("task") or DEFAULT_TASK)
-    return [*(rules.name for rules in task.protocols), *task.aliases]
+    return [*(each.name for each in task.protocols), *task.aliases]
 
 
 complete_task = completing(lambda _: task_names())

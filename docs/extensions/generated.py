@@ -122,21 +122,21 @@ def protocols(task_name: str) -> str:
 
     task = find_task(task_name)
     others = {
-        rules.name: [name for name, meant in task.aliases.items() if meant == rules.name]
-        for rules in task.protocols
+        protocol.name: [name for name, meant in task.aliases.items() if meant == protocol.name]
+        for protocol in task.protocols
     }
     return table(
         ("protocol", "goal viewpoints", "SPL's numerator", "floor", "a correct answer", "source"),
         (
             (
-                " = ".join(f"`{name}`" for name in (rules.name, *others[rules.name])),
-                rules.goal,
-                rules.spl_numerator,
-                _floors(rules.spl_floor, rules.rgspl_floor),
-                rules.grounding,
-                rules.source,
+                " = ".join(f"`{name}`" for name in (protocol.name, *others[protocol.name])),
+                protocol.goal,
+                protocol.spl_numerator,
+                _floors(protocol.spl_floor, protocol.rgspl_floor),
+                protocol.grounding,
+                protocol.source,
             )
-            for rules in task.protocols
+            for protocol in task.protocols
         ),
     )
 

@@ -68,7 +68,7 @@ class Metric:
     better: Direction
     needs: frozenset[Need] = _TRAJECTORY
     """What a submission must contain for the metric to be scored, by default a trajectory."""
-    protocol_rules: frozenset[str] = frozenset()
+    protocol_fields: frozenset[str] = frozenset()
     """Fields of the protocol that the value depends on, directly or through another metric."""
     compute: Callable[..., Array]
     inputs: tuple[str, ...]
@@ -161,7 +161,7 @@ _ANSWER: frozenset[Need] = frozenset({"answer"})
 _OUTLINE: frozenset[Need] = frozenset({"trajectory", "outline"})
 _BOX: frozenset[Need] = frozenset({"answer", "box"})
 # The goal rule is among them because some protocols count an answer only with success.
-_ANSWER_RULES = frozenset({"grounding", "goal", "text_ids_count"})
+_ANSWER_FIELDS = frozenset({"grounding", "goal", "text_ids_count"})
 _BOX_INPUTS = ("box_overlap", "box_row", "n_episodes")
 
 _fraction = partial(Metric, unit="fraction", better="higher")
@@ -184,7 +184,7 @@ _METRICS = (
         name="success rate",
         definition="the target object is visible where the agent stops",
         of_goal="{goal} where the agent stops",
-        protocol_rules=frozenset({"goal"}),
+        protocol_fields=frozenset({"goal"}),
         compute=success,
         inputs=("at_goal", "offsets"),
         is_binary=True,
@@ -195,7 +195,7 @@ _METRICS = (
         name="oracle success rate",
         definition="the target object is visible from any viewpoint of the trajectory",
         of_goal="{goal} from any viewpoint of the trajectory",
-        protocol_rules=frozenset({"goal"}),
+        protocol_fields=frozenset({"goal"}),
         compute=oracle_success,
         inputs=("oracle_at_goal", "offsets"),
         is_binary=True,
@@ -206,7 +206,7 @@ _METRICS = (
         name="success weighted by path length",
         definition="success, times the shortest length divided by the larger of walked and "
         "shortest length",
-        protocol_rules=frozenset({"goal", "spl_numerator", "spl_floor"}),
+        protocol_fields=frozenset({"goal", "spl_numerator", "spl_floor"}),
         compute=spl,
         inputs=("success", "path_length", "reference_length", "spl_floor"),
     ),
@@ -216,7 +216,7 @@ _METRICS = (
         name="remote grounding success",
         definition="the predicted object is the target object, or the predicted box matches it",
         needs=_ANSWER,
-        protocol_rules=_ANSWER_RULES,
+        protocol_fields=_ANSWER_FIELDS,
         compute=remote_grounding_success,
         inputs=("is_answer_correct", "success", "needs_success"),
         is_binary=True,
@@ -227,7 +227,7 @@ _METRICS = (
         name="remote grounding success weighted by path length",
         definition="remote grounding success, weighted as SPL is; the benchmark's primary metric",
         needs=_TRAJECTORY | _ANSWER,
-        protocol_rules=_ANSWER_RULES | {"spl_numerator", "rgspl_floor"},
+        protocol_fields=_ANSWER_FIELDS | {"spl_numerator", "rgspl_floor"},
         compute=spl,
         inputs=("rgs", "path_length", "reference_length", "rgspl_floor"),
     ),
@@ -238,7 +238,7 @@ _METRICS = (
         definition="intersection over union of the predicted box and the target's in the same "
         "view; 0 without a predicted box",
         needs=_BOX,
-        protocol_rules=frozenset({"grounding"}),
+        protocol_fields=frozenset({"grounding"}),
         compute=iou,
         inputs=_BOX_INPUTS,
     ),
@@ -249,7 +249,7 @@ _METRICS = (
             name=f"boxes with an IoU of at least {threshold:g}",
             definition=f"the answer is a box with an IoU of at least {threshold:g}{remark}",
             needs=_BOX,
-            protocol_rules=frozenset({"grounding"}),
+            protocol_fields=frozenset({"grounding"}),
             compute=partial(iou_reaches, threshold),
             inputs=_BOX_INPUTS,
             is_binary=True,
@@ -306,7 +306,7 @@ _METRICS = (
         label="SDTW",
         name="success weighted by normalised dynamic time warping",
         definition="nDTW if the episode is a success, else 0",
-        protocol_rules=frozenset({"goal"}),
+        protocol_fields=frozenset({"goal"}),
         compute=sdtw,
         inputs=("ndtw", "success"),
     ),
@@ -379,7 +379,7 @@ _METRICS = (
         name="detection success rate",
         definition="the predicted point is inside the target's outline as seen from the stop",
         needs=_OUTLINE,
-        protocol_rules=frozenset({"repeated_outlines"}),
+        protocol_fields=frozenset({"repeated_outlines"}),
         compute=detection_success,
         inputs=("point", "outline"),
         is_binary=True,
@@ -391,7 +391,7 @@ _METRICS = (
         definition="detection success, weighted as SPL is",
         needs=_OUTLINE,
         # The goal is among them because some protocols move it, and the shortest length with it.
-        protocol_rules=frozenset({"repeated_outlines", "goal", "spl_numerator", "spl_floor"}),
+        protocol_fields=frozenset({"repeated_outlines", "goal", "spl_numerator", "spl_floor"}),
         compute=spl,
         inputs=("detection_success", "path_length", "reference_length", "spl_floor"),
     ),
@@ -405,7 +405,7 @@ _METRICS = (
             unit="turns",
             better="lower",
             needs=_OUTLINE,
-            protocol_rules=frozenset({"repeated_outlines"}),
+            protocol_fields=frozenset({"repeated_outlines"}),
             compute=compute,
             inputs=("point", "outline"),
             is_partial=True,
@@ -424,7 +424,7 @@ _METRICS = (
         unit="turns",
         better="lower",
         needs=_OUTLINE,
-        protocol_rules=frozenset({"repeated_outlines", "point_errors"}),
+        protocol_fields=frozenset({"repeated_outlines", "point_errors"}),
         compute=point_error,
         inputs=("heading_error", "elevation_error", "detection_success", "point_errors"),
         is_partial=True,

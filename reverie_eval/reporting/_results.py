@@ -132,11 +132,11 @@ def _by_split(name: str, scores: Method | Sequence[Method]) -> Mapping[str, Meth
 def _check_comparable(every: Sequence[Method]) -> None:
     if not every:
         raise ProtocolError("a results table needs the scores of at least one method")
-    rules = {
+    scored_under = {
         (each.protocol.name, each.qualifier, each.ground_truth.header.dataset) for each in every
     }
     signatures = sorted({each.signature for each in every})
-    if len(rules) > 1 or len(signatures) > len({each.split for each in every}):
+    if len(scored_under) > 1 or len(signatures) > len({each.split for each in every}):
         raise ProtocolError(f"these scores are not comparable: {', '.join(signatures)}")
 
 
@@ -151,10 +151,11 @@ def _caption(every: Sequence[Method], metrics: Sequence[Metric]) -> str:
         + (f" of subset {it['subset']})" if "subset" in it else ")")
         for it in parts
     }
-    rules = " ".join(filter(None, (parts[0]["protocol"], every[0].qualifier)))
+    protocol = " ".join(filter(None, (parts[0]["protocol"], every[0].qualifier)))
     captions = dict.fromkeys(each.intervals.caption for each in every if isinstance(each, Runs))
     spread = "".join(f" In parentheses: {each}." for each in captions)
     return (
         f"Results on {world}. {unit}; the best of each column in bold.{spread} Scored by "
-        f"reverie-eval {parts[0]['version']}, protocol {rules}; data: {', '.join(data.values())}."
+        f"reverie-eval {parts[0]['version']}, protocol {protocol}; "
+        f"data: {', '.join(data.values())}."
     )

@@ -207,7 +207,7 @@ def watch_line(path: str, scores: Scores, evaluator: Evaluator) -> str:
 
 def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
     task = evaluator.ground_truth.task
-    return task.table_metrics(scored_metrics(task.protocol(evaluator.protocol), evaluator.track))
+    return task.table_metrics(scored_metrics(evaluator.protocol, evaluator.track))
 
 
 def write_episodes(scores: Scores, file: TextIO) -> None:

@@ -122,8 +122,8 @@ def evaluate(
     0.81
     """
     truth = find_answers(ground_truth, split, subset, task)
-    rules = truth.task.protocol(protocol)
-    return _prepare(submission, scored_by(rules, truth), track).score(rules)
+    chosen = truth.task.protocol(protocol)
+    return _prepare(submission, scored_by(chosen, truth), track).score(chosen)
 
 
 def evaluate_protocols(
@@ -142,19 +142,19 @@ def evaluate_protocols(
     check_track(track)
     predictions = read_predictions(submission, truth.task, answers_only=track == "grounding")
     protocols = truth.task.protocols
-    reasons = {rules: why_not(rules, truth, track) for rules in protocols}
+    reasons = {protocol: why_not(protocol, truth, track) for protocol in protocols}
     # A missing row would look like an omission of ours, so every table says why.
     left_out = [f"left out: {reason}" for reason in reasons.values() if reason]
     prepared: dict[tuple[int | None, str], PreparedSubmission] = {}
-    for rules in protocols:
-        if basis_of(rules) not in prepared:
-            aligned = PreparedSubmission.of(predictions, scored_by(rules, truth), track)
+    for protocol in protocols:
+        if basis_of(protocol) not in prepared:
+            aligned = PreparedSubmission.of(predictions, scored_by(protocol, truth), track)
             aligned = replace(aligned, hints=[*aligned.hints, *left_out])
-            prepared[basis_of(rules)] = aligned
+            prepared[basis_of(protocol)] = aligned
     return {
-        rules.name: prepared[basis_of(rules)].score(rules)
-        for rules in protocols
-        if not reasons[rules]
+        protocol.name: prepared[basis_of(protocol)].score(protocol)
+        for protocol in protocols
+        if not reasons[protocol]
     }
 
 
@@ -177,10 +177,10 @@ def diagnose(
     """
     truth = find_answers(ground_truth, split, task=task)
     check_first_of_hop(protocol, truth.task)
-    rules = truth.task.protocol(protocol)
+    chosen = truth.task.protocol(protocol)
     predictions = read_predictions(submission, truth.task)
     whole = PreparedSubmission.of(predictions, truth)
-    return replace(whole, predictions=None).score(rules), whole.truncated().score(rules)
+    return replace(whole, predictions=None).score(chosen), whole.truncated().score(chosen)
 
 
 def validate(
@@ -267,7 +267,7 @@ class PreparedSubmission:
             hints=[*self.hints, *self.answer_hints],
         )
 
-    def score(self, rules: Protocol) -> Scores:
+    def score(self, protocol: Protocol) -> Scores:
         """Score the submission under a protocol.
 
         Raises
@@ -275,17 +275,17 @@ class PreparedSubmission:
         GroundTruthError
             If the ground truth or the track does not support the protocol.
         """
-        reason = why_not(rules, self.ground_truth, self.track)
+        reason = why_not(protocol, self.ground_truth, self.track)
         if reason:
             raise GroundTruthError(reason)
-        hints = [*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)]
+        hints = [*self.hints, *self.answer_hints, *self._literal_reading_notes(protocol)]
         qualifier = qualifier_of(self.track) or self.qualifier
-        return Scores.of(self._lookups, rules, hints=hints, qualifier=qualifier)
+        return Scores.of(self._lookups, protocol, hints=hints, qualifier=qualifier)
 
-    def _literal_reading_notes(self, rules: Protocol) -> Iterator[str]:
+    def _literal_reading_notes(self, protocol: Protocol) -> Iterator[str]:
         if self.predictions is not None and self.track == "full":
             yield from literal_reading_notes(
-                self.predictions, rules, lambda: self.truncated().score(rules)
+                self.predictions, protocol, lambda: self.truncated().score(protocol)
             )
 
     @cached_property
@@ -300,20 +300,20 @@ def check_track(track: Track) -> Track:
     return track
 
 
-def why_not(rules: Protocol, truth: GroundTruth, track: Track) -> str | None:
+def why_not(protocol: Protocol, truth: GroundTruth, track: Track) -> str | None:
     """Return why a protocol cannot score submissions of a split; None if it can."""
     answers = truth.require_answers()
     measured = {
         "visible and near the object": answers.candidate_distance,
         "at most 3 m from the object": answers.target_position,
     }
-    if rules.goal in measured and measured[rules.goal] is None:
+    if protocol.goal in measured and measured[protocol.goal] is None:
         return (
-            f"{rules.name} needs object positions, which {truth.origin} was compiled without; "
+            f"{protocol.name} needs object positions, which {truth.origin} was compiled without; "
             "compile it again with --object-positions"
         )
-    if track == "grounding" and rules.grounding == "not scored":
-        return f"{rules.name} does not score grounding, the only score of this track"
+    if track == "grounding" and protocol.grounding == "not scored":
+        return f"{protocol.name} does not score grounding, the only score of this track"
     return None
 
 
@@ -370,7 +370,7 @@ _HOPS_BY_ALIAS: Mapping[str, HopReading] = MappingProxyType({"hamt": "first view
 
 def check_first_of_hop(name: str, task: Task) -> None:
     """Raise ProtocolError if a protocol's evaluator does not truncate nested hops."""
-    names = [name, *(rules.name for rules in task.protocols), *task.aliases]
+    names = [name, *(protocol.name for protocol in task.protocols), *task.aliases]
     readings = {each: _HOPS_BY_ALIAS.get(each, task.protocol(each).nested_hops) for each in names}
     if readings[name] != "first viewpoint":
         found = [each for each, reading in readings.items() if reading == "first viewpoint"]
@@ -382,7 +382,7 @@ def check_first_of_hop(name: str, task: Task) -> None:
 
 
 def literal_reading_notes(
-    predictions: Predictions, rules: Protocol, score_truncated: Callable[[], Scores]
+    predictions: Predictions, protocol: Protocol, score_truncated: Callable[[], Scores]
 ) -> Iterator[str]:
     """Yield a note if the protocol's own evaluator would read the file differently.
 
@@ -390,9 +390,9 @@ def literal_reading_notes(
     note states them.
     """
     # Where ids are read literally and hops are not, no evaluator prints the table's scores.
-    if not rules.text_ids_count:
-        yield from _literal_scores(predictions, rules, score_truncated)
-    elif _is_truncated(predictions, rules):
+    if not protocol.text_ids_count:
+        yield from _literal_scores(predictions, protocol, score_truncated)
+    elif _is_truncated(predictions, protocol):
         yield (
             "evaluators that read only the first viewpoint of each hop give other scores, which "
             "`reverie-eval --diagnose` shows"
@@ -401,11 +401,11 @@ def literal_reading_notes(
 
 def _literal_scores(
     predictions: Predictions,
-    rules: Protocol,
+    protocol: Protocol,
     score_truncated: Callable[[], Scores],
 ) -> Iterator[str]:
-    evaluator = f"{rules.name}'s own evaluator"
-    is_truncated = _is_truncated(predictions, rules)
+    evaluator = f"{protocol.name}'s own evaluator"
+    is_truncated = _is_truncated(predictions, protocol)
     has_text = bool(predictions.answer_is_text.any())
     stopping = [text for key, text in _STOPPING.items() if predictions.differences.get(key)]
     reasons = [_FIRST_ONLY] * is_truncated + [_NO_TEXT] * has_text
@@ -421,5 +421,5 @@ def _literal_scores(
         yield f"{evaluator} gives this very file the same scores: {_NO_TEXT}"
 
 
-def _is_truncated(predictions: Predictions, rules: Protocol) -> bool:
-    return rules.nested_hops == "first viewpoint" and predictions.has_long_hops
+def _is_truncated(predictions: Predictions, protocol: Protocol) -> bool:
+    return protocol.nested_hops == "first viewpoint" and predictions.has_long_hops

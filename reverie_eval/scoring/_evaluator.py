@@ -2,13 +2,14 @@
 
 import math
 import os
+import typing
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias, cast
 
 from reverie_eval.errors import GroundTruthError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
@@ -76,10 +77,9 @@ class Evaluator:
         # Unusable settings must raise here, and not after the first epoch of training.
         self.track = check_track(track)
         truth = find_answers(ground_truth, split, subset, task)
-        rules = truth.task.protocol(protocol)
-        self.protocol = rules.name
-        self.ground_truth = scored_by(rules, truth)
-        reason = why_not(rules, self.ground_truth, track)
+        self.protocol = truth.task.protocol(protocol)
+        self.ground_truth = scored_by(self.protocol, truth)
+        reason = why_not(self.protocol, self.ground_truth, track)
         if reason:
             raise GroundTruthError(reason)
         self._records: dict[str, Mapping[str, Any]] = {}
@@ -92,7 +92,7 @@ class Evaluator:
             predictions,
             split=truth.split,
             ground_truth=truth,
-            protocol=self.protocol,
+            protocol=self.protocol.name,
             track=self.track,
         )
 
@@ -152,8 +152,8 @@ class Evaluator:
         return list(self._records.values())
 
     def __repr__(self) -> str:
-        rules = self.ground_truth.task.protocol(self.protocol)
-        return f"<Evaluator {signature_of(self.ground_truth, rules, qualifier_of(self.track))}>"
+        qualifier = qualifier_of(self.track)
+        return f"<Evaluator {signature_of(self.ground_truth, self.protocol, qualifier)}>"
 
 
 def _listed(records: Records) -> Iterable[Mapping[str, Any]]:
@@ -175,7 +175,7 @@ Failure: TypeAlias = SubmissionError | OSError
 """Why a file has no scores: it is invalid, or cannot be read."""
 
 
-class Executor(Protocol):
+class Executor(typing.Protocol):
     """Runs functions elsewhere, as the executors of ``concurrent.futures`` and Dask do."""
 
     def submit(self, function: Any, argument: Any, /) -> Any:
@@ -335,13 +335,14 @@ def score_files(
     if executor is None and jobs == 1:
         yield from ((path, _result(evaluator, path)) for path in paths)
         return
-    truth, rules, track = evaluator.ground_truth, evaluator.protocol, evaluator.track
+    truth, track = evaluator.ground_truth, evaluator.track
+    protocol = evaluator.protocol.name
     # A path is a short message, and a process elsewhere may read the bundle faster than receive it.
     place = truth.origin if Path(truth.origin).is_file() else truth
     size = min(_CHUNK, math.ceil(len(paths) / jobs)) if executor is None else _CHUNK
     subset = truth.episodes.instr_ids if truth.subset_digest else None
     chunks = [
-        _Chunk(paths[begin : begin + size], place, truth.split, rules, track, subset, keys)
+        _Chunk(paths[begin : begin + size], place, truth.split, protocol, track, subset, keys)
         for begin in range(0, len(paths), size)
     ]
     if executor is None:
@@ -367,7 +368,7 @@ class _Chunk(NamedTuple):
     ground_truth: str | GroundTruth
     """The path of a bundle, or the ground truth itself if it was not read from a file."""
     split: str
-    protocol: str
+    protocol_name: str
     track: Track
     subset: tuple[str, ...] | None
     keys: Collection[str]
@@ -386,12 +387,12 @@ def _score_chunk(chunk: _Chunk) -> tuple[str, list[Scores | Failure]]:
 def _evaluator(
     ground_truth: str | GroundTruth,
     split: str,
-    protocol: str,
+    protocol_name: str,
     track: Track,
     subset: tuple[str, ...] | None,
 ) -> Evaluator:
     return Evaluator(
-        split=split, ground_truth=ground_truth, protocol=protocol, track=track, subset=subset
+        split=split, ground_truth=ground_truth, protocol=protocol_name, track=track, subset=subset
     )
 
 

@@ -7,7 +7,7 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.tasks import DEFAULT_TASK, Protocol, find_task
 
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
-    {rules.name: rules for rules in find_task(DEFAULT_TASK).protocols}
+    {protocol.name: protocol for protocol in find_task(DEFAULT_TASK).protocols}
 )
 """Every released protocol of REVERIE by its name; the default comes first."""
 
@@ -26,11 +26,11 @@ def find_protocol(name: str, task: str = DEFAULT_TASK) -> Protocol:
     return find_task(task).protocol(name)
 
 
-def scored_by(rules: Protocol, truth: GroundTruth) -> GroundTruth:
+def scored_by(protocol: Protocol, truth: GroundTruth) -> GroundTruth:
     """Return the ground truth of the episodes and annotated paths that a protocol scores by."""
-    return truth.first_instructions(rules.scored_instructions).along(rules.reference)
+    return truth.first_instructions(protocol.scored_instructions).along(protocol.reference)
 
 
-def basis_of(rules: Protocol) -> tuple[int | None, str]:
+def basis_of(protocol: Protocol) -> tuple[int | None, str]:
     """Return what :func:`scored_by` depends on besides the ground truth."""
-    return rules.scored_instructions, rules.reference
+    return protocol.scored_instructions, protocol.reference

@@ -119,7 +119,7 @@ class Scores(Mapping[str, float]):
             If the file cannot be read.
         """
         header, submission = read_saved(path)
-        rules = find_protocol(header.protocol, header.task)
+        protocol = find_protocol(header.protocol, header.task)
         truth = find_ground_truth(ground_truth, header.split, header.task)
         if truth.fingerprint != header.fingerprint:
             raise GroundTruthError(
@@ -130,8 +130,8 @@ class Scores(Mapping[str, float]):
         if header.subset is not None:
             truth = truth.subset(header.subset)
         scores = cls.of(
-            Lookups(submission, scored_by(rules, truth)),
-            rules,
+            Lookups(submission, scored_by(protocol, truth)),
+            protocol,
             hints=header.hints,
             qualifier=header.qualifier,
         )
@@ -477,14 +477,14 @@ def _conditions(scores: Scores) -> Sequence[str]:
     return *of, scores.protocol.name, scores.qualifier
 
 
-def jump_notes(jumps: Array, rules: Protocol | None = None) -> Sequence[str]:
+def jump_notes(jumps: Array, protocol: Protocol | None = None) -> Sequence[str]:
     """Count the moves between unconnected viewpoints, and say how a protocol treats them."""
     if not jumps.any():
         return ()
     episodes = count_text(int((jumps > 0).sum()), "episode")
     remark = ""
-    if rules is not None and rules.rejects_jumps:
-        remark = f"; {rules.name}'s own evaluator stops at a jump"
+    if protocol is not None and protocol.rejects_jumps:
+        remark = f"; {protocol.name}'s own evaluator stops at a jump"
     jumps_text = count_text(int(jumps.sum()), "jump")
     return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{remark}",)
 
@@ -555,13 +555,13 @@ def _box_note(boxes: BoxScores) -> str:
     )
 
 
-def _unscored_notes(truth: GroundTruth, rules: Protocol) -> Iterator[str]:
+def _unscored_notes(truth: GroundTruth, protocol: Protocol) -> Iterator[str]:
     """Yield what a protocol leaves out of a split, if it does."""
     if truth.subset_digest or truth.subset_of is None:
         return
     whole, _ = truth.subset_of
     unscored = sorted(whole.episodes.index.keys() - truth.episodes.index.keys())
     yield (
-        f"{rules.name} scores the first {rules.scored_instructions} instructions of a path, not "
-        f"{first_few(unscored)}"
+        f"{protocol.name} scores the first {protocol.scored_instructions} instructions of a path, "
+        f"not {first_few(unscored)}"
     )

@@ -10,12 +10,13 @@ the parts, instructions counted from 1.
 """
 
 import re
+import typing
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, permutations
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
@@ -32,7 +33,7 @@ Place: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
 """Returns the record of an id, and where in it the id is."""
 
 
-class Known(Protocol):
+class Known(typing.Protocol):
     """Ids that the ground truth has."""
 
     def __contains__(self, instr_id: object, /) -> bool: ...

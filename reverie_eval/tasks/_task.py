@@ -104,8 +104,8 @@ class Task:
         available: set[Need] = {"trajectory"}
         if self.has_targets:
             available |= {"answer", "box"}
-        for rules in self.protocols:
-            available |= rules.measures
+        for protocol in self.protocols:
+            available |= protocol.measures
         return [key for key, metric in CATALOGUE.items() if metric.needs <= available]
 
     def metric(self, key: str) -> Metric:
@@ -114,7 +114,7 @@ class Task:
 
     def has_protocol(self, name: str) -> bool:
         """Whether a protocol has this name or alias."""
-        return name in {*self.aliases, *(rules.name for rules in self.protocols)}
+        return name in {*self.aliases, *(protocol.name for protocol in self.protocols)}
 
     def protocol(self, name: str) -> Protocol:
         """Return the protocol with this name or alias.
@@ -124,7 +124,7 @@ class Task:
         ProtocolError
             If there is no such protocol.
         """
-        by_name = {rules.name: rules for rules in self.protocols}
+        by_name = {protocol.name: protocol for protocol in self.protocols}
         canonical = self.aliases.get(name, name)
         if canonical not in by_name:
             known = [*by_name, *self.aliases]

@@ -114,7 +114,7 @@ def test_every_protocol(protocol: str) -> None:
     evaluator = rv.Evaluator(split=SPLIT, protocol=protocol)
     scores = evaluator(SAMPLES / "good.json")
     expected = rv.evaluate(SAMPLES / "good.json", split=SPLIT, protocol=protocol)
-    assert evaluator.protocol == expected.protocol.name
+    assert evaluator.protocol == expected.protocol
     assert (values_of(scores), scores.signature) == (values_of(expected), expected.signature)
 
 

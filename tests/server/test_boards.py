@@ -226,7 +226,7 @@ def test_a_split_of_another_task_is_named_with_what_to_set() -> None:
 
 def test_rules_that_need_positions_are_accepted_with_them() -> None:
     board = opened(OPEN, camera=Also(protocol="challenge-2022"))
-    assert board.also["camera"].rules.goal == "visible and near the object"
+    assert board.also["camera"].protocol.goal == "visible and near the object"
 
 
 def test_rules_that_cannot_score_the_split_are_refused() -> None:

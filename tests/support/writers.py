@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import typing
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,7 +29,7 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -368,7 +369,7 @@ def recorded(agent: Agent) -> dict[str, Any]:
     return {"instr_id": agent.instr_id, "path": poses, "trajectory": poses}
 
 
-class Writer(Protocol):
+class Writer(typing.Protocol):
     """Runs what a codebase writes its results with."""
 
     @property

@@ -8,13 +8,14 @@ import base64
 import re
 import shutil
 import threading
+import typing
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import httpx
 import time_machine
@@ -65,7 +66,7 @@ class Acknowledged:
     receipt: Mapping[str, Any]
 
 
-class Organiser(Protocol):
+class Organiser(typing.Protocol):
     """What an organiser does while the server runs; each counts what that takes."""
 
     steps: Counter[str]

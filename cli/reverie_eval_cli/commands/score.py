@@ -160,8 +160,8 @@ def score(
     results: Sequence[Scores]
     with naming(submission):
         if diagnosed:
-            rules = scoring.protocol
-            results = diagnose(submission, split=truth.split, ground_truth=truth, protocol=rules)
+            protocol = scoring.protocol
+            results = diagnose(submission, split=truth.split, ground_truth=truth, protocol=protocol)
         else:
             results = _score_one(submission, truth, scoring.protocol, scoring.track)
     if has_intervals:

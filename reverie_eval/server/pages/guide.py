@@ -87,8 +87,8 @@ def show_protocols(visitor: Visitor, task: str = "") -> Response:
     shown = _task(visitor, task)
     boards = [board for board in visitor.server.leaderboards if board.task is shown]
     aliases = {
-        rules.name: [alias for alias, name in shown.aliases.items() if name == rules.name]
-        for rules in shown.protocols
+        protocol.name: [alias for alias, name in shown.aliases.items() if name == protocol.name]
+        for protocol in shown.protocols
     }
     return _page(visitor, "guide/protocols.html", task=shown, boards=boards, aliases=aliases)
 

@@ -114,19 +114,19 @@ class Board:
         return self.truth.task
 
     @property
-    def rules(self) -> Protocol:
+    def protocol(self) -> Protocol:
         """The protocol that scores."""
         return self.task.protocol(self.split.protocol)
 
     @property
     def signature(self) -> str:
         """Everything that scores depend on, under the current settings."""
-        return signature_of(self.truth, self.rules, qualifier_of(self.split.track))
+        return signature_of(self.truth, self.protocol, qualifier_of(self.split.track))
 
     @property
     def metrics(self) -> Sequence[str]:
         """The keys of the metrics that every submission with answers gets."""
-        return scored_metrics(self.rules, self.split.track)
+        return scored_metrics(self.protocol, self.split.track)
 
     @property
     def headline(self) -> Sequence[Metric]:
@@ -186,7 +186,7 @@ class Board:
 
     def score(self, reading: PreparedSubmission) -> Scores:
         """Score a submission by the leaderboard's protocol."""
-        return reading.score(self.rules)
+        return reading.score(self.protocol)
 
     def reports(self, content: bytes, reading: PreparedSubmission) -> Mapping[str, ScoreReport]:
         """Return the reports on a submission that was read, by leaderboard of the split.
@@ -203,7 +203,7 @@ class Board:
     @property
     def reads_by(self) -> tuple[object, ...]:
         """What :meth:`read` depends on besides the split."""
-        return self.split.track, *basis_of(self.rules)
+        return self.split.track, *basis_of(self.protocol)
 
     def scored(
         self,
@@ -422,7 +422,7 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     public_fingerprint = bundle.public().header.fingerprint
     board = _board(name, split, replace(truth, origin=name), public_fingerprint)
     for each in board.all:
-        reason = why_not(each.rules, each.truth, each.split.track)
+        reason = why_not(each.protocol, each.truth, each.split.track)
         if reason:
             raise GroundTruthError(f"also.{each.further}: {reason}" if each.further else reason)
     return board
@@ -431,13 +431,13 @@ def load_board(name: str, split: Split, path: Path) -> Board:
 def _board(name: str, split: Split, truth: GroundTruth, public_fingerprint: str) -> Board:
     """Return a split's own leaderboard, which has the further ones."""
 
-    def scored(rules: Split) -> GroundTruth:
-        return scored_by(truth.task.protocol(rules.protocol), truth)
+    def scored(split: Split) -> GroundTruth:
+        return scored_by(truth.task.protocol(split.protocol), truth)
 
     own = Board(name, split, scored(split), public_fingerprint)
     also = {
-        further: replace(own, split=rules, truth=scored(rules), further=further, own=own)
+        further: replace(own, split=chosen, truth=scored(chosen), further=further, own=own)
         for further in split.also
-        if (rules := split.ranked_also(further))
+        if (chosen := split.ranked_also(further))
     }
     return replace(own, also=MappingProxyType(also))

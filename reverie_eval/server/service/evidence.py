@@ -349,7 +349,7 @@ class _Examined:
         offsets = offsets_of(end - begin)
         episode = row_of(offsets)
         viewpoint = np.arange(len(episode)) - (offsets[:-1] - begin)[episode]
-        return np.bincount(episode, is_goal(self.board.rules.goal, truth, episode, viewpoint))
+        return np.bincount(episode, is_goal(self.board.protocol.goal, truth, episode, viewpoint))
 
 
 def _difference(values: Sequence[FloatArray | None]) -> FloatArray:

@@ -7,12 +7,13 @@ that can be pickled.
 """
 
 import hashlib
+import typing
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Concatenate, NamedTuple, ParamSpec, Protocol, Self, TypeVar
+from typing import Concatenate, NamedTuple, ParamSpec, Self, TypeVar
 
 from reverie_eval.arrays import Array
 from reverie_eval.scoring import BoxScores, Scores
@@ -53,7 +54,7 @@ class Opened(NamedTuple):
     """Bytes."""
 
 
-class Runner(Protocol):
+class Runner(typing.Protocol):
     """One process, for as long as it is held."""
 
     def run(
@@ -158,7 +159,7 @@ class EpisodeValues(NamedTuple):
         check_signature(board, self.signature)
         return Scores(
             ground_truth=board.truth,
-            protocol=board.rules,
+            protocol=board.protocol,
             episodes=MappingProxyType(self.episodes),
             hints=self.hints,
             qualifier=self.qualifier,

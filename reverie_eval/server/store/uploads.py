@@ -9,6 +9,7 @@ import gzip
 import hashlib
 import os
 import secrets
+import typing
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -16,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile
 from threading import Lock
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 from urllib.parse import urlsplit
 
 from isal import igzip
@@ -37,7 +38,7 @@ class UploadsError(ReverieEvalError):
     """Uploads, or the store that has them, cannot be read; says why, and what to do."""
 
 
-class Uploads(Protocol):
+class Uploads(typing.Protocol):
     """A store of uploads."""
 
     def staged(self, sha256: str, packed: bytes) -> AbstractContextManager[Keep]:

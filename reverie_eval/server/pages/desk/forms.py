@@ -4,10 +4,11 @@ Actions that are hard to undo need confirmation: the first reply describes the a
 form with the same fields to confirm it.
 """
 
+import typing
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date
 from functools import wraps
-from typing import Annotated, Any, Protocol, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
@@ -45,7 +46,7 @@ Done = Annotated[str, Query(max_length=20)]
 """The outcome of a form, by which the page chooses a message."""
 
 
-class FormPage(Protocol):
+class FormPage(typing.Protocol):
     """A page with forms."""
 
     def __call__(

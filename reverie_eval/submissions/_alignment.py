@@ -14,7 +14,9 @@ from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_ro
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._predictions import (
     MOST,
     AnswerColumns,
@@ -22,10 +24,10 @@ from reverie_eval.submissions._predictions import (
     Content,
     IdColumn,
     Predictions,
-    ReadingLog,
 )
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._recognition import Ids, fix_viewpoint_ids, is_viewpoint_id, recognise
+from reverie_eval.text import first_few
 
 _UNKNOWN = -1
 
@@ -174,9 +176,9 @@ def check_navigation_only(*, found: bool, declared: bool | None) -> None:
         If it is not as declared.
     """
     if found and not declared:
-        raise SubmissionError([problems.undeclared_navigation_only()])
+        raise SubmissionError([problems.UNDECLARED_NAVIGATION_ONLY.of_file()])
     if declared and not found:
-        raise SubmissionError([problems.declared_navigation_only()])
+        raise SubmissionError([problems.DECLARED_NAVIGATION_ONLY.of_file()])
 
 
 class _Looked(NamedTuple):
@@ -241,7 +243,10 @@ def _check_buildings(
     ]
     count = int(elsewhere.sum())
     if count > SHOWN_PROBLEMS and count > MOST * len(rows):
-        raise SubmissionError([problems.other_buildings(count, len(rows), ground_truth.split)])
+        found = problems.OTHER_BUILDINGS.of_file(
+            count=count, total=len(rows), split=ground_truth.split
+        )
+        raise SubmissionError([found])
 
 
 def _with_ids(
@@ -305,18 +310,21 @@ def _episode_problems(looked: _Looked, ground_truth: GroundTruth) -> Iterator[Pr
     yield from _duplicate_problems(predictions, episode)
     if is_unresolved:
         return
-    instr_ids = ground_truth.episodes.instr_ids
+    instr_ids, split = ground_truth.episodes.instr_ids, ground_truth.split
+    expected = len(instr_ids)
     if len(episode) > SHOWN_PROBLEMS and not any(it is not None for it in predictions.instr_ids):
         return  # that no id could be read is one problem, which was reported
     if not known.size:
-        yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
+        yield problems.NO_EPISODE_OF_SPLIT.of_file(expected=expected, split=split)
         return
     missing = [instr_ids[index] for index in np.flatnonzero(times_predicted[rows] == 0).tolist()]
     if len(missing) > SHOWN_PROBLEMS:
-        yield problems.missing_episodes(missing, len(instr_ids), ground_truth.split)
+        yield problems.MISSING_EPISODES.of_file(
+            count=len(missing), expected=expected, split=split, examples=first_few(missing)
+        )
         return
     for instr_id in missing:
-        yield problems.missing_episode(instr_id, ground_truth.split)
+        yield problems.MISSING_EPISODE.of_file(instr_id=instr_id, split=split)
 
 
 def _unknown_problems(
@@ -325,8 +333,9 @@ def _unknown_problems(
     """Report records of episodes that the split does not have."""
     for record in np.flatnonzero(episode == _UNKNOWN).tolist():
         if predictions.instr_ids[record] is not None:  # None was reported before
-            yield problems.unknown_episode(
-                *_location_and_id(predictions, record), ground_truth.split, ground_truth.task
+            location, instr_id = _location_and_id(predictions, record)
+            yield problems.UNKNOWN_EPISODE.of_record(
+                location, instr_id=instr_id, split=ground_truth.split, task=ground_truth.task
             )
 
 
@@ -339,9 +348,11 @@ def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator
             continue
         location, instr_id = _location_and_id(predictions, record)
         if predictions.content(record) == predictions.content(earlier):
-            log.add_fault(problems.REPEATED_RECORDS, location, ".instr_id", instr_id)
+            log.add_fault(faults.REPEATED_RECORDS, location, ".instr_id", instr_id)
         else:
-            yield problems.duplicate_episode(location, instr_id, predictions.location(earlier))
+            yield problems.DUPLICATE_EPISODE.of_record(
+                location, instr_id=instr_id, first=predictions.location(earlier)
+            )
     yield from log.all_problems()
 
 
@@ -352,7 +363,8 @@ def _changed_problems(
     earlier = dict(collected)
     for record, content in enumerate(contents):
         if earlier.setdefault(str(predictions.instr_ids[record]), content) != content:
-            yield problems.changed_prediction(*_location_and_id(predictions, record))
+            location, instr_id = _location_and_id(predictions, record)
+            yield problems.CHANGED_PREDICTION.of_record(location, instr_id=instr_id)
 
 
 def _location_and_id(predictions: Predictions, record: int) -> tuple[RecordLocation, str]:
@@ -390,10 +402,19 @@ def _pose_problem(
     viewpoint_id = str(predictions.viewpoint_ids[pose])
     scan = graph.scan_of(start)
     if viewpoint == _UNKNOWN:
-        return problems.unknown_viewpoint(location, path, viewpoint_id, scan)
+        return problems.UNKNOWN_VIEWPOINT.of_pose(
+            location, path, viewpoint_id=viewpoint_id, scan=scan
+        )
     other_scan = graph.scan_of(viewpoint)
     if other_scan != scan:
-        return problems.viewpoint_of_another_scan(location, path, viewpoint_id, scan, other_scan)
+        return problems.VIEWPOINT_OF_ANOTHER_SCAN.of_pose(
+            location, path, viewpoint_id=viewpoint_id, scan=scan, other_scan=other_scan
+        )
     if pose == predictions.offsets[record]:
-        return problems.wrong_start(location, instr_id, graph.viewpoint_ids[start], viewpoint_id)
-    return problems.unreachable(location, path, viewpoint_id)
+        is_item = location.place is not None
+        wrong = problems.WRONG_START_OF_ITEM if is_item else problems.WRONG_START
+        expected = graph.viewpoint_ids[start]
+        return wrong.of_pose(
+            location, (0,), instr_id=instr_id, expected=expected, found=viewpoint_id
+        )
+    return problems.UNREACHABLE.of_pose(location, path, viewpoint_id=viewpoint_id)

@@ -15,7 +15,9 @@ from reverie_eval.arrays import LARGEST_OBJECT_ID, FloatArray
 from reverie_eval.errors import Problem
 from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, view_angles
 from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import (
     ANSWER_KEYS,
     BOX_KEY,
@@ -31,7 +33,7 @@ from reverie_eval.submissions._fields import (
     unwrap_number,
     unwrap_numbers,
 )
-from reverie_eval.submissions._predictions import MOST, BoxAnswers, ReadingLog
+from reverie_eval.submissions._predictions import MOST, BoxAnswers
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._trajectories import Pose
 
@@ -100,16 +102,18 @@ def read_answer(
     if record.get(BOX_KEY) is not None:
         for key, value in answers.items():
             if not is_abstention(value):
-                log.problems.append(problems.two_answers(location, key, value))
+                log.problems.append(
+                    problems.TWO_ANSWERS.of_record(location, f".{key}", found=value, key=key)
+                )
         return Answer(ABSTAINED, box=_read_box(location, record, poses, log))
     if not answers and BOX_KEY in record:  # null, or it would have been read above
-        log.add_fault(problems.NULL_BOXES, location, f".{BOX_KEY}", None)
+        log.add_fault(faults.NULL_BOXES, location, f".{BOX_KEY}", None)
         return Answer(ABSTAINED)
     if not answers:
-        log.problems.append(problems.no_answer(location, ANSWER_KEYS[0], BOX_KEY))
+        log.problems.append(problems.NO_ANSWER.of_record(location))
         return Answer(ABSTAINED)
     if len(answers) > 1 and disagree(answers.values()):
-        log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
+        log.add_fault(faults.DISAGREEING_ANSWERS, location, "", answers)
     key, value = next(iter(answers.items()))
     log.differences["other key"] += key != ANSWER_KEYS[0]
     return _read_object(location, key, value, log)
@@ -145,14 +149,14 @@ def _is_nothing(value: Any) -> bool:
 def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog) -> Answer:
     meant, fault = (value, None) if is_abstention(value) else unwrap(value)
     if not is_abstention(meant) and _is_nothing(meant):
-        meant, fault = None, problems.NO_OBJECTS
+        meant, fault = None, faults.NO_OBJECTS
     if (isinstance(meant, float) and meant.is_integer()) or _is_decimal_text(meant):
-        meant, fault = int(float(meant)), fault or problems.DECIMAL_IDS
+        meant, fault = int(float(meant)), fault or faults.DECIMAL_IDS
     is_text = _is_digits(meant)
     object_id = int(meant) if is_text else meant
     is_object = is_integer(object_id) and ABSTAINED <= object_id <= LARGEST_OBJECT_ID
     if not (is_object or is_abstention(meant)):
-        log.problems.append(problems.wrong_type(location, value, problems.OBJECT_FORM, key))
+        log.add_wrong_type(location, key, value, problems.OBJECT_FORM)
         return Answer(ABSTAINED)
     if fault is not None:
         log.add_fault(fault, location, f".{key}", value)
@@ -220,20 +224,22 @@ def _read_camera(
     if view is not None:
         whole = _whole_view(view)
         if whole is not None and not is_integer(view):
-            fault = unwrap(view)[1] or problems.VIEWS_NOT_WHOLE
+            fault = unwrap(view)[1] or faults.VIEWS_NOT_WHOLE
             log.add_fault(fault, location, f".{VIEW_KEY}", view)
         if whole is not None and 0 <= whole < N_VIEWS:
             return _VIEW_CAMERAS[whole]
-        log.problems.append(problems.wrong_view(location, VIEW_KEY, view))
+        log.problems.append(problems.WRONG_VIEW.of_record(location, found=view))
         return None
     stop = poses[-1] if poses else None
     if stop is not None and stop.heading is not None and stop.elevation is not None:
         if abs(stop.elevation) <= _STRAIGHT_UP:
             return float(stop.heading), float(stop.elevation)
-        log.problems.append(problems.upside_down(location, stop.path[:1], stop.elevation, VIEW_KEY))
+        found = problems.UPSIDE_DOWN.of_pose(location, stop.path[:1], elevation=stop.elevation)
+        log.problems.append(found)
     elif poses is None or (stop is not None and not stop.is_reported):
         # An unreadable trajectory or pose was reported already: one problem is enough.
-        log.problems.append(problems.no_view(location, VIEW_KEY, has_poses=poses is not None))
+        missing = problems.NO_VIEW if poses is None else problems.NO_VIEW_NOR_POSE
+        log.problems.append(missing.of_record(location))
     return None
 
 
@@ -258,9 +264,7 @@ def _read_image_size(
         if fault is not None:
             log.add_fault(fault, location, f".{IMAGE_SIZE_KEY}", size)
         return float(meant[0]), float(meant[1])
-    log.problems.append(
-        problems.wrong_type(location, size, problems.IMAGE_SIZE_FORM, IMAGE_SIZE_KEY)
-    )
+    log.add_wrong_type(location, IMAGE_SIZE_KEY, size, problems.IMAGE_SIZE_FORM)
     return None
 
 
@@ -270,17 +274,17 @@ def _read_xywh(
     """Return left, top, width and height in the image that the box was predicted in."""
     meant, fault = unwrap_numbers(box)
     if not _are_numbers(meant, 4):
-        log.problems.append(problems.wrong_type(location, box, problems.BOX_FORM, BOX_KEY))
+        log.add_wrong_type(location, BOX_KEY, box, problems.BOX_FORM)
         return None
     if fault is not None:
         log.add_fault(fault, location, f".{BOX_KEY}", box)
     box = meant
     if not all(map(is_finite, box)):
-        log.problems.append(problems.box_not_finite(location, BOX_KEY, box))
+        log.problems.append(problems.BOX_NOT_FINITE.of_record(location, found=list(box)))
         return None
     x, y, width, height = map(float, box)
     if width <= 0 or height <= 0:
-        log.problems.append(problems.empty_box(location, BOX_KEY, box))
+        log.problems.append(problems.EMPTY_BOX.of_record(location, found=list(box)))
         return None
     return x, y, width, height
 
@@ -303,7 +307,7 @@ def read_point(location: RecordLocation, record: Mapping[str, Any], log: Reading
     values: list[float | None] = []
     for key in POINT_KEYS:
         if key not in record:
-            log.add_fault(problems.missing_in_all(key), location, "", None)
+            log.add_fault(faults.missing_in_all(key), location, "", None)
             return NO_POINT
         value = record[key]
         listed = value
@@ -312,7 +316,7 @@ def read_point(location: RecordLocation, record: Mapping[str, Any], log: Reading
         log.differences["listed angles"] += value is not listed
         meant, fault = (value, None) if value is None else unwrap_number(value)
         if meant is not None and not (is_number(meant) and is_finite(meant)):
-            log.problems.append(problems.wrong_type(location, value, problems.POINT_FORM, key))
+            log.add_wrong_type(location, key, value, problems.POINT_FORM)
             return NO_POINT
         if fault is not None:
             log.add_fault(fault, location, f".{key}", value)
@@ -323,7 +327,7 @@ def read_point(location: RecordLocation, record: Mapping[str, Any], log: Reading
     if heading is elevation is None:
         log.differences["no point"] += 1
     else:
-        log.problems.append(problems.half_a_point(location, POINT_KEYS))
+        log.problems.append(problems.HALF_A_POINT.of_record(location))
     return NO_POINT
 
 
@@ -346,11 +350,11 @@ def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
     is_outside = (boxes.xywh[:, 2:] == 0).any(axis=1)
     is_tiny = (boxes.uncut_xywh[:, 2:] <= _TINY).all(axis=1)
     for is_wrong, problem in (
-        (is_outside, problems.boxes_outside),
-        (is_tiny & ~is_outside, problems.tiny_boxes),
+        (is_outside, problems.BOXES_OUTSIDE),
+        (is_tiny & ~is_outside, problems.TINY_BOXES),
     ):
         if is_wrong.mean() > MOST:
-            yield problem(int(is_wrong.sum()), len(is_wrong))
+            yield problem.of_file(count=int(is_wrong.sum()), total=len(is_wrong))
 
 
 def box_columns(answers: Sequence[Answer], stop_angles: FloatArray) -> BoxAnswers:

@@ -7,6 +7,7 @@ from typing import Any
 
 from reverie_eval.errors import Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._alignment import align
 from reverie_eval.submissions._answers import Answer, has_answer, official_point
@@ -16,9 +17,10 @@ from reverie_eval.submissions._document import (
     parse_document,
     parse_python_literal,
 )
+from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import ANSWER_KEYS
 from reverie_eval.submissions._hints import UNNAMED_ANSWERS
-from reverie_eval.submissions._predictions import ReadingLog, Signs, Submission
+from reverie_eval.submissions._predictions import Signs, Submission
 from reverie_eval.submissions._recognition import fix_viewpoint_ids, recognise, recognise_task
 from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
 from reverie_eval.submissions._sources import read_bytes
@@ -194,7 +196,7 @@ def _without_repeats(
         if record.answer is not None and record.answer.box is not None:
             content["camera"] = record.answer.box.camera
         if record.instr_id is not None and earlier.get(record.instr_id) == content:
-            log.add_fault(problems.REPEATED_RECORDS, record.location, ".instr_id", record.instr_id)
+            log.add_fault(faults.REPEATED_RECORDS, record.location, ".instr_id", record.instr_id)
         else:
             earlier.setdefault(record.instr_id, content)
             written.append(official)

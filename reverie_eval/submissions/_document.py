@@ -10,8 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence, Sized
 from typing import TYPE_CHECKING, Any
 
 from reverie_eval.errors import SubmissionError
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._answers import has_answer
+from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import (
     ID_KEYS,
     RECORD_FIELDS,
@@ -22,9 +24,10 @@ from reverie_eval.submissions._fields import (
     is_number,
     means_trajectory,
 )
-from reverie_eval.submissions._predictions import MOST, ReadingLog, Records, Submission
+from reverie_eval.submissions._predictions import MOST, Records, Submission
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.tasks import Task
+from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
     from json import JSONDecodeError
@@ -85,24 +88,26 @@ def parse_document(content: bytes, log: ReadingLog, *, has_lines: bool = False) 
     try:
         return _decoded_twice(_parse_json(content, log, has_lines=has_lines), log)
     except UnicodeDecodeError as error:
-        problem = problems.not_json(f"byte {error.start}", f"not {error.encoding} text")
+        problem = problems.NOT_JSON.of_file(
+            f"byte {error.start}", reason=f"not {error.encoding} text"
+        )
     except RecursionError:
-        problem = problems.too_deep()
+        problem = problems.TOO_DEEP.of_file()
     except ValueError:  # Python refuses to convert thousands of digits
-        problem = problems.huge_number()
+        problem = problems.HUGE_NUMBER.of_file()
     raise SubmissionError([problem])
 
 
 def _check_kind(content: bytes) -> None:
     for beginning, kind in _NOT_JSON.items():
         if content.startswith(beginning):
-            raise SubmissionError([problems.another_kind(kind)])
+            raise SubmissionError([problems.ANOTHER_KIND.of_file(kind=kind)])
     if content.startswith(_TAR_MARK, _TAR_MARK_AT):
-        raise SubmissionError([problems.another_kind("a tar archive")])
+        raise SubmissionError([problems.ANOTHER_KIND.of_file(kind="a tar archive")])
     if not content.strip():
-        raise SubmissionError([problems.another_kind("empty")])
+        raise SubmissionError([problems.ANOTHER_KIND.of_file(kind="empty")])
     if is_python_literal(content):
-        fault = problems.PYTHON_LITERAL
+        fault = faults.PYTHON_LITERAL
         raise SubmissionError([fault.problem(1, problems.WHOLE_FILE, (), None)])
 
 
@@ -115,11 +120,11 @@ def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
     """Evaluate what Python printed for lists, dictionaries, strings and numbers; refuse others."""
     import ast
 
-    log.add_whole_file_fault(problems.PYTHON_LITERAL, None)
+    log.add_whole_file_fault(faults.PYTHON_LITERAL, None)
     try:
         return ast.literal_eval(content.decode().strip())
     except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError) as error:
-        raise SubmissionError([problems.not_a_literal()]) from error
+        raise SubmissionError([problems.NOT_A_LITERAL.of_file()]) from error
 
 
 def _parse_json(content: bytes | str, log: ReadingLog, *, has_lines: bool = False) -> Any:
@@ -135,7 +140,7 @@ def _decoded_twice(document: Any, log: ReadingLog) -> Any:
     """Parse the JSON that a JSON text holds, as ``json.dump(json.dumps(...))`` writes it."""
     if not (isinstance(document, str) and document.lstrip().startswith(_BRACKETS)):
         return document
-    log.add_whole_file_fault(problems.ENCODED_TWICE, None)
+    log.add_whole_file_fault(faults.ENCODED_TWICE, None)
     return _parse_json(document, log)
 
 
@@ -149,13 +154,14 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog, *, has_lines: 
         # What follows the last value that could be read.
         rest = text[later_error.pos :]
         if len(values) == 1 and not text[error.pos :].startswith(_BRACKETS):
-            log.add_whole_file_fault(problems.TRAILING_TEXT, rest[:_SHOWN_TEXT])
+            log.add_whole_file_fault(faults.TRAILING_TEXT, rest[:_SHOWN_TEXT])
             return values[0]
         error = later_error
     where = f"line {error.lineno}, column {error.colno}"
     if error.pos >= len(text.rstrip()) or error.msg.startswith("Unterminated string"):
-        raise SubmissionError([problems.cut_short(where)])
-    raise SubmissionError([problems.not_json(where, error.msg.removesuffix(" at"))])
+        raise SubmissionError([problems.CUT_SHORT.of_file(where)])
+    reason = error.msg.removesuffix(" at")
+    raise SubmissionError([problems.NOT_JSON.of_file(where, reason=reason)])
 
 
 def _join(
@@ -164,13 +170,13 @@ def _join(
     """Return the records of JSON Lines, or of several lists one after another."""
     if all(isinstance(value, dict) for value in values):
         if not has_lines:
-            log.add_whole_file_fault(problems.JSON_LINES, None)
+            log.add_whole_file_fault(faults.JSON_LINES, None)
         return values
     if all(isinstance(value, list) for value in values):
-        log.add_whole_file_fault(problems.SEVERAL_LISTS, None)
+        log.add_whole_file_fault(faults.SEVERAL_LISTS, None)
         return [record for value in values for record in value]
     where = f"line {error.lineno}, column {error.colno}"
-    raise SubmissionError([problems.not_json(where, "Extra data")])
+    raise SubmissionError([problems.NOT_JSON.of_file(where, reason="Extra data")])
 
 
 def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
@@ -201,7 +207,7 @@ def _end_of_space(text: str, position: int) -> int:
 def check_record_count(count: int) -> None:
     """Refuse more records than any split could need."""
     if count > MAX_RECORDS:
-        raise SubmissionError([problems.too_many_records(MAX_RECORDS)])
+        raise SubmissionError([problems.TOO_MANY_RECORDS.of_file(limit=MAX_RECORDS)])
 
 
 def check_value_count(content: bytes, limit: int) -> None:
@@ -212,7 +218,7 @@ def check_value_count(content: bytes, limit: int) -> None:
     # these bytes is an upper bound that takes milliseconds and no memory.
     count = sum(map(content.count, (b"[", b"{", b",")))
     if count > limit:
-        raise SubmissionError([problems.too_many_values(count, limit)])
+        raise SubmissionError([problems.TOO_MANY_VALUES.of_file(found=count, limit=limit)])
 
 
 def _build_object(fields: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -254,7 +260,7 @@ def _unwrap(document: Any, log: ReadingLog) -> Any:
     """Return the records of a document that holds them in another structure, if it tells which."""
     if is_list(document):
         if document and all(_is_list_of_records(value) for value in document):
-            log.add_whole_file_fault(problems.NESTED_LISTS, None)
+            log.add_whole_file_fault(faults.NESTED_LISTS, None)
             return [record for records in document for record in records]
     elif isinstance(document, Mapping) and not isinstance(document, RepeatingObject):
         return _unwrap_object(document, log)
@@ -264,7 +270,7 @@ def _unwrap(document: Any, log: ReadingLog) -> Any:
 def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
     rows = rows_of_table(document)
     if rows is not None:
-        log.add_whole_file_fault(problems.TABLE, None)
+        log.add_whole_file_fault(faults.TABLE, None)
         return rows
     # The values may be notes beside the records, but not records themselves.
     if not ID_KEYS.isdisjoint(document) or any(
@@ -272,7 +278,7 @@ def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
     ):
         return _without_row_numbers(document, log)
     if len(document) > 1 and all(map(_is_lone_record, document.values())):
-        log.add_whole_file_fault(problems.LISTED_VALUES, next(iter(document.values())))
+        log.add_whole_file_fault(faults.LISTED_VALUES, next(iter(document.values())))
         return {key: record for key, (record,) in document.items()}
     return _take_held(document, log)
 
@@ -285,11 +291,11 @@ def _take_held(document: Mapping[str, Any], log: ReadingLog) -> Any:
         return _unwrap_object(within[0], log)
     if len(held) == 1:
         ((key, records),) = held.items()
-        log.add_whole_file_fault(problems.WRAPPED, key)
+        log.add_whole_file_fault(faults.WRAPPED, key)
         return records
     lists = [value for value in held.values() if is_list(value) and _is_record_like(value[0])]
     if lists and len(lists) == len(document):
-        log.add_whole_file_fault(problems.WRAPPED_LISTS, next(iter(held)))
+        log.add_whole_file_fault(faults.WRAPPED_LISTS, next(iter(held)))
         return [record for records in lists for record in records]
     return document
 
@@ -326,7 +332,7 @@ def _without_row_numbers(document: Mapping[str, Any], log: ReadingLog) -> Any:
         ids = [record[name] for name in ID_KEYS.intersection(record)]
         if not ids or key in map(str, ids):
             return document
-    log.add_whole_file_fault(problems.KEYED_BY_ROW, next(iter(document)))
+    log.add_whole_file_fault(faults.KEYED_BY_ROW, next(iter(document)))
     return list(document.values())
 
 
@@ -339,22 +345,28 @@ def _located_records(
             for row, record in enumerate(document)
         ]
     if not isinstance(document, Mapping):
-        raise SubmissionError([problems.not_a_list(document, task)])
+        raise _not_a_list(document, task)
     # One record by itself is not a set of keyed records, nor is a report with some sections.
     if 2 * sum(isinstance(value, Mapping) for value in document.values()) < len(document):
-        raise SubmissionError([problems.not_a_list(document, task)])
+        raise _not_a_list(document, task)
     of_task = fields_of(task)
     records = [record for record in document.values() if isinstance(record, Mapping)]
     is_other = records and not any(has_spelling(record, of_task) for record in records)
     if is_other and not isinstance(document, RepeatingObject):
-        raise SubmissionError([problems.not_a_list(document, task)])
+        raise _not_a_list(document, task)
     if isinstance(document, RepeatingObject):
-        log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
+        repeated = sorted(document.repeated)
+        log.problems.extend(problems.REPEATED_KEY.of_file(key=key) for key in repeated)
     log.differences["keyed"] += len(document)
     return [
         (RecordLocation(row, key, id_key=_id_key(record, task)), record)
         for row, (key, record) in enumerate(document.items())
     ]
+
+
+def _not_a_list(document: Any, task: Task) -> SubmissionError:
+    record = problems.official_form(task)
+    return SubmissionError([problems.NOT_A_LIST.of_file(found=document, record=record)])
 
 
 def _id_key(record: Any, task: Task) -> str:
@@ -363,11 +375,12 @@ def _id_key(record: Any, task: Task) -> str:
 
 def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Task) -> bool:
     if not isinstance(record, Mapping):
-        log.problems.append(problems.wrong_type(location, record, problems.record_form(task)))
+        log.add_wrong_type(location, "", record, problems.record_form(task))
         return False
     if isinstance(record, RepeatingObject):
         for field in sorted(record.repeated & RECORD_FIELDS):
-            log.problems.append(problems.repeated_field(location, field))
+            found = problems.REPEATED_FIELD.of_record(location, field=field)
+            log.problems.append(found)
     return True
 
 
@@ -432,7 +445,10 @@ def _check_viewpoints(document: Any) -> None:
     found = [walk for walk in walks if all(map(_is_position, walk))]
     has_fractions = any(map(_has_fractions, found))
     if found and has_fractions and len(found) > MOST * len(walks):
-        raise SubmissionError([problems.positions(len(found), len(walks), found[0][0])])
+        problem = problems.POSITIONS.of_file(
+            count=len(found), paths=count_text(len(walks), "path"), example=found[0][0]
+        )
+        raise SubmissionError([problem])
 
 
 def _walk_of(record: Any) -> Sequence[Any] | None:
@@ -467,7 +483,8 @@ def _check_predictions(document: Any) -> None:
     """Raise one SubmissionError for the annotations of a dataset, which people send by mistake."""
     records = list(document.values()) if isinstance(document, Mapping) else document
     if is_list(records) and records and sum(map(_is_annotation, records)) > MOST * len(records):
-        raise SubmissionError([problems.another_kind("an annotation file of the dataset")])
+        kind = "an annotation file of the dataset"
+        raise SubmissionError([problems.ANOTHER_KIND.of_file(kind=kind)])
 
 
 def _is_annotation(record: Any) -> bool:

@@ -15,8 +15,9 @@ from numbers import Integral, Real
 from typing import Any, TypeGuard
 
 from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._problems import Fault
+from reverie_eval.submissions._faults import Fault
 from reverie_eval.tasks import BUILT_IN, Task, find_task
 
 INSTR_ID_KEY = "instr_id"
@@ -294,15 +295,15 @@ def unwrap(value: Any) -> tuple[Any, Fault | None]:
     fault: Fault | None = None
     for _ in range(_MOST_LEVELS):
         if is_list(value) and len(value) == 1:
-            (value,), found = value, problems.LISTED_VALUES
+            (value,), found = value, faults.LISTED_VALUES
         elif problems.size_of_array(value) == 1:
-            value, found = value.tolist(), problems.ARRAYS_OF_ONE
+            value, found = value.tolist(), faults.ARRAYS_OF_ONE
         elif not isinstance(value, str):
             break
         elif (printed := read_printed(value)) is not None:
-            value, found = printed, problems.PRINTED_VALUES
+            value, found = printed, faults.PRINTED_VALUES
         elif (stripped := value.strip()) != value:
-            value, found = stripped, problems.PADDED_VALUES
+            value, found = stripped, faults.PADDED_VALUES
         else:
             break
         fault = fault or found
@@ -312,10 +313,10 @@ def unwrap(value: Any) -> tuple[Any, Fault | None]:
 def unwrap_number(value: Any) -> tuple[Any, Fault | None]:
     """Return the number that was meant, as :func:`unwrap` does; also from a number as text."""
     if isinstance(value, str) and NUMBER_AS_TEXT.fullmatch(value):
-        return float(value), problems.NUMBERS_AS_TEXT
+        return float(value), faults.NUMBERS_AS_TEXT
     meant, fault = unwrap(value)
     is_text = isinstance(meant, str) and NUMBER_AS_TEXT.fullmatch(meant)
-    return (float(meant), fault or problems.NUMBERS_AS_TEXT) if is_text else (meant, fault)
+    return (float(meant), fault or faults.NUMBERS_AS_TEXT) if is_text else (meant, fault)
 
 
 def unwrap_numbers(value: Any) -> tuple[Any, Fault | None]:

@@ -23,13 +23,13 @@ from msgspec import Meta
 from reverie_eval.arrays import LARGEST_OBJECT_ID, BoolArray, FloatArray, IntArray, offsets_of
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import is_number_as_text
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
     IdColumn,
     Numbering,
     Predictions,
-    ReadingLog,
     Records,
     Signs,
     look_like_degrees,

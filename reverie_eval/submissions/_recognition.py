@@ -20,13 +20,16 @@ from typing import Any, NamedTuple, TypeAlias
 
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._answers import predicts
+from reverie_eval.submissions._faults import Fault, ReadingLog
 from reverie_eval.submissions._fields import ID_KEYS, id_key_of, is_integer, unwrap
-from reverie_eval.submissions._predictions import ReadingLog, Signs
-from reverie_eval.submissions._problems import Fault, RecordLocation
+from reverie_eval.submissions._predictions import Signs
+from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._trajectories import has_point, is_item
 from reverie_eval.tasks import BUILT_IN, Task, find_task
+from reverie_eval.tasks._registry import DEFAULT_TASK
 
 Ids: TypeAlias = Sequence[str | None]
 Place: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
@@ -110,7 +113,7 @@ def recognise_task(ids: Ids, signs: Signs, task: Task, log: ReadingLog, place: P
     if other is not None:
         raise SubmissionError([other])
     for row in sorted(signs.numbered):
-        log.add_fault(problems.NUMBERED_IDS, *place(row), ids[row])
+        log.add_fault(faults.NUMBERED_IDS, *place(row), ids[row])
 
 
 def recognise(
@@ -146,10 +149,10 @@ def recognise(
     names = sorted(name for name in of_split if name is not None)
     others = sorted(row for rows in of_split.values() for row in rows)
     for fault, rows in (
-        (problems.records_of_other_splits(names, len(there), expected, split), others),
-        (problems.NUMBERED_IDS, numbered),
+        (faults.records_of_other_splits(names, len(there), expected, split), others),
+        (faults.NUMBERED_IDS, numbered),
         # A few are told one by one.
-        (problems.unknown_episodes(split, task), strange if len(strange) > SHOWN_PROBLEMS else ()),
+        (faults.unknown_episodes(split, task), strange if len(strange) > SHOWN_PROBLEMS else ()),
     ):
         for row in rows:
             log.add_fault(fault, *place(row), ids[row])
@@ -205,7 +208,11 @@ def _problem_of_all(
         )
     if unknown and ground_truth.is_demo and not _knows_paths(_raw(ids), ground_truth):
         first = str(ids[unknown[0]])
-        return problems.ids_outside_demo(len(unknown), first, ground_truth.split, ground_truth.task)
+        task = ground_truth.task
+        option = "" if task.name == DEFAULT_TASK else f"--task {task.name} "
+        return problems.IDS_OUTSIDE_DEMO.of_file(
+            count=len(unknown), first=first, split=ground_truth.split, task=task, option=option
+        )
     return None
 
 
@@ -244,10 +251,10 @@ def _other_task(raw: Sequence[str], signs: Signs, task: Task) -> Problem | None:
     for other in others if raw else ():
         if signs.has_items and other.has_items and not (task.has_items or looks_ours):
             sign = "their trajectories are objects with a path"
-            return problems.results_of_another_task(task, other, sign)
+            return problems.RESULTS_OF_ANOTHER_TASK.of_file(task=task, other=other, sign=sign)
         if are_numbers and signs.id_key in set(other.id_keys) - set(task.id_keys):
             sign = f"their ids are in {signs.id_key!r}"
-            return problems.results_of_another_task(task, other, sign)
+            return problems.RESULTS_OF_ANOTHER_TASK.of_file(task=task, other=other, sign=sign)
     found = [
         other
         for other in _tasks_with_such_ids(raw, task)
@@ -296,7 +303,7 @@ def _complete(ids: Ids, known: _KnownIds, log: ReadingLog, place: Place) -> list
                 "1 of these ids fits" if len(several) == 1 else f"{len(several):,} of these ids fit"
             )
             reason = f"{fit} several episodes, so the file does not tell which is meant"
-        fault = problems.incomplete_ids(lacking, _form_of_ids(known.ground_truth), reason)
+        fault = faults.incomplete_ids(lacking, _form_of_ids(known.ground_truth), reason)
         for row, fits in fitting.items():
             log.add_fault(fault, *place(row), ids[row])
             completed[row] = None if several else fits[0]
@@ -422,23 +429,23 @@ def _bare_viewpoint(viewpoint_id: str, _: Known) -> str:
 
 
 _INSTR_ID_CAUSES: Sequence[tuple[Fault, _Correction]] = (
-    (problems.PADDED_IDS, _stripped),
-    (problems.PRINTED_IDS, _unprinted),
-    (problems.PREFIXED_IDS, _without_prefix),
-    (problems.IDS_FROM_ONE, _counted_from_zero),
+    (faults.PADDED_IDS, _stripped),
+    (faults.PRINTED_IDS, _unprinted),
+    (faults.PREFIXED_IDS, _without_prefix),
+    (faults.IDS_FROM_ONE, _counted_from_zero),
     *(
-        (problems.REORDERED_IDS, partial(_reordered, order))
+        (faults.REORDERED_IDS, partial(_reordered, order))
         for count in range(2, _MOST_PARTS + 1)
         for order in list(permutations(range(count)))[1:]
     ),
-    (problems.SUFFIXED_IDS, _without_suffix),
-    (problems.REWRITTEN_IDS, _rewritten),
+    (faults.SUFFIXED_IDS, _without_suffix),
+    (faults.REWRITTEN_IDS, _rewritten),
 )
 _VIEWPOINT_CAUSES: Sequence[tuple[Fault, _Correction]] = (
-    (problems.PADDED_VIEWPOINTS, _stripped),
-    (problems.PRINTED_VIEWPOINTS, _unprinted),
-    (problems.VIEWPOINTS_WITH_SCANS, _without_scan),
-    (problems.SURROUNDED_VIEWPOINTS, _bare_viewpoint),
+    (faults.PADDED_VIEWPOINTS, _stripped),
+    (faults.PRINTED_VIEWPOINTS, _unprinted),
+    (faults.VIEWPOINTS_WITH_SCANS, _without_scan),
+    (faults.SURROUNDED_VIEWPOINTS, _bare_viewpoint),
 )
 
 
@@ -469,7 +476,7 @@ def _correct(
     unknown = count_unknown(ids, known)
     for fault, correct in causes if unknown else ():
         # In a file whose instructions are counted from 1, most ids are known: of other episodes.
-        is_right = known if fault is not problems.IDS_FROM_ONE else ()
+        is_right = known if fault is not faults.IDS_FROM_ONE else ()
         fixed = [each if each is None or each in is_right else correct(each, known) for each in ids]
         if 2 * count_unknown(fixed, known) <= unknown and len(set(fixed)) >= count:
             return Corrected(fixed, fault)

@@ -16,6 +16,7 @@ from reverie_eval.arrays import offsets_of
 from reverie_eval.errors import SubmissionError
 from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._answers import (
     NO_POINT,
@@ -29,6 +30,7 @@ from reverie_eval.submissions._answers import (
     read_point,
 )
 from reverie_eval.submissions._document import are_records, locate_records, parse_document
+from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import (
     INSTR_ID_KEY,
     MAX_COMPARED,
@@ -48,7 +50,6 @@ from reverie_eval.submissions._predictions import (
     ID_PREFIX,
     IdColumn,
     Predictions,
-    ReadingLog,
     Signs,
     Submission,
     look_like_degrees,
@@ -152,7 +153,7 @@ def read_records(
     navigation_only = bool(records) and not (task.has_targets and has_any)
     log.differences["navigation only"] += len(records) * (navigation_only and task.has_targets)
     if navigation_only and answers_only:
-        log.problems.append(problems.no_answers())
+        log.problems.append(problems.NO_ANSWERS.of_file())
     read = []
     for location, record in records:
         instr_id = _read_instr_id(location, record, log, task)
@@ -184,13 +185,13 @@ def _with_known_fields(
     few = log.unknown_fields + len(record) <= MAX_COMPARED
     misspelt = find_misspelt(record, fields, optional) if few else {}
     for field, meant in misspelt.items():
-        log.add_fault(problems.misspelt(field, meant), location, "", field)
+        log.add_fault(faults.misspelt(field, meant), location, "", field)
     ignored = [field for field in record if field not in fields.all and field not in misspelt]
     log.ignored_fields.update(ignored)
     for field in ignored if few and fields.has_answers else ():
         others = answers_spelt_like(field)
         if others and disagree((answers := _given(record, [*others, field])).values()):
-            log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
+            log.add_fault(faults.DISAGREEING_ANSWERS, location, "", answers)
     if not misspelt:
         return record
     return {**record, **{meant: record[field] for field, meant in misspelt.items()}}
@@ -214,10 +215,10 @@ def _with_id(
     if fault is not None and isinstance(meant, str | int | float):
         log.add_fault(fault, location, f".{INSTR_ID_KEY}", given)
     if isinstance(meant, float) and meant.is_integer() and task.has_numbers:
-        log.add_fault(problems.DECIMAL_NUMBERS, location, f".{INSTR_ID_KEY}", given)
+        log.add_fault(faults.DECIMAL_NUMBERS, location, f".{INSTR_ID_KEY}", given)
         meant = int(meant)
     if is_list(meant) and meant and all(map(is_integer, meant)):
-        log.add_fault(problems.REWRITTEN_IDS, location, f".{INSTR_ID_KEY}", given)
+        log.add_fault(faults.REWRITTEN_IDS, location, f".{INSTR_ID_KEY}", given)
         meant = "_".join(map(str, meant))
     text = str(meant) if is_integer(meant) else meant
     if key == INSTR_ID_KEY and text is given:
@@ -230,15 +231,14 @@ def _read_instr_id(
 ) -> str | None:
     value = record.get("instr_id", location.key)
     if value is None and "instr_id" not in record:
-        log.problems.append(problems.missing_field(location, location.id_key))
+        log.problems.append(problems.MISSING_FIELD.of_record(location, field=location.id_key))
         return None
     if not isinstance(value, str):
-        log.problems.append(
-            problems.wrong_type(location, value, problems.id_form(task), "instr_id")
-        )
+        log.add_wrong_type(location, INSTR_ID_KEY, value, problems.id_form(task))
         return None
     if location.key is not None and location.place is None and _bare(location.key) != _bare(value):
-        log.problems.append(problems.key_mismatch(location, value))
+        found = problems.KEY_MISMATCH.of_record(location, instr_id=value, key=location.key)
+        log.problems.append(found)
     log.differences["prefixed"] += value.startswith(ID_PREFIX)
     return value.removeprefix(ID_PREFIX)
 

@@ -16,6 +16,8 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._problems import show
+from reverie_eval.text import count_text, first_few
 
 Source: TypeAlias = str | PathLike[str] | bytes | BinaryIO | TextIO
 """A path, ``-`` for standard input, the content itself, or an open file."""
@@ -140,7 +142,8 @@ def unpack(content: bytes, limit: int, variable: str | None = None) -> bytes:
     elif content.startswith(_ZIP_MAGICS):
         content = _unpack_zip(content, limit)
     if len(content) > limit:
-        raise SubmissionError([problems.too_large(limit, variable)])
+        too_large = problems.TOO_LARGE_FOR_NOW if variable else problems.TOO_LARGE
+        raise SubmissionError([too_large.of_file(mebibytes=limit >> 20, variable=variable)])
     return content
 
 
@@ -150,19 +153,19 @@ def _unpack_gzip(content: bytes, limit: int) -> bytes:
     # Counted in the raw bytes, as the files of an archive are.
     if content.count(_GZIP_MEMBER) > _MAX_GZIP_MEMBERS:
         reason = f"it has more than {_MAX_GZIP_MEMBERS:,} gzip members"
-        raise SubmissionError([problems.damaged_gzip(reason)])
+        raise SubmissionError([problems.DAMAGED_GZIP.of_file(reason=reason)])
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
             return _read_pieces(file.read, limit)
     except (EOFError, OSError, zlib.error) as error:
-        raise SubmissionError([problems.damaged_gzip(str(error))]) from error
+        raise SubmissionError([problems.DAMAGED_GZIP.of_file(reason=error)]) from error
 
 
 def _unpack_zip(content: bytes, limit: int) -> bytes:
     # Counted in the raw bytes, because `ZipFile` reads the whole directory when it is opened.
     if content.count(_ZIP_ENTRY) > _MAX_ZIP_ENTRIES:
         reason = f"it holds more than {_MAX_ZIP_ENTRIES:,} files"
-        raise SubmissionError([problems.damaged_zip(reason)])
+        raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason=reason)])
     try:
         with (
             ZipFile(io.BytesIO(content)) as archive,
@@ -170,7 +173,7 @@ def _unpack_zip(content: bytes, limit: int) -> bytes:
         ):
             return _read_pieces(file.read, limit)
     except _DAMAGED_ZIP as error:
-        raise SubmissionError([problems.damaged_zip(str(error))]) from error
+        raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason=error)]) from error
 
 
 def _read_pieces(read: Callable[[int], bytes], limit: int) -> bytes:
@@ -184,13 +187,15 @@ def _read_pieces(read: Callable[[int], bytes], limit: int) -> bytes:
 def _only_file(archive: ZipFile) -> ZipInfo:
     files = [member for member in archive.infolist() if not _is_system_file(member)]
     if len(files) != 1:
-        names = [member.filename for member in files]
-        raise SubmissionError([problems.not_one_file(names)])
+        names = first_few(show(member.filename) for member in files)
+        found = f"{count_text(len(files), 'file')}: {names}" if files else "no file"
+        raise SubmissionError([problems.NOT_ONE_FILE.of_file(found=found)])
     (file,) = files
     if file.flag_bits & _ENCRYPTED:
-        raise SubmissionError([problems.damaged_zip("it is encrypted")])
+        raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason="it is encrypted")])
     if file.compress_type not in _METHODS:
-        raise SubmissionError([problems.damaged_zip("it is compressed in an unusual way")])
+        reason = "it is compressed in an unusual way"
+        raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason=reason)])
     return file
 
 

@@ -20,7 +20,9 @@ from itertools import chain
 from typing import Any, NamedTuple, Self
 
 from reverie_eval.errors import SubmissionError
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._faults import Fault, ReadingLog
 from reverie_eval.submissions._fields import (
     INSTR_ID_KEY,
     POINT_KEYS,
@@ -34,8 +36,7 @@ from reverie_eval.submissions._fields import (
     read_printed,
     unwrap,
 )
-from reverie_eval.submissions._predictions import ReadingLog
-from reverie_eval.submissions._problems import Fault, PosePath, RecordLocation
+from reverie_eval.submissions._problems import PosePath, RecordLocation
 
 MAX_POSES = 20_000
 """Per trajectory. Published agents take about 15 steps, each with turns between 36 views."""
@@ -95,19 +96,18 @@ def read_trajectory(location: RecordLocation, record: Mapping[str, Any], log: Re
     """Read a record's trajectory; an unreadable pose is reported and has no viewpoint."""
     if "trajectory" not in record:
         missing = "trajectory" if location.place is None else "path"
-        log.problems.append(problems.missing_field(location, missing))
+        log.problems.append(problems.MISSING_FIELD.of_record(location, field=missing))
         return Poses.of([])
     trajectory = _meant(location, record["trajectory"], log)
     if not is_list(trajectory):
-        log.problems.append(
-            problems.wrong_type(location, trajectory, problems.TRAJECTORY_FORM, "trajectory")
-        )
+        log.add_wrong_type(location, TRAJECTORY_KEY, trajectory, problems.TRAJECTORY_FORM)
         return Poses.of([])
     if len(trajectory) > MAX_POSES:
-        log.problems.append(problems.too_many_poses(location, len(trajectory), MAX_POSES))
+        found = problems.TOO_MANY_POSES.of_record(location, found=len(trajectory), limit=MAX_POSES)
+        log.problems.append(found)
         return Poses.of([])
     if all(_is_empty(element) for element in trajectory):
-        log.problems.append(problems.empty_trajectory(location))
+        log.problems.append(problems.EMPTY_TRAJECTORY.of_record(location))
         return Poses.of([])
     # Nearly all trajectories have one of two forms throughout, which are read by loops in C. The
     # last of these reads any form, and takes five times as long.
@@ -138,9 +138,9 @@ def _meant_pose(location: RecordLocation, index: int, element: Any, log: Reading
             fault or next((it for _, it in parts if it), None),
         )
     if _has_angles_as_text(meant):
-        meant, fault = [meant[0], *map(float, meant[1:])], fault or problems.ANGLES_AS_TEXT
+        meant, fault = [meant[0], *map(float, meant[1:])], fault or faults.ANGLES_AS_TEXT
     if is_list(meant) and list(meant[1:]) == [None, None] and isinstance(meant[0], str):
-        meant, fault = meant[:1], fault or problems.NULL_ANGLES
+        meant, fault = meant[:1], fault or faults.NULL_ANGLES
     if fault is None:
         return element
     log.add_fault(fault, location, f".trajectory[{index}]", element)
@@ -160,9 +160,9 @@ def _without_lists_of_one(value: Any, is_meant: Callable[[Any], bool]) -> tuple[
     fault = None
     printed = read_printed(value) if isinstance(value, str) else None
     if is_list(printed) and _begins_with_viewpoint(printed):
-        value, fault = printed, problems.PRINTED_VALUES
+        value, fault = printed, faults.PRINTED_VALUES
     while is_list(value) and len(value) == 1 and is_meant(value[0]):
-        (value,), fault = value, fault or problems.LISTED_VALUES
+        (value,), fault = value, fault or faults.LISTED_VALUES
     return value, fault
 
 
@@ -269,17 +269,17 @@ def _read_element(
     if isinstance(element, Mapping):
         pose = _pose_from_object(element)
         if pose is not None:
-            log.add_fault(problems.POSES_AS_OBJECTS, location, f".trajectory[{index}]", element)
+            log.add_fault(faults.POSES_AS_OBJECTS, location, f".trajectory[{index}]", element)
             element = pose
     viewpoint_id, *angles = element if is_list(element) else (element,)
     if is_integer(viewpoint_id):
-        log.add_fault(problems.NUMBERED_VIEWPOINTS, location, f".trajectory[{index}]", element)
+        log.add_fault(faults.NUMBERED_VIEWPOINTS, location, f".trajectory[{index}]", element)
         return [Pose((index,), None, is_reported=True)]
     if not isinstance(viewpoint_id, str) or len(angles) == 1 or not all(map(is_number, angles)):
-        log.problems.append(problems.wrong_pose(location, (index,), element))
+        log.problems.append(problems.WRONG_POSE.of_pose(location, (index,), found=element))
         return [Pose((index,), None, is_reported=True)]
     if not all(map(is_finite, angles)):
-        log.problems.append(problems.not_finite(location, (index,), element))
+        log.problems.append(problems.NOT_FINITE.of_pose(location, (index,), found=list(element)))
         return [Pose((index, 0), viewpoint_id, is_reported=True)]
     log.differences["no angles"] += not angles
     log.differences["extra numbers"] += len(angles) > 2
@@ -336,7 +336,7 @@ def _unnest(trajectories: Any) -> tuple[Any, Fault | None]:
         (inner,) = trajectories
         if not (inner and isinstance(inner[0], Mapping | list | tuple)):
             break
-        trajectories, fault = inner, problems.LISTED_VALUES
+        trajectories, fault = inner, faults.LISTED_VALUES
     is_meant = is_list(trajectories) and all(isinstance(each, Mapping) for each in trajectories)
     return (trajectories, fault) if is_meant else (given, None)
 
@@ -355,7 +355,7 @@ def take_path(
     given, _ = _unnest(record[TRAJECTORY_KEY])
     trajectories = given if is_list(given) else [given]
     first, key = next((each, key) for each in trajectories if (key := _path_key(each)) is not None)
-    fault = problems.ITEMS_FOR_PATHS if len(trajectories) == 1 else problems.SEVERAL_PATHS
+    fault = faults.ITEMS_FOR_PATHS if len(trajectories) == 1 else faults.SEVERAL_PATHS
     log.add_fault(fault, location, f".{TRAJECTORY_KEY}", given)
     rest = {name: value for name, value in first.items() if name != key}
     return {**rest, **record, TRAJECTORY_KEY: first[key]}
@@ -369,7 +369,7 @@ def split_items(
     for location, record in records:
         given = record.get(INSTR_ID_KEY, location.key)
         if isinstance(given, str) and _DUETS_ID.fullmatch(given):  # does not identify the item
-            raise SubmissionError([problems.duets_episodes(location, given)])
+            raise SubmissionError([problems.DUETS_EPISODES.of_record(location, instr_id=given)])
         is_part = isinstance(given, str) and _SEPARATOR in given
         if is_part and not is_item(record):
             yield location, record
@@ -397,7 +397,7 @@ def _as_item(
 ) -> Mapping[str, Any]:
     """Return a record of one trajectory as an item's, which has them with their points."""
     moved = (TRAJECTORY_KEY, *POINT_KEYS)
-    fault = problems.FLAT_ITEMS if all(key in record for key in moved) else problems.PATHS_FOR_ITEMS
+    fault = faults.FLAT_ITEMS if all(key in record for key in moved) else faults.PATHS_FOR_ITEMS
     log.add_fault(fault, location, f".{TRAJECTORY_KEY}", record.get(TRAJECTORY_KEY))
     part = {PATH_KEY if key == TRAJECTORY_KEY else key: record.get(key) for key in moved}
     rest = {key: value for key, value in record.items() if key not in moved}
@@ -420,7 +420,7 @@ def _flat(location: RecordLocation, trajectory: object, log: ReadingLog) -> Mapp
         return {TRAJECTORY_KEY: trajectory}
     path = _path_key(trajectory)
     if path not in (PATH_KEY, None):
-        log.add_fault(problems.misspelt(path, PATH_KEY), location, "", path)
+        log.add_fault(faults.misspelt(path, PATH_KEY), location, "", path)
     return {TRAJECTORY_KEY if key == path else key: it for key, it in trajectory.items()}
 
 

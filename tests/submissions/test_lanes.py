@@ -16,8 +16,8 @@ from reverie_eval.submissions import (
     read_predictions,
 )
 from reverie_eval.submissions._document import parse_document
+from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._official import decode_official
-from reverie_eval.submissions._predictions import ReadingLog
 from reverie_eval.submissions._records import read_carefully
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES

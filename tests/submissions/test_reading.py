@@ -23,7 +23,7 @@ from reverie_eval.submissions import (
     read_predictions,
 )
 from reverie_eval.submissions._document import check_value_count, rows_of_table
-from reverie_eval.submissions._predictions import ReadingLog
+from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._records import read_carefully
 from reverie_eval.tasks import find_task
 from tests.support.json_records import (

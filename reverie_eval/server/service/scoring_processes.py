@@ -218,7 +218,7 @@ class _Process:
         with suppress(BusyError):  # then the next call that needs it tries again
             self.start()
         if status == -signal.SIGXCPU:
-            return SubmissionError([problems.too_much_time(SECONDS)])
+            return SubmissionError([problems.TOO_MUCH_TIME.of_file(seconds=SECONDS)])
         return BusyError(SECONDS_TO_RETRY, STOPPED)
 
 
@@ -291,7 +291,9 @@ def _within_limits(context: Context, call: _Call) -> Any:
         with _limited_memory(call.mebibytes << 20):
             return call.work(context, *call.given, **call.named)
     except MemoryError:
-        raise SubmissionError([problems.too_much_memory(call.mebibytes)]) from None
+        raise SubmissionError(
+            [problems.TOO_MUCH_MEMORY.of_file(mebibytes=call.mebibytes)]
+        ) from None
     finally:
         _limit_time(None)
 

@@ -20,41 +20,41 @@ from reverie_eval.scoring import Scores
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from reverie_eval.reporting._comparison import ComparisonReport
-    from reverie_eval.reporting._figures import Plots
+    from reverie_eval.reporting.comparisons import ComparisonReport
+    from reverie_eval.reporting.figures import Plots
 
 
 def _plots(scores: Scores) -> "Plots":
     """Figures of these scores, ``scores.plot.funnel()``; they need matplotlib."""
-    from reverie_eval.reporting._figures import Plots
+    from reverie_eval.reporting.figures import Plots
 
     return Plots(scores)
 
 
 def _scores_html(scores: Scores) -> str:
     """Show the score table in a notebook."""
-    from reverie_eval.reporting._scores import score_table
+    from reverie_eval.reporting.scores import score_table
 
     return score_table([scores]).to_html()
 
 
 def _runs_html(runs: Runs) -> str:
     """Show the runs and their mean in a notebook."""
-    from reverie_eval.reporting._scores import runs_table
+    from reverie_eval.reporting.scores import runs_table
 
     return runs_table(runs).to_html()
 
 
 def _comparison_report(comparison: Comparison) -> "ComparisonReport":
     """Return the comparison report, which ``--format json`` prints."""
-    from reverie_eval.reporting._comparison import comparison_report
+    from reverie_eval.reporting.comparisons import comparison_report
 
     return comparison_report(comparison)
 
 
 def _comparison_html(comparison: Comparison) -> str:
     """Show the comparison in a notebook."""
-    from reverie_eval.reporting._comparison import comparison_html
+    from reverie_eval.reporting.comparisons import comparison_html
 
     return comparison_html(comparison)
 
@@ -74,14 +74,14 @@ def _plot_comparison(comparison: Comparison, ax: "Axes | None" = None) -> "Axes"
     ReverieEvalError
         If matplotlib is not installed.
     """
-    from reverie_eval.reporting._figures import plot_comparison
+    from reverie_eval.reporting.figures import plot_comparison
 
     return plot_comparison(comparison, ax)
 
 
 def _gallery_html(shown: Gallery) -> str:
     """Show near misses in a notebook, each with its map and answer."""
-    from reverie_eval.reporting._map_svg import gallery_html
+    from reverie_eval.reporting.map_svg import gallery_html
 
     return gallery_html(shown)
 
@@ -99,14 +99,14 @@ def _plot_episode(shown: Episode, ax: "Axes | None" = None) -> "Axes":
     ReverieEvalError
         If matplotlib is not installed.
     """
-    from reverie_eval.reporting._figures import plot_episode
+    from reverie_eval.reporting.figures import plot_episode
 
     return plot_episode(shown, ax)
 
 
 def _episode_html(shown: Episode) -> str:
     """Show the map of the episode in a notebook, with its instruction and outcome."""
-    from reverie_eval.reporting._map_svg import episode_html
+    from reverie_eval.reporting.map_svg import episode_html
 
     return episode_html(shown)
 

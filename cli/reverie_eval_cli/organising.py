@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from reverie_eval import ReverieEvalError
-from reverie_eval.reporting._table import Table
+from reverie_eval.reporting.tables import Table
 from reverie_eval_cli.output import note, show_table
 
 if TYPE_CHECKING:

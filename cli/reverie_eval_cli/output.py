@@ -16,7 +16,7 @@ from reverie_eval.submissions import source_name
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from reverie_eval.reporting._table import Table
+    from reverie_eval.reporting.tables import Table
 
 T = TypeVar("T")
 STANDARD_OUTPUT = "-"
@@ -114,7 +114,7 @@ def show(
 
 def show_table(*layouts: "Table", output: str | None = None) -> None:
     """Write a table; a terminal gets the first of its layouts that fits."""
-    from reverie_eval.reporting._table import print_table
+    from reverie_eval.reporting.tables import print_table
 
     show(layouts[0].to_text, output, lambda console: print_table(console, *layouts))
 

@@ -6,8 +6,8 @@ It is an answer by box in the demo world, as docs/how-to/report.md explains.
 from pathlib import Path
 
 import reverie_eval as rv
-from reverie_eval.reporting._answer_svg import answer_picture
-from reverie_eval.reporting._answer_views import AnswerView
+from reverie_eval.reporting.answer_svg import answer_picture
+from reverie_eval.reporting.answers import AnswerView
 
 SAMPLE = Path(__file__).parents[2] / "fixtures" / "submissions" / "drawn.json"
 EPISODE = "1196_0_0"

@@ -12,9 +12,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from reverie_eval import evaluate
-from reverie_eval.reporting._figure_style import INK, STYLE
-from reverie_eval.reporting._map_figure import draw_map
-from reverie_eval.reporting._maps import EpisodeMap
+from reverie_eval.reporting.figures import INK, STYLE, draw_map
+from reverie_eval.reporting.maps import EpisodeMap
 
 EPISODE = "1196_0_0"
 SUBMISSION = Path(__file__).parents[2] / "fixtures" / "submissions" / "good.json"

@@ -38,7 +38,7 @@ from sqlalchemy.exc import ArgumentError
 
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
-from reverie_eval.reporting._skyboxes import PANORAMAS_VARIABLE
+from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.schemas.service import Phase, Phases, ReleaseScores, first_overlap
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol

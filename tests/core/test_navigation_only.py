@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from reverie_eval import GroundTruth, SubmissionError, compare, evaluate
-from reverie_eval.reporting._comparison import comparison_table
-from reverie_eval.reporting._report import report_html
-from reverie_eval.reporting._scores import FORMATS
+from reverie_eval.reporting.comparisons import comparison_table
+from reverie_eval.reporting.report import report_html
+from reverie_eval.reporting.scores import FORMATS
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 from tests.support.worlds import SPLIT

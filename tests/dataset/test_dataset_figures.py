@@ -9,7 +9,7 @@ import pytest
 from matplotlib.image import imread
 
 from reverie_eval.dataset import DatasetFiles, describe_dataset
-from reverie_eval.reporting._dataset_figures import write_figures
+from reverie_eval.reporting.datasets import write_figures
 from tests.support.described import SPLITS, TABLE, write_dataset
 from tests.support.flat import Run
 
@@ -74,8 +74,7 @@ sys.exit(main(sys.argv[1:]))
 
 
 REMEDY = (
-    "reverie-eval: --figures needs matplotlib; install it with: "
-    "pip install 'reverie-eval[figures]'\n"
+    "reverie-eval: figures need matplotlib; install it with: pip install 'reverie-eval[figures]'\n"
 )
 
 

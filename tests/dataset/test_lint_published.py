@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from reverie_eval.dataset import DatasetFiles, Finding, LintReport, Spread, lint_dataset
-from reverie_eval.reporting._lint import lint_text
+from reverie_eval.reporting.datasets import lint_text
 from tests.conftest import REPOSITORY
 
 pytestmark = pytest.mark.dataset

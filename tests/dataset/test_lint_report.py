@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 from rich.console import Console
 
 from reverie_eval.dataset import DatasetFiles, LintReport, lint_dataset
-from reverie_eval.reporting._lint import print_lint
+from reverie_eval.reporting.datasets import print_lint
 from tests.support.flat import TUB, Run
 from tests.support.spoiled import DATA, listed, write_published_flat
 

@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from reverie_eval import CATALOGUE
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.service import Phase, Verdict
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import submission_of

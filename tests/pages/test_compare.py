@@ -11,7 +11,7 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval import CATALOGUE
-from reverie_eval.reporting._comparison import signed
+from reverie_eval.reporting.comparisons import signed
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.boards import Board

@@ -11,7 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from reverie_eval import PROTOCOLS
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.service import Method, Phase
 from reverie_eval.server.errors import ERRORS
 from reverie_eval.server.pages.boards import BoardQuery

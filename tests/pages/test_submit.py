@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.callers import COOKIE

@@ -11,8 +11,8 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
-from reverie_eval.reporting._answer_svg import answer_picture, answer_svg
-from reverie_eval.reporting._answer_views import AnswerView, answer_views, box_span, span_of
+from reverie_eval.reporting.answer_svg import answer_picture, answer_svg
+from reverie_eval.reporting.answers import AnswerView, answer_views, box_span, span_of
 from tests.conftest import REPOSITORY, SAMPLES
 from tests.support.home import OTHER_WALKS, home_scores
 

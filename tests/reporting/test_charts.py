@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from reverie_eval.arrays import FloatArray
-from reverie_eval.reporting._charts import bin_edges, count_edges
+from reverie_eval.reporting.charts import bin_edges, count_edges
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.reporting._map_svg import MOST_POSES, interactive_map_svg, map_key, map_svg
-from reverie_eval.reporting._maps import EpisodeMap
+from reverie_eval.reporting.map_layout import MOST_POSES
+from reverie_eval.reporting.map_svg import interactive_map_svg, map_key, map_svg
+from reverie_eval.reporting.maps import EpisodeMap
 from tests.support.home import LAMP, OTHER_WALKS, WALKS, home_scores
 
 MARKUP = '<script src="x">&amp;"\''

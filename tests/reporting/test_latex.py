@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.reporting._table import latex_comments, latex_text
+from reverie_eval.reporting.tables import latex_comments, latex_text
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 

@@ -8,7 +8,7 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from reverie_eval.reporting._leaderboard import (
+from reverie_eval.reporting.service import (
     METHOD_FLAGS,
     leaderboard_table,
     leaderboard_text,

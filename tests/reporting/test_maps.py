@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.reporting._map_frame import HEIGHT, WIDTH, Frame, arrows, sector
-from reverie_eval.reporting._map_svg import MAP_STYLE, map_key, map_picture, map_svg
-from reverie_eval.reporting._maps import EpisodeMap, Step, find_storeys
+from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, arrows, sector
+from reverie_eval.reporting.map_svg import MAP_STYLE, map_key, map_picture, map_svg
+from reverie_eval.reporting.maps import EpisodeMap, Step, find_storeys
 from tests.conftest import SAMPLES
 from tests.support.home import LAMP, OTHER_WALKS, WALKS, home_scores
 
@@ -127,7 +127,7 @@ def test_legs_leave_out_turns_on_the_spot(scores: rv.Scores) -> None:
 def test_all_that_matters_is_in_the_frame(instr_id: str, other: rv.Scores) -> None:
     episode_map = map_of(other, instr_id)
     frame = Frame.around(episode_map)
-    place = frame.place(episode_map.position[episode_map.visited])
+    place = frame.points(episode_map.position[episode_map.visited])
     margin = 1.4 * frame.scale
     assert (place > margin).all()
     assert (place < np.array([WIDTH, HEIGHT]) - margin).all()
@@ -135,7 +135,7 @@ def test_all_that_matters_is_in_the_frame(instr_id: str, other: rv.Scores) -> No
 
 def test_north_is_up_and_a_metre_is_as_long_both_ways(scores: rv.Scores) -> None:
     frame = Frame.around(map_of(scores, "1_3_0"))
-    origin, east, north = frame.place(np.array([[0, 0], [1, 0], [0, 1]], dtype=float))
+    origin, east, north = frame.points(np.array([[0, 0], [1, 0], [0, 1]], dtype=float))
     assert (east - origin).tolist() == pytest.approx([frame.scale, 0])
     assert (north - origin).tolist() == pytest.approx([0, -frame.scale])
 

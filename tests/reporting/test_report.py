@@ -12,9 +12,9 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval.analysis import GROUPINGS, episodes_won, near_misses, with_different_routes
-from reverie_eval.reporting import _report_sections as sections
-from reverie_eval.reporting._report import report_html
-from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST, Bar, Breakdown, GroupRow
+from reverie_eval.reporting import report_sections as sections
+from reverie_eval.reporting.report import report_html
+from reverie_eval.reporting.report_sections import BEST_OUTCOME_FIRST, Bar, Breakdown, GroupRow
 from reverie_eval.scoring import OUTCOMES
 from tests.conftest import SAMPLES
 from tests.support.flat import Run, words

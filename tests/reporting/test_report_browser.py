@@ -7,7 +7,7 @@ from typing import Literal
 import pytest
 from playwright.sync_api import Browser, Page
 
-from reverie_eval.reporting._report import report_html
+from reverie_eval.reporting.report import report_html
 from tests.support.home import OTHER_WALKS, home_scores
 
 A4 = 688

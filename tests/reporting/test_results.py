@@ -13,7 +13,7 @@ import pytest
 
 from reverie_eval import CATALOGUE, ProtocolError, Scores, evaluate
 from reverie_eval.reporting import results_table
-from reverie_eval.reporting._table import Bold
+from reverie_eval.reporting.tables import Bold
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 

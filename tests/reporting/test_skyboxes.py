@@ -15,9 +15,9 @@ from fixtures.demo_world.panoramas import FACES, SCANS, colour_of, draw_skybox
 from fixtures.demo_world.world import demo_world
 from reverie_eval.analysis import Episode
 from reverie_eval.geometry import pixels_of
-from reverie_eval.reporting._answer_svg import answer_svg
-from reverie_eval.reporting._answer_views import AnswerView
-from reverie_eval.reporting._skyboxes import (
+from reverie_eval.reporting.answer_svg import answer_svg
+from reverie_eval.reporting.answers import AnswerView
+from reverie_eval.reporting.skyboxes import (
     DEMO_PANORAMAS,
     PANORAMAS_VARIABLE,
     Skybox,

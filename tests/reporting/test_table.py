@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from reverie_eval.reporting._table import MARK, MISSING, Bold, Table, print_table
+from reverie_eval.reporting.tables import MARK, MISSING, Bold, Table, print_table
 
 TABLE = Table(
     headings=["Method", "SR", "OSR", "SR", "OSR"],

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import MalformedError, NotFoundError, RequestError

@@ -75,7 +75,7 @@ def compare(
     several runs of a method: ours=seed1.json,seed2.json or ours='seed*.json'.
     """
     from reverie_eval import Comparison
-    from reverie_eval.reporting._comparison import (
+    from reverie_eval.reporting.comparisons import (
         comparison_latex,
         comparison_markdown,
         comparison_text,

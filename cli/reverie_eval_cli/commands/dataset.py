@@ -18,8 +18,6 @@ from reverie_eval_cli import options
 from reverie_eval_cli.output import check_outputs, note, show, with_progress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from reverie_eval.dataset import DatasetDescription, LintReport
 
 
@@ -103,7 +101,7 @@ def lint(*, task: str, layout: str, output: str | None, **paths: Path | None) ->
     Exit status: 0 no errors, 1 errors found, 2 usage or system error.
     """
     from reverie_eval.dataset import DatasetFiles, lint_dataset
-    from reverie_eval.reporting._lint import lint_text, print_lint
+    from reverie_eval.reporting.datasets import lint_text, print_lint
 
     check_outputs([output], paths.values())
     try:
@@ -137,13 +135,19 @@ def describe(
     DATASET is a clone of the REVERIE dataset repository, or of another task's.
     """
     from reverie_eval.dataset import DatasetFiles, describe_dataset
-    from reverie_eval.reporting._description import description_text, print_description
+    from reverie_eval.reporting.datasets import (
+        description_text,
+        print_description,
+        write_figures,
+    )
+    from reverie_eval.reporting.figures import check_matplotlib
 
     check_outputs([output], paths.values())
-    write_figures = _figure_writer() if figures else None
+    if figures:  # before any time is spent on a dataset that could not be drawn
+        check_matplotlib()
     files = DatasetFiles.find(split=None, task=task, **paths)
     description = describe_dataset(files, progress=with_progress)
-    if write_figures and figures:
+    if figures:
         write_figures(description, figures)
     if layout == "json":
         show(lambda: _as_json(description), output)
@@ -160,17 +164,6 @@ def _as_json(report: "DatasetDescription | LintReport") -> str:
 
     adapter: TypeAdapter[Any] = TypeAdapter(type(report))
     return adapter.dump_json(report, indent=2).decode()
-
-
-def _figure_writer() -> "Callable[[DatasetDescription, Path], Sequence[Path]]":
-    """Return what draws, before any time is spent on a dataset that could not be drawn."""
-    try:
-        from reverie_eval.reporting._dataset_figures import write_figures
-    except ModuleNotFoundError as error:
-        raise ReverieEvalError(
-            "--figures needs matplotlib; install it with: pip install 'reverie-eval[figures]'"
-        ) from error
-    return write_figures
 
 
 @click.command()

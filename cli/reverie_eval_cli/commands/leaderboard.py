@@ -36,7 +36,7 @@ def leaderboard(
     output: str | None,
 ) -> None:
     """Show a server's leaderboard."""
-    from reverie_eval.reporting._leaderboard import leaderboard_text, print_leaderboard
+    from reverie_eval.reporting.service import leaderboard_text, print_leaderboard
     from reverie_eval.text import printable
 
     with server.connect() as client:

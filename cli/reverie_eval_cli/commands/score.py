@@ -23,7 +23,7 @@ from reverie_eval import (
     evaluate_protocols,
 )
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._scores import (
+from reverie_eval.reporting.scores import (
     FORMATS,
     RANKING_FORMATS,
     RUNS_FORMATS,

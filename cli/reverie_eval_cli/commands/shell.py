@@ -31,7 +31,7 @@ def _schema(name: str) -> dict[str, Any]:
     from pydantic import TypeAdapter
 
     from reverie_eval.dataset import DatasetDescription, LintReport
-    from reverie_eval.reporting._comparison import ComparisonReport
+    from reverie_eval.reporting.comparisons import ComparisonReport
     from reverie_eval.schemas.report import RunsReport, ScoreReport, ValidationReport
     from reverie_eval.submissions import submission_schema
 

@@ -234,7 +234,7 @@ def _change(client: "Client", accepted: "Accepted", asked: Mapping[str, Any]) ->
 
 
 def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
-    from reverie_eval.reporting._submission import quota_lines, result_tables, submission_lines
+    from reverie_eval.reporting.service import quota_lines, result_tables, submission_lines
 
     submission = accepted.submission
     for further, table in result_tables(submission, server).items():

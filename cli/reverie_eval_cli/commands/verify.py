@@ -105,7 +105,7 @@ def _verified(envelope: "Envelope", keys: "Sequence[KeyReport] | str") -> str:
 
 def _lines(reading: "Reading") -> "Iterator[str]":
     """Yield what a receipt or a snapshot proves, as far as this version can read it."""
-    from reverie_eval.reporting._submission import receipt_lines, snapshot_lines
+    from reverie_eval.reporting.service import receipt_lines, snapshot_lines
     from reverie_eval.schemas.service import Receipt, Snapshot
 
     if not reading.is_complete:

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board

@@ -15,9 +15,8 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting._comparison import signed
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
-from reverie_eval.reporting._submission import headline_of
+from reverie_eval.reporting.comparisons import signed
+from reverie_eval.reporting.service import METHOD_FLAGS, headline_of
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import Snapshot
 from reverie_eval.server.errors import WRONG_FORM, MalformedError

@@ -10,11 +10,11 @@ from fastapi.responses import Response
 from markupsafe import Markup
 
 from reverie_eval.analysis import Episode
-from reverie_eval.reporting._answer_svg import answer_svg
-from reverie_eval.reporting._answer_views import AnswerView, answer_views
-from reverie_eval.reporting._map_svg import interactive_map_svg, map_key
-from reverie_eval.reporting._maps import EpisodeMap, Step
-from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
+from reverie_eval.reporting.answer_svg import answer_svg
+from reverie_eval.reporting.answers import AnswerView, answer_views
+from reverie_eval.reporting.map_svg import interactive_map_svg, map_key
+from reverie_eval.reporting.maps import EpisodeMap, Step
+from reverie_eval.reporting.report_sections import BEST_OUTCOME_FIRST
 from reverie_eval.server.http.callers import Call, Snapshot, Visitor
 from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import drawn, page

@@ -11,10 +11,10 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import Episode
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting._answer_svg import answer_svg
-from reverie_eval.reporting._answer_views import AnswerView
-from reverie_eval.reporting._map_svg import map_svg
-from reverie_eval.reporting._maps import EpisodeMap
+from reverie_eval.reporting.answer_svg import answer_svg
+from reverie_eval.reporting.answers import AnswerView
+from reverie_eval.reporting.map_svg import map_svg
+from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.schemas.service import Schedule
 from reverie_eval.scoring import Scores
 from reverie_eval.server.http.callers import Visitor

@@ -13,11 +13,11 @@ from fastapi import APIRouter, Depends, Path, Query
 from fastapi.responses import Response
 
 from reverie_eval.analysis import VisibleObject
-from reverie_eval.reporting._answer_svg import ObjectLink, WayLink, answer_svg, panorama_svg
-from reverie_eval.reporting._answer_views import answer_views, span_of
-from reverie_eval.reporting._map_svg import map_key, map_svg
-from reverie_eval.reporting._maps import EpisodeMap
-from reverie_eval.reporting._skyboxes import find_skybox
+from reverie_eval.reporting.answer_svg import ObjectLink, WayLink, answer_svg, panorama_svg
+from reverie_eval.reporting.answers import answer_views, span_of
+from reverie_eval.reporting.map_svg import map_key, map_svg
+from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.skyboxes import find_skybox
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import drawn, page

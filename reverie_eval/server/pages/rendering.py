@@ -22,8 +22,14 @@ from starlette.types import Scope
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.metrics.uncertainty import CONFIDENCE
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS, flags_of, undeclared_of
-from reverie_eval.reporting._submission import WINDOW_LENGTHS, headline_of, known_task
+from reverie_eval.reporting.service import (
+    METHOD_FLAGS,
+    WINDOW_LENGTHS,
+    flags_of,
+    headline_of,
+    known_task,
+    undeclared_of,
+)
 from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument

@@ -10,7 +10,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting._submission import known_task
+from reverie_eval.reporting.service import known_task
 from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
 from reverie_eval.server.http.callers import Member, Snapshot
 from reverie_eval.server.pages.rendering import page

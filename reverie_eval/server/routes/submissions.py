@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Response
 from fastapi.responses import StreamingResponse
 
-from reverie_eval.reporting._scores import write_episodes
+from reverie_eval.reporting.scores import write_episodes
 from reverie_eval.schemas.service import Envelope, SubmissionChange, SubmissionReport
 from reverie_eval.server.http.callers import Caller
 from reverie_eval.server.http.examples import SUBMISSION

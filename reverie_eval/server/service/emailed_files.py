@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
-from reverie_eval.reporting._submission import quota_lines, result_tables, submission_lines
+from reverie_eval.reporting.service import quota_lines, result_tables, submission_lines
 from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport
 from reverie_eval.schemas.service import Accepted, Method, SubmissionChange
 from reverie_eval.server.errors import MalformedError, request_error

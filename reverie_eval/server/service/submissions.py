@@ -14,7 +14,7 @@ from sqlalchemy import Select, SQLColumnExpression, exists, select, tuple_, unio
 from sqlalchemy.orm import Session, aliased
 
 from reverie_eval.analysis import Comparison
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.report import IntervalReport, ScoreReport
 from reverie_eval.schemas.service import (
     BoardResult,

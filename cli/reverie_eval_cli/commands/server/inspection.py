@@ -5,13 +5,13 @@ from pathlib import Path
 import click
 
 from reverie_eval.files import staged_file
-from reverie_eval.reporting._evidence import (
+from reverie_eval.reporting.service import (
     history_table,
     pairs_table,
     same_files_table,
     teams_table,
 )
-from reverie_eval.reporting._table import Table
+from reverie_eval.reporting.tables import Table
 from reverie_eval.schemas.evidence import EvidenceReport
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
@@ -33,7 +33,7 @@ def inspect(*, folder: Folder, submission_id: str, layout: str, output: str | No
     what a private split keeps secret, so it works on the server's own machine only, and the audit
     log records it. A new FILE can be read by its owner alone.
     """
-    from reverie_eval.reporting._scores import episode_table, episodes_json, write_episodes
+    from reverie_eval.reporting.scores import episode_table, episodes_json, write_episodes
     from reverie_eval.server.operations.inspection import inspect as inspected
 
     submission, scores = inspected(folder.settings, submission_id, actor=actor())

@@ -7,7 +7,7 @@ from typing import get_args
 import click
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._table import metric_cells
+from reverie_eval.reporting.tables import metric_cells
 from reverie_eval.schemas.organising import NewImport, NewReported, Rates, ReportedChange
 from reverie_eval.text import count_text
 from reverie_eval_cli import options

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval.reporting._table import cell_of, metric_cell
+from reverie_eval.reporting.tables import cell_of, metric_cell
 from reverie_eval.schemas.organising import NewCorrection, ResultChange
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text

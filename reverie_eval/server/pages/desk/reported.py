@@ -8,7 +8,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.organising import (
     NewImport,
     NewReported,

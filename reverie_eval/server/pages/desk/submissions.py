@@ -12,13 +12,13 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from reverie_eval.reporting._evidence import (
+from reverie_eval.reporting.service import (
     history_table,
     pairs_table,
     same_files_table,
     teams_table,
 )
-from reverie_eval.reporting._table import Table
+from reverie_eval.reporting.tables import Table
 from reverie_eval.schemas.evidence import EvidenceReport
 from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport, NewReview
 from reverie_eval.schemas.service import Method, ProblemDocument

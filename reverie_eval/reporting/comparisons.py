@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
 from reverie_eval.metrics import Metric
-from reverie_eval.reporting._results import results_table
-from reverie_eval.reporting._table import (
+from reverie_eval.reporting.scores import results_table
+from reverie_eval.reporting.tables import (
     MISSING,
     Table,
     fits,

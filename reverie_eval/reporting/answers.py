@@ -13,7 +13,7 @@ import numpy as np
 from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 from reverie_eval.geometry import HEIGHT, WIDTH, axes, rays_of, view_angles
-from reverie_eval.reporting._skyboxes import Skybox, find_skybox
+from reverie_eval.reporting.skyboxes import Skybox, find_skybox
 from reverie_eval.text import count_text
 
 _POINTS = 9

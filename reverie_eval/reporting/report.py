@@ -20,12 +20,12 @@ from reverie_eval.analysis import (
 )
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting import _report_sections as sections
-from reverie_eval.reporting._answer_svg import ANSWER_STYLE, answer_svg
-from reverie_eval.reporting._answer_views import answer_views
-from reverie_eval.reporting._comparison import comparison_table, methods, sentences
-from reverie_eval.reporting._map_svg import MAP_STYLE, map_key, map_svg
-from reverie_eval.reporting._maps import EpisodeMap
+from reverie_eval.reporting import report_sections as sections
+from reverie_eval.reporting.answer_svg import ANSWER_STYLE, answer_svg
+from reverie_eval.reporting.answers import answer_views
+from reverie_eval.reporting.comparisons import comparison_table, methods, sentences
+from reverie_eval.reporting.map_svg import MAP_STYLE, map_key, map_svg
+from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.resources import as_markup, text_of
 from reverie_eval.scoring import FEW_CLUSTERS, OUTCOMES, Clustering, Intervals, Scores
 from reverie_eval.submissions import check_names

@@ -11,9 +11,9 @@ import numpy as np
 from reverie_eval.analysis import GROUPINGS, Grouping
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting._charts import Histogram, Walks, histogram_svg, walks_svg
-from reverie_eval.reporting._table import metric_cell
+from reverie_eval.reporting.charts import Histogram, Walks, histogram_svg, walks_svg
 from reverie_eval.reporting.resources import as_markup
+from reverie_eval.reporting.tables import metric_cell
 from reverie_eval.scoring import OUTCOMES, Scores
 from reverie_eval.text import count_text
 

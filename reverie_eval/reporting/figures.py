@@ -1,40 +1,112 @@
 """Figures for notebooks, ``scores.plot.funnel()``; matplotlib is imported when one is drawn.
 
-Every function draws on the given Axes, or on new ones, and returns them.
+Every function draws on the given Axes, or on new ones, and returns them. All colours are
+distinguishable with any colour vision; they are from the palette of Okabe and Ito, "Color Universal
+Design", 2008.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import cycle
 from numbers import Real
-from typing import TYPE_CHECKING
+from textwrap import wrap
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from reverie_eval.analysis import Comparison, Episode, GroupingKey, Method
 from reverie_eval.arrays import FloatArray
-from reverie_eval.errors import ProtocolError
+from reverie_eval.errors import ProtocolError, ReverieEvalError
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._charts import Histogram, Walks
-from reverie_eval.reporting._figure_style import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    VERMILION,
-    set_heading,
-    styled_axes,
-    use_round_ticks,
+from reverie_eval.reporting.charts import Histogram, Walks
+from reverie_eval.reporting.map_layout import (
+    CLOSED,
+    HEIGHT,
+    KEY_CLASSES,
+    STAIRS,
+    WIDTH,
+    Layout,
+    Mark,
 )
+from reverie_eval.reporting.maps import EpisodeMap, Sign
 from reverie_eval.scoring import Scores
 from reverie_eval.text import first_few
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
+BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+GREY, INK = "#B3BAC4", "#333333"
+_SPLIT_COLOURS: Mapping[str, str] = MappingProxyType(
+    {"train": BLUE, "val_seen": ORANGE, "val_unseen": GREEN, "test": "#CC79A7"}
+)
+_OTHER_SPLIT = "#56B4E9"
+STYLE: Any = MappingProxyType(
+    {
+        "font.size": 11,
+        "figure.constrained_layout.h_pad": 0.06,
+        "figure.constrained_layout.w_pad": 0.06,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.edgecolor": INK,
+        "axes.labelcolor": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "text.color": INK,
+        "text.parse_math": False,  # a name is shown as it is
+        "savefig.dpi": 200,
+        "svg.hashsalt": "reverie-eval",  # the same figure gives the same file
+    }
+)
 
 _SHOWN_GROUPS = 15
 _COLOURS = (ORANGE, BLUE, GREEN, VERMILION, "#CC79A7", "#56B4E9")
+_TITLE_LETTERS, _TITLE_LINES = 60, 3
+
+
+def _mark(shape: object, size: float, face: str, edge: str, width: float) -> dict[str, Any]:
+    return {
+        "marker": shape,
+        "markersize": size,
+        "markerfacecolor": face,
+        "markeredgecolor": edge,
+        "markeredgewidth": width,
+        "linestyle": "none",
+    }
+
+
+_LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
+    {
+        "edge": {"color": GREY, "linewidth": 0.8},
+        "viewpoint": _mark("o", 3.5, GREY, GREY, 1),
+        "elsewhere": {"alpha": 0.35},
+        "annotated": {"color": GREEN, "alpha": 0.3, "linewidth": 9},
+        "annotated off-level": {"linestyle": "--", "linewidth": 4.5},
+        "route": {
+            "color": INK,
+            "linewidth": 2,
+            "solid_capstyle": "round",
+            "dash_capstyle": "round",
+        },
+        "route off-level": {"linestyle": "--"},
+        "route jump": {"linestyle": ":"},
+        "sight": {"color": INK, "alpha": 0.2, "linewidth": 0},
+        "start": _mark("o", 6, "white", INK, 2),
+        "goal": _mark("o", 12, "white", GREEN, 2),
+        "end": _mark("*", 12, GREEN, "white", 0.8),
+        "stop": _mark("s", 6, INK, "white", 1),
+        "stairs": _mark(STAIRS, 9, "none", INK, 1.5),
+        "route-1": {"color": BLUE},
+        "route-2": {"color": VERMILION},
+        "stop route-1": {"markerfacecolor": BLUE},
+        "stop route-2": {"markerfacecolor": VERMILION},
+    }
+)
+"""The style sheet of maps, as in ``map.css``: an entry applies to lines with all its classes."""
 
 
 @dataclass(frozen=True)
@@ -256,9 +328,6 @@ def plot_comparison(comparison: Comparison, ax: "Axes | None" = None) -> "Axes":
 def plot_episode(episode: Episode, ax: "Axes | None" = None) -> "Axes":
     """Draw an episode on its scan's navigation graph; see :meth:`Episode.plot`."""
     with styled_axes(ax) as axes:
-        from reverie_eval.reporting._map_figure import draw_map
-        from reverie_eval.reporting._maps import EpisodeMap
-
         draw_map(EpisodeMap.of({"": episode}), axes)
     return axes
 
@@ -302,3 +371,119 @@ def _plot_walks(walks: Walks, ax: "Axes | None") -> "Axes":
 def _explain_beside(axes: "Axes") -> None:
     """Put the legend to the right of the axes, where it covers nothing."""
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def draw_map(episode_map: EpisodeMap, axes: "Axes") -> None:
+    """Draw a map with its key below."""
+    layout = Layout(episode_map)
+    for zorder, layer in enumerate(map(list, layout.layers()), 1):
+        for kind, lines in layout.joined(layer).items():
+            if kind.startswith(CLOSED):
+                for outline in lines:
+                    axes.fill(*outline.T, zorder=zorder, **_look(kind))
+            else:
+                axes.plot(*_with_gaps(lines).T, zorder=zorder, **_look(kind))
+        for piece in layer:
+            if piece.mark is not None:
+                _draw_mark(piece.mark, axes, zorder)
+    bar = layout.frame.bar_metres
+    axes.plot([12, 12 + bar * layout.frame.scale], [HEIGHT - 12] * 2, color=INK, linewidth=1.5)
+    axes.text(12, HEIGHT - 17, f"{bar} m", fontsize="small")
+    axes.set_xlim(0, WIDTH)
+    axes.set_ylim(HEIGHT, 0)
+    axes.set_aspect("equal")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set_visible(False)
+    axes.legend(
+        handles=list(map(_key_entry, episode_map.signs)),
+        frameon=False,
+        loc="upper left",
+        bbox_to_anchor=(0, 0),
+        ncols=2,
+        fontsize="small",
+    )
+    title = f"{episode_map.instr_id}: {episode_map.instruction}"
+    lines_of_title = wrap(title, _TITLE_LETTERS, max_lines=_TITLE_LINES, placeholder=" ...")
+    axes.set_title("\n".join(lines_of_title), loc="left", fontsize="small")
+
+
+def _look(kind: str) -> dict[str, Any]:
+    """Return how lines of a class, or marks, are drawn; later entries of the style sheet win."""
+    classes = set(kind.split())
+    look: dict[str, Any] = {}
+    for selector, properties in _LOOKS.items():
+        if classes.issuperset(selector.split()):
+            look |= properties
+    return look
+
+
+def _with_gaps(lines: Sequence[FloatArray]) -> FloatArray:
+    """Return the points of several lines, with a row of NaN between them, which leaves a gap."""
+    gap = np.full((1, 2), np.nan)
+    return np.vstack([rows for line in lines for rows in (line, gap)])
+
+
+def _draw_mark(mark: Mark, axes: "Axes", zorder: int) -> None:
+    if mark.kind != "label":
+        axes.plot(*mark.point, zorder=zorder, **_look(f"{mark.kind} route-{mark.route}"))
+    if mark.text:
+        aside = (8, -3) if mark.kind == "label" else (-6, 6)
+        axes.annotate(
+            mark.text,
+            tuple(mark.point),
+            aside,
+            textcoords="offset points",
+            fontsize="small",
+            zorder=zorder,
+        )
+
+
+def _key_entry(sign: Sign) -> "Line2D":
+    """Return a sign for the key; a stop comes with the line of its route."""
+    from matplotlib.lines import Line2D
+
+    look = _look(KEY_CLASSES.get(sign.kind, f"{sign.kind} route-{sign.route}"))
+    if sign.kind == "stop":
+        look |= {"linestyle": "-", "linewidth": 2}
+    if sign.kind == "sight":
+        look |= {"linewidth": 9}
+    return Line2D([], [], label=sign.meaning, **look)
+
+
+def split_colour(split: str) -> str:
+    """Return the colour of a split, the same in every figure."""
+    return _SPLIT_COLOURS.get(split, _OTHER_SPLIT)
+
+
+def check_matplotlib() -> None:
+    """Raise ReverieEvalError if matplotlib is not installed."""
+    if find_spec("matplotlib") is None:
+        raise ReverieEvalError(
+            "figures need matplotlib; install it with: pip install 'reverie-eval[figures]'"
+        )
+
+
+@contextmanager
+def styled_axes(ax: "Axes | None") -> Iterator["Axes"]:
+    """Draw on the given Axes in our style, or on new ones of pyplot, which notebooks show."""
+    check_matplotlib()
+    import matplotlib as mpl
+    from matplotlib import pyplot as plt
+
+    plt.install_repl_displayhook()  # if first done in the context, leaving it would undo it
+    with mpl.rc_context(dict(STYLE)):
+        yield plt.subplots(figsize=(7, 4.2), layout="constrained")[1] if ax is None else ax
+
+
+def use_round_ticks(axes: "Axes") -> None:
+    """Mark whole numbers below the axes, in steps of 1, 2, 5, 10, 20, 50 and so on."""
+    from matplotlib.ticker import MaxNLocator
+
+    whole = MaxNLocator(integer=True, steps=[1, 2, 5, 10], min_n_ticks=1)
+    axes.xaxis.set_major_locator(whole)
+
+
+def set_heading(axes: "Axes", heading: str) -> None:
+    """Set the heading of a figure, on the left above the axes."""
+    axes.set_title(heading, loc="left", fontweight="bold", fontsize="medium")

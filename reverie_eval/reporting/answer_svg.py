@@ -17,7 +17,7 @@ from reverie_eval.geometry import HEIGHT as VIEW_HEIGHT
 from reverie_eval.geometry import VIEW_AXES, pixels_of, view_angles
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.geometry._warping import clip_at_depth
-from reverie_eval.reporting._answer_views import (
+from reverie_eval.reporting.answers import (
     AnswerView,
     Span,
     angles_of,
@@ -25,8 +25,8 @@ from reverie_eval.reporting._answer_views import (
     directions_of,
     span_of,
 )
-from reverie_eval.reporting._skyboxes import Skybox
 from reverie_eval.reporting.resources import text_of
+from reverie_eval.reporting.skyboxes import Skybox
 
 ANSWER_STYLE = text_of("shared/answer.css")
 """The style sheet for pages with pictures of answers; :func:`answer_picture` includes it."""

@@ -1,4 +1,4 @@
-"""An episode from above, as the data of its map, which is drawn as SVG or with matplotlib."""
+"""An episode from above, as the data of its map: viewpoints, storeys, routes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import numpy as np
 from reverie_eval.analysis import Episode
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 from reverie_eval.ground_truth import NavigationGraph
-from reverie_eval.reporting._answer_views import AnswerView
+from reverie_eval.reporting.answers import AnswerView
 from reverie_eval.text import count_text
 
 _LEAST_STOREY_HEIGHT = 2.0

@@ -1,0 +1,284 @@
+"""What is on a map and where: layers of lines and marks, which SVG and matplotlib draw alike.
+
+Points are in units of the page, to the right and down. The class of a line says how it looks, in
+the words of the style sheet: ``route off-level route-1``.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from types import MappingProxyType
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.geometry import FOCAL_LENGTH
+from reverie_eval.geometry import WIDTH as VIEW_WIDTH
+from reverie_eval.reporting.charts import round_numbers
+from reverie_eval.reporting.maps import EpisodeMap, Route, SignKind
+
+WIDTH, HEIGHT = 400, 300
+"""Size of a map, in units of the page."""
+MOST_POSES = 1000
+"""Poses of a route that are drawn, at most; ten times as many as agents in the literature walk."""
+CLOSED = ("arrow", "sight")
+"""Lines that enclose an area, by the first word of their class."""
+KEY_CLASSES: Mapping[SignKind, str] = MappingProxyType(
+    {
+        "sight": "sight",
+        "jump": "route jump",
+        "annotated": "annotated",
+        "off-level": "route off-level",
+        "elsewhere": "viewpoint elsewhere",
+    }
+)
+"""The class that shows the look of a sign in a key; the other signs are marks."""
+STAIRS = ((-6, -5), (-6, -2), (-2, -2), (-2, 1), (2, 1), (2, 4), (6, 4))
+"""The mark for stairs, in units of the page to the right and upwards."""
+_MARGIN = 1.5
+"""Smallest margin around the viewpoints of the episode, in metres."""
+_LEAST_METRES = 8.0
+"""Smallest width of a map, in metres."""
+_SIGHT = 0.75
+"""Viewpoints farther from the middle than this, in widths and heights, are not drawn."""
+_LANE = 3.4
+"""Units of the page between two routes; the first is half of it to the right of the edges, so that
+the way there and the way back are two lines."""
+_ASIDE = 6.0
+"""Units of the page between the stops of two agents at the same viewpoint."""
+_ARROW_SIZE = 9.0
+_ARROW_SHARE = 0.62
+"""Position along a leg: beyond its middle, so that arrows of both directions are side by side."""
+_BAR_SHARE = 0.25
+"""Greatest length of the scale's bar, as a fraction of the width."""
+_VIEW_ANGLE = 2 * np.arctan(VIEW_WIDTH / 2 / FOCAL_LENGTH)
+"""Horizontal field of view of a view, radians."""
+_SIGHT_RADIUS, _SIGHT_POINTS = 30.0, 9
+_NO_LINES: Mapping[str, Sequence[FloatArray]] = MappingProxyType({})
+
+Lines = Mapping[str, Sequence[FloatArray]]
+"""Lines by class, each through points of shape (n, 2); a single point is a dot."""
+
+
+class Mark(NamedTuple):
+    """A sign at a point."""
+
+    kind: Literal["start", "goal", "end", "stop", "stairs", "label"]
+    point: FloatArray
+    route: int = 0
+    """For a stop, the number of the submission, from 1."""
+    text: str = ""
+
+
+class Piece(NamedTuple):
+    """Something on a map."""
+
+    viewpoints: Sequence[int]
+    """The viewpoint where it is, or the two that it connects."""
+    lines: Lines = _NO_LINES
+    mark: Mark | None = None
+    title: str = ""
+    """Its tooltip."""
+    viewpoint_id: str = ""
+    """The viewpoint that it marks, if it marks one."""
+    leg: tuple[int, int] | None = None
+    """For a move, the numbers of its route and of the move, from 1."""
+
+
+class Layout:
+    """A map on its page."""
+
+    def __init__(self, episode_map: EpisodeMap) -> None:
+        self.frame = Frame.around(episode_map)
+        self._map = episode_map
+        self._point = self.frame.points(episode_map.position)
+        self._is_elsewhere = episode_map.is_elsewhere
+        size = np.array([WIDTH, HEIGHT])
+        far = np.abs(self._point - size / 2) / size
+        self._in_sight: BoolArray = (far < _SIGHT).all(axis=1)
+
+    def layers(self) -> Sequence[Iterator[Piece]]:
+        """Return the pieces of each layer, the lowest first."""
+        return [
+            self._edges(),
+            self._annotated_path(),
+            self._viewpoints(),
+            self._goals(),
+            self._sights(),
+            *map(self._legs, self._map.routes),
+            self._ends(),
+            self._level_marks(),
+        ]
+
+    def is_faint(self, piece: Piece) -> bool:
+        """Whether a piece is on a storey where the episode has no viewpoint."""
+        return bool(self._is_elsewhere[piece.viewpoints].any())
+
+    def joined(self, layer: Iterable[Piece]) -> Lines:
+        """Join the lines of the same class, those of other storeys apart and first."""
+        found: dict[str, list[FloatArray]] = {}
+        for piece in layer:
+            faint = " elsewhere" if self.is_faint(piece) else ""
+            for kind, (first, *others) in piece.lines.items():
+                lines = found.setdefault(kind + faint, [])
+                if lines and len(first) > 1 and _goes_on(kind, lines[-1], first):
+                    lines[-1] = np.vstack([lines[-1], first[1:]])
+                else:
+                    lines.append(first)
+                lines += others
+        return {kind: found[kind] for kind in sorted(found, key=lambda it: "elsewhere" not in it)}
+
+    def _edges(self) -> Iterator[Piece]:
+        """Draw the edges between the same storeys as one piece."""
+        edges = self._map.edges[self._in_sight[self._map.edges].any(axis=1)]
+        storeys = np.sort(self._map.storey[edges], axis=1)
+        for pair in np.unique(storeys, axis=0):
+            same = edges[(storeys == pair).all(axis=1)]
+            yield Piece(same[0].tolist(), {"edge": list(self._point[same])})
+
+    def _annotated_path(self) -> Iterator[Piece]:
+        """Draw the annotated path, a piece for each stretch on one storey."""
+        for _, same in groupby(self._map.annotated_legs.tolist(), key=self._map.levels):
+            first, *others = same
+            rows = first + [end for _, end in others]
+            off_level = " off-level" if self._map.is_off_level(np.array([first]))[0] else ""
+            yield Piece(first, {f"annotated{off_level}": [self._point[rows]]})
+
+    def _viewpoints(self) -> Iterator[Piece]:
+        for row in np.flatnonzero(self._in_sight).tolist():
+            name = self._map.viewpoint_ids[row]
+            lines = {"viewpoint": [self._point[[row]]]}
+            yield Piece([row], lines, title=name, viewpoint_id=name)
+
+    def _goals(self) -> Iterator[Piece]:
+        for row in self._map.goal_viewpoints.tolist():
+            yield self._at(row, Mark("goal", self._point[row]), "goal viewpoint")
+
+    def _sights(self) -> Iterator[Piece]:
+        """Draw the views of the answers as sectors around the stops."""
+        for route in self._map.routes:
+            if route.sight is not None:
+                outline = self._stop_point(route) + sector(route.sight)
+                yield Piece([route.stop], {f"sight route-{route.number}": [outline]})
+
+    def _legs(self, route: Route) -> Iterator[Piece]:
+        """Draw a route; a walked leg is drawn from the end of the walked leg before it."""
+        shown = route
+        if len(route.viewpoint) > MOST_POSES:
+            cut = np.append(route.viewpoint[: MOST_POSES - 1], route.stop)
+            shown = replace(route, viewpoint=cut)
+        lanes, is_jump = self.frame.lanes(self._map, shown), self._map.is_jump(shown).tolist()
+        off_level = self._map.is_off_level(shown.legs).tolist()
+        number = route.number
+        for leg, (ends, arrow) in enumerate(zip(lanes, arrows(lanes), strict=True)):
+            goes_on = leg > 0 and not is_jump[leg - 1] and not is_jump[leg]
+            way_of = " jump" if is_jump[leg] else " off-level" if off_level[leg] else ""
+            way = np.vstack([lanes[leg - 1][1:], ends]) if goes_on else ends
+            lines = {f"route{way_of} route-{number}": [way]}
+            if arrow is not None:
+                lines[f"arrow route-{number}"] = [arrow]
+            yield Piece(shown.legs[leg].tolist(), lines, leg=(number, leg + 1))
+
+    def _ends(self) -> Iterator[Piece]:
+        """Mark the start, the end of the annotated path, and where agents stopped."""
+        start, end = self._map.start, self._map.path_end
+        yield self._at(start, Mark("start", self._point[start]), "start")
+        yield self._at(end, Mark("end", self._point[end]), "end of the annotated path")
+        for route in self._map.routes:
+            whose = f" of {route.name}" if route.name else ""
+            mark = Mark("stop", self._stop_point(route), route.number)
+            yield self._at(route.stop, mark, f"stop{whose}")
+
+    def _level_marks(self) -> Iterator[Piece]:
+        """Mark stairs, and say on which levels the episode's ends are if it has several."""
+        if not self._map.leaves_level:
+            return
+        for stairs in self._map.stairs.tolist():
+            levels = "-".join(map(str, self._map.levels(stairs)))
+            yield Piece(stairs, mark=Mark("stairs", self._point[stairs].mean(axis=0), text=levels))
+        stops = (route.stop for route in self._map.routes)
+        for row in dict.fromkeys([self._map.start, self._map.path_end, *stops]):
+            (level,) = self._map.levels([row])
+            yield Piece([row], mark=Mark("label", self._point[row], text=f"level {level}"))
+
+    def _stop_point(self, route: Route) -> FloatArray:
+        """Return where a stop is drawn: beside that of another agent at the same viewpoint."""
+        return np.asarray(self._point[route.stop] + np.array([_ASIDE * (route.number - 1), 0.0]))
+
+    def _at(self, row: int, mark: Mark, meaning: str) -> Piece:
+        name = self._map.viewpoint_ids[row]
+        return Piece([row], mark=mark, title=f"{meaning}: {name}", viewpoint_id=name)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The part of a scan that is shown."""
+
+    left: float
+    """Metres."""
+    top: float
+    """Metres."""
+    scale: float
+    """Units of the page per metre."""
+
+    @classmethod
+    def around(cls, episode_map: EpisodeMap) -> Self:
+        """Show all viewpoints of the episode, as large as possible."""
+        position = episode_map.position[episode_map.visited, :2]
+        low, high = position.min(axis=0) - _MARGIN, position.max(axis=0) + _MARGIN
+        across, down = high - low
+        metres = max(across, down * WIDTH / HEIGHT, _LEAST_METRES)
+        x, y = (low + high) / 2
+        scale = WIDTH / metres
+        return cls(float(x - metres / 2), float(y + HEIGHT / scale / 2), scale)
+
+    def points(self, position: FloatArray) -> FloatArray:
+        """Return where positions, in metres with x and y first, are on the page: shape (..., 2)."""
+        x, y = position[..., 0] - self.left, self.top - position[..., 1]
+        return self.scale * np.stack([x, y], axis=-1)
+
+    def lanes(self, episode_map: EpisodeMap, route: Route) -> FloatArray:
+        """Return the ends of a route's legs, shape (n_legs, 2, 2), moved aside for other routes."""
+        ends = self.points(episode_map.position[route.legs])
+        along = ends[:, 1] - ends[:, 0]
+        length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
+        to_the_right = np.stack([-along[:, 1], along[:, 0]], axis=-1) / length
+        return ends + _LANE * (route.number - 0.5) * to_the_right[:, None]
+
+    @property
+    def bar_metres(self) -> int:
+        """The length of the scale's bar, a round number of metres."""
+        most = _BAR_SHARE * WIDTH / self.scale
+        length = 1
+        for metres in round_numbers():
+            if metres > most:
+                break
+            length = metres
+        return length
+
+
+def arrows(lanes: FloatArray) -> Iterator[FloatArray | None]:
+    """Yield an arrowhead for each leg, a triangle of shape (3, 2); None if it has no room."""
+    for start, end in lanes:
+        length = float(np.hypot(*(end - start)))
+        if length <= 2 * _ARROW_SIZE:
+            yield None
+            continue
+        ahead = _ARROW_SIZE * (end - start) / length
+        aside = np.array([-ahead[1], ahead[0]])
+        middle = start + _ARROW_SHARE * (end - start)
+        tip, tail = middle + 0.6 * ahead, middle - 0.6 * ahead
+        yield np.array([tip, tail + 0.55 * aside, tail - 0.55 * aside])
+
+
+def sector(heading: float) -> FloatArray:
+    """Return the outline, shape (n, 2), of a view's field of view, relative to its camera."""
+    turns = heading + _VIEW_ANGLE * np.linspace(-0.5, 0.5, _SIGHT_POINTS)
+    arc = _SIGHT_RADIUS * np.column_stack([np.sin(turns), -np.cos(turns)])
+    return np.vstack([np.zeros(2), arc])
+
+
+def _goes_on(kind: str, line: FloatArray, following: FloatArray) -> bool:
+    """Whether a line begins where the one before it ends; closed lines have no end."""
+    return not kind.startswith(CLOSED) and np.array_equal(line[-1], following[0])

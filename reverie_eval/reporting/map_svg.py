@@ -1,0 +1,224 @@
+"""Maps as SVG: still ones for reports and notebooks, interactive ones for pages with a script.
+
+Both consist of the same pieces. A still map joins them and is small. An interactive map keeps them
+apart and says where each belongs: ``data-levels`` are its storeys, ``data-leg`` is the move of the
+route, ``data-viewpoint`` the viewpoint. Without a script it shows what the still map shows.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from html import escape
+from itertools import chain
+from types import MappingProxyType
+
+import numpy as np
+
+from reverie_eval.analysis import Episode, Gallery
+from reverie_eval.arrays import FloatArray
+from reverie_eval.reporting.answer_svg import answer_picture
+from reverie_eval.reporting.answers import answer_views
+from reverie_eval.reporting.map_layout import (
+    CLOSED,
+    HEIGHT,
+    KEY_CLASSES,
+    STAIRS,
+    WIDTH,
+    Layout,
+    Mark,
+    Piece,
+)
+from reverie_eval.reporting.maps import EpisodeMap, Sign, SignKind
+from reverie_eval.reporting.resources import text_of
+
+MAP_STYLE = text_of("shared/map.css")
+"""The style sheet for pages with maps and their keys; :func:`map_picture` includes it."""
+_STAR = np.array(
+    [
+        (radius * np.sin(turn), -radius * np.cos(turn))
+        for turn, radius in zip(np.arange(10) * np.pi / 5, [7.5, 3.2] * 5, strict=True)
+    ]
+)
+_LABEL_WIDTH, _ASIDE = 50.0, 10.0
+_RADIUS = {"start": 5.5, "goal": 7.0}
+_KEY_LINES: Mapping[SignKind, str] = MappingProxyType(
+    {
+        "sight": "M8 8L34 0V16z",
+        "jump": "M4 8H36",
+        "annotated": "M6 8H34",
+        "off-level": "M4 8H36",
+        "elsewhere": "M12 8h0M28 8h0",
+    }
+)
+"""Path data of the signs in a key that are lines."""
+
+
+def map_svg(episode_map: EpisodeMap) -> str:
+    """Draw a still map for a page that includes ``MAP_STYLE``."""
+    return _Drawing(episode_map).still()
+
+
+def map_picture(episode_map: EpisodeMap) -> str:
+    """Draw a still map that includes its style sheet, for a file or any page."""
+    own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{MAP_STYLE}</style>"
+    return _Drawing(episode_map).still(*own)
+
+
+def interactive_map_svg(episode_map: EpisodeMap) -> str:
+    """Draw an interactive map for a page that includes ``MAP_STYLE``."""
+    return _Drawing(episode_map).interactive()
+
+
+def map_key(*maps: EpisodeMap) -> str:
+    """Explain the signs on maps of the same submissions in HTML."""
+    signs = dict.fromkeys(sign for each in maps for sign in each.signs)
+    entries = "".join(
+        f'<span><svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">'
+        f"{_sign(sign)}</svg> {escape(sign.meaning)}</span>"
+        for sign in signs
+    )
+    return f'<p class="map-key">{entries}</p>'
+
+
+def episode_html(episode: Episode) -> str:
+    """Show an episode in a notebook: its map with instruction, outcome and key, and its answer."""
+    instruction = f"<q>{escape(episode.instruction)}</q>" if episode.instruction else ""
+    episode_map = EpisodeMap.of({"": episode})
+    caption = "; ".join(filter(None, [episode.caption, *episode_map.level_notes]))
+    answers = "".join(
+        f'<figure style="margin: 1rem 0">{answer_picture(shown)}'
+        f"<figcaption>{escape(shown.caption)}</figcaption></figure>"
+        for _, shown in answer_views({"": episode})
+    )
+    return (
+        '<figure style="margin: 0; max-width: 36rem">'
+        f"{map_picture(episode_map)}<figcaption>"
+        f"<code>{escape(episode.instr_id)}</code> {instruction}<br>"
+        f"{escape(caption)}</figcaption>{map_key(episode_map)}{answers}</figure>"
+    )
+
+
+def gallery_html(gallery: Gallery) -> str:
+    """Show near misses in a notebook, side by side for each outcome."""
+    return "".join(
+        f"<h4>{escape(outcome.capitalize())}</h4>"
+        '<div style="display: grid; gap: 1.5rem; '
+        'grid-template-columns: repeat(auto-fill, minmax(18rem, 1fr))">'
+        f"{''.join(map(episode_html, episodes))}</div>"
+        for outcome, episodes in gallery.items()
+    )
+
+
+class _Drawing:
+    def __init__(self, episode_map: EpisodeMap) -> None:
+        self._map = episode_map
+        self._layout = Layout(episode_map)
+
+    def still(self, attributes: str = "", style: str = "") -> str:
+        shapes = (shape for layer in self._layout.layers() for shape in self._joined(list(layer)))
+        return self._svg("episode-map", shapes, attributes, style)
+
+    def interactive(self) -> str:
+        edges, annotated, *others = (map(self._apart, layer) for layer in self._layout.layers())
+        shapes = [
+            *edges,
+            '<g class="annotation" opacity="0.3">',  # as a group: not darker where pieces meet
+            *annotated,
+            "</g>",
+            *chain.from_iterable(others),
+        ]
+        return self._svg("episode-map walkable", shapes)
+
+    def _svg(self, kind: str, shapes: Iterable[str], attributes: str = "", style: str = "") -> str:
+        metres, scale = self._layout.frame.bar_metres, self._layout.frame.scale
+        bar = f"M10 {HEIGHT - 14}v4h{metres * scale:.1f}v-4"
+        return "".join(
+            [
+                f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {HEIGHT}"{attributes}>',
+                f"<title>{escape(f'Map of episode {self._map.instr_id}')}</title>",
+                f"<desc>{escape(self._map.description)}</desc>{style}",
+                f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
+                *shapes,
+                f'<path class="scale" d="{bar}"/>',
+                f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text></svg>',
+            ]
+        )
+
+    def _joined(self, layer: Sequence[Piece]) -> Iterator[str]:
+        """Draw the pieces of a layer as few elements."""
+        for kind, lines in self._layout.joined(layer).items():
+            yield _path(kind, _data(kind, lines))
+        yield from (_mark(piece.mark, piece.title) for piece in layer if piece.mark)
+
+    def _apart(self, piece: Piece) -> str:
+        """Draw a piece as a group that says what it is and which storeys it is on."""
+        levels = " ".join(map(str, self._map.levels(piece.viewpoints)))
+        about = ""
+        if piece.viewpoint_id:
+            about = f' data-viewpoint="{escape(piece.viewpoint_id)}"'
+        if piece.leg:
+            route, leg = piece.leg
+            about = f' class="leg" data-route="{route}" data-leg="{leg}"'
+        faint = ' data-elsewhere="" opacity="0.35"' if self._layout.is_faint(piece) else ""
+        shapes = [_path(kind, _data(kind, it), piece.title) for kind, it in piece.lines.items()]
+        if piece.mark:
+            shapes.append(_mark(piece.mark, piece.title))
+        return f'<g data-levels="{levels}"{about}{faint}>{"".join(shapes)}</g>'
+
+
+def _sign(sign: Sign) -> str:
+    """Draw a sign for a key."""
+    middle = np.array([20.0, 8.0])
+    match sign.kind:
+        case "stop":
+            line = _path(f"route route-{sign.route}", "M2 8H30")
+            return line + _mark(Mark("stop", np.array([33.0, 8.0]), sign.route))
+        case "start" | "goal" | "end" | "stairs":
+            return _mark(Mark(sign.kind, middle))
+        case _:
+            return _path(KEY_CLASSES[sign.kind], _KEY_LINES[sign.kind])
+
+
+def _mark(mark: Mark, title: str = "") -> str:
+    """Draw a mark, with a tooltip if it has a title."""
+    x, y = mark.point
+    match mark.kind:
+        case "start" | "goal":
+            radius = _RADIUS[mark.kind]
+            shape = f'class="{mark.kind}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"'
+            return _element("circle", shape, title)
+        case "end":
+            return _path("end", f"{_line(_STAR + mark.point)}z", title)
+        case "stop":
+            corner = f'x="{x - 4.5:.1f}" y="{y - 4.5:.1f}" width="9" height="9"'
+            return _element("rect", f'class="stop route-{mark.route}" {corner}', title)
+        case "stairs":
+            shape = _path("stairs", _line(mark.point + np.array(STAIRS) * (1, -1)))
+            return shape + (_label(x, y - 8, mark.text, "middle") if mark.text else "")
+        case "label":  # to the left near the map's right edge
+            is_right = x > WIDTH - _LABEL_WIDTH
+            aside, anchor = (-_ASIDE, "end") if is_right else (_ASIDE, "")
+            return _label(x + aside, y + 4, mark.text, anchor)
+
+
+def _label(x: float, y: float, text: str, anchor: str) -> str:
+    attribute = f' text-anchor="{anchor}"' if anchor else ""
+    return f'<text class="level" x="{x:.1f}" y="{y:.1f}"{attribute}>{text}</text>'
+
+
+def _path(kind: str, data: str, title: str = "") -> str:
+    return _element("path", f'class="{kind}" d="{data}"', title)
+
+
+def _element(name: str, attributes: str, title: str) -> str:
+    if not title:
+        return f"<{name} {attributes}/>"
+    return f"<{name} {attributes}><title>{escape(title)}</title></{name}>"
+
+
+def _data(kind: str, lines: Sequence[FloatArray]) -> str:
+    """Return the data of a path; the round ends of a line of length 0 make a dot."""
+    end = "z" if kind.startswith(CLOSED) else ""
+    return "".join(_line(points) + ("h0" if len(points) == 1 else end) for points in lines)
+
+
+def _line(points: FloatArray) -> str:
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)

@@ -7,6 +7,7 @@ ReverieEvalError
         SubsetError         a list of episodes
     GroundTruthError        the bundle is missing, damaged, or lacks what is needed
     ProtocolError           the protocol, or another option of scoring, is invalid
+    ActionError             the agent cannot do this where it is
 """
 
 from collections import Counter
@@ -49,6 +50,10 @@ class GroundTruthError(ReverieEvalError):
 
 class ProtocolError(ReverieEvalError):
     """The protocol, or another option of scoring, is invalid."""
+
+
+class ActionError(ReverieEvalError):
+    """The agent cannot do this where it is."""
 
 
 class RejectedError(ReverieEvalError):

@@ -2,19 +2,18 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from reverie_eval.arrays import FloatArray, IntArray
-from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
+from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.geometry import snap
 from reverie_eval.ground_truth import Answers, GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.scoring import Protocol, Scores, is_goal
 from reverie_eval.submissions import AlignedSubmission
-from reverie_eval.text import category_text, count_text, first_few
+from reverie_eval.text import category_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,17 +104,14 @@ class Episode:
     def visible_objects(self, viewpoint_id: str) -> Sequence[VisibleObject]:
         """Return the objects that are visible from a viewpoint, by object id."""
         answers = self.answers
-        viewpoint = self.graph.index[viewpoint_id]
-        first, end = np.searchsorted(answers.candidate_viewpoint, [viewpoint, viewpoint + 1])
-        begin = np.searchsorted(answers.boxes.candidate, np.arange(first, end + 1))
         return [
             VisibleObject(
                 object_id=int(answers.candidate_object[row]),
                 name=self._name(int(answers.candidate_object[row]), row),
-                view=answers.boxes.view[slice(*boxes)],
-                xywh=answers.boxes.xywh[slice(*boxes)],
+                view=answers.boxes.view[boxes],
+                xywh=answers.boxes.xywh[boxes],
             )
-            for row, boxes in zip(range(first, end), pairwise(begin), strict=True)
+            for row, boxes in answers.visible_from(self.graph.index[viewpoint_id])
         ]
 
     def object_name(self, object_id: int) -> str:
@@ -172,9 +168,7 @@ def episode(scores: Scores, instr_id: str) -> Episode:
         If the split has no such episode, or the scores have no trajectories.
     """
     truth, submission = scores.ground_truth, scores.require_submission()
-    row = truth.episodes.index.get(instr_id)
-    if row is None:
-        raise ReverieEvalError(_unknown_episode(instr_id, truth))
+    row = truth.row_of(instr_id)
     graph, answers = truth.graph, truth.require_answers()
     item = int(truth.episodes.item[row])
     start = int(truth.episodes.start[row])
@@ -208,16 +202,6 @@ def _predicted_box(submission: AlignedSubmission, row: int) -> PredictedBox | No
         return None
     camera = boxes.camera[found]
     return PredictedBox(boxes.xywh[found[0]], camera[0], int(snap(camera)[0]))
-
-
-def _unknown_episode(instr_id: str, truth: GroundTruth) -> str:
-    from difflib import get_close_matches  # slow to import, and only needed in errors
-
-    known = truth.episodes.instr_ids
-    close = get_close_matches(str(instr_id), known)
-    examples = f"did you mean {first_few(close)}?" if close else f"such as {first_few(known)}"
-    number = count_text(len(known), "episode")
-    return f"no episode {instr_id!r} among the {number} of {truth.split}; {examples}"
 
 
 def _text_or_empty(read: Callable[[], str]) -> str:

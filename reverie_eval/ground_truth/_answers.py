@@ -1,9 +1,9 @@
 """The answers of a split: targets, annotated paths, and candidates with their boxes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, starmap
 from typing import Literal
 
 import numpy as np
@@ -270,6 +270,12 @@ class Answers:
     def _goal_keys(self) -> IntArray:
         goal, offsets = self.goals()
         return np.unique(with_object(row_of(offsets), goal))
+
+    def visible_from(self, viewpoint: int) -> Iterator[tuple[int, slice]]:
+        """Yield the candidates of a viewpoint, by object id, and where the boxes of each are."""
+        first, end = np.searchsorted(self.candidate_viewpoint, [viewpoint, viewpoint + 1]).tolist()
+        begin = np.searchsorted(self.boxes.candidate, np.arange(first, end + 1)).tolist()
+        yield from zip(range(first, end), starmap(slice, pairwise(begin)), strict=True)
 
     def is_visible(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
         """Whether each object is visible from each viewpoint of its scan."""

@@ -12,13 +12,13 @@ from typing import Self
 import numpy as np
 
 from reverie_eval.arrays import Array, IntArray, offsets_of
-from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
 from reverie_eval.ground_truth._answers import Answers
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
 from reverie_eval.ground_truth._subset import subset_digest, subset_rows
 from reverie_eval.tasks import DEFAULT_TASK, TO_REGION, Task, find_task
-from reverie_eval.text import category_text, count_text, did_you_mean
+from reverie_eval.text import category_text, count_text, did_you_mean, first_few
 
 GROUND_TRUTH_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
 """The environment variable that names a bundle, or a folder of bundles."""
@@ -279,6 +279,28 @@ class GroundTruth:
         annotated = self.require_targets().target_categories
         names = [category_text(name).strip().lower() or NO_CATEGORY for name in annotated]
         return [names[item] for item in self.episodes.item]
+
+    def row_of(self, instr_id: str) -> int:
+        """Return the row of an episode.
+
+        Raises
+        ------
+        ReverieEvalError
+            If the split has no such episode.
+        """
+        row = self.episodes.index.get(instr_id)
+        if row is None:
+            raise ReverieEvalError(self._unknown_episode(instr_id))
+        return row
+
+    def _unknown_episode(self, instr_id: str) -> str:
+        from difflib import get_close_matches  # slow to import, and only needed in errors
+
+        known = self.episodes.instr_ids
+        close = get_close_matches(str(instr_id), known)
+        examples = f"did you mean {first_few(close)}?" if close else f"such as {first_few(known)}"
+        number = count_text(len(known), "episode")
+        return f"no episode {instr_id!r} among the {number} of {self.split}; {examples}"
 
     def require_targets(self) -> Answers:
         """Return the answers of a task with target objects.

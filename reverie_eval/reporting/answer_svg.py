@@ -59,7 +59,7 @@ Role = Literal["other", "target", "answer"]
 class ObjectLink(NamedTuple):
     """An object, and the address to which its link leads."""
 
-    seen: VisibleObject
+    span: Span
     name: str
     """Shown above it."""
     label: str
@@ -306,10 +306,9 @@ def _place(angles: FloatArray, middle: float) -> FloatArray:
 
 
 def _object_link(link: ObjectLink, middle: float) -> Iterator[str]:
-    span = span_of(link.seen)
-    x, y = _place(np.array([span.middle, span.high]), middle)
+    x, y = _place(np.array([link.span.middle, link.span.high]), middle)
     yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
-    yield from _on_panorama("other", span, middle, link.label)
+    yield from _on_panorama("other", link.span, middle, link.label)
     yield f'<text class="name" x="{x:.1f}" y="{max(y - 1, 5):.1f}">{escape(link.name)}</text></a>'
 
 

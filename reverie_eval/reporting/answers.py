@@ -64,7 +64,7 @@ class AnswerView:
             iou=_iou_text(episode),
             view=view,
             caption=" ".join(filter(None, sentences)),
-            skybox=find_skybox(episode, episode.stop),
+            skybox=find_skybox(episode.graph, episode.stop),
         )
 
     @classmethod
@@ -85,7 +85,7 @@ class AnswerView:
             iou="",
             view=view,
             caption=f"{where} The target is {target.name}.",
-            skybox=find_skybox(episode, episode.goal),
+            skybox=find_skybox(episode.graph, episode.goal),
         )
 
     @property

@@ -22,10 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reverie_eval.analysis import Episode
 from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.geometry import HEIGHT, VIEW_AXES, WIDTH, rays_of
-from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.ground_truth import DEMO_BUNDLES, NavigationGraph
 
 PANORAMAS_VARIABLE = "REVERIE_EVAL_PANORAMAS"
 """The environment variable that names the folder of the scans."""
@@ -119,23 +118,25 @@ def _data_url(
     return f"data:image/jpeg;base64,{b64encode(written.getvalue()).decode()}"
 
 
-def find_skybox(episode: Episode, viewpoint_id: str) -> Skybox | None:
+def find_skybox(graph: NavigationGraph, viewpoint_id: str) -> Skybox | None:
     """Return the skybox of a viewpoint, if there is one."""
-    folder, rotation = os.environ.get(PANORAMAS_VARIABLE), episode.graph.viewpoint_rotation
+    folder, rotation = os.environ.get(PANORAMAS_VARIABLE), graph.viewpoint_rotation
+    viewpoint = graph.index[viewpoint_id]
+    scan_id = graph.scan_of(viewpoint)
     if folder and not Path(folder).is_dir():
         warn_once(f"{PANORAMAS_VARIABLE}={folder} is not a folder; pictures have no photographs")
         return None
     if folder:
-        images = Path(folder) / episode.scan / "matterport_skybox_images"
+        images = Path(folder) / scan_id / "matterport_skybox_images"
         path = images / f"{viewpoint_id}_skybox_small.jpg"
     else:
-        path = DEMO_PANORAMAS / episode.scan / f"{viewpoint_id}.webp"
+        path = DEMO_PANORAMAS / scan_id / f"{viewpoint_id}.webp"
     if not path.is_file():
         return None
     if rotation is None:
         warn_once("the bundle has no directions of cameras for photographs; compile it again")
         return None
-    return Skybox(path, rotation[episode.graph.index[viewpoint_id]].astype(np.float64))
+    return Skybox(path, rotation[viewpoint].astype(np.float64))
 
 
 def pixels_of_skybox(direction: FloatArray, size: int) -> tuple[Array, Array]:

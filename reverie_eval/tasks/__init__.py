@@ -11,6 +11,7 @@ from reverie_eval.tasks._annotation import (
     Path,
     PathAnnotation,
     ViewpointId,
+    turns_of,
 )
 from reverie_eval.tasks._codebases import (
     Codebase,
@@ -65,4 +66,5 @@ __all__ = [
     "find_task",
     "name_on_server",
     "task_names",
+    "turns_of",
 ]

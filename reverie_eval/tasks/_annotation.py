@@ -1,5 +1,6 @@
 """The record of an annotation file, in a form common to all tasks."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, TypeAlias
 
@@ -11,6 +12,16 @@ Outline: TypeAlias = Sequence[tuple[float, float]]
 turns."""
 Path: TypeAlias = Annotated[list[ViewpointId], Meta(min_length=1)]
 """Viewpoints in walking order."""
+
+
+def turns_of(heading: float, elevation: float) -> tuple[float, float]:
+    """Return a direction in radians as outlines and answers have it: in turns, each from 0.
+
+    >>> turns_of(math.pi, 0.0)
+    (0.5, 0.5)
+    """
+    turn = 2 * math.pi
+    return heading / turn, (elevation + math.pi) / turn
 
 
 class Annotation(Struct, frozen=True, kw_only=True):

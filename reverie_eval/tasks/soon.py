@@ -1,13 +1,19 @@
 """SOON: find an object from any of ten starts, and point at it."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from reverie_eval.tasks._annotation import Annotation, EpisodeAnnotation, Outline, Path, ViewpointId
+from reverie_eval.tasks._annotation import (
+    Annotation,
+    EpisodeAnnotation,
+    Outline,
+    Path,
+    ViewpointId,
+    turns_of,
+)
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Task
 
@@ -35,9 +41,9 @@ class _Box(Struct, frozen=True):
     @property
     def outline(self) -> Outline:
         """The centre and the corners as evaluators join them, scaled as answers are submitted."""
-        it, turn = self.target, 2 * math.pi
+        it = self.target
         points = it.center, it.left_top, it.right_top, it.right_bottom, it.left_bottom
-        return [(point.heading / turn, (point.elevation + math.pi) / turn) for point in points]
+        return [turns_of(point.heading, point.elevation) for point in points]
 
 
 class SoonAnnotation(Annotation, frozen=True, kw_only=True):

@@ -152,23 +152,22 @@ def test_what_cannot_be_walked_says_why(server: Serving) -> None:
     of = partial(HumanWalk.of, seen, 0)
     start = of(1, [])
     (way, *_) = start.ways
-    home = int(np.flatnonzero(numbers_of_scan(start) == start.viewpoints[0])[0])
+    scan = viewpoints_of_scan(start)
+    home = scan.index(start.seen.viewpoint_id)
     there_and_back = [way.number, home] * 100
-    assert len(of(1, there_and_back).viewpoints) == 201
+    assert len(of(1, there_and_back).visited) == 201
     told = "a walk has at most 200 steps"
     assert refused(MalformedError, of, 1, [*there_and_back, way.number]) == told
-    far = next(
-        number
-        for number in range(len(numbers_of_scan(start)))
-        if number not in {each.number for each in start.ways} | {home}
-    )
+    near = {each.number for each in start.ways} | {home}
+    far = next(number for number in range(len(scan)) if number not in near)
     unconnected = "the walk has a step to a viewpoint that is not connected"
     assert refused(MalformedError, of, 1, [way.number, home, far]) == unconnected
+    nowhere = "the walk has a step to a viewpoint that does not exist"
+    assert refused(MalformedError, of, 1, [len(scan)]) == nowhere
     assert refused(NotFoundError, of, 85, []) == "val_unseen has 84 episodes"
-    assert of(84, []).annotated.instr_id == sample(seen.board, 0, 84)[-1]
+    assert of(84, []).instr_id == sample(seen.board, 0, 84)[-1]
     hidden = "object 99999 is not visible from where the walk ends"
-    for action in (start.answered, start.record):
-        assert refused(MalformedError, action, 99999) == hidden
+    assert refused(MalformedError, start.end, 99999) == hidden
     split = seen.board.split.model_copy(update={"track": "grounding"})
     answers = replace(seen, board=replace(seen.board, split=split))
     assert refused(NotFoundError, HumanWalk.of, answers, 0, 1, []) == (
@@ -176,28 +175,38 @@ def test_what_cannot_be_walked_says_why(server: Serving) -> None:
     )
 
 
-def numbers_of_scan(walk: HumanWalk) -> Any:
-    """Return the viewpoints of the scan of a walk."""
+def viewpoints_of_scan(walk: HumanWalk) -> list[str]:
     graph = walk.board.truth.graph
-    return np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[walk.viewpoints[0]])
+    scans = map(graph.scan_of, range(len(graph.viewpoint_ids)))
+    pairs = zip(graph.viewpoint_ids, scans, strict=True)
+    return [viewpoint_id for viewpoint_id, scan_id in pairs if scan_id == walk.seen.scan_id]
 
 
 def test_a_walk_and_its_answer_are_scored_as_they_are(server: Serving) -> None:
     seen = browsing(server)
     instr_id = sample(seen.board, 0, 1)[0]
     record = RECORDS[instr_id]
-    walk = HumanWalk.of(seen, 0, 1, numbers(TRUTH, record))
-    right = walk.answered(record["predObjId"])
+    steps = numbers(TRUTH, record)
+    right, written = HumanWalk.of(seen, 0, 1, steps).end(record["predObjId"])
     assert (right.instr_id, right.predicted_object) == (instr_id, record["predObjId"])
     assert [right.values[key] for key in ("success", "rgs")] == [1, 1]
-    assert [walk.answered(None).values[key] for key in ("success", "rgs")] == [1, 0]
-    assert walk.record(record["predObjId"]) == record
-    assert walk.record(None) == {**record, "predObjId": -1}
+    assert written == record
+    nothing, written = HumanWalk.of(seen, 0, 1, steps).end(None)
+    assert [nothing.values[key] for key in ("success", "rgs")] == [1, 0]
+    assert written == {**record, "predObjId": -1}
 
 
-def test_a_walk_without_a_target_has_no_answer() -> None:
-    path = DEMO_BUNDLES / "r2r" / "val_unseen.npz"
-    split = Split(visibility="open", bundle=path, task="r2r")
-    board = load_board("r2r-val_unseen", split, path)
+@pytest.mark.parametrize(
+    ("task", "fields"),
+    [
+        pytest.param("r2r", {"instr_id": str, "trajectory": list}, id="r2r"),
+        pytest.param("soon", {"instr_id": int, "trajectory": list}, id="soon: an item's record"),
+    ],
+)
+def test_a_walk_without_a_target_has_no_answer(task: str, fields: dict[str, type]) -> None:
+    path = DEMO_BUNDLES / task / "val_unseen.npz"
+    split = Split(visibility="open", bundle=path, task=task)
+    board = load_board(f"{task}-val_unseen", split, path)
     walk = HumanWalk.of(Browsing(board, Annotations.of(board), [], []), 0, 1, [])
-    assert walk.record(None).keys() == {"instr_id", "trajectory"}
+    _, record = walk.end(None)
+    assert {key: type(value) for key, value in record.items()} == fields

@@ -64,7 +64,7 @@ def pixels(address: str) -> np.ndarray:
 def skybox(episode: Episode, path: Path, drawn: bytes) -> Skybox:
     """Return the drawn photograph of the goal."""
     path.write_bytes(drawn)
-    found = find_skybox(episode, episode.goal)
+    found = find_skybox(episode.graph, episode.goal)
     assert found is not None
     return found
 
@@ -174,7 +174,7 @@ def test_a_folder_that_is_not_there(
 ) -> None:
     warn_once.cache_clear()
     monkeypatch.setenv(PANORAMAS_VARIABLE, "/nowhere")
-    assert [find_skybox(episode, episode.goal) for _ in range(2)] == [None, None]
+    assert [find_skybox(episode.graph, episode.goal) for _ in range(2)] == [None, None]
     assert [record.message for record in caplog.records] == [
         "REVERIE_EVAL_PANORAMAS=/nowhere is not a folder; pictures have no photographs"
     ]
@@ -184,7 +184,7 @@ def test_the_demo_world_has_drawn_photographs_of_its_own(
     episode: Episode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(PANORAMAS_VARIABLE, raising=False)
-    found = find_skybox(episode, episode.goal)
+    found = find_skybox(episode.graph, episode.goal)
     assert found is not None
     sites = demo_world().sites
     viewpoints = {

@@ -22,6 +22,7 @@ from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.play import MOST_STEPS, HumanWalk, sample
+from reverie_eval.simulator import Candidate
 
 router = APIRouter()
 
@@ -118,10 +119,10 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
     ]
     objects = [
         _object_link(each, played.link(split, number, played.walk, str(each.object_id)))
-        for each in walk.objects
+        for each in walk.seen.candidates
     ]
-    skybox = find_skybox(walk.annotated, walk.here)
-    panorama = panorama_svg(objects, ways, float(np.rad2deg(walk.heading)), skybox)
+    skybox = find_skybox(walk.board.truth.graph, walk.seen.viewpoint_id)
+    panorama = panorama_svg(objects, ways, float(np.rad2deg(walk.seen.heading)), skybox)
     return {
         "panorama": drawn(panorama),
         "ways": ways,
@@ -130,15 +131,17 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
     }
 
 
-def _object_link(seen: VisibleObject, href: str) -> ObjectLink:
+def _object_link(seen: Candidate, href: str) -> ObjectLink:
     """Link to the answer with an object, without its id."""
-    name = seen.name.removesuffix(f" {seen.object_id}")
-    return ObjectLink(seen, name, f"{name}, heading {span_of(seen).middle:.0f}°", href)
+    name = seen.name or "object"
+    views, boxes = zip(*seen.boxes, strict=True)
+    span = span_of(VisibleObject(seen.object_id, name, np.array(views), np.array(boxes)))
+    return ObjectLink(span, name, f"{name}, heading {span.middle:.0f}°", href)
 
 
 def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:
     """Return how the walk is scored, and what was to be found."""
-    scored = walk.answered(played.object_id)
+    scored, record = walk.end(played.object_id)
     shown = EpisodeMap.of({NAME: scored})
     return {
         "count": len(walk.board.truth.episodes.instr_ids),
@@ -151,5 +154,5 @@ def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:
             if walk.board.task.has_targets
         ],
         "headline": [metric.key for metric in walk.board.task.headline_metrics(scored.values)],
-        "record": msgspec.json.encode(walk.record(played.object_id)).decode(),
+        "record": msgspec.json.encode(record).decode(),
     }

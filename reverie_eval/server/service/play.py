@@ -1,27 +1,27 @@
-"""Episodes that a person plays: where they can go, what they can point at, and what it scores.
+"""Episodes that a person walks in the environment of agents, and what they score.
 
 A person sees what an agent sees: the instruction, the connected viewpoints, and the visible
 objects, but not which of them is the target. The walk is in the address of the page, so nothing is
 stored.
 """
 
+import math
 import random
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from reverie_eval.agents import Surroundings
-from reverie_eval.analysis import Episode, VisibleObject, episode
+from reverie_eval.analysis import Episode, episode
+from reverie_eval.errors import ActionError
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.scoring import PreparedSubmission
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.episodes import Browsing, align_walks
+from reverie_eval.simulator import Answer, Environment, Go, Observation, Stop
 
 MOST_STEPS = 200
 """Steps of a walk, at most; twenty times as many as annotated paths have."""
@@ -45,9 +45,16 @@ class HumanWalk:
     """The steps of a person through an episode so far."""
 
     board: Board
-    annotated: Episode
+    instr_id: str
     steps: Sequence[int]
     """The viewpoints after the start, by their numbers in the scan."""
+    visited: Sequence[str]
+    """The viewpoints from the start on."""
+    metres: float
+    """The length of the walk so far."""
+    seen: Observation
+    """What the person sees from where they are."""
+    _environment: Environment
 
     @classmethod
     def of(cls, browsing: Browsing, seed: int, number: int, steps: Sequence[int]) -> "HumanWalk":
@@ -60,96 +67,75 @@ class HumanWalk:
         MalformedError
             If a step is not one of the ways on, or there are too many.
         """
-        if browsing.board.split.track == "grounding":
-            raise NotFoundError(f"{browsing.board.name} scores answers alone; there are no walks")
-        drawn = sample(browsing.board, seed, number)
+        board = browsing.board
+        if board.split.track == "grounding":
+            raise NotFoundError(f"{board.name} scores answers alone; there are no walks")
+        drawn = sample(board, seed, number)
         if len(drawn) < number:
-            raise NotFoundError(f"{browsing.board.name} has {len(drawn)} episodes")
-        walk = cls(browsing.board, browsing.episode(drawn[-1]), steps)
+            raise NotFoundError(f"{board.name} has {len(drawn)} episodes")
         if len(steps) > MOST_STEPS:
             raise MalformedError(f"a walk has at most {MOST_STEPS} steps")
-        for here, there in pairwise(walk.viewpoints):
-            if there not in walk._surroundings.neighbours(here):
+        environment = Environment(board.truth)
+        seen = environment.reset(drawn[-1])
+        visited, metres = [seen.viewpoint_id], 0.0
+        scan = _viewpoints_of_scan(board, seen.viewpoint_id)
+        for step in steps:
+            if step >= len(scan):
+                raise MalformedError("the walk has a step to a viewpoint that does not exist")
+            distance = {each.viewpoint_id: each.distance for each in seen.neighbours}
+            if scan[step] not in distance:
                 raise MalformedError("the walk has a step to a viewpoint that is not connected")
-        return walk
-
-    @cached_property
-    def viewpoints(self) -> Sequence[int]:
-        """The viewpoints of the walk, from the start, as the graph numbers them."""
-        graph = self.board.truth.graph
-        start = graph.index[self.annotated.start]
-        scan = np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[start])
-        if not all(step < len(scan) for step in self.steps):
-            raise MalformedError("the walk has a step to a viewpoint that does not exist")
-        return [start, *scan[list(self.steps)].tolist()]
-
-    @property
-    def here(self) -> str:
-        """The id of the viewpoint where the person is."""
-        return self.board.truth.graph.viewpoint_ids[self.viewpoints[-1]]
-
-    @property
-    def heading(self) -> float:
-        """The heading of the last move, radians; 0 at the start."""
-        return float(self._surroundings.poses(self.viewpoints)[-1][1])
-
-    @property
-    def metres(self) -> float:
-        """The length of the walk so far."""
-        walked = np.array(self.viewpoints)
-        return float(self.board.truth.graph.distance_between(walked[:-1], walked[1:]).sum())
+            seen = environment.step(Go(scan[step]))
+            visited.append(scan[step])
+            metres += distance[scan[step]]
+        return cls(board, drawn[-1], steps, visited, metres, seen, environment)
 
     @property
     def ways(self) -> Sequence[Way]:
         """The viewpoints that the person can move to, by heading."""
-        graph, here = self.board.truth.graph, self.viewpoints[-1]
-        first = int(np.searchsorted(graph.viewpoint_scan, graph.viewpoint_scan[here]))
-        found = []
-        for there in self._surroundings.neighbours(here):
-            if there != here:
-                (_, heading, elevation) = self._surroundings.poses([here, there])[1]
-                pair = np.array([here]), np.array([there])
-                metres = float(graph.distance_between(*pair)[0])
-                found.append(Way(there - first, float(heading), float(elevation), metres))
-        return sorted(found, key=lambda way: way.heading)
+        scan = _viewpoints_of_scan(self.board, self.seen.viewpoint_id)
+        number = {viewpoint_id: index for index, viewpoint_id in enumerate(scan)}
+        ways = [
+            Way(
+                number=number[each.viewpoint_id],
+                heading=(self.seen.heading + each.relative_heading) % math.tau,
+                elevation=self.seen.elevation + each.relative_elevation,
+                metres=each.distance,
+            )
+            for each in self.seen.neighbours
+        ]
+        return sorted(ways, key=lambda way: way.heading)
 
-    @property
-    def objects(self) -> Sequence[VisibleObject]:
-        """The objects that are visible, by object id."""
-        return self.annotated.visible_objects(self.here)
+    def end(self, object_id: int | None) -> tuple[Episode, Mapping[str, Any]]:
+        """End the walk with an object, or none.
 
-    def answered(self, object_id: int | None) -> Episode:
-        """Return the episode as the person ended it, scored under the rules of the split.
+        Returns the episode, scored under the rules of the split, and its record in a submission.
 
         Raises
         ------
         MalformedError
             If no such object is visible.
         """
-        self._check_visible(object_id)
-        truth, row = self.board.truth, self.board.truth.episodes.index[self.annotated.instr_id]
+        try:
+            self._environment.step(Stop() if object_id is None else Answer(object_id))
+        except ActionError:
+            message = f"object {object_id} is not visible from where the walk ends"
+            raise MalformedError(message) from None
+        (record,) = self._environment.submission()
+        truth = self.board.truth
+        viewpoints = [truth.graph.index[viewpoint_id] for viewpoint_id in self.visited]
         answer = ABSTAINED if object_id is None else object_id
-        walks = align_walks(truth, {row: (self.viewpoints, answer)})
+        walks = align_walks(truth, {truth.row_of(self.instr_id): (viewpoints, answer)})
         scores = self.board.score(PreparedSubmission(walks, truth))
-        return episode(scores, self.annotated.instr_id)
+        return episode(scores, self.instr_id), record
 
-    def record(self, object_id: int | None) -> Mapping[str, Any]:
-        """Return the walk as a record of a submission."""
-        self._check_visible(object_id)
-        task, answer = self.board.task, ABSTAINED if object_id is None else object_id
-        return {
-            **task.id_field(self.annotated.instr_id),
-            "trajectory": self._surroundings.poses(self.viewpoints),
-            **({"predObjId": answer} if task.has_targets else {}),
-        }
 
-    @cached_property
-    def _surroundings(self) -> Surroundings:
-        return Surroundings(self.board.truth)
-
-    def _check_visible(self, object_id: int | None) -> None:
-        if object_id is not None and object_id not in {each.object_id for each in self.objects}:
-            raise MalformedError(f"object {object_id} is not visible from where the walk ends")
+def _viewpoints_of_scan(board: Board, viewpoint_id: str) -> Sequence[str]:
+    """Return the viewpoints of a scan, in the order of their numbers."""
+    graph = board.truth.graph
+    scan = graph.viewpoint_scan[graph.index[viewpoint_id]]
+    begin, end = np.searchsorted(graph.viewpoint_scan, [scan, scan + 1])
+    return graph.viewpoint_ids[begin:end]
 
 
 def sample(board: Board, seed: int, size: int) -> Sequence[str]:

@@ -25,6 +25,12 @@ In the second (HAMT, DUET, NaviLLM) there is a batch of them, so every argument 
     (state,) = sim.getState()  # the same object every time: later actions change it
 
 ``init`` or ``initialize`` chooses the generation; without them, the first ``newEpisode`` does.
+
+REVERIE's objects are new here; the original knows nothing of them::
+
+    sim.setObjectsPath("tasks/REVERIE/data/BBox")  # before initialize
+    state.objects  # in this view, each with objectId, name and bbox2d
+    state.candidates  # from this viewpoint, each with objectId, name, visible_pos and bbox2d
 """
 
 import hashlib
@@ -38,7 +44,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-__all__ = ["Mat", "SimState", "Simulator", "ViewPoint", "cbf"]
+__all__ = ["Candidate", "Mat", "Objects", "SeenObject", "SimState", "Simulator", "ViewPoint", "cbf"]
 
 _HEADINGS = 12
 _TURN = math.pi * 2.0 / _HEADINGS
@@ -101,15 +107,42 @@ class ViewPoint:
         return ViewPoint(self._viewpointId, self._ix, self._xyz, *relative)
 
 
+class SeenObject(NamedTuple):
+    """An object of REVERIE in a view."""
+
+    objectId: int
+    """Within the building."""
+    name: str
+    bbox2d: List[int]
+    """Left, top, width and height in pixels of a view of 640 x 480 with 60 degrees from top to
+    bottom, whatever the camera is set to."""
+
+
+class Candidate(NamedTuple):
+    """An object of REVERIE that is visible from a viewpoint, in the fields of the released files.
+
+    The files list the objects within 3 metres of the viewpoint.
+    """
+
+    objectId: int
+    name: str
+    visible_pos: List[int]
+    """The views that show it, 0 to 35."""
+    bbox2d: List[List[int]]
+    """Its box in each of these views."""
+
+
 class SimState:
     """Where an agent is, where it looks, and where it can go."""
 
     __slots__ = (
+        "_candidates",
         "_depth",
         "_elevation",
         "_heading",
         "_location",
         "_navigable",
+        "_objects",
         "_rgb",
         "_scanId",
         "_step",
@@ -129,6 +162,15 @@ class SimState:
         doc="The agent's viewpoint, then others it can go to, the nearest to the centre first.",
     )
 
+    candidates = property(
+        lambda self: list(self._candidates),
+        doc="The objects that are visible from the viewpoint; none without setObjectsPath.",
+    )
+    objects = property(
+        lambda self: list(self._objects),
+        doc="Those in this view; none without setDiscretizedViewingAngles(True).",
+    )
+
     def __init__(self, width: int, height: int) -> None:
         self._scanId = ""
         self._step = 0
@@ -139,6 +181,8 @@ class SimState:
         self._elevation = 0.0
         self._viewIndex = 0
         self._navigable: List[ViewPoint] = []
+        self._candidates: List[Candidate] = []
+        self._objects: List[SeenObject] = []
 
     def _copy(self) -> "SimState":
         copy = SimState.__new__(SimState)
@@ -165,6 +209,7 @@ class Simulator:
         """0 until it is initialized, and again after :meth:`close`."""
         self._buildings: Optional[_Buildings] = None
         self._renderer: Optional[_Renderer] = None
+        self._objects: Optional[Objects] = None
         self._states: List[SimState] = []
 
     # Camera and elevation limits can change at any time. What else is set after initialization is
@@ -179,6 +224,11 @@ class Simulator:
         """Set the folder with the connectivity files."""
         if self._generation != 2:
             self._path = _text(path)
+
+    def setObjectsPath(self, path: str) -> None:
+        """Set where objects are visible, as :class:`Objects` reads it; at first, there are none."""
+        if not self._generation:
+            self._objects = Objects(_text(path))
 
     def setRenderingEnabled(self, value: bool) -> None:
         """Set whether pictures are rendered; at first, they are."""
@@ -388,8 +438,20 @@ class Simulator:
                 relative = rel_heading, place.elevation - state._elevation, place.distance
                 seen.append(ViewPoint(place.viewpointId, place.ix, place.xyz, *relative))
             state._navigable = [location, *sorted(seen, key=_from_centre)]
+            if self._objects is not None:
+                self._find_objects(self._objects, state, location)
             if self._is_rendering and self._renderer is not None:
                 self._render(self._renderer, state, location, building.rotation(location._ix))
+
+    def _find_objects(self, objects: "Objects", state: SimState, location: ViewPoint) -> None:
+        """Set the objects of a state."""
+        state._candidates = objects.visible_from(state._scanId, location._viewpointId)
+        state._objects = [
+            SeenObject(each.objectId, each.name, box)
+            for each in state._candidates
+            for view, box in zip(each.visible_pos, each.bbox2d)
+            if self._is_discretized and view == state._viewIndex
+        ]
 
     def _render(
         self, renderer: "_Renderer", state: SimState, location: ViewPoint, rotation: np.ndarray
@@ -886,6 +948,95 @@ _FIELDS = "image_id", "included", "pose", "unobstructed"
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+class Objects:
+    """Where REVERIE's objects are visible.
+
+    Parameters
+    ----------
+    path : str
+        The released folder ``BBox``, one file with all of it (``BBoxes.json``), or a bundle with
+        answers that ``reverie-eval compile`` wrote.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file or folder, or it has no objects in one of these forms.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._records: Dict[str, Any] = {}
+        self._is_folder = os.path.isdir(path)
+        if not self._is_folder:
+            read = _bundled_objects if path.endswith(".npz") else _read_objects
+            self._records = read(path)
+
+    def visible_from(self, scanId: str, viewpointId: str) -> List[Candidate]:
+        """Return the objects that are visible from a viewpoint, by id; of others, none.
+
+        Raises ValueError if the objects of a viewpoint have not the fields of the released files.
+        """
+        key = f"{scanId}_{viewpointId}"
+        if self._is_folder and key not in self._records:
+            file = os.path.join(self._path, key + ".json")
+            content = _read_objects(file) if os.path.isfile(file) else {}
+            self._records[key] = content.get(viewpointId, {})
+        try:
+            listed = [_candidate(*each) for each in self._records.get(key, {}).items()]
+        except (AttributeError, KeyError, TypeError, ValueError):
+            raise ValueError(
+                f"MatterSim: {self._path}: an object of {key} has not an id, and as many bbox2d as "
+                "visible_pos"
+            ) from None
+        return sorted(each for each in listed if each.visible_pos)
+
+
+def _candidate(name: str, record: Dict[str, Any]) -> Candidate:
+    views, boxes = record["visible_pos"], record["bbox2d"]
+    if len(views) != len(boxes):
+        raise ValueError
+    return Candidate(int(name), record.get("name", ""), list(views), list(map(list, boxes)))
+
+
+def _read_objects(file: str) -> Dict[str, Any]:
+    try:
+        with open(file, encoding="utf-8") as opened:
+            content = json.load(opened)
+    except OSError:
+        raise ValueError(f"MatterSim: Could not open objects at: {file}") from None
+    except ValueError as error:
+        raise ValueError(f"MatterSim: {file}: {error}") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"MatterSim: {file}: it is not an object with a key for each viewpoint")
+    return content
+
+
+def _bundled_objects(file: str) -> Dict[str, Any]:
+    """Return what a bundle has, in the form of the released files."""
+    try:
+        with np.load(file) as bundle:
+            ids, scans = bundle["viewpoint_id"], bundle["scan_id"][bundle["viewpoint_scan"]]
+            viewpoints = bundle["candidate_viewpoint"].tolist()
+            objects = bundle["candidate_object"].tolist()
+            names = [""] * len(objects)
+            if "text/candidate_category" in bundle:
+                names = json.loads(bundle["text/candidate_category"].tobytes().decode())
+            boxes = [bundle[name].tolist() for name in ("box_candidate", "box_view", "box_xywh")]
+    except OSError:
+        raise ValueError(f"MatterSim: Could not open objects at: {file}") from None
+    except (KeyError, ValueError):
+        raise ValueError(f"MatterSim: {file}: it is not a bundle with answers") from None
+    records = [{"name": name, "visible_pos": [], "bbox2d": []} for name in names]
+    for candidate, view, box in zip(*boxes):
+        records[candidate]["visible_pos"].append(view)
+        records[candidate]["bbox2d"].append(box)
+    found: Dict[str, Any] = {}
+    for viewpoint, number, record in zip(viewpoints, objects, records):
+        key = f"{scans[viewpoint]}_{ids[viewpoint]}"
+        found.setdefault(key, {})[number] = record
+    return found
 
 
 # Arguments, with the types that the original takes. Others raise TypeError.

@@ -1,0 +1,400 @@
+"""Episodes to walk through: observations, actions, and the submission that comes of them."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from os import PathLike, fspath
+from typing import Any, NamedTuple, TypeAlias, overload
+
+import numpy as np
+
+from reverie_eval.arrays import Array
+from reverie_eval.errors import ActionError, GroundTruthError, ReverieEvalError
+from reverie_eval.geometry import FIELD_OF_VIEW, HEIGHT, N_VIEWS, WIDTH, snap
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.simulator._observation import (
+    Action,
+    Answer,
+    AnswerBox,
+    Box,
+    Candidate,
+    Go,
+    Neighbour,
+    Notes,
+    Observation,
+    Part,
+    Point,
+    Stop,
+    Turn,
+)
+from reverie_eval.simulator.on_path import MatterSim
+from reverie_eval.simulator.on_path.MatterSim import _Renderer
+from reverie_eval.submissions import NO_POINT, join_items, official_point
+from reverie_eval.tasks import turns_of
+from reverie_eval.text import category_text, count_text
+
+Pose: TypeAlias = tuple[int, float, float]
+"""Viewpoint, heading and elevation."""
+
+
+class _Way(NamedTuple):
+    """The way to a neighbour."""
+
+    viewpoint: int
+    heading: float
+    """Radians, in [0, 2 pi)."""
+    elevation: float
+    """Radians."""
+    distance: float
+    """Metres."""
+    view: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Walk:
+    """An episode so far."""
+
+    row: int
+    poses: tuple[Pose, ...]
+    answer: Mapping[str, Any] | None = None
+    """The fields of the record; None while the episode goes on."""
+
+
+class Environment:
+    """The episodes of a split, for an agent to walk.
+
+    Observations have nothing of the annotation in them, whether or not the bundle has answers.
+
+    Parameters
+    ----------
+    ground_truth : GroundTruth
+        A bundle; a public one suffices.
+    boxes : path, optional
+        Where objects are visible: the released folder ``BBox``, the file ``BBoxes.json``, or a
+        bundle with answers. By default, ``ground_truth`` says that if it has answers.
+    pictures : path, optional
+        The folder of the scans with their skyboxes, as ``MatterSim.setDatasetPath`` takes it.
+
+    Examples
+    --------
+    >>> from reverie_eval.ground_truth import DEMO_BUNDLES
+    >>> environment = Environment(GroundTruth.load(DEMO_BUNDLES / "val_unseen.npz"))
+    >>> seen = environment.reset(environment.episodes[0])
+    >>> seen = environment.step(Go(seen.neighbours[0].viewpoint_id))
+    >>> seen = environment.step(Stop())
+    >>> [(len(it["trajectory"]), it["predObjId"]) for it in environment.submission()]
+    [(2, -1)]
+    """
+
+    def __init__(
+        self,
+        ground_truth: GroundTruth,
+        *,
+        boxes: str | PathLike[str] | None = None,
+        pictures: str | PathLike[str] | None = None,
+    ) -> None:
+        self._truth = ground_truth
+        self._objects = None if boxes is None else MatterSim.Objects(fspath(boxes))
+        self._pictures = pictures
+        self._notes = Notes()
+        self._walks: tuple[_Walk, ...] = ()
+        self._is_batch = False
+        self._ended: dict[int, _Walk] = {}
+        self._ways: dict[int, Sequence[_Way]] = {}
+        self._candidates: dict[int, tuple[Candidate, ...]] = {}
+
+    @property
+    def episodes(self) -> Sequence[str]:
+        """The ids of the split's episodes."""
+        return self._truth.episodes.instr_ids
+
+    @property
+    def parts_read(self) -> frozenset[Part]:
+        """The parts of observations that were read so far, in any episode."""
+        return frozenset(self._notes)
+
+    @overload
+    def reset(self, episode: str) -> Observation: ...
+
+    @overload
+    def reset(self, episode: list[str] | tuple[str, ...]) -> tuple[Observation, ...]: ...
+
+    def reset(
+        self, episode: str | list[str] | tuple[str, ...]
+    ) -> Observation | tuple[Observation, ...]:
+        """Begin an episode, or a batch of them.
+
+        Raises
+        ------
+        ReverieEvalError
+            If the split has no such episode.
+        """
+        instr_ids = [episode] if isinstance(episode, str) else episode
+        self._walks = tuple(map(self._begun, instr_ids))
+        self._is_batch = not isinstance(episode, str)
+        return self._observed()
+
+    @overload
+    def step(self, action: Action) -> Observation: ...
+
+    @overload
+    def step(self, action: Sequence[Action | None]) -> tuple[Observation, ...]: ...
+
+    def step(
+        self, action: Action | Sequence[Action | None]
+    ) -> Observation | tuple[Observation, ...]:
+        """Do an action; in a batch, one in each episode, and None in those that are over.
+
+        Raises
+        ------
+        ActionError
+            If an action cannot be done. Nothing is done then, in a batch in no episode.
+        """
+        actions = action if isinstance(action, list | tuple) else [action]
+        if isinstance(action, list | tuple) != self._is_batch or len(actions) != len(self._walks):
+            begun = count_text(len(self._walks), "episode")
+            raise ActionError(
+                f"{begun} began{' as a batch' if self._is_batch else ''}; call reset(), then "
+                "step() with an action, or after reset([...]) with a list of one for each episode"
+            )
+        self._walks = tuple(map(self._after, self._walks, actions))
+        self._ended |= {walk.row: walk for walk in self._walks if walk.answer is not None}
+        return self._observed()
+
+    def submission(self) -> list[dict[str, Any]]:
+        """Return the official record of each episode that ended, as it was walked last."""
+        task = self._truth.task
+        records = [
+            {
+                **task.id_field(self.episodes[walk.row]),
+                "trajectory": [
+                    [self._truth.graph.viewpoint_ids[viewpoint], heading, elevation]
+                    for viewpoint, heading, elevation in walk.poses
+                ],
+                **(walk.answer or {}),
+            }
+            for _, walk in sorted(self._ended.items())
+        ]
+        return join_items(records) if task.has_items else records
+
+    # Actions.
+
+    def _begun(self, instr_id: str) -> _Walk:
+        row = self._truth.row_of(instr_id)
+        return _Walk(row, ((int(self._truth.episodes.start[row]), 0.0, 0.0),))
+
+    def _after(self, walk: _Walk, action: Action | None) -> _Walk:
+        """Return an episode after an action."""
+        if action is None and walk.answer is not None:
+            return walk
+        if walk.answer is not None:
+            raise ActionError(f"the episode is over; there is no {action} after its end")
+        match action:
+            case Go(viewpoint_id):
+                return replace(walk, poses=(*walk.poses, self._pose_at(walk, viewpoint_id)))
+            case Turn(heading, elevation):
+                _check_direction(action, heading, elevation)
+                pose = walk.poses[-1][0], heading % math.tau, elevation
+                return replace(walk, poses=(*walk.poses[:-1], pose))
+            case Stop() | Answer() | AnswerBox() | Point():
+                return replace(walk, answer=self._answer(walk, action))
+            case _:
+                raise ActionError(f"{action!r} is not an action, such as a Go, a Turn or a Stop")
+
+    def _pose_at(self, walk: _Walk, viewpoint_id: str) -> Pose:
+        """Return the pose of someone who came to a neighbour."""
+        here, graph = walk.poses[-1][0], self._truth.graph
+        for way in self._ways_from(here):
+            if graph.viewpoint_ids[way.viewpoint] == viewpoint_id:
+                return way.viewpoint, way.heading, way.elevation
+        raise ActionError(
+            f"{viewpoint_id!r} is not a neighbour of {graph.viewpoint_ids[here]}; go to one of the "
+            "observation's neighbours"
+        )
+
+    def _answer(self, walk: _Walk, action: Stop | Answer | AnswerBox | Point) -> Mapping[str, Any]:
+        """Return the fields of an answer in the official form."""
+        task = self._truth.task
+        if isinstance(action, Answer | AnswerBox) and not task.has_targets:
+            raise ActionError(f"{task.title} has no target objects; end the episode with a Stop")
+        if isinstance(action, Point) and not task.has_items:
+            raise ActionError(f"the answer in {task.title} is not a direction")
+        match action:
+            case Answer(object_id):
+                seen = {it.object_id for it in self._candidates_at(walk.poses[-1][0])}
+                if self._has_candidates and object_id not in seen:
+                    raise ActionError(
+                        f"object {object_id} is not visible from where the agent is; answer with "
+                        "one of the observation's candidates"
+                    )
+                return {"predObjId": int(object_id)}
+            case AnswerBox(Box(view, xywh)):
+                _check_box(action, view, xywh)
+                return {"predBox": list(xywh), "predView": view}
+            case Point(heading, elevation):
+                _check_direction(action, heading, elevation)
+                return official_point(turns_of(heading % math.tau, elevation))
+            case Stop():
+                abstained = {"predObjId": ABSTAINED} if task.has_targets else {}
+                return {**abstained, **(official_point(NO_POINT) if task.has_items else {})}
+
+    # Observations.
+
+    def _observed(self) -> Observation | tuple[Observation, ...]:
+        observations = tuple(map(self._observe, self._walks))
+        return observations if self._is_batch else observations[0]
+
+    def _observe(self, walk: _Walk) -> Observation:
+        viewpoint, heading, elevation = walk.poses[-1]
+        graph, episodes = self._truth.graph, self._truth.episodes
+        return Observation(
+            instruction=self._instructions[walk.row],
+            language=episodes.languages[walk.row] if episodes.languages else "",
+            scan_id=graph.scan_of(viewpoint),
+            viewpoint_id=graph.viewpoint_ids[viewpoint],
+            heading=heading,
+            elevation=elevation,
+            neighbours=tuple(
+                Neighbour(
+                    viewpoint_id=graph.viewpoint_ids[way.viewpoint],
+                    relative_heading=math.remainder(way.heading - heading, math.tau),
+                    relative_elevation=way.elevation - elevation,
+                    distance=way.distance,
+                    view=way.view,
+                    notes=self._notes,
+                )
+                for way in self._ways_from(viewpoint)
+            ),
+            candidates=self._candidates_at(viewpoint),
+            is_over=walk.answer is not None,
+            render=partial(self._render, *walk.poses[-1]),
+            notes=self._notes,
+        )
+
+    @cached_property
+    def _instructions(self) -> Sequence[str]:
+        try:
+            return self._truth.episodes.instructions
+        except GroundTruthError:  # compiled without them
+            return [""] * len(self.episodes)
+
+    def _ways_from(self, viewpoint: int) -> Sequence[_Way]:
+        ways = self._ways.get(viewpoint)
+        if ways is None:
+            ways = self._ways[viewpoint] = list(self._find_ways(viewpoint))
+        return ways
+
+    def _find_ways(self, here: int) -> Iterator[_Way]:
+        graph = self._truth.graph
+        near = graph.neighbours(here)
+        offsets = (graph.viewpoint_position[list(near)] - graph.viewpoint_position[here]).tolist()
+        angles = [
+            (math.atan2(x, y) % math.tau, math.atan2(z, math.hypot(x, y))) for x, y, z in offsets
+        ]
+        views = snap(np.array(angles).reshape(-1, 2)).tolist()
+        columns = zip(near.items(), angles, views, strict=True)
+        for (viewpoint, distance), (heading, elevation), view in columns:
+            yield _Way(viewpoint, heading, elevation, distance, view)
+
+    def _candidates_at(self, viewpoint: int) -> tuple[Candidate, ...]:
+        seen = self._candidates.get(viewpoint)
+        if seen is None:
+            seen = self._candidates[viewpoint] = tuple(self._find_candidates(viewpoint))
+        return seen
+
+    @property
+    def _has_candidates(self) -> bool:
+        return self._objects is not None or self._truth.answers is not None
+
+    def _find_candidates(self, viewpoint: int) -> Iterator[Candidate]:
+        for object_id, name, views, boxes in self._visible_from(viewpoint):
+            pairs = zip(views, boxes, strict=True)
+            yield Candidate(
+                object_id=object_id,
+                name=category_text(name),
+                boxes=tuple(Box(view, (x, y, w, h)) for view, (x, y, w, h) in pairs),
+                notes=self._notes,
+            )
+
+    def _visible_from(self, viewpoint: int) -> Iterable[MatterSim.Candidate]:
+        graph, answers = self._truth.graph, self._truth.answers
+        if self._objects is not None:
+            scan_id = graph.scan_of(viewpoint)
+            return self._objects.visible_from(scan_id, graph.viewpoint_ids[viewpoint])
+        if answers is None:
+            return ()
+        return (
+            MatterSim.Candidate(
+                int(answers.candidate_object[row]),
+                self._categories[row] if self._categories else "",
+                answers.boxes.view[boxes].tolist(),
+                answers.boxes.xywh[boxes].tolist(),
+            )
+            for row, boxes in answers.visible_from(viewpoint)
+        )
+
+    @cached_property
+    def _categories(self) -> Sequence[str]:
+        try:
+            return self._truth.require_answers().candidate_categories
+        except GroundTruthError:  # compiled without them
+            return ()
+
+    # Pictures.
+
+    def _render(self, viewpoint: int, heading: float, elevation: float) -> Array:
+        graph = self._truth.graph
+        if self._pictures is None:
+            raise ReverieEvalError("no pictures here; Environment(..., pictures=folder) has them")
+        if graph.viewpoint_rotation is None:
+            raise GroundTruthError(
+                "this ground truth has no directions of cameras; compile it again with this version"
+            )
+        name = f"{graph.viewpoint_ids[viewpoint]}_skybox_small.jpg"
+        path = (
+            f"{fspath(self._pictures)}/{graph.scan_of(viewpoint)}/matterport_skybox_images/{name}"
+        )
+        rotation = graph.viewpoint_rotation[viewpoint]
+        blue_first = self._renderer.colours(path, self._renderer.look(rotation, heading, elevation))
+        return blue_first[..., ::-1]
+
+    @cached_property
+    def _renderer(self) -> _Renderer:
+        return _Renderer(WIDTH, HEIGHT, FIELD_OF_VIEW)
+
+
+def _check_direction(action: Action, heading: float, elevation: float) -> None:
+    if not (math.isfinite(heading) and abs(elevation) <= math.pi / 2):
+        raise ActionError(f"{action!r} is not a direction; angles are radians")
+
+
+def _check_box(action: Action, view: int, xywh: Sequence[float]) -> None:
+    is_box = len(xywh) == 4 and all(map(math.isfinite, xywh)) and min(xywh[2:]) > 0
+    if not is_box or view not in range(N_VIEWS):
+        raise ActionError(
+            f"{action!r} is not a box; expected left, top, width and height in one of 36 views"
+        )
+
+
+def run_episode(
+    environment: Environment, agent: Callable[[Observation], Action], episode: str, most: int = 200
+) -> Observation:
+    """Let an agent walk an episode, and return the last observation.
+
+    Parameters
+    ----------
+    environment : Environment
+    agent : callable
+        Chooses the next action.
+    episode : str
+    most : int
+        Actions after which the agent is stopped without an answer.
+    """
+    seen = environment.reset(episode)
+    for _ in range(most):
+        if seen.is_over:
+            return seen
+        seen = environment.step(agent(seen))
+    return seen if seen.is_over else environment.step(Stop())

@@ -1,0 +1,173 @@
+"""What an agent observes, and what it can do."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar, overload
+
+from reverie_eval.arrays import Array
+
+Part: TypeAlias = Literal["instruction", "geometry", "names", "boxes", "pictures"]
+"""A part of an observation of which it is noted whether the agent read it."""
+
+T = TypeVar("T")
+
+
+class Notes(set[Part]):
+    """The parts that were read; copies of observations note in the same place."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Notes":
+        return self
+
+
+class _Noted(Generic[T]):
+    """A field of a dataclass that notes when it is read: also by ``repr`` and ``==``."""
+
+    def __init__(self, part: Part) -> None:
+        self._part = part
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, of: None, owner: type) -> "_Noted[T]": ...
+
+    @overload
+    def __get__(self, of: object, owner: type) -> T: ...
+
+    def __get__(self, of: Any, owner: type) -> "_Noted[T] | T":
+        if of is None:  # the dataclass asks for a default
+            raise AttributeError(self._name)
+        of.notes.add(self._part)
+        value: T = vars(of)[self._name]
+        return value
+
+    def __set__(self, of: object, value: T) -> None:
+        vars(of)[self._name] = value
+
+
+class Box(NamedTuple):
+    """An annotated box in one of the 36 views."""
+
+    view: int
+    """0 to 35."""
+    xywh: tuple[int, int, int, int]
+    """Left, top, width and height in pixels of the 640 x 480 view."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """An object that is visible from the agent's viewpoint, in any direction."""
+
+    object_id: int
+    """Within the building."""
+    name: _Noted[str] = _Noted("names")
+    """Its annotated category; empty if there is none."""
+    boxes: _Noted[tuple[Box, ...]] = _Noted("boxes")
+    """One for each view that shows it."""
+    notes: Notes = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Neighbour:
+    """A viewpoint to which the agent can go."""
+
+    viewpoint_id: str
+    relative_heading: _Noted[float] = _Noted("geometry")
+    """Radians to the right of the agent's heading, in [-pi, pi]."""
+    relative_elevation: _Noted[float] = _Noted("geometry")
+    """Radians above the agent's elevation."""
+    distance: _Noted[float] = _Noted("geometry")
+    """Metres."""
+    view: _Noted[int] = _Noted("geometry")
+    """The view of the 36 in which it appears nearest to the centre."""
+    notes: Notes = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """What an agent observes. It has no id of the episode, because REVERIE's contain the target's.
+
+    The values are frozen: later steps do not change them.
+    """
+
+    instruction: _Noted[str] = _Noted("instruction")
+    """Empty if the ground truth was compiled without instructions."""
+    language: str
+    """Of the instruction, such as ``en-US``; empty in a task of one language."""
+    scan_id: str
+    viewpoint_id: str
+    heading: float
+    """Radians from the building's y axis towards its x axis, in [0, 2 pi)."""
+    elevation: float
+    """Radians above the horizon."""
+    neighbours: tuple[Neighbour, ...]
+    """In the order of the connectivity file."""
+    candidates: tuple[Candidate, ...]
+    """By object id; empty if the environment was given no boxes."""
+    is_over: bool
+    """Whether the agent ended the episode."""
+    render: Callable[[], Array] = field(repr=False, compare=False)
+    notes: Notes = field(repr=False, compare=False)
+
+    def image(self) -> Array:
+        """Return what the camera shows.
+
+        Returns
+        -------
+        uint8 array of shape (480, 640, 3)
+            Red, green and blue.
+
+        Raises
+        ------
+        ReverieEvalError
+            If the environment was given no pictures, or there is none of this viewpoint.
+        """
+        self.notes.add("pictures")
+        return self.render()
+
+
+@dataclass(frozen=True, slots=True)
+class Go:
+    """Go to a neighbour, and face the direction of travel."""
+
+    viewpoint_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Face a direction, in radians as the observation has it; the last pose has it then."""
+
+    heading: float
+    elevation: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """End the episode without an answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """End the episode, and predict an object."""
+
+    object_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerBox:
+    """End the episode, and predict a box in one of the 36 views."""
+
+    box: Box
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """End the episode, and point in a direction in which the target is: the answer of SOON."""
+
+    heading: float
+    """Radians."""
+    elevation: float
+    """Radians."""
+
+
+Action: TypeAlias = Go | Turn | Stop | Answer | AnswerBox | Point

@@ -8,10 +8,12 @@ ReverieEvalError
     GroundTruthError        the bundle is missing, damaged, or lacks what is needed
     ProtocolError           the protocol, or another option of scoring, is invalid
     ActionError             the agent cannot do this where it is
+    MissingPartError        a part of the package is not installed
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -19,6 +21,21 @@ SHOWN_PROBLEMS = 20
 """The most problems that an error's text lists one by one: with their title they fit a screen."""
 _SHOWN_OF_A_KIND = 3
 """Of more problems, the text lists so many of each kind."""
+
+_PARTS: Mapping[str, tuple[str, str]] = {
+    "PIL": ("pictures need", "report"),
+    "cryptography": ("receipts need", "client"),
+    "httpx": ("calling a server needs", "client"),
+    "jinja2": ("an HTML report needs", "report"),
+    "matplotlib": ("figures need", "report"),
+    "pandas": ("a data frame needs", "report"),
+    "platformdirs": ("calling a server needs", "client"),
+    "pyarrow": ("Parquet files need", "parquet"),
+    "scipy": ("intervals, comparisons and plans need", "analysis"),
+    "tenacity": ("calling a server needs", "client"),
+    "yaml": ("metadata in YAML need", "report"),
+}
+"""What needs a package, and the extra that brings it, by the package's name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +71,10 @@ class ProtocolError(ReverieEvalError):
 
 class ActionError(ReverieEvalError):
     """The agent cannot do this where it is."""
+
+
+class MissingPartError(ReverieEvalError, ImportError):
+    """A part of the package is not installed; the message says how to install it."""
 
 
 class RejectedError(ReverieEvalError):
@@ -116,3 +137,21 @@ def _listing(problems: Sequence[Problem]) -> Iterator[str]:
             hidden[code] += 1 + len(others)
     for code, count in hidden.items():
         yield f"... and {count:,} more {code}"
+
+
+@contextmanager
+def naming_missing_parts() -> Iterator[None]:
+    """Say how to install the part that is missing if an import fails for lack of one.
+
+    Raises
+    ------
+    MissingPartError
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in _PARTS:
+            raise
+        what, extra = _PARTS[package]
+        raise MissingPartError(f"{what}: pip install 'reverie-eval[{extra}]'") from error

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -81,7 +81,7 @@ def time_text(instant: datetime) -> str:
     1
     """
     whole = instant.replace(microsecond=0)
-    local, utc = whole.astimezone(), f"{whole.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
+    local, utc = whole.astimezone(), f"{whole.astimezone(timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
     return f"{local:%Y-%m-%d %H:%M:%S %Z} ({utc})" if local.utcoffset() else utc
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import click
 
 from reverie_eval import RejectedError, ReverieEvalError
+from reverie_eval.errors import naming_missing_parts
 from reverie_eval.version import __version__
 from reverie_eval_cli.groups import Program
 
@@ -104,7 +105,7 @@ def _status(words: list[str]) -> int:
             from click.shell_completion import shell_complete
 
             return shell_complete(program, {}, PROGRAM, COMPLETION_VARIABLE, instruction)
-        with program.make_context(PROGRAM, words) as context:
+        with naming_missing_parts(), program.make_context(PROGRAM, words) as context:
             status: int | None = program.invoke(context)
             return status or 0
     except click.exceptions.Exit as finished:  # after --help and --version

@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
-from datetime import UTC, date, datetime
+from datetime import date, datetime, timezone
 from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -81,7 +81,7 @@ class Time(click.ParamType[datetime]):
         if time is None:
             example = "such as 2027-06-01T12:00:00Z"
             self.fail(f"{value!r} is not a time with a time zone, {example}", param, ctx)
-        return time.astimezone(UTC)
+        return time.astimezone(timezone.utc)
 
 
 class DayOrTime(click.ParamType[str]):

@@ -5,7 +5,7 @@ import os
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -105,7 +105,7 @@ def actor() -> str:
 
 def now() -> datetime:
     """Return the time."""
-    return datetime.now(UTC)
+    return datetime.now(timezone.utc)
 
 
 def after(days: int | None) -> datetime | None:

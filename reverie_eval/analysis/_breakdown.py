@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, IntArray, with_object
-from reverie_eval.errors import ProtocolError
+from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import units_of
 from reverie_eval.scoring import FEW_CLUSTERS, Scores, bounds_of, clusters_of
@@ -243,7 +243,8 @@ def breakdown(
     GroundTruthError
         If the ground truth was compiled without instructions or categories that it needs.
     """
-    import pandas as pd
+    with naming_missing_parts():
+        import pandas as pd
 
     chosen = [by] if isinstance(by, str | pd.Series) else list(by)
     if not chosen:

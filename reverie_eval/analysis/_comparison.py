@@ -10,13 +10,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import comb
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.analysis._runs import Method, RunIntervals, Runs, crossed_means, runs_of
 from reverie_eval.arrays import Array, FloatArray, difference
-from reverie_eval.errors import ProtocolError, SubmissionError
+from reverie_eval.errors import ProtocolError, SubmissionError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.scoring import (
@@ -248,7 +249,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         Values are in the metrics' own units, which ``attrs["units"]`` lists by metric; ``caution``
         is empty unless intervals are less certain than they look.
         """
-        import pandas as pd
+        with naming_missing_parts():
+            import pandas as pd
 
         rows = {
             (name, key): {
@@ -280,7 +282,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         metric : str, optional
             The metric to compare; :attr:`correctness` if not given.
         """
-        import pandas as pd
+        with naming_missing_parts():
+            import pandas as pd
 
         key = self.correctness.key if metric is None else metric
         values = {name: each.episodes[key] for name, each in self.scores.items()}

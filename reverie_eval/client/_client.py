@@ -4,11 +4,12 @@ import gzip
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import Self, TypeVar
+from typing import TypeVar
 from urllib.parse import parse_qsl, quote, urlsplit
 
 import httpx
 from pydantic import TypeAdapter, ValidationError
+from typing_extensions import Self
 
 from reverie_eval.client._address import check_private, server_url
 from reverie_eval.client._errors import NotAServerError, ServiceError, UnreachableError

@@ -3,10 +3,10 @@
 import os
 import tempfile
 from pathlib import Path
-from typing import Self
 
 from platformdirs import user_config_path
 from pydantic import BaseModel, ConfigDict, ValidationError
+from typing_extensions import Self
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import is_private

@@ -3,10 +3,11 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Self, TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 from pydantic import Field
+from typing_extensions import Self
 
 from reverie_eval.arrays import FloatArray, frozen
 

@@ -13,7 +13,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Self
+
+from typing_extensions import Self
 
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task

@@ -6,8 +6,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 from reverie_eval.dataset._reader import Reader
@@ -34,8 +32,13 @@ class ScanGraph:
     @cached_property
     def component(self) -> IntArray:
         """Shape (n,): the connected component of each viewpoint, along edges in any direction."""
-        _, labels = connected_components(self.edge, directed=False)
-        return np.asarray(labels)
+        start, end = np.nonzero(self.edge | self.edge.T)
+        label = np.arange(len(self.edge))
+        while True:
+            before = label.copy()
+            np.minimum.at(label, end, before[start])
+            if np.array_equal(label, before):
+                return label
 
     @cached_property
     def row(self) -> Mapping[str, int]:
@@ -60,7 +63,38 @@ class ScanGraph:
             _straight_distance(position[a], position[b])
             for a, b in zip(start.tolist(), end.tolist(), strict=True)
         ]
-        return np.asarray(dijkstra(csr_array((length, (start, end)), shape=self.edge.shape)))
+        return _shortest_routes(len(self.edge), start, end, np.array(length))
+
+
+def _shortest_routes(
+    n_nodes: int, start: IntArray, end: IntArray, length: FloatArray
+) -> FloatArray:
+    """Return the length of the shortest route from each node to each; inf if there is none.
+
+    Bellman and Ford's method, for all nodes at once. The published evaluators use Dijkstra's. Both
+    find the least of all routes' lengths, each the sum of its edges from the first to the last, and
+    as a longer sum is never rounded to a smaller number, the same bits.
+    """
+    # Layers of edges: in each, at most one leads to each node.
+    order = np.argsort(end, kind="stable")
+    start, end, length = start[order], end[order], length[order]
+    layer = np.arange(len(end)) - np.searchsorted(end, end)
+    n_layers = layer.max(initial=-1) + 1
+    previous = np.zeros((n_layers, n_nodes), dtype=np.int64)
+    last_length = np.full((n_layers, n_nodes, 1), np.inf)
+    previous[layer, end], last_length[layer, end, 0] = start, length
+
+    to_from = np.full((n_nodes, n_nodes), np.inf)  # whole rows are read, so a row has its end
+    np.fill_diagonal(to_from, 0.0)
+    route = np.empty_like(to_from)
+    while True:
+        before = to_from.copy()
+        for nodes, last in zip(previous, last_length, strict=True):
+            np.take(to_from, nodes, axis=0, out=route, mode="clip")  # "raise" copies once more
+            route += last
+            np.minimum(to_from, route, out=to_from)
+        if np.array_equal(to_from, before):
+            return np.ascontiguousarray(to_from.T)
 
 
 def _straight_distance(start: Sequence[float], end: Sequence[float]) -> float:

@@ -18,9 +18,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID, BoolArray, FloatArray, IntArray
 from reverie_eval.dataset._records import FARTHEST

@@ -9,9 +9,10 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, Literal, Self, TypeVar
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import Array, BoolArray
 from reverie_eval.errors import Problem

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Self
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, frozen
 

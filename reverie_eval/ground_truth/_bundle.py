@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Self
 
 import msgspec
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import Array, frozen, read_arrays, take_prefixed
 from reverie_eval.errors import GroundTruthError, ProtocolError

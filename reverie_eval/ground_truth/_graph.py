@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
 from itertools import count
-from typing import Self
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, offsets_of, row_of
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Self
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import Array, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError

@@ -143,8 +143,8 @@ class Metric:
         >>> CATALOGUE["success"].display(0.54532677)
         '54.53'
         """
-        # z: a small negative number rounds to 0.00, not to -0.00.
-        return f"{100 * value if self.unit == 'fraction' else value:z.2f}"
+        text = f"{100 * value if self.unit == 'fraction' else value:.2f}"
+        return "0.00" if text == "-0.00" else text
 
     def display_one(self, value: float) -> str:
         """Format the value of a single episode: a binary one as yes or no.

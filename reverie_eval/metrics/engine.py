@@ -29,13 +29,13 @@ References
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
+from typing_extensions import Self
 
 from reverie_eval.arrays import ROUNDING, BoolArray, FloatArray, IntArray
-from reverie_eval.errors import ProtocolError
+from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics.uncertainty import (
     CONFIDENCE,
     RESAMPLES,
@@ -44,6 +44,9 @@ from reverie_eval.metrics.uncertainty import (
     cluster_sums,
     interval,
 )
+
+with naming_missing_parts():
+    from scipy.special import stdtrit
 
 FEWEST_CLUSTERS = 10
 """If fewer clusters have something other than the worst possible value, or the best, percentiles of

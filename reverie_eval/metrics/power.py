@@ -13,13 +13,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import gammaincinv, ndtr, stdtrit
 
 from reverie_eval.arrays import FloatArray, IntArray
-from reverie_eval.errors import ProtocolError
+from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics.engine import CrossedMeans, IntervalEngine
 from reverie_eval.metrics.uncertainty import CONFIDENCE, RESAMPLES, SEED, randomisation_p
+
+with naming_missing_parts():
+    from scipy.optimize import brentq
+    from scipy.special import gammaincinv, ndtr, stdtrit
 
 SIGNIFICANCE = 1 - CONFIDENCE
 """The significance level of the two-sided test."""

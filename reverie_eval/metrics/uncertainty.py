@@ -9,9 +9,12 @@ Functions take one row per episode and one column per metric. Those that draw at
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.special import bdtr, ndtr, stdtrit
 
 from reverie_eval.arrays import ROUNDING, Array, FloatArray, IntArray
+from reverie_eval.errors import naming_missing_parts
+
+with naming_missing_parts():
+    from scipy.special import bdtr, ndtr, stdtrit
 
 CONFIDENCE = 0.95
 RESAMPLES = 10_000

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from html import escape
 from itertools import count
 from types import MappingProxyType
-from typing import Self
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.metrics import CATALOGUE, Metric

@@ -8,7 +8,6 @@ Design", 2008.
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import cycle
 from numbers import Real
 from textwrap import wrap
@@ -19,7 +18,7 @@ import numpy as np
 
 from reverie_eval.analysis import Comparison, Episode, GroupingKey, Method
 from reverie_eval.arrays import FloatArray
-from reverie_eval.errors import ProtocolError, ReverieEvalError
+from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.charts import Histogram, Walks
 from reverie_eval.reporting.map_layout import (
@@ -457,11 +456,9 @@ def split_colour(split: str) -> str:
 
 
 def check_matplotlib() -> None:
-    """Raise ReverieEvalError if matplotlib is not installed."""
-    if find_spec("matplotlib") is None:
-        raise ReverieEvalError(
-            "figures need matplotlib; install it with: pip install 'reverie-eval[figures]'"
-        )
+    """Raise MissingPartError if matplotlib is not installed."""
+    with naming_missing_parts():
+        import matplotlib as mpl  # noqa: F401
 
 
 @contextmanager

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from types import MappingProxyType
-from typing import Literal, NamedTuple, Self
+from typing import Literal, NamedTuple
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.geometry import FOCAL_LENGTH

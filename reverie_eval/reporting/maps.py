@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, Self
+from typing import Literal, NamedTuple
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.analysis import Episode
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray

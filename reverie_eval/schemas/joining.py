@@ -1,9 +1,9 @@
 """Joining a server: requests, which anyone may send, and files of people to be added."""
 
 from datetime import datetime
-from typing import Self
 
 from pydantic import Field, model_validator
+from typing_extensions import Self
 
 from reverie_eval.schemas.organising import LONGEST_FILE, NewPerson, NewTokenReport
 from reverie_eval.schemas.wire import Email, Line, Name, TeamName, WireModel

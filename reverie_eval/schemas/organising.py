@@ -1,9 +1,10 @@
 """Messages between organisers and the server."""
 
 from datetime import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
+from typing_extensions import Self
 
 from reverie_eval.schemas.report import SplitName
 from reverie_eval.schemas.service import (

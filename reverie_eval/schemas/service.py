@@ -2,10 +2,10 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta, timezone
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -15,6 +15,7 @@ from pydantic import (
     Field,
     model_validator,
 )
+from typing_extensions import Self
 
 from reverie_eval.schemas.report import (
     DatasetName,
@@ -254,7 +255,10 @@ def first_overlap(phases: Sequence[Phase]) -> tuple[Phase, Phase] | None:
 
     A phase that opens in the last second of another overlaps it, because both include that second.
     """
-    earliest, latest = datetime.min.replace(tzinfo=UTC), datetime.max.replace(tzinfo=UTC)
+    earliest, latest = (
+        datetime.min.replace(tzinfo=timezone.utc),
+        datetime.max.replace(tzinfo=timezone.utc),
+    )
     in_order = sorted(phases, key=lambda each: (each.opens or earliest, each.closes or latest))
     for first, second in pairwise(in_order):
         opens = (second.opens or earliest).replace(microsecond=0)

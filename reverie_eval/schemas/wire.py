@@ -2,7 +2,7 @@
 
 import re
 from contextlib import suppress
-from datetime import UTC, date, datetime
+from datetime import date, datetime, timezone
 from typing import Annotated, Any
 from unicodedata import normalize
 
@@ -141,7 +141,7 @@ def _without_default(schema: dict[str, Any]) -> None:
 def _instant(value: datetime) -> datetime:
     if not 2000 <= value.year < 3000:
         raise ValueError("must be in the years 2000 to 2999")
-    return value.astimezone(UTC)
+    return value.astimezone(timezone.utc)
 
 
 # Texts are normalised before their length is checked, so a stored text is still valid when it is

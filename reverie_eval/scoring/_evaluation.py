@@ -10,7 +10,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from types import MappingProxyType
-from typing import Self, get_args
+from typing import get_args
+
+from typing_extensions import Self
 
 from reverie_eval import metrics
 from reverie_eval.arrays import Array, BoolArray

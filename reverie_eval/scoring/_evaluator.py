@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
-from reverie_eval.errors import GroundTruthError, SubmissionError
+from typing_extensions import Self
+
+from reverie_eval.errors import GroundTruthError, SubmissionError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.processes import map_in_processes
@@ -238,7 +240,8 @@ class ScoredFiles(Mapping[str, Scores]):
 
         Values are in the metrics' own units, which ``attrs["units"]`` lists by column.
         """
-        import pandas as pd
+        with naming_missing_parts():
+            import pandas as pd
 
         keys = [metric.key for metric in self.metrics]
         rows = [{key: each[key] for key in keys if key in each} for each in self.values()]

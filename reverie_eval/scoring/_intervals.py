@@ -5,9 +5,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from operator import attrgetter
-from typing import TYPE_CHECKING, Literal, Self, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import Array, FloatArray, IntArray, with_object
 from reverie_eval.errors import ProtocolError

@@ -5,12 +5,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import Array
-from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
+from reverie_eval.errors import (
+    GroundTruthError,
+    ProtocolError,
+    ReverieEvalError,
+    naming_missing_parts,
+)
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.scoring._episode_table import (
@@ -423,7 +429,8 @@ class Scores(Mapping[str, float]):
 
         Values are in the metrics' own units, which ``attrs["units"]`` lists by column.
         """
-        import pandas as pd
+        with naming_missing_parts():
+            import pandas as pd
 
         index = pd.Index(self.instr_ids, name="instr_id")
         table = pd.DataFrame(dict(self.episodes), index=index)

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of
 from reverie_eval.errors import Problem

@@ -4,7 +4,7 @@ What is known stands in ``codebases.toml``, and nowhere else.
 """
 
 import re
-import tomllib
+import sys
 from collections.abc import Sequence
 from datetime import date
 from functools import cache
@@ -15,6 +15,11 @@ from msgspec import Struct
 
 from reverie_eval.errors import ProtocolError
 from reverie_eval.tasks._registry import BUILT_IN, find_task
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 _FILE = Path(__file__).with_name("codebases.toml")
 _ON_GITHUB = re.compile(r"github\.com[:/]([^/]+/[^/]+)")

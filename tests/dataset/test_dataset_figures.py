@@ -73,9 +73,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-REMEDY = (
-    "reverie-eval: figures need matplotlib; install it with: pip install 'reverie-eval[figures]'\n"
-)
+REMEDY = "reverie-eval: figures need: pip install 'reverie-eval[report]'\n"
 
 
 @pytest.mark.parametrize(

@@ -345,4 +345,4 @@ def test_without_matplotlib(call: str) -> None:
     said = subprocess.check_output(
         [sys.executable, "-c", program, str(Path(SAMPLES, "good.json"))], text=True
     )
-    assert said == "figures need matplotlib; install it with: pip install 'reverie-eval[figures]'\n"
+    assert said == "figures need: pip install 'reverie-eval[report]'\n"

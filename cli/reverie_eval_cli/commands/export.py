@@ -5,7 +5,7 @@ import json
 import re
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,7 @@ def export_every_eval_ever(
 
     developer, name = model
     evaluated = EvaluatedModel(developer, name, evaluator or developer)
-    aggregate = every_eval_ever(scores.with_intervals(), evaluated, datetime.now(UTC))
+    aggregate = every_eval_ever(scores.with_intervals(), evaluated, datetime.now(timezone.utc))
     place = Path("data", collection(scores), developer, name)
     stem = str(uuid.uuid4())
     (output / place).mkdir(parents=True, exist_ok=True)
@@ -176,7 +176,7 @@ def export_eval_results(
     """
     from reverie_eval.exports import evaluation_results
 
-    at = datetime.now(UTC)
+    at = datetime.now(timezone.utc)
     results = evaluation_results(scores, "/".join(benchmark), task_id, at)
     show(lambda: _yaml(results).rstrip(), output)
 

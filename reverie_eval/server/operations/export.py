@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from reverie_eval.errors import ReverieEvalError
+from reverie_eval.errors import ReverieEvalError, naming_missing_parts
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.service import METHOD_FLAGS
@@ -140,13 +140,9 @@ def _write_csv(table: ExportedTable, path: Path) -> None:
 
 
 def _parquet_writer() -> Any:
-    try:
+    with naming_missing_parts():
         import pyarrow as pa
         from pyarrow import parquet
-    except ModuleNotFoundError as error:
-        raise ReverieEvalError(
-            f"{error}; install it: pip install 'reverie-eval[parquet]'"
-        ) from error
     types = {
         "string": pa.string(),
         "integer": pa.int64(),

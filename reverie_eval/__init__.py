@@ -19,7 +19,6 @@ from reverie_eval.errors import (
 )
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.notebook import attach_methods
 from reverie_eval.scoring import (
     PROTOCOLS,
     Evaluator,
@@ -60,6 +59,3 @@ __all__ = [
     "evaluate_protocols",
     "validate",
 ]
-
-attach_methods()
-del attach_methods

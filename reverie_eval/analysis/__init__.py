@@ -2,6 +2,7 @@
 
 from reverie_eval.analysis._breakdown import (
     GROUPINGS,
+    Grouped,
     Grouping,
     GroupingKey,
     breakdown,
@@ -50,6 +51,7 @@ __all__ = [
     "Difference",
     "Episode",
     "Gallery",
+    "Grouped",
     "Grouping",
     "GroupingKey",
     "Method",

@@ -25,12 +25,12 @@ from reverie_eval.text import did_you_mean, first_few, tokenize
 if TYPE_CHECKING:
     import pandas as pd
 
-    By: TypeAlias = "GroupingKey | pd.Series[Any]"
-
 GroupingKey = Literal[
     "scan", "length", "words", "category", "level", "visibility", "jumps", "language"
 ]
 """The keys of ``GROUPINGS``."""
+Grouped: TypeAlias = "GroupingKey | str | pd.Series[Any]"
+"""What episodes are grouped by: a key of ``GROUPINGS``, or the group of each episode."""
 
 NO_LEVEL = "no level"
 """The group of episodes whose instruction does not name a level."""
@@ -208,41 +208,12 @@ def find_grouping(key: str) -> Grouping:
 
 def breakdown(
     scores: Scores,
-    by: "By | Sequence[By]",
+    by: "Grouped | Sequence[Grouped]",
     *,
     intervals: bool = False,
     confidence: float | None = None,
 ) -> "pd.DataFrame":
-    """Score each group of episodes separately.
-
-    Parameters
-    ----------
-    scores : Scores
-        The scores to break down.
-    by : str, Series, or list of these
-        A key of ``GROUPINGS``, or the group of each episode in a Series indexed by instr_id, such
-        as a column of ``scores.to_pandas()``. Several are combined. Groups of ``language`` overlap:
-        "all", "en", "en-IN" and so on, each over its instructions.
-    intervals : bool
-        Whether to add the ends of intervals over the targets of each group, in ``spl_low``,
-        ``spl_high`` and so on. They are missing if a group has fewer than 5 targets.
-    confidence : float, optional
-        Of these intervals, in (0, 1); by default 0.95.
-
-    Returns
-    -------
-    DataFrame
-        A row per group that is not empty, with the number of its episodes and the mean of every
-        headline metric, in the metrics' own units, which ``attrs["units"]`` lists by column.
-
-    Raises
-    ------
-    ProtocolError
-        If there is no such grouping, it needs something that the track does not score or the task
-        does not have, or a Series has no group for some episodes.
-    GroundTruthError
-        If the ground truth was compiled without instructions or categories that it needs.
-    """
+    """Score each group of episodes separately; see :meth:`Scores.breakdown`."""
     with naming_missing_parts():
         import pandas as pd
 
@@ -278,7 +249,7 @@ def breakdown(
     return table
 
 
-def _groups(scores: Scores, by: "By") -> "pd.Series[Any]":
+def _groups(scores: Scores, by: "Grouped") -> "pd.Series[Any]":
     """Return the groups of each row of episodes, as categories in their order."""
     import pandas as pd
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import comb
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from typing_extensions import Self
@@ -37,6 +37,9 @@ from reverie_eval.text import did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
+
+    from reverie_eval.reporting.comparisons import ComparisonReport
 
 Verdict = Literal["better", "worse", "same", "not significant"]
 
@@ -101,11 +104,6 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     tested by Student's t."""
     smallest_p: float
     """The smallest p-value that any difference could have, after Holm's correction."""
-
-    # Set by reverie_eval.notebook, because they need a package above this one.
-    plot: ClassVar[Any]
-    to_report: ClassVar[Any]
-    _repr_html_: ClassVar[Any]
 
     @classmethod
     def of(
@@ -293,6 +291,39 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         first = values[self.first]
         differs = np.any([difference(each, first) != 0 for each in values.values()], axis=0)
         return frame[differs]
+
+    # Conveniences by what is above this package; the import contract lists them.
+
+    def to_report(self) -> "ComparisonReport":
+        """Return the comparison report, which ``--format json`` prints."""
+        from reverie_eval.reporting.comparisons import comparison_report
+
+        return comparison_report(self)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the differences from the first submission, with their intervals. Needs matplotlib.
+
+        Every metric of the score table that is a fraction has a row.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure if not given.
+
+        Raises
+        ------
+        ReverieEvalError
+            If matplotlib is not installed.
+        """
+        from reverie_eval.reporting.figures import plot_comparison
+
+        return plot_comparison(self, ax)
+
+    def _repr_html_(self) -> str:
+        """Show the comparison in a notebook."""
+        from reverie_eval.reporting.comparisons import comparison_html
+
+        return comparison_html(self)
 
     def __repr__(self) -> str:
         return f"<Comparison: {'; '.join(map(self.sentence, self))}>"

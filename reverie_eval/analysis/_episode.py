@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from reverie_eval.metrics import ABSTAINED
 from reverie_eval.scoring import Protocol, Scores, is_goal
 from reverie_eval.submissions import AlignedSubmission
 from reverie_eval.text import category_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +78,6 @@ class Episode:
     """The navigation graphs of all scans of the split."""
     answers: Answers
     """The answers of the split."""
-
-    # Set by reverie_eval.notebook, because they need a package above this one.
-    plot: ClassVar[Any]
-    _repr_html_: ClassVar[Any]
 
     @property
     def stop(self) -> str:
@@ -155,18 +154,37 @@ class Episode:
             text = f"predicted {predicted}, the target is {target}"
         return f"{self.outcome}: {text}" if self.outcome else text
 
+    # Conveniences by what is above this package; the import contract lists them.
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the episode on its scan's navigation graph, seen from above. Needs matplotlib.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure if not given.
+
+        Raises
+        ------
+        ReverieEvalError
+            If matplotlib is not installed.
+        """
+        from reverie_eval.reporting.figures import plot_episode
+
+        return plot_episode(self, ax)
+
+    def _repr_html_(self) -> str:
+        """Show the map of the episode in a notebook, with its instruction and outcome."""
+        from reverie_eval.reporting.map_svg import episode_html
+
+        return episode_html(self)
+
     def __repr__(self) -> str:
         return f"<Episode {self.instr_id} in {self.scan}: {self.caption}>"
 
 
 def episode(scores: Scores, instr_id: str) -> Episode:
-    """Return one episode of the submission that was scored.
-
-    Raises
-    ------
-    ReverieEvalError
-        If the split has no such episode, or the scores have no trajectories.
-    """
+    """Return one episode of the submission that was scored; see :meth:`Scores.episode`."""
     truth, submission = scores.ground_truth, scores.require_submission()
     row = truth.row_of(instr_id)
     graph, answers = truth.graph, truth.require_answers()

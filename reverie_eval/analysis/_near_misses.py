@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 
@@ -43,9 +42,6 @@ class Gallery(Mapping[str, Sequence[Episode]]):
 
     episodes: Mapping[str, Sequence[Episode]]
 
-    # Set by reverie_eval.notebook, because it needs a package above this one.
-    _repr_html_: ClassVar[Any]
-
     def __getitem__(self, outcome: str) -> Sequence[Episode]:
         return self.episodes[outcome]
 
@@ -55,21 +51,19 @@ class Gallery(Mapping[str, Sequence[Episode]]):
     def __len__(self) -> int:
         return len(self.episodes)
 
+    def _repr_html_(self) -> str:
+        """Show near misses in a notebook, each with its map and answer."""
+        from reverie_eval.reporting.map_svg import gallery_html
+
+        return gallery_html(self)
+
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(shown)} {outcome}" for outcome, shown in self.items())
         return f"<Gallery of near misses: {counts}>"
 
 
 def gallery(scores: Scores) -> Gallery:
-    """Return the failed episodes of each outcome that were closest to being correct.
-
-    Raises
-    ------
-    ProtocolError
-        If the protocol or track defines no outcomes.
-    ReverieEvalError
-        If the scores have no trajectories.
-    """
+    """Return failed episodes that were close to being correct; see :meth:`Scores.gallery`."""
     return Gallery(
         {
             outcome: [episode(scores, instr_id) for instr_id in instr_ids]

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from typing_extensions import Self
@@ -119,9 +119,6 @@ class Runs(Mapping[str, float]):
     """The scores of each run, by name."""
     intervals: RunIntervals
     """Confidence intervals: other seeds and other episodes would give other means."""
-
-    # Set by reverie_eval.notebook, because it needs a package above this one.
-    _repr_html_: ClassVar[Any]
 
     @classmethod
     def of(
@@ -254,6 +251,12 @@ class Runs(Mapping[str, float]):
             runs={name: each.to_report() for name, each in self.runs.items()},
             notes=list(filter(None, [self.intervals.caution])),
         )
+
+    def _repr_html_(self) -> str:
+        """Show the runs and their mean in a notebook."""
+        from reverie_eval.reporting.scores import runs_table
+
+        return runs_table(self).to_html()
 
     def __repr__(self) -> str:
         values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)

@@ -150,7 +150,7 @@ class Plots:
             set_heading(axes, f"progress funnel on {self.scores.split}")
         return axes
 
-    def breakdown(self, by: GroupingKey, ax: "Axes | None" = None) -> "Axes":
+    def breakdown(self, by: GroupingKey | str, ax: "Axes | None" = None) -> "Axes":
         """Draw success and the primary metric for groups of episodes, the largest groups first.
 
         The primary metric is the task's: RGSPL in REVERIE, or RGS or SPL if RGSPL is not scored.

@@ -246,7 +246,7 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
         each.breakdown(
             grouping.key,
             intervals=each.intervals is not None,
-            confidence=each.intervals and each.intervals.confidence,
+            confidence=None if each.intervals is None else each.intervals.confidence,
         )
         for each in scores.values()
     ]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from typing_extensions import Self
@@ -39,6 +39,8 @@ from reverie_eval.version import __version__
 if TYPE_CHECKING:
     import pandas as pd
 
+    from reverie_eval.analysis import Episode, Gallery, Grouped
+    from reverie_eval.reporting.figures import Plots
     from reverie_eval.schemas.report import BoxReport, IntervalReport, ScoreReport
 
 _FINGERPRINT_SHOWN = 12
@@ -68,13 +70,6 @@ class Scores(Mapping[str, float]):
     """Confidence intervals of every metric, if :meth:`with_intervals` computed them."""
     submission: AlignedSubmission | None = None
     """The trajectories and answers that were scored; not part of any report."""
-
-    # Set by reverie_eval.notebook, because they need packages above this one.
-    breakdown: ClassVar[Any]
-    episode: ClassVar[Any]
-    gallery: ClassVar[Any]
-    plot: ClassVar[Any]
-    _repr_html_: ClassVar[Any]
 
     @classmethod
     def of(
@@ -413,6 +408,86 @@ class Scores(Mapping[str, float]):
         if self.submission is None:
             raise ReverieEvalError("these scores have no trajectories; evaluate the file")
         return self.submission
+
+    # Conveniences by what is above this package; the import contract lists them.
+
+    def breakdown(
+        self,
+        by: "Grouped | Sequence[Grouped]",
+        *,
+        intervals: bool = False,
+        confidence: float | None = None,
+    ) -> "pd.DataFrame":
+        """Score each group of episodes separately.
+
+        Parameters
+        ----------
+        by : str, Series, or list of these
+            A key of ``GROUPINGS``, or the group of each episode in a Series indexed by instr_id,
+            such as a column of :meth:`to_pandas`. Several are combined. Groups of ``language``
+            overlap: "all", "en", "en-IN" and so on, each over its instructions.
+        intervals : bool
+            Whether to add the ends of intervals over the targets of each group, in ``spl_low``,
+            ``spl_high`` and so on. They are missing if a group has fewer than 5 targets.
+        confidence : float, optional
+            Of these intervals, in (0, 1); by default 0.95.
+
+        Returns
+        -------
+        DataFrame
+            A row per group that is not empty, with the number of its episodes and the mean of every
+            headline metric, in the metrics' own units, which ``attrs["units"]`` lists by column.
+
+        Raises
+        ------
+        ProtocolError
+            If there is no such grouping, it needs something that the track does not score or the
+            task does not have, or a Series has no group for some episodes.
+        GroundTruthError
+            If the ground truth was compiled without instructions or categories that it needs.
+        """
+        from reverie_eval.analysis import breakdown
+
+        return breakdown(self, by, intervals=intervals, confidence=confidence)
+
+    def episode(self, instr_id: str) -> "Episode":
+        """Return one episode of the submission that was scored.
+
+        Raises
+        ------
+        ReverieEvalError
+            If the split has no such episode, or the scores have no trajectories.
+        """
+        from reverie_eval.analysis import episode
+
+        return episode(self, instr_id)
+
+    def gallery(self) -> "Gallery":
+        """Return the failed episodes of each outcome that were closest to being correct.
+
+        Raises
+        ------
+        ProtocolError
+            If the protocol or track defines no outcomes.
+        ReverieEvalError
+            If the scores have no trajectories.
+        """
+        from reverie_eval.analysis import gallery
+
+        return gallery(self)
+
+    @property
+    def plot(self) -> "Plots":
+        """Figures of these scores, ``scores.plot.funnel()``; they need matplotlib."""
+        from reverie_eval.reporting.figures import Plots
+
+        return Plots(self)
+
+    def _repr_html_(self) -> str:
+        """Show the score table in a notebook."""
+        from reverie_eval.reporting.scores import score_table
+
+        return score_table([self]).to_html()
 
     def to_dict(self) -> dict[str, float]:
         """Return the means by name, for experiment loggers.

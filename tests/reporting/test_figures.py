@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 import reverie_eval as rv
 from reverie_eval.analysis import near_misses
@@ -37,6 +39,22 @@ def _closed() -> Iterator[None]:
     plt.close("all")
 
 
+def bars(axes: Axes) -> list[Rectangle]:
+    return [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+
+
+def segments(axes: Axes) -> list[Any]:
+    """Return the lines of each collection of lines."""
+    return [it.get_segments() for it in axes.collections if isinstance(it, LineCollection)]
+
+
+def explained(axes: Axes) -> list[str]:
+    """Return the texts of the legend."""
+    legend = axes.get_legend()
+    assert legend is not None
+    return [text.get_text() for text in legend.get_texts()]
+
+
 @pytest.fixture(scope="module")
 def scores(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
     """Score an episode of every outcome."""
@@ -45,7 +63,7 @@ def scores(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
 
 def widths(axes: Axes) -> list[float]:
     """Return how long the bars are."""
-    return [bar.get_width() for bar in axes.patches]  # type: ignore[attr-defined]
+    return [bar.get_width() for bar in bars(axes)]
 
 
 def test_the_funnel(scores: rv.Scores) -> None:
@@ -75,7 +93,7 @@ def test_a_breakdown(scores: rv.Scores) -> None:
     success, rgspl = np.split(np.array(widths(axes)), 2)
     assert success.tolist() == pytest.approx([200 / 3, 0])
     assert rgspl.tolist() == pytest.approx([200 / 3, 0])
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["SR", "RGSPL"]
+    assert explained(axes) == ["SR", "RGSPL"]
     assert not axes.collections  # a part of one target has no interval
 
 
@@ -83,11 +101,11 @@ def test_intervals_of_a_breakdown_are_those_of_the_breakdown() -> None:
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
     axes = scores.plot.breakdown("level")
     table = scores.breakdown("level", intervals=True)
-    (drawn,) = axes.collections
-    ends = np.array(drawn.get_segments())
+    (drawn,) = segments(axes)
+    ends = np.array(drawn)
     expected = 100 * table[["rgspl_low", "rgspl_high"]].to_numpy()
     assert ends[:, :, 0].tolist() == pytest.approx(expected[~np.isnan(expected[:, 0])])
-    rgspl = [bar.get_y() + bar.get_height() / 2 for bar in axes.patches[len(table) :]]
+    rgspl = [bar.get_y() + bar.get_height() / 2 for bar in bars(axes)[len(table) :]]
     assert ends[:, 0, 1].tolist() == pytest.approx(rgspl)
 
 
@@ -100,15 +118,14 @@ def test_intervals_of_a_breakdown_are_those_of_the_breakdown() -> None:
 )
 def test_breakdowns_of_what_is_scored(how: dict[str, str], drawn: list[str]) -> None:
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen", **how)  # type: ignore[arg-type]
-    legend = scores.plot.breakdown("scan").get_legend()
-    assert legend is not None
-    assert [each.get_text() for each in legend.get_texts() if "%" not in each.get_text()] == drawn
+    shown = explained(scores.plot.breakdown("scan"))
+    assert [each for each in shown if "%" not in each] == drawn
 
 
 def test_a_distribution_in_bars(scores: rv.Scores) -> None:
     """Stops are 0, 4.005, 6, 10.005 and 10.005 m from the end."""
     axes = scores.plot.distribution("navigation_error")
-    heights = {bar.get_x(): bar.get_height() for bar in axes.patches if bar.get_height()}
+    heights = {bar.get_x(): bar.get_height() for bar in bars(axes) if bar.get_height()}
     assert heights == pytest.approx({0: 20, 4: 20, 6: 20, 10: 40})
     assert (axes.get_xlabel(), axes.get_ylabel()) == (
         "navigation error (m)",
@@ -166,9 +183,7 @@ def test_submissions_share_their_bars(scores: rv.Scores) -> None:
 def test_an_episode(scores: rv.Scores) -> None:
     axes = scores.episode("2_4_0").plot()
     assert axes.get_title(loc="left") == "2_4_0: go there"
-    legend = axes.get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == [
+    assert explained(axes) == [
         "route and stop",
         "direction of the view of the answer",
         "start",
@@ -184,11 +199,8 @@ def test_an_episode(scores: rv.Scores) -> None:
 
 def test_the_key_of_a_figure_is_that_of_a_page(scores: rv.Scores) -> None:
     episode = scores.episode("2_4_0")
-    legend = episode.plot().get_legend()
-    assert legend is not None
-    explained = [text.get_text() for text in legend.get_texts()]
-    assert explained == re.findall(r"</svg> ([^<]+)</span>", map_key(EpisodeMap.of({"": episode})))
-    assert all(line.get_visible() for line in legend.get_lines())
+    shown = explained(episode.plot())
+    assert shown == re.findall(r"</svg> ([^<]+)</span>", map_key(EpisodeMap.of({"": episode})))
 
 
 def test_a_key_looks_like_what_it_explains(scores: rv.Scores) -> None:
@@ -267,8 +279,8 @@ def test_a_comparison(checkpoints: dict[float, rv.Scores]) -> None:
     for name in comparison:
         keys = ("success", "oracle_success", "spl", "rgs", "rgspl")
         means = [100 * comparison[name][key].mean for key in keys]
-        assert list(drawn[name].get_xdata()) == means
-    (low, _), (high, _) = axes.collections[0].get_segments()[-1]
+        assert np.asarray(drawn[name].get_xdata()).tolist() == means
+    (low, _), (high, _) = segments(axes)[0][-1]
     interval = comparison["mediocre"]["rgspl"].interval
     assert (low, high) == (100 * interval.low, 100 * interval.high)
 

@@ -218,7 +218,7 @@ def test_outcomes_have_a_remedy_where_there_are_no_objects() -> None:
             ProtocolError, match=r"R2R has no target objects.* to find failures, so"
         ):
             find()
-    worst = scores.to_pandas()["navigation_error"].idxmax()
+    worst = str(scores.to_pandas()["navigation_error"].idxmax())
     assert scores.episode(worst).instr_id == worst
 
 

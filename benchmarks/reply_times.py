@@ -122,7 +122,7 @@ def answered(truth: GroundTruth) -> tuple[bytes, bytes]:
     A wrong answer is the right one with another last digit.
     """
     records = run_agent("shortest", truth)
-    targets = truth.require_answers().target_object.tolist()
+    targets = truth.require_solution().target_object.tolist()
     others = [target + (1 if target % 10 < 9 else -1) for target in targets]
     right, wrong = (
         [{**record, "predObjId": answer} for record, answer in zip(records, answers, strict=True)]

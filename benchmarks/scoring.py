@@ -233,17 +233,17 @@ def repeated(content: bytes, copies: int) -> bytes:
 
 def repeated_truth(truth: rv.GroundTruth, copies: int) -> rv.GroundTruth:
     """Return the ground truth of such a file."""
-    whole, answers = truth.episodes, truth.require_answers()
+    whole, solution = truth.episodes, truth.require_solution()
     ids = tuple(f"{each}-{number}" for number in range(copies) for each in whole.instr_ids)
     episodes = replace(
         whole, instr_ids=ids, item=np.tile(whole.item, copies), start=np.tile(whole.start, copies)
     )
-    answers = replace(
-        answers,
-        target_object=np.tile(answers.target_object, copies),
-        goal=np.tile(answers.goal, copies),
+    solution = replace(
+        solution,
+        target_object=np.tile(solution.target_object, copies),
+        goal=np.tile(solution.goal, copies),
     )
-    return replace(truth, episodes=episodes, answers=answers)
+    return replace(truth, episodes=episodes, solution=solution)
 
 
 def episodes(name: str, truth: rv.GroundTruth) -> str:

@@ -27,10 +27,10 @@ def stop(truth: GroundTruth, row: int, rng: random.Random) -> Agent:  # noqa: AR
 
 def shortest(truth: GroundTruth, row: int, rng: random.Random) -> Agent:  # noqa: ARG001
     """Follow the shortest route to the goal and predict the target object."""
-    answers, graph = truth.require_answers(), truth.graph
-    route = graph.routes_from(int(truth.episodes.start[row]))[int(answers.goal[row])]
+    solution, graph = truth.require_solution(), truth.graph
+    route = graph.routes_from(int(truth.episodes.start[row]))[int(solution.goal[row])]
     ahead = [graph.viewpoint_ids[viewpoint] for viewpoint in reversed(route[1:])]
-    last = Answer(int(answers.target_object[row])) if truth.task.has_targets else Stop()
+    last = Answer(int(solution.target_object[row])) if truth.task.has_targets else Stop()
     return lambda _: Go(ahead.pop()) if ahead else last
 
 
@@ -60,7 +60,7 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     name : str
         A name in ``AGENTS``.
     ground_truth : GroundTruth
-        A bundle with answers.
+        A bundle with the solution.
     seed : int
         Seed for the agent's random choices; the same seed gives the same submission.
 
@@ -69,7 +69,7 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     GroundTruthError
         If the bundle is public.
     """
-    ground_truth.require_answers()
+    ground_truth.require_solution()
     environment, rng = Environment(ground_truth), random.Random(seed)  # noqa: S311
     for row, instr_id in enumerate(environment.episodes):
         run_episode(environment, AGENTS[name](ground_truth, row, rng), instr_id)

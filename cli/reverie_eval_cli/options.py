@@ -325,7 +325,7 @@ dataset_files = together(
         "--annotations",
         metavar="PATH",
         type=PATH,
-        help="REVERIE_SPLIT.json or its folder; also a private file with answers.",
+        help="REVERIE_SPLIT.json or its folder; also a private file with the solution.",
     ),
     click.option("--boxes", metavar="PATH", type=PATH, help="The BBox folder, or one BBoxes.json."),
     click.option(

@@ -98,7 +98,7 @@ _LANGUAGES = (_ALL_LANGUAGES, "en", "en-IN", "en-US", "hi", "hi-IN", "te", "te-I
 
 def _by_length(scores: Scores) -> Sequence[str]:
     truth = scores.ground_truth
-    goal = truth.require_answers().goal
+    goal = truth.require_solution().goal
     return _LENGTHS.of(truth.graph.distance_between(truth.episodes.start, goal))
 
 
@@ -127,11 +127,11 @@ def level_in(instruction: str) -> str:
 def _by_visibility(scores: Scores) -> Sequence[str]:
     """Group by the number of viewpoints from which the target is visible."""
     truth = scores.ground_truth
-    answers = truth.require_targets()
+    solution = truth.require_targets()
     scan = truth.graph.viewpoint_scan
-    seen = with_object(scan[answers.candidate_viewpoint], answers.candidate_object)
+    seen = with_object(scan[solution.candidate_viewpoint], solution.candidate_object)
     objects, counts = np.unique(seen, return_counts=True)
-    targets = with_object(scan[truth.episodes.start], answers.target_object)
+    targets = with_object(scan[truth.episodes.start], solution.target_object)
     return _VIEWPOINTS.of(counts[np.searchsorted(objects, targets)])
 
 

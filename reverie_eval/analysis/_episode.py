@@ -9,7 +9,7 @@ import numpy as np
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.geometry import snap
-from reverie_eval.ground_truth import Answers, GroundTruth, NavigationGraph
+from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.scoring import Protocol, Scores, is_goal
 from reverie_eval.submissions import AlignedSubmission
@@ -76,8 +76,8 @@ class Episode:
     """The outcome of the predicted box, one of ``BOX_OUTCOMES``; empty without a box."""
     graph: NavigationGraph
     """The navigation graphs of all scans of the split."""
-    answers: Answers
-    """The answers of the split."""
+    solution: Solution
+    """The solution of the split."""
 
     @property
     def stop(self) -> str:
@@ -102,15 +102,15 @@ class Episode:
 
     def visible_objects(self, viewpoint_id: str) -> Sequence[VisibleObject]:
         """Return the objects that are visible from a viewpoint, by object id."""
-        answers = self.answers
+        solution = self.solution
         return [
             VisibleObject(
-                object_id=int(answers.candidate_object[row]),
-                name=self._name(int(answers.candidate_object[row]), row),
-                view=answers.boxes.view[boxes],
-                xywh=answers.boxes.xywh[boxes],
+                object_id=int(solution.candidate_object[row]),
+                name=self._name(int(solution.candidate_object[row]), row),
+                view=solution.boxes.view[boxes],
+                xywh=solution.boxes.xywh[boxes],
             )
-            for row, boxes in answers.visible_from(self.graph.index[viewpoint_id])
+            for row, boxes in solution.visible_from(self.graph.index[viewpoint_id])
         ]
 
     def object_name(self, object_id: int) -> str:
@@ -119,14 +119,14 @@ class Episode:
         Its category and its id, ``end table 12``; ``object 12`` if it is not visible from any
         viewpoint, or the ground truth was compiled without categories of candidates.
         """
-        answers, graph = self.answers, self.graph
-        rows = np.flatnonzero(answers.candidate_object == object_id)
-        scans = graph.viewpoint_scan[answers.candidate_viewpoint[rows]]
+        solution, graph = self.solution, self.graph
+        rows = np.flatnonzero(solution.candidate_object == object_id)
+        scans = graph.viewpoint_scan[solution.candidate_viewpoint[rows]]
         in_scan = rows[scans == graph.scan_ids.index(self.scan)].tolist()
         return self._name(object_id, in_scan[0]) if in_scan else f"object {object_id}"
 
     def _name(self, object_id: int, candidate: int) -> str:
-        category = _text_or_empty(lambda: self.answers.candidate_categories[candidate])
+        category = _text_or_empty(lambda: self.solution.candidate_categories[candidate])
         return f"{category_text(category) or 'object'} {object_id}"
 
     @property
@@ -187,11 +187,11 @@ def episode(scores: Scores, instr_id: str) -> Episode:
     """Return one episode of the submission that was scored; see :meth:`Scores.episode`."""
     truth, submission = scores.ground_truth, scores.require_submission()
     row = truth.row_of(instr_id)
-    graph, answers = truth.graph, truth.require_answers()
+    graph, solution = truth.graph, truth.require_solution()
     item = int(truth.episodes.item[row])
     start = int(truth.episodes.start[row])
     poses = submission.viewpoint[slice(*submission.offsets[row : row + 2])]
-    path = answers.path[slice(*answers.path_offsets[item : item + 2])]
+    path = solution.path[slice(*solution.path_offsets[item : item + 2])]
     predicted = int(submission.predicted_object[row])
     return Episode(
         instr_id=instr_id,
@@ -203,13 +203,13 @@ def episode(scores: Scores, instr_id: str) -> Episode:
         trajectory=_ids(graph, poses),
         annotated_path=_ids(graph, path),
         goal_viewpoints=_ids(graph, _goal_viewpoints(scores.protocol, truth, row)),
-        target_object=int(answers.target_object[row]) if truth.task.has_targets else None,
-        target_category=_text_or_empty(lambda: answers.target_categories[item]),
+        target_object=int(solution.target_object[row]) if truth.task.has_targets else None,
+        target_category=_text_or_empty(lambda: solution.target_categories[item]),
         predicted_object=None if predicted == ABSTAINED else predicted,
         predicted_box=_predicted_box(submission, row),
         box_outcome=scores.box_outcomes[row],
         graph=graph,
-        answers=answers,
+        solution=solution,
     )
 
 

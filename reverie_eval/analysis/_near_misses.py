@@ -92,7 +92,7 @@ def with_different_routes(scores: Scores, instr_ids: Sequence[str]) -> Sequence[
     """Return the first few episodes that differ in start or goal."""
     truth = scores.ground_truth
     rows = np.array([truth.episodes.index[instr_id] for instr_id in instr_ids], dtype=int)
-    routes = np.column_stack([truth.episodes.start[rows], truth.require_answers().goal[rows]])
+    routes = np.column_stack([truth.episodes.start[rows], truth.require_solution().goal[rows]])
     _, first_of_route = np.unique(routes, axis=0, return_index=True)
     # np.unique sorts routes by viewpoint; sorting the indices restores the order of episodes.
     return [instr_ids[index] for index in np.sort(first_of_route)[:_N_EXAMPLES].tolist()]

@@ -3,7 +3,7 @@
 from reverie_eval.dataset._box_builder import build_boxes, find_scans
 from reverie_eval.dataset._compile import compile_split, origin_notes
 from reverie_eval.dataset._describe import DatasetDescription, describe_dataset
-from reverie_eval.dataset._description import AnswerDescription, Distribution, SplitDescription
+from reverie_eval.dataset._description import Distribution, SplitDescription, TargetDescription
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._lint import LintReport, LintSection, lint_dataset
 from reverie_eval.dataset._object_boxes import BoxRules
@@ -11,7 +11,6 @@ from reverie_eval.dataset._paper import PaperComparison
 from reverie_eval.dataset._rules import Count, Finding, Spread
 
 __all__ = [
-    "AnswerDescription",
     "BoxRules",
     "Count",
     "DatasetDescription",
@@ -23,6 +22,7 @@ __all__ = [
     "PaperComparison",
     "SplitDescription",
     "Spread",
+    "TargetDescription",
     "build_boxes",
     "compile_split",
     "describe_dataset",

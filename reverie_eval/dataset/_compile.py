@@ -36,8 +36,8 @@ def compile_split(
 ) -> Bundle:
     """Compile one split.
 
-    Annotations without answers (the published test file) give a public bundle; annotations with
-    the answers (REVERIE: ``objId`` and the full ``path``) give a bundle that scores.
+    Annotations without the solution (the published test file) give a public bundle; those with it
+    (REVERIE: ``objId`` and the full ``path``) give a bundle that scores.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ def compile_split(
     texts = {"instruction": [text.strip() for item in items for text in item.texts]}
     if any(item.language for item in items):
         texts["language"] = [item.language for item in items for _ in item.texts]
-    has_targets = content.has_answers and files.task.has_targets
+    has_targets = content.has_solution and files.task.has_targets
     if has_targets:
         arrays["task_target"] = np.array([target_of(item) for item in items])
-    if content.has_answers:
+    if content.has_solution:
         arrays |= _path_arrays(items, graph)
     if has_targets:
         seen, candidates = _candidates(boxes, graph)

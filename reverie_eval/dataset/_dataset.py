@@ -48,9 +48,9 @@ class Split:
         return [instr_id for item in self.items for instr_id in item.instr_ids]
 
     @property
-    def has_answers(self) -> bool:
+    def has_solution(self) -> bool:
         """Whether any item has what the public file of a private split leaves out."""
-        return any(item.is_answered for item in self.items)
+        return any(item.has_solution for item in self.items)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +133,9 @@ class Dataset:
     """None if no file with them is given."""
 
     @property
-    def has_answers(self) -> bool:
-        """Whether any item has answers; boxes are needed only then."""
-        return any(split.has_answers for split in self.splits)
+    def has_solution(self) -> bool:
+        """Whether any item has a solution; boxes are needed only then."""
+        return any(split.has_solution for split in self.splits)
 
 
 def read_dataset(files: DatasetFiles, progress: Progress) -> Dataset:
@@ -157,7 +157,7 @@ def read_one_split(files: DatasetFiles, name: str, progress: Progress) -> Datase
     split = read_split(reader, name, files.annotations[name], files.task)
     graphs = read_graphs(reader, find_graphs(files.connectivity, split.scans))
     boxes = Boxes([], [], graphs)
-    if split.has_answers and files.boxes:
+    if split.has_solution and files.boxes:
         boxes = read_boxes(reader, files.boxes, graphs, split.scans)
     return Dataset(files, reader, [split], graphs, boxes, _read_centres(reader, files))
 

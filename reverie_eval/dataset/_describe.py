@@ -10,7 +10,7 @@ from pydantic import ConfigDict
 
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import Split, read_dataset
-from reverie_eval.dataset._description import AnswerFacts, ItemFacts, SplitDescription
+from reverie_eval.dataset._description import ItemFacts, SplitDescription, TargetFacts
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._lint import check_sound
 from reverie_eval.dataset._paper import PaperComparison, compare_with_paper
@@ -96,14 +96,14 @@ def describe_dataset(
 
 
 def _notes(splits: Mapping[str, SplitDescription]) -> Sequence[str]:
-    without = [name for name, split in splits.items() if split.answers is None]
+    without = [name for name, split in splits.items() if split.targets is None]
     return [
         *(f"{name} has no targets: its goals and paths are unknown" for name in without),
         *(
             f"{name}: the target is not visible at the goal in {hidden:,} of "
             f"{count_text(split.items, 'item')}; `reverie-eval lint` lists them"
             for name, split in splits.items()
-            if split.answers and (hidden := split.answers.hidden_targets)
+            if split.targets and (hidden := split.targets.hidden_targets)
         ),
     ]
 
@@ -119,14 +119,14 @@ def _item_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[
     n_boxes = np.bincount(boxes.viewpoint[boxes.box_entry], minlength=size).tolist()
     visible_at = dict(zip(boxes.viewpoints, zip(n_objects, n_boxes, strict=True), strict=True))
     for item in split.items:
-        answer = None
+        target = None
         if item.target is not None:
             goal = viewpoints_of(item)[-1]
             entry = boxes.entry_at.get((goal, item.target))
             goal_objects, goal_boxes = visible_at.get(goal, (0, 0))
             path = np.array([graph.index[viewpoint_id] for viewpoint_id in item.reference])
-            answer = AnswerFacts(
-                target=(split.name, item.scan, item.target),
+            target = TargetFacts(
+                object_key=(split.name, item.scan, item.target),
                 category=names.get((item.scan, item.target), ""),
                 is_visible=entry is not None and bool(boxes.is_visible[entry]),
                 path_steps=len(item.reference) - 1,
@@ -134,4 +134,4 @@ def _item_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[
                 goal_objects=goal_objects,
                 goal_boxes=goal_boxes,
             )
-        yield ItemFacts(item.scan, [tokenize(text) for text in item.texts], answer)
+        yield ItemFacts(item.scan, [tokenize(text) for text in item.texts], target)

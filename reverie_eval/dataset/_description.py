@@ -22,10 +22,10 @@ The dataset's own training vocabulary uses the same limit: ``build_vocab(min_cou
 
 
 @dataclass(frozen=True, slots=True)
-class AnswerFacts:
+class TargetFacts:
     """What the description uses of an item that has a target."""
 
-    target: tuple[str, str, int]
+    object_key: tuple[str, str, int]
     """Split, scan and object id."""
     category: str
     """The target's name; empty if no viewpoint lists it."""
@@ -48,7 +48,7 @@ class ItemFacts:
     scan: str
     words: Sequence[Sequence[str]]
     """The words of each instruction."""
-    answer: AnswerFacts | None
+    target: TargetFacts | None
     """None if the item has no target."""
 
 
@@ -88,7 +88,7 @@ class Distribution:
 
 
 @dataclass(frozen=True, eq=False)
-class AnswerDescription:
+class TargetDescription:
     """The items that have a target, in numbers."""
 
     items: int
@@ -112,20 +112,20 @@ class AnswerDescription:
     """Boxes of visible objects in all views of the goal, per item."""
 
     @classmethod
-    def of(cls, facts: Sequence[AnswerFacts]) -> Self:
+    def of(cls, facts: Sequence[TargetFacts]) -> Self:
         """Describe one or more items."""
-        category = {answer.target: answer.category for answer in facts}
+        category = {each.object_key: each.category for each in facts}
         named = Counter(name for name in category.values() if name)
         return cls(
             items=len(facts),
-            hidden_targets=sum(not answer.is_visible for answer in facts),
+            hidden_targets=sum(not each.is_visible for each in facts),
             target_objects=len(category),
             target_categories=len(named),
             category_counts=dict(sorted(named.items(), key=lambda item: (-item[1], item[0]))),
-            path_steps=Distribution.of(answer.path_steps for answer in facts),
-            path_length=Distribution.of(answer.path_length for answer in facts),
-            goal_objects=Distribution.of(answer.goal_objects for answer in facts),
-            goal_boxes=Distribution.of(answer.goal_boxes for answer in facts),
+            path_steps=Distribution.of(each.path_steps for each in facts),
+            path_length=Distribution.of(each.path_length for each in facts),
+            goal_objects=Distribution.of(each.goal_objects for each in facts),
+            goal_boxes=Distribution.of(each.goal_boxes for each in facts),
         )
 
 
@@ -147,7 +147,7 @@ class SplitDescription:
     """Distinct words, in lower case."""
     frequent_vocabulary: int
     """Distinct words that occur at least five times."""
-    answers: AnswerDescription | None
+    targets: TargetDescription | None
     """About the items that have a target; null if no item does."""
 
     @classmethod
@@ -162,7 +162,7 @@ class SplitDescription:
         instructions = [words for item in items for words in item.words]
         word_counts = Counter(word for words in instructions for word in words)
         scans = {item.scan for item in items}
-        answers = [item.answer for item in items if item.answer]
+        targets = [item.target for item in items if item.target]
         return cls(
             splits=list(facts),
             items=len(items),
@@ -172,12 +172,12 @@ class SplitDescription:
             words=Distribution.of(len(words) for words in instructions),
             vocabulary=len(word_counts),
             frequent_vocabulary=sum(count >= _FREQUENT for count in word_counts.values()),
-            answers=AnswerDescription.of(answers) if answers else None,
+            targets=TargetDescription.of(targets) if targets else None,
         )
 
 
-def of_answers(
-    measure: Callable[[AnswerDescription], T],
+def of_targets(
+    measure: Callable[[TargetDescription], T],
 ) -> Callable[[SplitDescription], T | None]:
-    """Return a measure of answers as a measure of splits; None if no item has a target."""
-    return lambda split: None if split.answers is None else measure(split.answers)
+    """Return a measure of targets as a measure of splits; None if no item has a target."""
+    return lambda split: None if split.targets is None else measure(split.targets)

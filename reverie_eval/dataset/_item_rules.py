@@ -21,9 +21,9 @@ def _count_items(items: Sequence[Annotation], which: Callable[[Annotation], bool
     return Count.among(items, which, lambda item: item.name)
 
 
-def _without_answer(items: Items) -> Count:
-    has_answers = items.split.has_answers
-    return _count_items(items.split.items, lambda item: has_answers and not item.is_answered)
+def _without_solution(items: Items) -> Count:
+    has_solution = items.split.has_solution
+    return _count_items(items.split.items, lambda item: has_solution and not item.has_solution)
 
 
 def _without_graph(items: Items) -> Count:
@@ -70,12 +70,12 @@ ITEM_RULES: Sequence[Rule[Items]] = (
         ),
     ),
     error(
-        "missing-answer",
-        "items without an answer in a file where others have one",
-        "Give every item its answer, or none, as in the published test file. An answer is the "
+        "missing-solution",
+        "items without a solution in a file where others have one",
+        "Give every item its solution, or none, as in the published test file. A solution is the "
         "objId (REVERIE), the bboxes (SOON), the paths and end_panos (NDH), or else a path of more "
         "than one viewpoint.",
-        _without_answer,
+        _without_solution,
     ),
     error(
         "duplicate-episode",

@@ -35,7 +35,7 @@ _BOX_SECTIONS: Sequence[tuple[str, Sequence[Rule[Boxes]], Callable[[Boxes], list
     ("neighbouring views", VIEW_RULES, view_spreads),
 )
 _NO_CENTRES = "left out: give the centres of the objects with --object-positions objpos.json"
-_NO_ANSWERS = "targets left out: the items have no answers, as in the published test file"
+_NO_SOLUTION = "targets left out: the items have no solution, as in the published test file"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +104,13 @@ def check_sound(dataset: Dataset, purpose: Purpose) -> None:
         *file_problems(dataset.reader, purpose),
         *find_problems(GRAPH_RULES, graphs, files.connectivity, purpose),
     ]
-    if dataset.has_answers and files.boxes:
+    if dataset.has_solution and files.boxes:
         for _, rules, _ in _BOX_SECTIONS:
             found += find_problems(rules, boxes, files.boxes, purpose)
     for split in dataset.splits:
         items = Items(split, graphs)
         found += find_problems(ITEM_RULES, items, split.path, purpose)
-        if split.has_answers and files.boxes:
+        if split.has_solution and files.boxes:
             targets = Targets(split, items.with_target, boxes)
             found += find_problems(TARGET_RULES, targets, split.path, purpose)
     if found:
@@ -138,8 +138,8 @@ def _annotations(items: Items, boxes: Boxes, task: Task) -> LintSection:
     counts = [rule.check(items) for rule in ITEM_RULES]
     if not task.has_targets:
         return LintSection("annotations", split.name, counts)
-    if not split.has_answers:
-        return LintSection("annotations", split.name, counts, note=_NO_ANSWERS)
+    if not split.has_solution:
+        return LintSection("annotations", split.name, counts, note=_NO_SOLUTION)
     targets = Targets(split, items.with_target, boxes)
     counts += [rule.check(targets) for rule in TARGET_RULES]
     return LintSection("annotations", split.name, counts, target_spreads(targets))

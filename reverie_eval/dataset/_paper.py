@@ -9,7 +9,7 @@ published files; ``docs/how-to/describe-a-dataset.md`` has the evidence.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from reverie_eval.dataset._description import SplitDescription, of_answers
+from reverie_eval.dataset._description import SplitDescription, of_targets
 
 Measure = Callable[[SplitDescription], float | None]
 """Returns one number of a description; None if the items have no targets."""
@@ -44,12 +44,12 @@ _PUBLISHED: Sequence[tuple[str, Measure, Mapping[tuple[str, ...], float]]] = (
     ("scans", lambda split: split.scans, {_TRAIN: 59, _VAL: 63, _VAL_UNSEEN: 10, _TEST: 16}),
     (
         "target objects",
-        of_answers(lambda answers: answers.target_objects),
+        of_targets(lambda targets: targets.target_objects),
         {_ALL: 4_140, _TRAIN: 2_353, _VAL: 953, _VAL_UNSEEN: 525, _TEST: 834},
     ),
-    ("target categories", of_answers(lambda answers: answers.target_categories), {_ALL: 489}),
-    ("objects at the goal", of_answers(lambda answers: answers.goal_objects.mean), {_ALL: 7}),
-    ("boxes at the goal", of_answers(lambda answers: answers.goal_boxes.mean), {_ALL: 50}),
+    ("target categories", of_targets(lambda targets: targets.target_categories), {_ALL: 489}),
+    ("objects at the goal", of_targets(lambda targets: targets.goal_objects.mean), {_ALL: 7}),
+    ("boxes at the goal", of_targets(lambda targets: targets.goal_boxes.mean), {_ALL: 50}),
 )
 """The paper's numbers for each quantity, by the splits that each covers."""
 

@@ -1,6 +1,5 @@
 """The ground truth of a split: compiled once by :mod:`reverie_eval.dataset`, then loaded fast."""
 
-from reverie_eval.ground_truth._answers import Answers, CandidateBoxes
 from reverie_eval.ground_truth._bundle import (
     CUSTOM_DATASET,
     Bundle,
@@ -9,6 +8,7 @@ from reverie_eval.ground_truth._bundle import (
     pack_texts,
 )
 from reverie_eval.ground_truth._graph import NavigationGraph
+from reverie_eval.ground_truth._solution import CandidateBoxes, Solution
 from reverie_eval.ground_truth._subset import draw_subset, read_episode_ids
 from reverie_eval.ground_truth._truth import (
     DEMO_BUNDLES,
@@ -28,13 +28,13 @@ __all__ = [
     "DEMO_DATASET",
     "DEMO_SAMPLES",
     "GROUND_TRUTH_VARIABLE",
-    "Answers",
     "Bundle",
     "BundleHeader",
     "CandidateBoxes",
     "Episodes",
     "GroundTruth",
     "NavigationGraph",
+    "Solution",
     "bundle_folder",
     "bundle_name",
     "bundled_splits",

@@ -1,7 +1,7 @@
 """The bundle file: everything that scoring one split needs, as plain arrays.
 
 A bundle is an ``.npz`` file (without pickle) with a JSON header. One file per split makes privacy a
-matter of files: a *public* bundle does not contain the answers at all.
+matter of files: a *public* bundle does not contain the solution at all.
 """
 
 import errno
@@ -56,7 +56,7 @@ TARGET_ARRAYS: Mapping[str, str] = MappingProxyType(
         "box_xywh": "i2",  # (n_boxes, 4) pixels of the 640 x 480 view
     }
 )
-"""All of them are in a bundle with answers, if its task has target objects."""
+"""All of them are in a bundle with the solution, if its task has target objects."""
 OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
@@ -70,8 +70,9 @@ GOAL_ARRAYS: Mapping[str, str] = MappingProxyType(
         "goal_outline": "f8",  # (n_goals, 5, 2) turns: the target as seen there
     }
 )
-"""Answers, if the task annotates goals besides paths. Further annotated paths are in arrays like
-``path/planner`` and ``path_offsets/planner``, of the types of ``path`` and ``path_offsets``."""
+"""Parts of the solution, if the task annotates goals besides paths. Further annotated paths are in
+arrays like ``path/planner`` and ``path_offsets/planner``, of the types of ``path`` and
+``path_offsets``."""
 UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "viewpoint_rotation": "f4",  # (n_viewpoints, 3, 3) from the camera's frame to the scan's
@@ -79,7 +80,7 @@ UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
 )
 """Optional public arrays that no score depends on; they are not part of the fingerprint."""
 PUBLIC_TEXTS = frozenset({"instruction", "language"})
-"""Texts that are public; the categories of targets and candidates are answers."""
+"""Texts that are public; the categories of targets and candidates belong to the solution."""
 _HEADER = "header"
 _OTHER_SPLIT = "other_split/"
 _FOR_EVERYONE = 0o666
@@ -145,11 +146,11 @@ class Bundle:
 
     @property
     def is_public(self) -> bool:
-        """Whether it has no answers."""
+        """Whether it has no solution."""
         return not ANSWER_ARRAYS.keys() & self.arrays.keys()
 
     def public(self) -> Self:
-        """Return the bundle without answers."""
+        """Return the bundle without the solution."""
         known = [*PUBLIC_ARRAYS, *(UNSCORED_ARRAYS.keys() & self.arrays.keys())]
         arrays = {name: self.arrays[name] for name in known}
         sources = {"connectivity": self.header.sources["connectivity"]}
@@ -167,7 +168,7 @@ class Bundle:
     def save(self, path: Path) -> None:
         """Write the bundle; the file appears complete or not at all.
 
-        A new file with answers is readable only by its owner.
+        A new file with the solution is readable only by its owner.
         """
         members: dict[str, Array] = {
             _HEADER: np.frombuffer(msgspec.json.encode(self._written_header), np.uint8)

@@ -13,9 +13,9 @@ from typing_extensions import Self
 
 from reverie_eval.arrays import Array, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
-from reverie_eval.ground_truth._answers import Answers
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
+from reverie_eval.ground_truth._solution import Solution
 from reverie_eval.ground_truth._subset import subset_digest, subset_rows
 from reverie_eval.tasks import DEFAULT_TASK, TO_REGION, Task, find_task
 from reverie_eval.text import category_text, count_text, did_you_mean, first_few
@@ -103,7 +103,7 @@ class GroundTruth:
     header: BundleHeader
     graph: NavigationGraph
     episodes: Episodes
-    answers: Answers | None
+    solution: Solution | None
     """None for a public bundle, which can check a submission but not score it."""
     other_splits: Mapping[str, Array]
     """The instr_ids of the dataset's other splits, to recognise a submission for one of them."""
@@ -142,13 +142,13 @@ class GroundTruth:
                 packed_instructions=bundle.texts.get("instruction"),
                 packed_languages=bundle.texts.get("language"),
             ),
-            answers=Answers.from_bundle(bundle),
+            solution=Solution.from_bundle(bundle),
             other_splits=bundle.other_splits,
             origin=origin,
         )
 
     def __repr__(self) -> str:
-        kind = "public, " if self.answers is None else ""
+        kind = "public, " if self.solution is None else ""
         count = count_text(len(self.episodes.instr_ids), "episode")
         some = f", subset {self.subset_digest}" if self.subset_digest else ""
         return f"<GroundTruth of {self.split}, {kind}{count}{some}, from {self.origin}>"
@@ -198,20 +198,22 @@ class GroundTruth:
 
         It is one of the further annotated paths, or ``TO_REGION``.
         """
-        if not reference or self.answers is None:
+        if not reference or self.solution is None:
             return self
-        answers = self.answers
+        solution = self.solution
         if reference == TO_REGION:
-            paths = list(self._paths_to_region(answers))
+            paths = list(self._paths_to_region(solution))
             further = np.concatenate(paths), offsets_of(np.array([len(path) for path in paths]))
-            answers = replace(answers, further_paths={**answers.further_paths, reference: further})
-        return replace(self, answers=answers.along(reference, self.episodes.item))
+            solution = replace(
+                solution, further_paths={**solution.further_paths, reference: further}
+            )
+        return replace(self, solution=solution.along(reference, self.episodes.item))
 
-    def _paths_to_region(self, answers: Answers) -> Iterator[IntArray]:
+    def _paths_to_region(self, solution: Solution) -> Iterator[IntArray]:
         """Yield each item's planner's path if it ends at a goal, else the route to a goal."""
         routes = cache(self.graph.routes_from)
-        path, offsets = answers.further_paths["planner"]
-        goal, goal_offsets = answers.goals()
+        path, offsets = solution.further_paths["planner"]
+        goal, goal_offsets = solution.goals()
         planned = np.split(path, offsets[1:-1])
         for way, region in zip(planned, np.split(goal, goal_offsets[1:-1]), strict=True):
             if way[-1] in region:
@@ -220,10 +222,12 @@ class GroundTruth:
                 yield np.array(min((routes(way[0])[end] for end in region), key=len))
 
     def _take(self, rows: IntArray) -> "GroundTruth":
-        answers = self.answers and self.answers.take(rows)
+        solution = self.solution and self.solution.take(rows)
         whole, all_rows = self.subset_of or (self, np.arange(len(self.episodes.instr_ids)))
         episodes = self.episodes.take(rows)
-        return replace(self, episodes=episodes, answers=answers, subset_of=(whole, all_rows[rows]))
+        return replace(
+            self, episodes=episodes, solution=solution, subset_of=(whole, all_rows[rows])
+        )
 
     @property
     def task(self) -> Task:
@@ -302,8 +306,8 @@ class GroundTruth:
         number = count_text(len(known), "episode")
         return f"no episode {instr_id!r} among the {number} of {self.split}; {examples}"
 
-    def require_targets(self) -> Answers:
-        """Return the answers of a task with target objects.
+    def require_targets(self) -> Solution:
+        """Return the solution of a task with target objects.
 
         Raises
         ------
@@ -314,22 +318,22 @@ class GroundTruth:
         """
         if not self.task.has_targets:
             raise ProtocolError(f"{self.task.title} has no target objects")
-        return self.require_answers()
+        return self.require_solution()
 
-    def require_answers(self) -> Answers:
-        """Return the answers.
+    def require_solution(self) -> Solution:
+        """Return the solution.
 
         Raises
         ------
         GroundTruthError
             If this is a public bundle.
         """
-        if self.answers is None:
+        if self.solution is None:
             raise GroundTruthError(
                 f"{self.origin} is a public bundle: it can check a {self.split} submission "
-                "(`reverie-eval validate`), but has no answers, which scores and agents need"
+                "(`reverie-eval validate`), but has no solution, which scores and agents need"
             )
-        return self.answers
+        return self.solution
 
 
 def find_ground_truth(

@@ -19,7 +19,7 @@ from reverie_eval.dataset import (
     SplitDescription,
     Spread,
 )
-from reverie_eval.dataset._description import of_answers
+from reverie_eval.dataset._description import of_targets
 from reverie_eval.reporting.charts import bin_edges, count_edges
 from reverie_eval.reporting.figures import INK, STYLE, split_colour, use_round_ticks
 from reverie_eval.reporting.tables import Table, cell_of, print_table
@@ -216,10 +216,10 @@ def _range(values: Distribution) -> str:
 
 
 _RANGE = "    range"
-GOAL_OBJECTS = of_answers(lambda answers: answers.goal_objects)
-GOAL_BOXES = of_answers(lambda answers: answers.goal_boxes)
-PATH_STEPS = of_answers(lambda answers: answers.path_steps)
-PATH_LENGTH = of_answers(lambda answers: answers.path_length)
+GOAL_OBJECTS = of_targets(lambda targets: targets.goal_objects)
+GOAL_BOXES = of_targets(lambda targets: targets.goal_boxes)
+PATH_STEPS = of_targets(lambda targets: targets.path_steps)
+PATH_LENGTH = of_targets(lambda targets: targets.path_length)
 _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], str]]] = (
     ("items", lambda part: part.items, _number),
     ("instructions", lambda part: part.instructions, _number),
@@ -229,8 +229,8 @@ _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], st
     (_RANGE, lambda part: part.words, _range),
     ("distinct words", lambda part: part.vocabulary, _number),
     ("frequent words", lambda part: part.frequent_vocabulary, _number),
-    ("target objects", of_answers(lambda answers: answers.target_objects), _number),
-    ("target categories", of_answers(lambda answers: answers.target_categories), _number),
+    ("target objects", of_targets(lambda targets: targets.target_objects), _number),
+    ("target categories", of_targets(lambda targets: targets.target_categories), _number),
     ("objects at the goal", GOAL_OBJECTS, _mean),
     (_RANGE, GOAL_OBJECTS, _range),
     ("boxes at the goal", GOAL_BOXES, _mean),
@@ -281,7 +281,7 @@ def write_figures(description: DatasetDescription, folder: Path) -> Sequence[Pat
     """Draw the figures into a folder, which is created if it does not exist.
 
     Writes ``words``, ``categories``, ``goals`` and ``paths``, each as SVG and as PNG; only
-    ``words`` if no split has answers. Returns the files that were written.
+    ``words`` if no split has targets. Returns the files that were written.
     """
     import matplotlib as mpl
 
@@ -359,7 +359,7 @@ def _draw_histogram(axes: "Axes", values: Distribution, edges: FloatArray, colou
 
 def _draw_categories(description: DatasetDescription) -> "Figure | None":
     """Draw the most frequent categories of target objects, each a bar with a piece per split."""
-    total = description.total.answers
+    total = description.total.targets
     if total is None or not total.category_counts:
         return None
     names = list(total.category_counts)[:_SHOWN_CATEGORIES]
@@ -367,8 +367,8 @@ def _draw_categories(description: DatasetDescription) -> "Figure | None":
     axes = figure.subplots()
     drawn = np.zeros(len(names))
     for split, described in description.splits.items():
-        if described.answers is not None:
-            counts = np.array([described.answers.category_counts.get(name, 0) for name in names])
+        if described.targets is not None:
+            counts = np.array([described.targets.category_counts.get(name, 0) for name in names])
             colour = split_colour(split)
             axes.barh(names, counts, left=drawn, height=0.75, color=colour, label=split)
             drawn += counts

@@ -45,7 +45,7 @@ from reverie_eval.text import count_text, did_you_mean
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """The result of checking a valid submission, without using the answers."""
+    """The result of checking a valid submission, without using the solution."""
 
     ground_truth: GroundTruth
     abstained: BoolArray
@@ -109,7 +109,7 @@ def evaluate(
     SubmissionError
         If the submission is invalid; lists every problem and its location.
     GroundTruthError
-        If there is no valid ground truth with answers for the split and protocol.
+        If there is no valid ground truth with a solution for the split and protocol.
     ProtocolError
         If there is no such task, protocol or track.
     SubsetError
@@ -123,7 +123,7 @@ def evaluate(
     >>> round(scores["success"], 2)
     0.81
     """
-    truth = find_answers(ground_truth, split, subset, task)
+    truth = find_full_ground_truth(ground_truth, split, subset, task)
     chosen = truth.task.protocol(protocol)
     return _prepare(submission, scored_by(chosen, truth), track).score(chosen)
 
@@ -140,7 +140,7 @@ def evaluate_protocols(
 
     Parameters and errors are those of :func:`evaluate`.
     """
-    truth = find_answers(ground_truth, split, task=task)
+    truth = find_full_ground_truth(ground_truth, split, task=task)
     check_track(track)
     predictions = read_predictions(submission, truth.task, answers_only=track == "grounding")
     protocols = truth.task.protocols
@@ -177,7 +177,7 @@ def diagnose(
     Parameters and errors are those of :func:`evaluate`. For a protocol whose evaluator does not
     truncate hops, raises ProtocolError.
     """
-    truth = find_answers(ground_truth, split, task=task)
+    truth = find_full_ground_truth(ground_truth, split, task=task)
     check_first_of_hop(protocol, truth.task)
     chosen = truth.task.protocol(protocol)
     predictions = read_predictions(submission, truth.task)
@@ -194,7 +194,7 @@ def validate(
     subset: Iterable[str] | None = None,
     task: str | None = None,
 ) -> Validation:
-    """Check a submission as :func:`evaluate` does, but without the answers.
+    """Check a submission as :func:`evaluate` does, but without the solution.
 
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
@@ -213,9 +213,9 @@ class PreparedSubmission:
     qualifier: str = ""
     """What the scores depend on besides split, protocol, data and track; in the signature."""
     hints: Sequence[str] = ()
-    """How the file was read, and what looks like a mistake; independent of the answers."""
+    """How the file was read, and what looks like a mistake; independent of the solution."""
     answer_hints: Sequence[str] = ()
-    """What looks like a mistake given the answers; reveals something about the answers."""
+    """What looks like a mistake given the solution, and so reveals something about it."""
     predictions: Predictions | None = None
     """The file's content, to note what the protocol's own evaluator makes of it; None for no such
     note, because it reveals other scores than those of the submission."""
@@ -256,7 +256,7 @@ class PreparedSubmission:
         return replace(truncated, predictions=None)
 
     def without_answer_hints(self) -> Self:
-        """Return the submission without the hints that reveal something about the answers."""
+        """Return the submission without the hints that reveal something about the solution."""
         return replace(self, answer_hints=(), predictions=None)
 
     def validation(self) -> Validation:
@@ -304,10 +304,10 @@ def check_track(track: Track) -> Track:
 
 def why_not(protocol: Protocol, truth: GroundTruth, track: Track) -> str | None:
     """Return why a protocol cannot score submissions of a split; None if it can."""
-    answers = truth.require_answers()
+    solution = truth.require_solution()
     measured = {
-        "visible and near the object": answers.candidate_distance,
-        "at most 3 m from the object": answers.target_position,
+        "visible and near the object": solution.candidate_distance,
+        "at most 3 m from the object": solution.target_position,
     }
     if protocol.goal in measured and measured[protocol.goal] is None:
         return (
@@ -319,7 +319,7 @@ def why_not(protocol: Protocol, truth: GroundTruth, track: Track) -> str | None:
     return None
 
 
-def find_answers(
+def find_full_ground_truth(
     ground_truth: str | PathLike[str] | GroundTruth | None,
     split: str,
     subset: Iterable[str] | None = None,
@@ -327,7 +327,7 @@ def find_answers(
 ) -> GroundTruth:
     """Find the ground truth, and refuse a public bundle before the submission is read."""
     truth = find_ground_truth(ground_truth, split, task)
-    truth.require_answers()
+    truth.require_solution()
     return _choose(truth, subset)
 
 

@@ -18,7 +18,7 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.processes import map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
-from reverie_eval.scoring._evaluation import check_track, evaluate, find_answers, why_not
+from reverie_eval.scoring._evaluation import check_track, evaluate, find_full_ground_truth, why_not
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._protocol import scored_by
 from reverie_eval.scoring._scores import Scores, signature_of
@@ -53,7 +53,7 @@ class Evaluator:
     Raises
     ------
     GroundTruthError
-        If there is no valid ground truth with answers for the split, protocol and track.
+        If there is no valid ground truth with a solution for the split, protocol and track.
     ProtocolError
         If there is no such task, protocol or track.
     SubsetError
@@ -78,7 +78,7 @@ class Evaluator:
     ) -> None:
         # Unusable settings must raise here, and not after the first epoch of training.
         self.track = check_track(track)
-        truth = find_answers(ground_truth, split, subset, task)
+        truth = find_full_ground_truth(ground_truth, split, subset, task)
         self.protocol = truth.task.protocol(protocol)
         self.ground_truth = scored_by(self.protocol, truth)
         reason = why_not(self.protocol, self.ground_truth, track)

@@ -195,11 +195,11 @@ def clusters_of(truth: GroundTruth, cluster: Clustering) -> IntArray:
     scan = truth.graph.viewpoint_scan[truth.episodes.start]
     if cluster == "scan":
         return scan
-    answers = truth.require_answers()
+    solution = truth.require_solution()
     if truth.task.has_targets:
-        return with_object(scan, answers.target_object)
-    has_regions = answers.goal_viewpoint is not None
-    return answers.goal_region[truth.episodes.item] if has_regions else answers.goal
+        return with_object(scan, solution.target_object)
+    has_regions = solution.goal_viewpoint is not None
+    return solution.goal_region[truth.episodes.item] if has_regions else solution.goal
 
 
 def _one_cluster(cluster: Clustering) -> str:

@@ -21,7 +21,7 @@ from reverie_eval.arrays import (
     take_rows,
 )
 from reverie_eval.geometry import HEIGHT, WIDTH, is_on_grid, snap
-from reverie_eval.ground_truth import Answers, GroundTruth, NavigationGraph
+from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
 from reverie_eval.metrics import (
     IOU_THRESHOLD,
     SUCCESS_DISTANCE,
@@ -100,7 +100,7 @@ class Lookups:
     Raises
     ------
     GroundTruthError
-        If the ground truth is a public bundle, which has no answers.
+        If the ground truth is a public bundle, which has no solution.
     """
 
     def __init__(self, submission: AlignedSubmission, ground_truth: GroundTruth) -> None:
@@ -108,8 +108,8 @@ class Lookups:
         self.n_episodes = len(submission.predicted_object)
         self.has_boxes = len(submission.boxes.row) > 0
         """Whether any answer is a box."""
-        self._answers = ground_truth.require_answers()
-        self.target_object = self._answers.target_object
+        self._solution = ground_truth.require_solution()
+        self.target_object = self._solution.target_object
         """Shape (n_episodes,): object id."""
         self.submission = submission
         self.ground_truth = ground_truth
@@ -137,7 +137,7 @@ class Lookups:
     @cached_property
     def goal_distance(self) -> FloatArray:
         """Shape (n_poses,): metres to the end of the annotated path."""
-        goal = self._answers.goal[self._episode]
+        goal = self._solution.goal[self._episode]
         return self._graph.distance_between(self.submission.viewpoint, goal)
 
     @cached_property
@@ -167,13 +167,13 @@ class Lookups:
     def outline(self, which: Literal["first", "last"]) -> FloatArray:
         """Shape (n_episodes, 5, 2): the target as seen from the stop, turns; NaN if not visible."""
         stop = self.submission.viewpoint[last_of(self.offsets)]
-        return self._answers.outlines(self.ground_truth.episodes.item, stop, which)
+        return self._solution.outlines(self.ground_truth.episodes.item, stop, which)
 
     @cached_property
     def boxes(self) -> BoxScores:
         """The scores of the predicted boxes."""
         stop = self.submission.viewpoint[last_of(self.offsets)]
-        return score_boxes(self.submission.boxes, stop, self.target_object, self._answers)
+        return score_boxes(self.submission.boxes, stop, self.target_object, self._solution)
 
     @property
     def box_overlap(self) -> Overlap:
@@ -189,7 +189,7 @@ class Lookups:
     def shortest_length(self) -> FloatArray:
         """Shape (n_episodes,): metres from the start to the end of the annotated path."""
         start = self.ground_truth.episodes.start
-        return self._graph.distance_between(start, self._answers.goal)
+        return self._graph.distance_between(start, self._solution.goal)
 
     @cached_property
     def start_to_goals(self) -> FloatArray:
@@ -202,7 +202,7 @@ class Lookups:
         return self._to_goals(self.submission.viewpoint[last_of(self.offsets)])
 
     def _to_goals(self, viewpoint: IntArray) -> FloatArray:
-        goal, offsets = self._answers.goals()
+        goal, offsets = self._solution.goals()
         item = self.ground_truth.episodes.item
         count = np.diff(offsets)[item]
         goals = goal[take_rows(item, offsets)]
@@ -212,14 +212,14 @@ class Lookups:
     @cached_property
     def planner_distance(self) -> FloatArray:
         """Shape (n_poses,): metres to the end of the planner's path."""
-        path, offsets = self._answers.further_paths["planner"]
+        path, offsets = self._solution.further_paths["planner"]
         end = path[last_of(offsets)][self.ground_truth.episodes.item[self._episode]]
         return self._graph.distance_between(self.submission.viewpoint, end)
 
     @cached_property
     def annotated_length(self) -> FloatArray:
         """Shape (n_episodes,): metres along the annotated path."""
-        path, offsets = self._answers.path, self._answers.path_offsets
+        path, offsets = self._solution.path, self._solution.path_offsets
         legs = self._graph.distance_between(_previous(path, offsets), path)
         return path_length(legs, offsets)[self.ground_truth.episodes.item]
 
@@ -231,14 +231,14 @@ class Lookups:
     @cached_property
     def n_nodes(self) -> IntArray:
         """Shape (n_episodes,): nodes of the annotated path."""
-        return np.diff(self._answers.path_offsets)[self.ground_truth.episodes.item]
+        return np.diff(self._solution.path_offsets)[self.ground_truth.episodes.item]
 
     @cached_property
     def pose_to_node(self) -> FloatArray:
         """Metres from poses to path nodes: one table per episode, as path fidelity takes them."""
         # Row by row: each node of an episode's path is paired with all poses of its trajectory.
         item = self.ground_truth.episodes.item
-        node = self._answers.path[take_rows(item, self._answers.path_offsets)]
+        node = self._solution.path[take_rows(item, self._solution.path_offsets)]
         episode = np.repeat(np.arange(len(item)), self.n_nodes)
         pose = self.submission.viewpoint[take_rows(episode, self.offsets)]
         return self._graph.distance_between(pose, np.repeat(node, self.n_poses[episode]))
@@ -262,10 +262,10 @@ class _MovedGoals(Lookups):
 
     def __init__(self, given: Lookups) -> None:
         truth, submission = given.ground_truth, given.submission
-        answers, stop = truth.require_answers(), submission.viewpoint[last_of(given.offsets)]
-        is_seen = answers.is_goal(truth.episodes.item, stop)
-        moved = replace(answers, goal=np.where(is_seen, stop, answers.goal))
-        super().__init__(submission, replace(truth, answers=moved))
+        solution, stop = truth.require_solution(), submission.viewpoint[last_of(given.offsets)]
+        is_seen = solution.is_goal(truth.episodes.item, stop)
+        moved = replace(solution, goal=np.where(is_seen, stop, solution.goal))
+        super().__init__(submission, replace(truth, solution=moved))
         self._given = given
 
     @cached_property
@@ -302,7 +302,7 @@ def is_goal(
     rule : GoalRule
         The goal rule of the protocol.
     ground_truth : GroundTruth
-        With answers.
+        With the solution.
     episode, viewpoint : int arrays of shape (n,)
         Pairs of an episode and a viewpoint of its scan.
 
@@ -310,26 +310,26 @@ def is_goal(
     -------
     bool array of shape (n,)
     """
-    answers = ground_truth.require_answers()
+    solution = ground_truth.require_solution()
     match rule:
         case "visible":
-            return answers.is_visible(answers.target_object[episode], viewpoint)
+            return solution.is_visible(solution.target_object[episode], viewpoint)
         case "visible and near the object":
-            return answers.is_visible_near(answers.target_object[episode], viewpoint)
+            return solution.is_visible_near(solution.target_object[episode], viewpoint)
         case "at most 3 m from the object":
             offset = ground_truth.graph.viewpoint_position[viewpoint]
-            offset = offset - np.asarray(answers.target_position)[episode]
+            offset = offset - np.asarray(solution.target_position)[episode]
             distance = np.sqrt(np.square(offset).sum(axis=1))
             return np.asarray(distance <= SUCCESS_DISTANCE)
         case "near the path's end" | "at most 3 m from the path's end":
-            distance = ground_truth.graph.distance_between(viewpoint, answers.goal[episode])
+            distance = ground_truth.graph.distance_between(viewpoint, solution.goal[episode])
             near = np.less if rule == "near the path's end" else np.less_equal
             return np.asarray(near(distance, SUCCESS_DISTANCE))
         case "at a goal viewpoint":
-            return answers.is_goal(ground_truth.episodes.item[episode], viewpoint)
+            return solution.is_goal(ground_truth.episodes.item[episode], viewpoint)
         case "near the path's end, which a stop at a goal viewpoint becomes":
-            distance = ground_truth.graph.distance_between(viewpoint, answers.goal[episode])
-            is_seen = answers.is_goal(ground_truth.episodes.item[episode], viewpoint)
+            distance = ground_truth.graph.distance_between(viewpoint, solution.goal[episode])
+            is_seen = solution.is_goal(ground_truth.episodes.item[episode], viewpoint)
             return np.less(distance, SUCCESS_DISTANCE) | is_seen
 
 
@@ -350,7 +350,7 @@ def _previous(viewpoint: IntArray, offsets: IntArray) -> IntArray:
 
 
 def score_boxes(
-    boxes: BoxAnswers, stop: IntArray, target_object: IntArray, answers: Answers
+    boxes: BoxAnswers, stop: IntArray, target_object: IntArray, solution: Solution
 ) -> BoxScores:
     """Compare predicted boxes with the annotation.
 
@@ -364,12 +364,12 @@ def score_boxes(
        those of ``visible_pos`` in the dataset's box files.
     """
     view = snap(boxes.camera)
-    candidate, is_visible = answers.find(target_object[boxes.row], stop[boxes.row])
+    candidate, is_visible = solution.find(target_object[boxes.row], stop[boxes.row])
     # Where nothing is found, `candidate` and `target` are those of another object: `is_visible`
     # and `is_in_view` mask whatever is computed from them.
-    target, has_box = answers.boxes.find(candidate, view)
+    target, has_box = solution.boxes.find(candidate, view)
     is_in_view = is_visible & has_box
-    target_xywh = answers.boxes.xywh[target]
+    target_xywh = solution.boxes.xywh[target]
     whole_image = np.broadcast_to([0.0, 0.0, WIDTH, HEIGHT], target_xywh.shape)
     return BoxScores(
         row=boxes.row,
@@ -377,7 +377,7 @@ def score_boxes(
         whole_image=_masked(box_overlap(whole_image, target_xywh), is_in_view),
         is_visible=is_visible,
         is_in_view=is_in_view,
-        is_ambiguous=is_in_view & _has_rival(target, answers),
+        is_ambiguous=is_in_view & _has_rival(target, solution),
     )
 
 
@@ -401,10 +401,10 @@ def _masked(overlap: Overlap, is_in_view: BoolArray) -> Overlap:
     return overlap._replace(intersection=np.where(is_in_view, overlap.intersection, 0.0))
 
 
-def _has_rival(target: IntArray, answers: Answers) -> BoolArray:
+def _has_rival(target: IntArray, solution: Solution) -> BoolArray:
     """Whether another object's box in the same view would be accepted as each target's box."""
-    box_xywh = answers.boxes.xywh
-    index, other = answers.boxes.pair_with_others(target)
+    box_xywh = solution.boxes.xywh
+    index, other = solution.boxes.pair_with_others(target)
     is_rival = box_match(box_xywh[other], box_xywh[target[index]])
     # bincount has an entry for targets without any other object too; reduceat would not.
     return np.bincount(index, weights=is_rival, minlength=len(target)) > 0

@@ -205,7 +205,7 @@ class Quota(_Section):
 
 
 OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
-"""For splits with public answers: limits scripts, not people."""
+"""For splits with a public solution: limits scripts, not people."""
 
 
 class Also(_Section):
@@ -221,13 +221,13 @@ class Split(_Section):
     """A split that accepts submissions."""
 
     bundle: Path
-    """The split's ground truth, with answers."""
+    """The split's ground truth, with the solution."""
     task: Annotated[str, AfterValidator(_known_task)] = DEFAULT_TASK
     """The benchmark that the split belongs to. Unless it is REVERIE, the split's name begins with
     the task: ``r2r-val_unseen``."""
     visibility: Literal["private", "open"] = "private"
     """``private``: only means rounded to two decimals are released, never values of single
-    episodes. ``open``: the answers are public, and the values of every episode are released."""
+    episodes. ``open``: the solution is public, and the values of every episode are released."""
     protocol: Annotated[str, AfterValidator(_known_protocol)] = DEFAULT_PROTOCOL
     """The rules to score by."""
     track: Track = "full"
@@ -293,14 +293,14 @@ class Split(_Section):
         Raises
         ------
         ValueError
-            If the answers are public.
+            If the solution is public.
         PhasesError
             If a phase has no end.
         """
         if release_scores == "at-once":
             return
         if self.visibility == "open":
-            raise ValueError("scores of an open split cannot be held back; its answers are public")
+            raise ValueError("scores of an open split cannot be held back; its solution is public")
         for phase in phases:
             if phase.closes is None:
                 message = "scores can be held back only if every phase has `closes`"

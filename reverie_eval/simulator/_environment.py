@@ -65,7 +65,7 @@ class _Walk:
 class Environment:
     """The episodes of a split, for an agent to walk.
 
-    Observations have nothing of the annotation in them, whether or not the bundle has answers.
+    Observations have nothing of the annotation in them, whether or not the bundle has the solution.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Environment:
         A bundle; a public one suffices.
     boxes : path, optional
         Where objects are visible: the released folder ``BBox``, the file ``BBoxes.json``, or a
-        bundle with answers. By default, ``ground_truth`` says that if it has answers.
+        bundle with the solution. By default, ``ground_truth`` says that if it has the solution.
     pictures : path, optional
         The folder of the scans with their skyboxes, as ``MatterSim.setDatasetPath`` takes it.
 
@@ -306,7 +306,7 @@ class Environment:
 
     @property
     def _has_candidates(self) -> bool:
-        return self._objects is not None or self._truth.answers is not None
+        return self._objects is not None or self._truth.solution is not None
 
     def _find_candidates(self, viewpoint: int) -> Iterator[Candidate]:
         for object_id, name, views, boxes in self._visible_from(viewpoint):
@@ -319,26 +319,26 @@ class Environment:
             )
 
     def _visible_from(self, viewpoint: int) -> Iterable[MatterSim.Candidate]:
-        graph, answers = self._truth.graph, self._truth.answers
+        graph, solution = self._truth.graph, self._truth.solution
         if self._objects is not None:
             scan_id = graph.scan_of(viewpoint)
             return self._objects.visible_from(scan_id, graph.viewpoint_ids[viewpoint])
-        if answers is None:
+        if solution is None:
             return ()
         return (
             MatterSim.Candidate(
-                int(answers.candidate_object[row]),
+                int(solution.candidate_object[row]),
                 self._categories[row] if self._categories else "",
-                answers.boxes.view[boxes].tolist(),
-                answers.boxes.xywh[boxes].tolist(),
+                solution.boxes.view[boxes].tolist(),
+                solution.boxes.xywh[boxes].tolist(),
             )
-            for row, boxes in answers.visible_from(viewpoint)
+            for row, boxes in solution.visible_from(viewpoint)
         )
 
     @cached_property
     def _categories(self) -> Sequence[str]:
         try:
-            return self._truth.require_answers().candidate_categories
+            return self._truth.require_solution().candidate_categories
         except GroundTruthError:  # compiled without them
             return ()
 

@@ -78,7 +78,7 @@ class AlignedSubmission(AnswerColumns):
 
 
 def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
-    """Align predictions with the episodes of a split, without looking at answers.
+    """Align predictions with the episodes of a split, without looking at the solution.
 
     For a subset, records of other episodes are checked as well, and then left out.
 
@@ -120,7 +120,7 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     predictions, episode, _, _ = looked
     _raise_problems(predictions.problems, _episode_problems(looked, ground_truth))
     # A public bundle has no goals; the starts serve as well to check the answers.
-    answers = ground_truth.answers
+    answers = ground_truth.solution
     stop = ground_truth.episodes.start if answers is None else answers.goal
     answered = predictions.answers_of(_in_order(episode, rows))
     return AlignedSubmission(viewpoint=stop, offsets=np.arange(len(stop) + 1), **answered)
@@ -131,7 +131,7 @@ def check_batch(
     ground_truth: GroundTruth,
     collected: Mapping[str, Content],
 ) -> Mapping[str, Content]:
-    """Check predictions of some episodes, without looking at answers.
+    """Check predictions of some episodes, without looking at the solution.
 
     Parameters
     ----------

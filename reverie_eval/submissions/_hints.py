@@ -37,7 +37,7 @@ UNNAMED_ANSWERS = (
 def submission_hints(
     predictions: Predictions, submission: AlignedSubmission, *, answers_only: bool
 ) -> Iterator[str]:
-    """Yield hints that do not depend on the correct answers, a sentence each.
+    """Yield hints that do not depend on the solution, a sentence each.
 
     With ``answers_only``, trajectories were not read.
     """
@@ -87,17 +87,17 @@ def _field_text(field: tuple[str, int]) -> str:
 
 
 def answer_hints(submission: AlignedSubmission, ground_truth: GroundTruth) -> Iterator[str]:
-    """Yield hints that depend on the annotated objects, if the ground truth has answers."""
-    if ground_truth.answers is None:
+    """Yield hints that depend on the annotated objects, if the ground truth has the solution."""
+    if ground_truth.solution is None:
         return
     stop = submission.viewpoint[last_of(submission.offsets)]
     boxes = submission.boxes
-    yield from reading_hints(boxes, stop[boxes.row], ground_truth.answers.boxes)
+    yield from reading_hints(boxes, stop[boxes.row], ground_truth.solution.boxes)
     predicted = submission.predicted_object != ABSTAINED
     # In a file that answers mostly by box, the few object ids that are left say too little.
     if predicted.sum() <= len(boxes.row):
         return
-    is_candidate = ground_truth.answers.is_visible(submission.predicted_object, stop)
+    is_candidate = ground_truth.solution.is_visible(submission.predicted_object, stop)
     seen, count = int(is_candidate[predicted].sum()), int(predicted.sum())
     if seen >= _FEW * count:
         return

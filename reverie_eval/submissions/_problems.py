@@ -1,8 +1,8 @@
 """Everything that can be wrong with a submission, worded for the person who has to fix it.
 
 A message says what was found, what was expected and what to do; each kind has a stable code. No
-message may depend on the answers, because participants of private splits see it. Mistakes that many
-records share are in ``_faults``.
+message may depend on the solution, because participants of private splits see it. Mistakes that
+many records share are in ``_faults``.
 """
 
 import math

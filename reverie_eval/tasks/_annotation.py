@@ -84,10 +84,10 @@ class Annotation(Struct, frozen=True, kw_only=True):
         return None
 
     @property
-    def is_answered(self) -> bool:
+    def has_solution(self) -> bool:
         """Whether the record has what the public file of a private split leaves out.
 
-        A path that stays at its first viewpoint is no answer, however often it lists it.
+        A path that stays at its first viewpoint is no solution, however often it lists it.
         """
         return len(set(self.reference)) > 1
 

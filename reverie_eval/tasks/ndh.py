@@ -66,7 +66,7 @@ class NdhAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
         return self.end_panos or ()
 
     @property
-    def is_answered(self) -> bool:
+    def has_solution(self) -> bool:
         """Whether the record has its paths and goal region."""
         return bool(self.end_panos and self.planner_path and self.player_path)
 

@@ -32,7 +32,7 @@ class ReverieAnnotation(PathAnnotation, frozen=True, kw_only=True):
         return self.target_id
 
     @property
-    def is_answered(self) -> bool:
+    def has_solution(self) -> bool:
         """Whether the record has a target."""
         return self.target_id is not None
 

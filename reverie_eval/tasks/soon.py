@@ -49,7 +49,7 @@ class _Box(Struct, frozen=True):
 class SoonAnnotation(Annotation, frozen=True, kw_only=True):
     """One item: a target, where it is seen from, and a path to one of these from each start."""
 
-    scan: str = ""  # answered files give it in the boxes
+    scan: str = ""  # files with the solution give it in the boxes
     instr_id: Annotated[int, Meta(ge=0)] | ViewpointId
     instructions: Annotated[list[str | _Parts], Meta(min_length=1)]  # one or several
     path: Annotated[list[Path], Meta(min_length=1)]
@@ -106,7 +106,7 @@ class _Walk(EpisodeAnnotation, frozen=True, kw_only=True):
         return [box.outline for box in self.item.bboxes]
 
     @property
-    def is_answered(self) -> bool:
+    def has_solution(self) -> bool:
         """Whether the item has boxes."""
         return bool(self.item.bboxes)
 
@@ -128,7 +128,7 @@ TASK = Task(
     "CVPR 2021",
     source="github.com/ZhuFengdaaa/SOON",
     licence="none stated; Matterport3D terms of use for the scans",
-    unseen="answered files",
+    unseen="files with the solution",
     annotation=SoonAnnotation,
     file_name="{split}.json",
     folder="tasks/SOON/data",

@@ -413,7 +413,7 @@ def test_compiling(line: str, written: str, *, is_public: bool, here: Path, run:
     truth = GroundTruth.load(here / written)
     assert (status, err) == (0, "")
     assert out.startswith(f"{written}: custom {SPLIT}, 5 episodes, 1 scan")
-    assert ("no answers included" in out) == is_public == (truth.answers is None)
+    assert ("no solution included" in out) == is_public == (truth.solution is None)
     assert out.endswith(f"fingerprint {truth.fingerprint}\n")
 
 

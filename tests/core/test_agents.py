@@ -104,8 +104,8 @@ def test_random_predicts_an_object_visible_at_its_stop(seed: int, truth: GroundT
     records = run_agent("random", truth, seed)
     stops = np.array([truth.graph.index[viewpoints(record)[-1]] for record in records])
     named = np.array([record["predObjId"] for record in records])
-    is_visible = truth.require_answers().is_visible(named, stops)
-    sees_anything = np.isin(stops, truth.require_answers().candidate_viewpoint)
+    is_visible = truth.require_solution().is_visible(named, stops)
+    sees_anything = np.isin(stops, truth.require_solution().candidate_viewpoint)
     assert (is_visible == sees_anything).all()
     assert (named[~sees_anything] == -1).all()
 
@@ -183,7 +183,7 @@ def test_poses_look_in_the_direction_of_travel(
 @pytest.mark.parametrize("name", list(AGENTS))
 def test_a_public_bundle_is_not_enough(name: str, truth: GroundTruth) -> None:
     public = GroundTruth.from_bundle(Bundle.load(BUNDLES[truth.split]).public())
-    with pytest.raises(GroundTruthError, match="has no answers"):
+    with pytest.raises(GroundTruthError, match="has no solution"):
         run_agent(name, public)
 
 

@@ -387,13 +387,13 @@ def test_exact_boxes_by_cameras_off_the_grid(published_bundles: Path) -> None:
     is_whole: list[bool] = []
     is_far: list[bool] = []
     for split in ("val_seen", "val_unseen"):
-        answers = GroundTruth.load(published_bundles / f"{split}.npz").require_answers()
-        picked = random.sample(_unclipped(answers.boxes.xywh), N_DRAWN // 2)
-        target, view = answers.boxes.xywh[picked].tolist(), answers.boxes.view[picked].tolist()
+        solution = GroundTruth.load(published_bundles / f"{split}.npz").require_solution()
+        picked = random.sample(_unclipped(solution.boxes.xywh), N_DRAWN // 2)
+        target, view = solution.boxes.xywh[picked].tolist(), solution.boxes.view[picked].tolist()
         camera = [_away(random, *camera_of(it)) for it in view]
         seen = list(map(drawn_from, camera, view, target))
         cut = [common(box, PICTURE) for box in seen]
-        candidate = answers.boxes.candidate[picked]
+        candidate = solution.boxes.candidate[picked]
         outcomes = score_boxes(
             BoxAnswers(
                 row=np.arange(len(picked)),
@@ -403,9 +403,9 @@ def test_exact_boxes_by_cameras_off_the_grid(published_bundles: Path) -> None:
                 uncut_xywh=np.array(cut, float),
                 stop_angles=np.array(camera),
             ),
-            stop=answers.candidate_viewpoint[candidate],
-            target_object=answers.candidate_object[candidate],
-            answers=answers,
+            stop=solution.candidate_viewpoint[candidate],
+            target_object=solution.candidate_object[candidate],
+            solution=solution,
         )
         assert outcomes.is_in_view.all()
         is_correct += outcomes.is_correct.tolist()
@@ -437,23 +437,23 @@ def test_whole_image_and_ambiguous_shares_of_the_published_boxes(
 ) -> None:
     """Percentages of the views that show a target at its goal, and of items with such a view."""
     truth = GroundTruth.load(published_bundles / f"{split}.npz")
-    answers = truth.require_answers()
+    solution = truth.require_solution()
     _, first_episode = np.unique(truth.episodes.item, return_index=True)
-    goal, target = answers.goal[first_episode], answers.target_object[first_episode]
-    candidate, _ = answers.find(target, goal)
-    item, box = np.nonzero(candidate[:, None] == answers.boxes.candidate)
+    goal, target = solution.goal[first_episode], solution.target_object[first_episode]
+    candidate, _ = solution.find(target, goal)
+    item, box = np.nonzero(candidate[:, None] == solution.boxes.candidate)
     outcomes = score_boxes(
         BoxAnswers(
             row=np.arange(len(box)),
-            xywh=answers.boxes.xywh[box].astype(float),
-            camera=view_angles(answers.boxes.view[box]),
+            xywh=solution.boxes.xywh[box].astype(float),
+            camera=view_angles(solution.boxes.view[box]),
             is_cut=np.zeros(len(box), dtype=bool),
-            uncut_xywh=answers.boxes.xywh[box].astype(float),
-            stop_angles=view_angles(answers.boxes.view[box]),
+            uncut_xywh=solution.boxes.xywh[box].astype(float),
+            stop_angles=view_angles(solution.boxes.view[box]),
         ),
         stop=goal[item],
         target_object=target[item],
-        answers=answers,
+        solution=solution,
     )
     assert outcomes.is_correct.all()
     shares = outcomes.ambiguous_share, outcomes.whole_image_share
@@ -465,31 +465,31 @@ def test_whole_image_and_ambiguous_shares_of_the_published_boxes(
 
 def _measured(truth: GroundTruth) -> GroundTruth:
     """Put every object close, as in v1, for the protocols that need object positions."""
-    answers = truth.require_answers()
+    solution = truth.require_solution()
     measured = replace(
-        answers,
-        candidate_distance=np.zeros(len(answers.candidate_object)),
-        target_position=truth.graph.viewpoint_position[answers.goal],
+        solution,
+        candidate_distance=np.zeros(len(solution.candidate_object)),
+        target_position=truth.graph.viewpoint_position[solution.goal],
     )
-    return replace(truth, answers=measured)
+    return replace(truth, solution=measured)
 
 
 def _boxed(records: Sequence[Record], truth: GroundTruth) -> list[Record]:
     """Replace correct, visible object ids by the target's box, in one view after another."""
-    answers, boxed = truth.require_answers(), []
+    solution, boxed = truth.require_solution(), []
     for number, record in enumerate(records):
         episode = truth.episodes.index[record["instr_id"]]
-        target, stop = answers.target_object[episode], record["trajectory"][-1][0]
-        candidate = (answers.candidate_viewpoint == truth.graph.index[stop]) & (
-            answers.candidate_object == target
+        target, stop = solution.target_object[episode], record["trajectory"][-1][0]
+        candidate = (solution.candidate_viewpoint == truth.graph.index[stop]) & (
+            solution.candidate_object == target
         )
-        shown = np.flatnonzero(candidate[answers.boxes.candidate])
+        shown = np.flatnonzero(candidate[solution.boxes.candidate])
         if record["predObjId"] != target or not shown.size:
             boxed.append(record)
             continue
         box = shown[number % shown.size]
-        view = int(answers.boxes.view[box])
-        drawing = {"predBox": answers.boxes.xywh[box].tolist(), "predView": view, "predObjId": -1}
+        view = int(solution.boxes.view[box])
+        drawing = {"predBox": solution.boxes.xywh[box].tolist(), "predView": view, "predObjId": -1}
         boxed.append({**record, **drawing})
     return boxed
 

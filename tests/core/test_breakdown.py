@@ -216,7 +216,7 @@ def test_groups_with_few_targets_have_no_intervals() -> None:
     found = scores.breakdown("category", intervals=True)
     cluster = clusters_of(scores.ground_truth, "target")
     truth = scores.ground_truth
-    categories = [truth.require_answers().target_categories[item] for item in truth.episodes.item]
+    categories = [truth.require_solution().target_categories[item] for item in truth.episodes.item]
     targets = {
         part: len({cluster[row] for row, name in enumerate(categories) if name == part})
         for part in found.index
@@ -245,7 +245,7 @@ def test_groups_by_words_and_category_in_the_demo_world(demo: GroundTruth) -> No
     assert words["1 to 11 words"] == sum(length <= 11 for length in lengths)
     assert words["12 to 15 words"] == sum(12 <= length <= 15 for length in lengths)
     categories = scores.breakdown("category")["episodes"]
-    named = [demo.require_answers().target_categories[item] for item in demo.episodes.item]
+    named = [demo.require_solution().target_categories[item] for item in demo.episodes.item]
     assert categories.to_dict() == {name: named.count(name) for name in set(named)}
     assert list(categories) == sorted(categories, reverse=True)
 
@@ -262,7 +262,7 @@ def test_spellings_of_a_category_are_one_group(
 ) -> None:
     """Upper case and ``#`` for a space make no difference."""
     spelt = ("end#table", "End table", " ")
-    monkeypatch.setattr(type(scores.ground_truth.require_answers()), "target_categories", spelt)
+    monkeypatch.setattr(type(scores.ground_truth.require_solution()), "target_categories", spelt)
     found = scores.breakdown("category")["episodes"]
     assert found.to_dict() == {"end table": 3, "unnamed": 1}
 

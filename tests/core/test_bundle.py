@@ -185,7 +185,9 @@ NO_BUNDLE = "is not a ground-truth bundle, or is damaged; `reverie-eval compile`
             "has bundle format 2, this version of reverie-eval reads format 1; compile it again",
             id="newer format",
         ),
-        pytest.param(lambda: _with_another_array("task_target"), "is damaged", id="other answers"),
+        pytest.param(
+            lambda: _with_another_array("task_target"), "is damaged", id="another solution"
+        ),
         pytest.param(lambda: _with_another_array("edge"), "is damaged", id="other edges"),
         pytest.param(_with_a_wrong_bit, "bundle", id="wrong bit"),
         pytest.param(lambda: _packed_by(ZIP_BZIP2), NO_BUNDLE, id="bzip2"),
@@ -280,17 +282,17 @@ def test_texts_equal_those_of_the_annotations(demo_world: Path, regenerated: Pat
     assert truth.episodes.instructions == tuple(
         text for item in items for text in item["instructions"]
     )
-    assert len(truth.require_answers().target_categories) == len(items)
-    assert "bed" in truth.require_answers().target_categories
+    assert len(truth.require_solution().target_categories) == len(items)
+    assert "bed" in truth.require_solution().target_categories
 
 
 def test_categories_of_candidates_equal_those_of_the_box_files(
     demo_world: Path, regenerated: Path
 ) -> None:
     truth = GroundTruth.load(regenerated / "val_unseen.npz")
-    answers, graph = truth.require_answers(), truth.graph
-    columns = answers.candidate_viewpoint, answers.candidate_object
-    found = zip(*(each.tolist() for each in columns), answers.candidate_categories, strict=True)
+    solution, graph = truth.require_solution(), truth.graph
+    columns = solution.candidate_viewpoint, solution.candidate_object
+    found = zip(*(each.tolist() for each in columns), solution.candidate_categories, strict=True)
     for viewpoint, object_id, category in found:
         name = graph.viewpoint_ids[viewpoint]
         file = f"{graph.scan_of(viewpoint)}_{name}.json"
@@ -331,7 +333,7 @@ def test_damaged_texts_raise_an_error_when_read(bundle: Bundle, packed: bytes) -
     with pytest.raises(GroundTruthError, match="instructions of this ground truth are damaged"):
         _ = truth.episodes.instructions
     with pytest.raises(GroundTruthError, match="compiled without categories"):
-        _ = truth.require_answers().target_categories
+        _ = truth.require_solution().target_categories
 
 
 def test_the_bytes_of_a_public_bundle_do_not_depend_on_answers(
@@ -355,7 +357,7 @@ def test_a_public_bundle_validates_but_does_not_score(bundle: Bundle) -> None:
     submission = [submitted(here, Answer(here.item.path, 3)) for here in episodes_of(SPLIT)]
     assert not validate(submission, split=SPLIT, ground_truth=truth).notes
     with pytest.raises(
-        GroundTruthError, match=r"val_unseen\.public\.npz is a public bundle.*answers"
+        GroundTruthError, match=r"val_unseen\.public\.npz is a public bundle.*solution"
     ):
         evaluate(submission, split=SPLIT, ground_truth=truth)
 
@@ -411,7 +413,7 @@ def test_a_bundle_file(of_type: Callable[[Path], str | Path], bundles: Path) -> 
     path = bundles / "val_unseen.public.npz"
     truth = find_ground_truth(of_type(path), SPLIT)
     assert truth.origin == str(path)
-    assert truth.answers is None
+    assert truth.solution is None
 
 
 @pytest.mark.parametrize(
@@ -457,7 +459,7 @@ def test_the_demo_world_does_not_tell_where_it_is_installed(run: Run) -> None:
 @pytest.mark.parametrize(
     ("prepare", "mode"),
     [
-        pytest.param(lambda bundle: bundle, 0o600, id="with answers"),
+        pytest.param(lambda bundle: bundle, 0o600, id="with the solution"),
         pytest.param(Bundle.public, 0o644, id="public"),
     ],
 )
@@ -473,7 +475,7 @@ def test_new_bundles_with_answers_are_for_their_owner(
 
 
 def test_the_demo_world_keeps_its_test_answers_in_a_separate_bundle() -> None:
-    assert find_ground_truth(None, "test").answers is None
+    assert find_ground_truth(None, "test").solution is None
 
 
 Place = Callable[[Path], Path]

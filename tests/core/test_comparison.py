@@ -167,10 +167,10 @@ def test_a_comparison_shows_its_sentences() -> None:
 
 def test_what_is_given_to_score_by(demo: GroundTruth) -> None:
     """By names, protocol, subset and ground truth; all of them are in the signature."""
-    answers = demo.require_answers()
-    others = replace(answers, target_object=answers.target_object + 1)
+    solution = demo.require_solution()
+    others = replace(solution, target_object=solution.target_object + 1)
     how: dict[str, Any] = {
-        "ground_truth": replace(demo, answers=others),
+        "ground_truth": replace(demo, solution=others),
         "protocol": "duet",
         "subset": demo.episodes.instr_ids[:40],
     }
@@ -260,7 +260,7 @@ def test_loops_walked_in_opposite_directions_score_the_same(
                 "predObjId": int(target),
             }
             for instr_id, walk, target in zip(
-                demo.episodes.instr_ids, walks, demo.require_answers().target_object, strict=True
+                demo.episodes.instr_ids, walks, demo.require_solution().target_object, strict=True
             )
         ]
         files.append(tmp_path / f"{name}.json")

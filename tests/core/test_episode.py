@@ -137,20 +137,20 @@ def test_objects_have_the_names_of_their_own_scan() -> None:
     """Ids are numbered within each building: object 0 is in both of the demo world's."""
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
     truth = scores.ground_truth
-    answers = truth.require_answers()
-    scans = truth.graph.viewpoint_scan[answers.candidate_viewpoint]
+    solution = truth.require_solution()
+    scans = truth.graph.viewpoint_scan[solution.candidate_viewpoint]
     for scan in set(truth.scans):
         episode = scores.episode(truth.episodes.instr_ids[truth.scans.index(scan)])
         rows = np.flatnonzero(scans == truth.graph.scan_ids.index(scan)).tolist()
         named = {
-            int(answers.candidate_object[row]): answers.candidate_categories[row] for row in rows
+            int(solution.candidate_object[row]): solution.candidate_categories[row] for row in rows
         }
         assert {each: episode.object_name(each) for each in named} == {
             each: f"{name.replace('#', ' ')} {each}" for each, name in named.items()
         }
         assert episode.object_name(99_999) == "object 99999"
         (first, *_) = episode.visible_objects(
-            truth.graph.viewpoint_ids[answers.candidate_viewpoint[rows[0]]]
+            truth.graph.viewpoint_ids[solution.candidate_viewpoint[rows[0]]]
         )
         assert first.name == episode.object_name(first.object_id)
 
@@ -215,7 +215,7 @@ def test_an_episode_with_a_box() -> None:
     assert box.xywh.tolist() == pytest.approx(record["predBox"])
     assert box.view == record["predView"]
     assert box.camera.tolist() == view_angles(np.array([box.view])).tolist()[0]
-    assert episode.answers is scores.ground_truth.answers
+    assert episode.solution is scores.ground_truth.solution
 
 
 def test_the_grounding_track_has_no_outcome() -> None:

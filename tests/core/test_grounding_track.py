@@ -70,7 +70,7 @@ def test_a_file_says_what_its_records_say(change: Callable[[Any], object]) -> No
     "prepare",
     [
         pytest.param(Bundle.public, id="public bundle"),
-        pytest.param(lambda bundle: bundle, id="with answers"),
+        pytest.param(lambda bundle: bundle, id="with the solution"),
     ],
 )
 def test_answers_alone_are_valid(prepare: Callable[[Bundle], Bundle]) -> None:

@@ -24,7 +24,7 @@ SAMPLE = (str(SAMPLES / "good.json"), "--split", "val_unseen")
 
 
 def test_clusters_are_target_objects_or_scans(demo: GroundTruth) -> None:
-    start, target = demo.episodes.start, demo.require_answers().target_object
+    start, target = demo.episodes.start, demo.require_solution().target_object
     scans = [demo.graph.scan_of(viewpoint) for viewpoint in start]
     for by, shared in (
         ("target", list(zip(scans, target.tolist(), strict=True))),

@@ -62,7 +62,7 @@ def test_a_wrong_box_is_as_close_as_its_overlap(demo: rv.GroundTruth) -> None:
     """Of boxes that overlap nothing, the shortest route comes first."""
     scores = rv.evaluate(SAMPLES / "drawn.json", split=SPLIT)
     ious, spl = (scores.episodes[metric].tolist() for metric in ("iou", "spl"))
-    episodes, goal = demo.episodes, demo.require_answers().goal
+    episodes, goal = demo.episodes, demo.require_solution().goal
     wrong = [row for row, outcome in enumerate(scores.outcomes) if outcome == "wrong object"]
     first_of_route: dict[tuple[int, int], str] = {}
     for row in sorted(wrong, key=lambda row: (-ious[row], -spl[row])):

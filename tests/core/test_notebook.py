@@ -142,8 +142,8 @@ def test_texts_that_are_not_there_are_left_out(scores: rv.Scores) -> None:
     """No outcomes without answers; no texts in an older bundle."""
     truth = scores.ground_truth
     episodes = replace(truth.episodes, packed_instructions=None)
-    answers = replace(truth.require_answers(), packed_categories=None)
-    bare = replace(truth, episodes=episodes, answers=answers)
+    solution = replace(truth.require_solution(), packed_categories=None)
+    bare = replace(truth, episodes=episodes, solution=solution)
     assert list(rv.evaluate(GOOD, split=SPLIT, ground_truth=bare).texts) == ["outcome", "scan"]
     navigated = rv.evaluate(GOOD, split=SPLIT, protocol="r2r-style")
     assert list(navigated.texts) == ["scan", "category", "instruction"]

@@ -364,9 +364,9 @@ def test_sdtw_uses_the_protocols_success() -> None:
 @pytest.fixture(scope="module")
 def unmeasured(demo: GroundTruth) -> GroundTruth:
     """Return the demo world compiled without object positions."""
-    assert demo.answers is not None
-    answers = replace(demo.answers, candidate_distance=None, target_position=None)
-    return replace(demo, answers=answers, origin="val_unseen.npz")
+    assert demo.solution is not None
+    solution = replace(demo.solution, candidate_distance=None, target_position=None)
+    return replace(demo, solution=solution, origin="val_unseen.npz")
 
 
 @pytest.mark.parametrize("protocol", ["challenge-2022", "paper-3m"])
@@ -399,7 +399,7 @@ def test_protocols_that_cannot_be_scored_are_left_out(unmeasured: GroundTruth) -
 
 
 def test_a_public_bundle_cannot_be_scored(demo: GroundTruth) -> None:
-    public = replace(demo, answers=None)
+    public = replace(demo, solution=None)
     with pytest.raises(rv.GroundTruthError, match="public bundle"):
         evaluate_protocols(GOOD, split=SPLIT, ground_truth=public)
 
@@ -449,7 +449,7 @@ def test_a_wrong_answer_in_the_grounding_track(answer: int | None) -> None:
 
 def test_the_grounding_track_does_not_depend_on_the_order_of_records(demo: GroundTruth) -> None:
     """Scores records in reverse order."""
-    answers = demo.require_answers().target_object.tolist()
+    answers = demo.require_solution().target_object.tolist()
     answers[0] += 1
     submission = [
         {"instr_id": instr_id, "predObjId": answer}
@@ -489,7 +489,7 @@ def test_the_grounding_track_reports_missing_episodes() -> None:
 
 def test_the_grounding_track_needs_answers(demo: GroundTruth) -> None:
     with pytest.raises(rv.GroundTruthError, match="public bundle"):
-        evaluate(GOOD, split=SPLIT, ground_truth=replace(demo, answers=None), track="grounding")
+        evaluate(GOOD, split=SPLIT, ground_truth=replace(demo, solution=None), track="grounding")
 
 
 def test_the_grounding_track_needs_a_protocol_that_scores_grounding() -> None:

@@ -490,9 +490,9 @@ def problems_of(world: Path) -> Sequence[Problem]:
         ),
         pytest.param(
             _items(lambda items: [item.pop("objId") for item in items[1:3]]),
-            "missing-answer",
+            "missing-solution",
             ANNOTATIONS,
-            "2 of 32 items without an answer in a file where others have one",
+            "2 of 32 items without a solution in a file where others have one",
             id="targets missing in part",
         ),
         pytest.param(

@@ -48,7 +48,7 @@ def test_json(dataset: Path, run: Run) -> None:
         "words": spread(2, 2, 2, 2, {"2": 2}),
         "vocabulary": 4,
         "frequent_vocabulary": 0,
-        "answers": {
+        "targets": {
             "items": 2,
             "hidden_targets": 1,
             "target_objects": 2,
@@ -60,8 +60,8 @@ def test_json(dataset: Path, run: Run) -> None:
             "goal_boxes": spread(3.5, 3.5, 3, 4, {"3": 1, "4": 1}),
         },
     }
-    assert report["splits"]["test"]["answers"] is None
-    assert report["total"]["answers"]["category_counts"] == {"lamp": 2, "coffee table": 1, "rug": 1}
+    assert report["splits"]["test"]["targets"] is None
+    assert report["total"]["targets"]["category_counts"] == {"lamp": 2, "coffee table": 1, "rug": 1}
     assert report["paper"][2] == {
         "quantity": "instructions",
         "splits": ["train", "val_seen", "val_unseen", "test"],
@@ -140,10 +140,10 @@ def test_boxes_in_one_file_may_leave_out_who_sees_nothing(dataset: Path, tmp_pat
 
 def test_a_target_that_is_listed_nowhere_has_no_category(tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"train": [item("1_7", "hut-a hut-b", 7, "go")]})
-    answers = describe(root).total.answers
-    assert answers is not None
-    assert (answers.target_objects, answers.hidden_targets) == (1, 1)
-    assert answers.category_counts == {}
+    described = describe(root).total.targets
+    assert described is not None
+    assert (described.target_objects, described.hidden_targets) == (1, 1)
+    assert described.category_counts == {}
 
 
 # Faults.
@@ -239,12 +239,17 @@ def test_targets_goals_and_paths_of_v1(
     means: tuple[float, ...],
     published_description: DatasetDescription,
 ) -> None:
-    answers = published_description.splits[split].answers
-    assert answers is not None
-    assert (answers.target_objects, answers.target_categories) == targets
-    spreads = (answers.goal_objects, answers.goal_boxes, answers.path_steps, answers.path_length)
+    described = published_description.splits[split].targets
+    assert described is not None
+    assert (described.target_objects, described.target_categories) == targets
+    spreads = (
+        described.goal_objects,
+        described.goal_boxes,
+        described.path_steps,
+        described.path_length,
+    )
     assert tuple(round(values.mean, 3) for values in spreads) == means
-    assert answers.hidden_targets == 0
+    assert described.hidden_targets == 0
 
 
 @pytest.mark.dataset

@@ -264,7 +264,7 @@ CASES = [
     pytest.param(
         items(lambda content: content[0]["path"].insert(1, "hall")), {}, id="a step on the spot"
     ),
-    pytest.param(items(unanswered), {"missing-answer": 1}, id="item without a target"),
+    pytest.param(items(unanswered), {"missing-solution": 1}, id="item without a target"),
     pytest.param(items(lambda content: content[0].pop("objId")), {}, id="no item with a target"),
     pytest.param(
         items(lambda content: content[0].update(objId=9)), {"target-not-listed": 1}, id="target"

@@ -174,7 +174,7 @@ def test_what_others_wrote_is_escaped(open_server: OpenServer, folder: Path) -> 
     truth = rv.GroundTruth.load(path)
     texts = {
         "instruction": pack_texts([MARKUP] * len(truth.episodes.instr_ids)),
-        "target_category": pack_texts([MARKUP] * (len(truth.require_answers().path_offsets) - 1)),
+        "target_category": pack_texts([MARKUP] * (len(truth.require_solution().path_offsets) - 1)),
     }
     ids = bundle.arrays["instr_id"].astype("<U99")
     marked = {**bundle.arrays, "instr_id": np.append("<i>é&?#'\"", ids[1:])}

@@ -342,14 +342,14 @@ def test_pages_of_the_list_join_to_the_whole(server: Serving) -> None:
 
 
 def test_targets_are_chosen_by_category(server: Serving) -> None:
-    answers, episodes = (
-        server.state.boards[OPEN].truth.require_answers(),
+    solution, episodes = (
+        server.state.boards[OPEN].truth.require_solution(),
         server.state.boards[OPEN].truth.episodes,
     )
     lamps = [
         instr_id
         for instr_id, item in zip(episodes.instr_ids, episodes.item, strict=True)
-        if answers.target_categories[item] == "lamp"
+        if solution.target_categories[item] == "lamp"
     ]
     assert lamps
     assert listed(Visitor(server).get(f"/episodes/{OPEN}?category=lamp")) == lamps

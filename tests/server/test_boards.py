@@ -197,7 +197,7 @@ def test_every_split_that_cannot_be_scored_is_named(folder: Path) -> None:
     places["val_seen"].unlink()
     places[OPEN].write_bytes((DEMO_BUNDLES / "val_seen.npz").read_bytes())
     told = {
-        PRIVATE: f"others can read these answers; run `chmod 600 {places[PRIVATE]}`",
+        PRIVATE: f"others can read the solution; run `chmod 600 {places[PRIVATE]}`",
         "val_seen": f"{places['val_seen']}: No such file or directory; put it there, or create it "
         "with `reverie-eval compile`",
         OPEN: f"{places[OPEN]}: this is the ground truth of val_seen, not of val_unseen",
@@ -249,7 +249,7 @@ def test_rules_that_cannot_score_the_split_are_refused() -> None:
         ),
     ],
 )
-def test_a_private_split_has_answers_of_its_own(
+def test_a_private_split_has_a_solution_of_its_own(
     change: Callable[[Bundle], Bundle], folder: Path, *, is_refused: bool
 ) -> None:
     place = folder / "bundles" / f"{PRIVATE}.npz"
@@ -261,7 +261,7 @@ def test_a_private_split_has_answers_of_its_own(
         return
     assert problems(folder) == [
         Problem(
-            "public-answers",
+            "public-solution",
             f"splits.{PRIVATE}.bundle",
             f"{place}: has the answers of the open split {OPEN}; compile the private annotations "
             f"(`reverie-eval compile --annotations`), or do not open {OPEN}",

@@ -170,12 +170,12 @@ def test_stops_at_the_path_s_end_are_compared_with_chance(server: Serving) -> No
     sent(server, OWNER, submission_for(PRIVATE, "shortest"), PRIVATE)
     walks = shown(server, PRIVATE, team="Blue")["history"][0]["walks"]
     truth = server.state.boards[PRIVATE].truth
-    answers, scan = truth.require_answers(), truth.graph.viewpoint_scan
+    solution, scan = truth.require_solution(), truth.graph.viewpoint_scan
     chances = []
     for episode, start in enumerate(truth.episodes.start):
         own = np.flatnonzero(scan == scan[start])
-        target = np.full(len(own), answers.target_object[episode])
-        chances.append(1 / answers.is_visible(target, own).sum())
+        target = np.full(len(own), solution.target_object[episode])
+        chances.append(1 / solution.is_visible(target, own).sum())
     assert walks["exact_stops"] == 1
     assert walks["exact_by_chance"] == pytest.approx(np.mean(chances), abs=5e-5)
 

@@ -69,7 +69,7 @@ def default_secret(folder: Path) -> None:
 
 TROUBLES = [
     pytest.param([no_bundle], ["reverie-eval compile"], id="no bundle"),
-    pytest.param([open_answers], ["chmod 600"], id="answers others can read"),
+    pytest.param([open_answers], ["chmod 600"], id="solution others can read"),
     pytest.param(
         [public_answers],
         ["splits.test.bundle", "has the answers of the open split val_unseen"],

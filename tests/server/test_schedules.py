@@ -149,7 +149,7 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
             OPEN,
             409,
             "answers are public",
-            id="public answers held back",
+            id="public solution held back",
         ),
     ],
 )

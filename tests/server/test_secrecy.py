@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from reverie_eval import GroundTruth, SubmissionError, evaluate
 from reverie_eval.arrays import IntArray
-from reverie_eval.ground_truth import Answers, Bundle
+from reverie_eval.ground_truth import Bundle, Solution
 from reverie_eval.server.app import create_app
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import check_folder
@@ -50,10 +50,10 @@ PLENTY = {"day": 1000, "month": 1000, "year": 1000}
 EVERYBODY = (ANYBODY, OWNER, OTHER, ORGANISER)
 
 
-def view_of_target(answers: Answers, episode: int) -> int:
+def view_of_target(solution: Solution, episode: int) -> int:
     here = slice(episode, episode + 1)
-    slot, _ = answers.find(answers.target_object[here], answers.goal[here])
-    view: int = answers.boxes.view[answers.boxes.candidate == slot[0]].tolist()[0]
+    slot, _ = solution.find(solution.target_object[here], solution.goal[here])
+    view: int = solution.boxes.view[solution.boxes.candidate == slot[0]].tolist()[0]
     return view
 
 
@@ -74,10 +74,10 @@ def walked(*, is_right: bool = False, **answer: object) -> bytes:
     records = json.loads(answered(**answer))
     row = {record["instr_id"]: record for record in records}
     for episode, instr_id in enumerate(truth.episodes.instr_ids[:7]):
-        goal = truth.graph.viewpoint_ids[int(truth.require_answers().goal[episode])]
+        goal = truth.graph.viewpoint_ids[int(truth.require_solution().goal[episode])]
         row[instr_id]["trajectory"].append([goal, 0.1, 0.2])
         if is_right:
-            row[instr_id]["predView"] = view_of_target(truth.require_answers(), episode)
+            row[instr_id]["predView"] = view_of_target(truth.require_solution(), episode)
     return json.dumps(records).encode()
 
 
@@ -116,7 +116,7 @@ def unsound() -> Sequence[bytes]:
 
 @pytest.fixture(scope="module")
 def planted_bundle(tmp_path_factory: pytest.TempPathFactory, made_folder: Path) -> Path:
-    """Write the private split's bundle with planted answers."""
+    """Write the private split's bundle with a planted solution."""
     path = tmp_path_factory.mktemp("planted") / "test.npz"
     planted(Bundle.load(made_folder / "bundles" / "test.npz")).save(path)
     path.chmod(0o600)
@@ -125,7 +125,7 @@ def planted_bundle(tmp_path_factory: pytest.TempPathFactory, made_folder: Path) 
 
 @pytest.fixture
 def planted_folder(folder: Path, planted_bundle: Path) -> Path:
-    """Return a server's folder whose private split has planted answers."""
+    """Return a server's folder whose private split has a planted solution."""
     (folder / "bundles" / "test.npz").write_bytes(planted_bundle.read_bytes())
     return folder
 
@@ -142,7 +142,7 @@ def secrets(planted_bundle: Path) -> Secrets:
 
 @pytest.fixture
 def server(planted_folder: Path, open_server: OpenServer) -> Serving:
-    """Return a server with planted answers and quota for everything."""
+    """Return a server with a planted solution and quota for everything."""
     quota = settings_of(planted_folder).splits[PRIVATE].effective_quota.model_copy(update=PLENTY)
     return open_server(adjusted(settings_of(planted_folder), quota=quota, also=FURTHER))
 
@@ -351,7 +351,7 @@ def test_the_search_finds(text: str, kind: str, secrets: Secrets) -> None:
 
 def test_the_search_finds_goals_and_means(secrets: Secrets, planted_bundle: Path) -> None:
     truth = GroundTruth.load(planted_bundle)
-    paths = {truth.graph.viewpoint_ids[each] for each in truth.require_answers().path.tolist()}
+    paths = {truth.graph.viewpoint_ids[each] for each in truth.require_solution().path.tolist()}
     hidden = [each for each in paths if {*secrets.found_in(f"go to {each}")} == {"goal or path"}]
     assert len(hidden) > 10
     scores = evaluate(sound()[0], split=PRIVATE, ground_truth=truth)
@@ -386,13 +386,13 @@ def tells_exactly(self: Board, scores: Any, reading: Any) -> Any:
 
 
 def tells_targets(self: Board, scores: Any, reading: Any) -> Any:
-    notes = [f"wrong: {self.truth.require_answers().target_object.tolist()[0]}"]
+    notes = [f"wrong: {self.truth.require_solution().target_object.tolist()[0]}"]
     return rounded(self, scores, reading).model_copy(update={"notes": notes})
 
 
 def tells_goals(self: Board, scores: Any, reading: Any) -> Any:
     paths = [
-        self.truth.graph.viewpoint_ids[each] for each in self.truth.require_answers().path.tolist()
+        self.truth.graph.viewpoint_ids[each] for each in self.truth.require_solution().path.tolist()
     ]
     return rounded(self, scores, reading).model_copy(update={"notes": paths})
 
@@ -429,19 +429,19 @@ def test_a_page_that_tells_is_found_out(server: Serving, secrets: Secrets) -> No
     assert told >= {"/team", f"/submissions/{identity}"}
 
 
-# What is said does not depend on answers.
+# What is said does not depend on the solution.
 
 
 def board_with(target: IntArray, candidates: IntArray) -> Board:
     truth = private_truth()
-    answers = replace(
-        truth.require_answers(),
+    solution = replace(
+        truth.require_solution(),
         target_object=target,
         candidate_object=candidates,
-        goal=np.roll(truth.require_answers().goal, int(target[0])),
+        goal=np.roll(truth.require_solution().goal, int(target[0])),
     )
     split = Split(bundle=Path("test.npz"))
-    return Board(PRIVATE, split, replace(truth, answers=answers), "")
+    return Board(PRIVATE, split, replace(truth, solution=solution), "")
 
 
 def said(board: Board, content: bytes) -> object:
@@ -461,7 +461,7 @@ def test_problems_and_notes_are_the_same_whatever_the_answers_are(
 ) -> None:
     content = [*sound(), *unsound()][which]
     random = np.random.default_rng(seed)
-    truth = private_truth().require_answers()
+    truth = private_truth().require_solution()
     as_is = board_with(truth.target_object, truth.candidate_object)
     other = board_with(
         random.integers(0, 90, len(truth.target_object)), truth.candidate_object + offset
@@ -474,6 +474,6 @@ def test_the_notes_would_tell_if_they_could() -> None:
     content = walked(predObjId=123)
     told = evaluate(content, split=PRIVATE, ground_truth=private_truth()).notes
     assert any("no predicted object is visible" in note for note in told)
-    truth = private_truth().require_answers()
+    truth = private_truth().require_solution()
     board = board_with(truth.target_object, truth.candidate_object)
     assert "visible" not in str(said(board, content))

@@ -1,7 +1,7 @@
-"""Two servers with different answers say the same to everybody, apart from scores.
+"""Two servers with different solutions say the same to everybody, apart from scores.
 
 What is compared is everything that participants and visitors can send or look at. The files are
-random: sound ones, ones with mistakes, broken ones, and boxes drawn from the answers of either
+random: sound ones, ones with mistakes, broken ones, and boxes drawn from the solution of either
 server, which one of them would recognise if it looked.
 """
 
@@ -36,22 +36,22 @@ MOST_SHOWN = 100
 
 @pytest.fixture
 def twins(folder: Path, open_server: OpenServer, tmp_path: Path) -> Twins:
-    """Return two servers whose private answers differ."""
+    """Return two servers whose private solutions differ."""
     return open_twins(open_server, (folder, Path(shutil.copytree(folder, tmp_path / "twin"))), 1)
 
 
 @pytest.fixture
 def files(twins: Twins) -> FileMaker:
-    """Return what makes files out of the answers of both."""
+    """Return what makes files out of the solutions of both."""
     return FileMaker([server.state.boards[PRIVATE].truth for server in twins.servers])
 
 
 def test_the_twins_have_the_same_public_part_and_different_answers(twins: Twins) -> None:
     left, right = (server.state.boards[PRIVATE] for server in twins.servers)
     assert left.public_fingerprint == right.public_fingerprint
-    answers, others = left.truth.require_answers(), right.truth.require_answers()
-    assert (answers.target_object != others.target_object).mean() > 0.9
-    assert (answers.goal != others.goal).mean() > 0.7
+    solution, others = left.truth.require_solution(), right.truth.require_solution()
+    assert (solution.target_object != others.target_object).mean() > 0.9
+    assert (solution.goal != others.goal).mean() > 0.7
 
 
 def test_the_comparison_finds_hints_from_answers(

@@ -129,7 +129,7 @@ def test_names_are_those_of_the_categories() -> None:
     seen = Environment(truth).reset(truth.episodes.instr_ids[0])
     assert seen.instruction == truth.episodes.instructions[0]
     assert seen.candidates
-    categories = {it.replace("#", " ") for it in truth.require_answers().candidate_categories}
+    categories = {it.replace("#", " ") for it in truth.require_solution().candidate_categories}
     assert {it.name for it in seen.candidates} <= categories
 
 
@@ -170,7 +170,7 @@ def test_a_public_bundle_and_the_released_boxes_show_the_same(
     shown = Environment(public_of("reverie"), boxes=bundle_of("reverie"))
     for episode in given.episodes:
         assert walked(given, episode) == walked(shown, episode)
-    without = replace(truth, answers=None)
+    without = replace(truth, solution=None)
     assert walked(Environment(truth), "7_5_0") == walked(Environment(without, boxes=boxes), "7_5_0")
     assert not any(seen.candidates for seen in walked(Environment(without), "7_5_0"))
 

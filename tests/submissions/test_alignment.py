@@ -409,7 +409,7 @@ def test_answers_alone_are_aligned_at_the_goals(farm: GroundTruth) -> None:
     predictions = read_predictions(answers, answers_only=True)
     for truth, stops in (
         (farm, ["pantry", "pantry", "loft"]),
-        (replace(farm, answers=None), ["hall", "hall", "stall"]),
+        (replace(farm, solution=None), ["hall", "hall", "stall"]),
     ):
         aligned = align_answers_only(predictions, truth)
         assert [truth.graph.viewpoint_ids[stop] for stop in aligned.viewpoint] == stops

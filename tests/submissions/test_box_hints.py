@@ -27,13 +27,13 @@ ALL = "% of the boxes fit an annotated object; read as "
 
 def targets(truth: GroundTruth) -> list[Meant]:
     """Return a box of each episode's target at the end of its path."""
-    answers = truth.require_answers()
-    candidate, _ = answers.find(answers.target_object, answers.goal)
-    by_candidate = {each: row for row, each in enumerate(answers.boxes.candidate.tolist())}
+    solution = truth.require_solution()
+    candidate, _ = solution.find(solution.target_object, solution.goal)
+    by_candidate = {each: row for row, each in enumerate(solution.boxes.candidate.tolist())}
     rows = [by_candidate[each] for each in candidate.tolist()]
-    boxes = answers.boxes.xywh[rows].astype(float)
+    boxes = solution.boxes.xywh[rows].astype(float)
     boxes[:, 2:] *= np.random.default_rng(0).uniform(0.9, 1, (len(rows), 2))
-    return list(zip(boxes.tolist(), answers.boxes.view[rows].tolist(), strict=True))
+    return list(zip(boxes.tolist(), solution.boxes.view[rows].tolist(), strict=True))
 
 
 def submission(
@@ -42,7 +42,7 @@ def submission(
     looks_there: bool = False,  # noqa: FBT001, FBT002
 ) -> list[dict[str, Any]]:
     """Return a submission that answers every episode by its target's box, written like this."""
-    viewpoint_ids, goal = truth.graph.viewpoint_ids, truth.require_answers().goal
+    viewpoint_ids, goal = truth.graph.viewpoint_ids, truth.require_solution().goal
     records = []
     for row, (box, view) in enumerate(targets(truth)):
         angles = view_angles(np.array([view]))[0].tolist() if looks_there else [0.0, 0.0]
@@ -205,10 +205,10 @@ def test_a_few_boxes_say_nothing(demo: GroundTruth) -> None:
 def test_a_hint_depends_on_no_answer(demo: GroundTruth) -> None:
     """All annotated objects of a view are compared alike, whichever is the target."""
     records = submission(demo, lambda box, view: {"predBox": box, "predView": min(view + 1, 35)})
-    answers = demo.require_answers()
-    others = replace(demo, answers=replace(answers, target_object=answers.target_object + 1))
+    solution = demo.require_solution()
+    others = replace(demo, solution=replace(solution, target_object=solution.target_object + 1))
     assert hints_about(records, others) == hints_about(records, demo)
-    assert hints_about(records, replace(demo, answers=None)) == []
+    assert hints_about(records, replace(demo, solution=None)) == []
 
 
 def test_a_hint_from_answers_is_left_out_where_they_are_private(demo: GroundTruth) -> None:

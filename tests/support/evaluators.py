@@ -228,23 +228,23 @@ class Data:
     def _draw(self, random: Random, *, long_hops: bool, jumps: bool) -> None:
         """Draw a walk and an answer for every episode."""
         truth, graph = self.truth, self.truth.graph
-        answers = truth.require_answers()
+        solution = truth.require_solution()
         by_scan: dict[str, list[int]] = defaultdict(list)
         for viewpoint, scan in enumerate(graph.viewpoint_scan.tolist()):
             by_scan[graph.scan_ids[scan]].append(viewpoint)
         self.walks: dict[str, list[list[str]]] = {}
         self.answers: dict[str, str | None] = {}
         self.points: dict[str, tuple[float, float] | None] = {}
-        path, offsets = answers.path.tolist(), answers.path_offsets.tolist()
+        path, offsets = solution.path.tolist(), solution.path_offsets.tolist()
         for instr_id, item, target in zip(
-            truth.episodes.instr_ids, truth.episodes.item, answers.target_object, strict=True
+            truth.episodes.instr_ids, truth.episodes.item, solution.target_object, strict=True
         ):
             annotated = path[offsets[item] : offsets[item + 1]]
             places = by_scan[graph.scan_of(annotated[0])] if jumps else annotated[:1]
             walk = self._walk(random, annotated, places)
             named = [graph.viewpoint_ids[each] for each in walk]
             self.walks[instr_id] = list(_hops(random, named)) if long_hops else [[v] for v in named]
-            seen = answers.candidate_object[answers.candidate_viewpoint == walk[-1]].tolist()
+            seen = solution.candidate_object[solution.candidate_viewpoint == walk[-1]].tolist()
             choices = [int(target), *seen, None]
             answer = random.choice(choices)
             self.answers[instr_id] = None if answer is None else str(answer)

@@ -86,12 +86,12 @@ def records(walks: dict[str, tuple[list[str], int]]) -> list[dict[str, object]]:
 def perfect() -> list[dict[str, object]]:
     """Walk every annotated path of the demo world and name every target."""
     truth = GroundTruth.load(DEMO_BUNDLES / f"{SPLIT}.npz")
-    answers, ids = truth.require_answers(), truth.graph.viewpoint_ids
+    solution, ids = truth.require_solution(), truth.graph.viewpoint_ids
     return [
         {
             "instr_id": instr_id,
             "trajectory": [[ids[node], 0, 0] for node in path_of(truth, row)],
-            "predObjId": int(answers.target_object[row]),
+            "predObjId": int(solution.target_object[row]),
         }
         for row, instr_id in enumerate(truth.episodes.instr_ids)
     ]
@@ -100,6 +100,6 @@ def perfect() -> list[dict[str, object]]:
 def path_of(truth: GroundTruth, row: int) -> list[int]:
     """Return an episode's annotated path."""
     item = truth.episodes.item[row]
-    offsets = truth.require_answers().path_offsets
-    path: list[int] = truth.require_answers().path[offsets[item] : offsets[item + 1]].tolist()
+    offsets = truth.require_solution().path_offsets
+    path: list[int] = truth.require_solution().path[offsets[item] : offsets[item + 1]].tolist()
     return path

@@ -98,7 +98,7 @@ class FileMaker:
 
 
 def _boxes_by_viewpoint(truth: GroundTruth) -> dict[str, list[tuple[int, Box]]]:
-    boxes = truth.require_answers().boxes
+    boxes = truth.require_solution().boxes
     found: dict[str, list[tuple[int, Box]]] = {}
     viewpoints = boxes.candidate_viewpoint[boxes.candidate].tolist()
     for row, view, xywh in zip(viewpoints, boxes.view.tolist(), boxes.xywh.tolist(), strict=True):

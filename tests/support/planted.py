@@ -1,4 +1,4 @@
-"""Answers that appear nowhere else, planted in a private split, and a search for them.
+"""A solution that appears nowhere else, planted in a private split, and a search for it.
 
 Real object ids are short numbers, which any reply holds for some other reason. Planted ones have
 ten digits, the boxes are all the same odd one, and the categories are no words. Viewpoint ids are
@@ -34,7 +34,7 @@ _CLOCK = re.compile(
 
 
 def planted(bundle: Bundle) -> Bundle:
-    """Return a split with unmistakable answers in the place of its own."""
+    """Return a split with an unmistakable solution in the place of its own."""
     arrays = bundle.arrays
     changed = with_arrays(
         bundle,
@@ -68,7 +68,7 @@ class Secrets:
         """Gather the secrets of a planted split that these submissions were sent to."""
         known = b"".join(sent).decode()
         starts = {truth.graph.viewpoint_ids[start] for start in truth.episodes.start.tolist()}
-        goals = {truth.graph.viewpoint_ids[goal] for goal in truth.require_answers().path.tolist()}
+        goals = {truth.graph.viewpoint_ids[goal] for goal in truth.require_solution().path.tolist()}
         hidden = sorted(each for each in goals - starts if each not in known)
         exact = sorted({re.escape(digits) for each in scores for digits in _exact_digits(each)})
         assert len(hidden) > 10

@@ -1,4 +1,4 @@
-"""Two servers that differ in the answers of the private split alone.
+"""Two servers that differ in the solution of the private split alone.
 
 Whatever somebody asks them, they have to say the same, byte for byte, apart from scores and what
 is derived from the ground truth as a whole: its fingerprint, and the signature of a receipt.
@@ -223,7 +223,7 @@ def _without_scores(document: Any) -> Any:
 
 
 def open_twins(open_server: OpenServer, folders: tuple[Path, Path], seed: int) -> Twins:
-    """Open the servers of two copies of a folder, with other answers in the second."""
+    """Open the servers of two copies of a folder, with another solution in the second."""
     path = Path("bundles") / f"{PRIVATE}.npz"
     bundle = Bundle.load(folders[0] / path)
     other = with_other_answers(bundle, seed)

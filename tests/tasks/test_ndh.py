@@ -92,7 +92,7 @@ def test_the_goal_progress_of_the_annotated_paths(
         truth = ndh.truth(split)
         path = truth.along(
             "" if PATHS[protocol] == "trusted" else PATHS[protocol]
-        ).require_answers()
+        ).require_solution()
         records = [
             {"inst_idx": int(id_), "trajectory": [[truth.graph.viewpoint_ids[it]] for it in walk]}
             for id_, walk in zip(

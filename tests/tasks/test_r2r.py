@@ -82,7 +82,7 @@ def test_the_official_script_never_scores_a_fourth_instruction(
 @pytest.mark.dataset
 def test_a_test_submission_can_be_validated(r2r: Published) -> None:
     truth = r2r.truth("test")
-    assert truth.answers is None
+    assert truth.solution is None
     checked = validate(r2r.submission("test.seq2seq_published"), split="test", ground_truth=truth)
     assert checked.notes == []
 
@@ -179,9 +179,9 @@ def test_jumps_are_counted_and_said_to_stop_the_official_script() -> None:
     truth = GroundTruth.load(
         REPOSITORY / "reverie_eval" / "ground_truth" / "demo" / "r2r" / "val_unseen.npz"
     )
-    assert truth.answers is not None
+    assert truth.solution is not None
     viewpoint_ids, episodes = truth.graph.viewpoint_ids, truth.episodes
-    ends = zip(episodes.start, truth.answers.goal, strict=True)
+    ends = zip(episodes.start, truth.solution.goal, strict=True)
     records = [
         {"instr_id": instr_id, "trajectory": [[viewpoint_ids[it], 0, 0] for it in pair]}
         for instr_id, pair in zip(episodes.instr_ids, ends, strict=True)

@@ -207,7 +207,7 @@ def test_a_public_test_file_has_ids_of_instructions_only(*, packed: bool, tmp_pa
     public = {key: value for key, value in record().items() if key != "path_id"}
     bundle = compile_split(write(tmp_path, public, packed=packed), "test_standard_public")
     truth = GroundTruth.from_bundle(bundle)
-    assert truth.answers is None
+    assert truth.solution is None
     assert (truth.episodes.instr_ids, list(truth.episodes.languages)) == (("31",), ["te-IN"])
     walk = [{"instr_id": "31", "trajectory": [["a", 0, 0]]}]
     assert validate(walk, split="test_standard_public", ground_truth=truth).ground_truth is truth

@@ -114,7 +114,7 @@ def test_the_aggregates_are_the_recorded_ones(soon: Published) -> None:
 @pytest.mark.dataset
 def test_the_published_test_file_validates_a_result(soon: Published) -> None:
     truth = soon.truth("test")
-    assert truth.answers is None
+    assert truth.solution is None
     assert len(truth.episodes.instr_ids) == 8450
     ids = truth.graph.viewpoint_ids
     items: dict[str, list[Any]] = {}

@@ -414,10 +414,10 @@ def test_items_without_an_answer_among_others_stop_the_compiler(
     compiled = run("compile", *given, "--split", "val_unseen", "-o", str(tmp_path / "it.npz"))
     assert compiled.status == 1
     assert f"{number} of " in compiled.err
-    assert " items without an answer in a file where others have one: " in compiled.err
+    assert " items without a solution in a file where others have one: " in compiled.err
     checked = run("lint", *given)
     assert checked.status == 1
-    (row,) = re.findall(r"^error +missing-answer .*$", checked.out, re.MULTILINE)
+    (row,) = re.findall(r"^error +missing-solution .*$", checked.out, re.MULTILINE)
     assert row.split()[2] == str(number)
 
 
@@ -433,9 +433,9 @@ def test_a_path_that_stays_at_its_start_is_no_answer(
     compiled = run("compile", *given, "--split", "val_unseen", "-o", str(tmp_path / "it.npz"))
     assert compiled.status == 1
     count = len(records) - 1
-    assert f"{count} of {len(records)} items without an answer" in compiled.err
+    assert f"{count} of {len(records)} items without a solution" in compiled.err
     # Of many, only some are kept by name, but all are counted.
-    assert f" and {count - 3} more. Give every item its answer" in compiled.err
+    assert f" and {count - 3} more. Give every item its solution" in compiled.err
 
 
 @every_task

@@ -42,7 +42,7 @@ _CAVEAT = (
     help="The bundle to write; or a folder, existing or ending in /, for SPLIT.npz or "
     "SPLIT.public.npz, in it or in its folder of the task's name.",
 )
-@click.option("--public", is_flag=True, help="Leave out the answers: a bundle to validate with.")
+@click.option("--public", is_flag=True, help="Leave out the solution: a bundle to validate with.")
 def compile_bundle(
     *, split: str, output: str, public: bool, task: str, **paths: Path | None
 ) -> None:
@@ -67,7 +67,7 @@ def compile_bundle(
     counts = [count_text(len(bundle.arrays[array]), noun) for noun, array in parts.items()]
     print(f"{place}: {bundle.header.dataset} {split}, {', '.join(counts)}")
     if bundle.is_public:
-        print("no answers included: it can validate submissions, not score them")
+        print("no solution included: it can validate submissions, not score them")
     print(f"fingerprint {bundle.header.fingerprint}")
     for remark in notes:
         note(remark)

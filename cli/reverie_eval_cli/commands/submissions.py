@@ -44,7 +44,7 @@ def validate_submission(
 ) -> int:
     """Check a submission without scoring it.
 
-    SUBMISSION is a result file, or - for standard input. A public bundle, without answers, is
+    SUBMISSION is a result file, or - for standard input. A public bundle, without the solution, is
     enough.
     """
     check_outputs([output], [submission, truth_options.ground_truth, episodes_from])

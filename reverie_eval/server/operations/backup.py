@@ -104,7 +104,7 @@ def write_backup(
         raise ReverieEvalError(f"{output} is a file of the server; write the backup elsewhere")
     if output.is_dir() or not output.parent.is_dir():
         raise ReverieEvalError(f"{output} cannot be written; name a file in an existing folder")
-    # Files of NamedTemporaryFile are private: the archive contains answers and the signing key.
+    # Files of NamedTemporaryFile are private: the archive contains solutions and the signing key.
     with NamedTemporaryFile(dir=output.parent, prefix=f".{output.name}-", delete=False) as file:
         try:
             with tarfile.open(fileobj=file, mode="w:gz", compresslevel=_LEVEL) as archive:

@@ -27,7 +27,7 @@ _IMAGE = "logo.png"
 _COMMAND = "python3 /app/program/scoring.py /app/input/ /app/output/"
 _SECONDS_TO_SCORE = 600
 _OWNER_ALONE = 0o600
-"""Permissions of the file: it contains the answers."""
+"""Permissions of the file: it contains the solution."""
 
 
 def export_codabench(settings: Settings, split: str, image: str, output: Path) -> Sequence[str]:
@@ -41,7 +41,7 @@ def export_codabench(settings: Settings, split: str, image: str, output: Path) -
     image : str
         A container image that has reverie-eval.
     output : Path
-        The zip archive to write. It contains the answers of the split.
+        The zip archive to write. It contains the solution of the split.
 
     Raises
     ------

@@ -46,7 +46,7 @@ class Leaders:
     schedule: Schedule
     rows: Sequence[Row]
     references: Mapping[str, Scores]
-    """By agent, what it scores; empty if there are results, the answers are private, or the agents
+    """By agent, what it scores; empty if there are results, the solution is private, or the agents
     have not walked yet since the server started."""
     scale: Scale
     """Of the bars of intervals."""

@@ -116,7 +116,7 @@ def submit(
 def validate(split: SplitName, person: Sender, upload: Received, server: Server) -> Checked:
     """Check a file as for scoring; nothing is stored, and no submission is used.
 
-    Answers are not used. The parameters are those of an upload; the method is ignored.
+    The solution is not used. The parameters are those of an upload; the method is ignored.
     """
     return server.intake.validate(person, split, upload.packed)
 

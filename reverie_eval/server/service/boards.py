@@ -65,7 +65,7 @@ class Board:
     truth: GroundTruth
     """The ground truth, with the episodes and annotated paths that the protocol uses."""
     public_fingerprint: str
-    """Fingerprint of the bundle without its answers, which participants may have."""
+    """Fingerprint of the bundle without its solution, which participants may have."""
     further: str = ""
     """The name of a further leaderboard; empty for the split's own."""
     also: Mapping[str, "Board"] = field(default_factory=dict)
@@ -160,14 +160,14 @@ class Board:
         Raises
         ------
         SubmissionError
-            If it is rejected; lists all problems, which reveal nothing about the answers.
+            If it is rejected; lists all problems, which reveal nothing about the solution.
         """
         reading = self._prepare(content, self.truth)
         return reading.without_answer_hints() if self.is_private else reading
 
     def check(self, content: bytes) -> PreparedSubmission:
-        """Do what :meth:`read` does, without using the answers."""
-        return self._prepare(content, replace(self.truth, answers=None))
+        """Do what :meth:`read` does, without using the solution."""
+        return self._prepare(content, replace(self.truth, solution=None))
 
     def _prepare(self, content: bytes, truth: GroundTruth) -> PreparedSubmission:
         check_value_count(content, MAX_VALUES)
@@ -339,29 +339,29 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
             reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else str(error)
             named = reason if str(path) in reason else f"{path}: {reason}"
             problems.append(Problem("no-ground-truth", f"splits.{name}.bundle", named))
-    problems += _public_answers(boards, settings)
+    problems += _public_solution(boards, settings)
     if problems:
         raise SettingsError(problems)
     return MappingProxyType(boards)
 
 
-def _public_answers(boards: Mapping[str, Board], settings: Settings) -> Iterator[Problem]:
-    """Report private splits whose answers an open split shows."""
+def _public_solution(boards: Mapping[str, Board], settings: Settings) -> Iterator[Problem]:
+    """Report private splits whose solution an open split shows."""
     for private in filter(lambda board: board.is_private, boards.values()):
         for other in boards.values():
-            if not other.is_private and _have_same_answers(private, other):
+            if not other.is_private and _have_same_solution(private, other):
                 path = settings.path(private.split.bundle)
                 remedy = (
-                    f"{path}: has the answers of the open split {other.name}; compile the private "
+                    f"{path}: has the solution of the open split {other.name}; compile the private "
                     "annotations (`reverie-eval compile --annotations`), or do not open "
                     f"{other.name}"
                 )
-                yield Problem("public-answers", f"splits.{private.name}.bundle", remedy)
+                yield Problem("public-solution", f"splits.{private.name}.bundle", remedy)
 
 
-def _have_same_answers(board: Board, other: Board) -> bool:
+def _have_same_solution(board: Board, other: Board) -> bool:
     """Whether two splits have the same targets and paths, whatever they are called."""
-    one, two = board.truth.require_answers(), other.truth.require_answers()
+    one, two = board.truth.require_solution(), other.truth.require_solution()
     return np.array_equal(one.target_object, two.target_object) and np.array_equal(
         one.path, two.path
     )
@@ -408,7 +408,7 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     """
     bundle = Bundle.load(path)
     truth = GroundTruth.from_bundle(bundle, origin=str(path))
-    truth.require_answers()
+    truth.require_solution()
     if truth.task.name != split.task:
         raise GroundTruthError(
             f"this is the ground truth of {truth.task.title}, but the split is of "
@@ -418,7 +418,7 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     if known != name:
         raise GroundTruthError(f"this is the ground truth of {known}, not of {name}")
     if split.visibility == "private" and not is_private(path):
-        raise GroundTruthError(f"others can read these answers; run `chmod 600 {path}`")
+        raise GroundTruthError(f"others can read the solution; run `chmod 600 {path}`")
     public_fingerprint = bundle.public().header.fingerprint
     board = _board(name, split, replace(truth, origin=name), public_fingerprint)
     for each in board.all:

@@ -241,7 +241,7 @@ class EpisodeService:
     def references(self, board: Board) -> Mapping[str, Scores]:
         """Return the reference agents' scores on a split, the best first; none on a private one.
 
-        There, the scores of the random agent would reveal something about the answers.
+        There, the scores of the random agent would reveal something about the solution.
         """
         if board.is_private:
             return {}

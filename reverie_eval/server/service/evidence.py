@@ -332,7 +332,7 @@ class _Examined:
         success = fingerprint.values(self.board, "success")
         if success is not None and success.any():
             is_success = success > 0
-            goal = self.board.truth.require_answers().goal
+            goal = self.board.truth.require_solution().goal
             exact = _rounded(float((fingerprint.episodes["stop"] == goal)[is_success].mean()))
             by_chance = _rounded(float((1 / self._goals[is_success]).mean()))
         return WalkReport(

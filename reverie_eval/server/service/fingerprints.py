@@ -1,6 +1,6 @@
 """Fingerprints: an upload's predictions in each episode as numbers that are quick to compare.
 
-They are computed without the answers, from the upload alone. Each is stored when it is first
+They are computed without the solution, from the upload alone. Each is stored when it is first
 needed, so they do not make uploads slower.
 """
 
@@ -118,7 +118,7 @@ class Fingerprint:
         truth, track = board.truth, board.split.track
         if metric == "rgs" and self.episodes["is_box"].any():
             return None
-        stop = truth.require_answers().goal if track == "grounding" else self.episodes["stop"]
+        stop = truth.require_solution().goal if track == "grounding" else self.episodes["stop"]
         answer = self.episodes["answer"]
         aligned = AlignedSubmission(
             viewpoint=stop.astype(np.int64),

@@ -71,7 +71,7 @@ class Read(NamedTuple):
 
 
 def check_file(context: Context, split: str) -> Sequence[str]:
-    """Check the opened file without using the answers, and return the notes."""
+    """Check the opened file without using the solution, and return the notes."""
     return list(context.boards[split].check(context.content).validation().notes)
 
 
@@ -107,7 +107,7 @@ class Intake:
     settings: Settings
 
     def validate(self, person: Person, split: str, packed: bytes) -> Checked:
-        """Unpack and check a submission without the answers; it is not stored or counted.
+        """Unpack and check a submission without the solution; it is not stored or counted.
 
         Raises
         ------

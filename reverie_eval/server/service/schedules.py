@@ -151,7 +151,7 @@ class Schedules:
         NotFoundError
             If the server has no such split.
         ConflictError
-            If phases overlap, or scores would be held back for ever, or on a split whose answers
+            If phases overlap, or scores would be held back for ever, or on a split whose solution
             are public.
         """
         timetable = self.of(transaction.session, split)

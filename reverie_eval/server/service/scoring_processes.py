@@ -249,7 +249,7 @@ def _begin(_: Context) -> None:
 def _serve(connection: Connection, settings: Settings) -> None:
     """Answer calls until the server has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the server too
-    # The system would write a core file, with all answers, when a file takes too long.
+    # The system would write a core file, with the solution, when a file takes too long.
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.nice(_NICENESS)
     context, rules = None, None

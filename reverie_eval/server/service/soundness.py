@@ -181,7 +181,9 @@ class FileWatch:
             if Bundle.load(path).header.fingerprint != scoring:
                 raise UnsoundError(f"{path} is not the ground truth that this server scores with")
             if board.is_private and not is_private(path):
-                raise UnsoundError(f"others can read the answers in {path}; run `chmod 600 {path}`")
+                raise UnsoundError(
+                    f"others can read the solution in {path}; run `chmod 600 {path}`"
+                )
 
         self._once(path, (scoring,), compare)
 

@@ -76,14 +76,14 @@ def export_site(*, source: Path, output: Path, date: datetime | None) -> int:
 def export_codabench(*, folder: Folder, split: str, image: str, output: Path) -> None:
     """Write a split as a competition for Codabench.
 
-    The zip archive has the split's rules, phases and quotas, the scoring program, and the answers:
+    The zip archive has the split's rules, phases and quotas, the scoring program, and the solution:
     upload it to a Codabench that you trust, and show it to nobody else.
     """
     from reverie_eval.server.operations.codabench import export_codabench
 
     for sentence in export_codabench(folder.settings, split, image, output):
         note(f"not in the competition: {sentence}")
-    print(f"{output}: {split}, with its answers")
+    print(f"{output}: {split}, with its solution")
 
 
 @click.command("export-evalai")
@@ -92,8 +92,8 @@ def export_codabench(*, folder: Folder, split: str, image: str, output: Path) ->
 def export_evalai(*, folder: Folder, output: str | None) -> None:
     """Write all splits as phases and leaderboards of a challenge on EvalAI.
 
-    That is their part of EvalAI's challenge_config.yaml, without answers. Title, texts and dates of
-    the challenge itself are yours to add.
+    That is their part of EvalAI's challenge_config.yaml, without the solution. Title, texts and
+    dates of the challenge itself are yours to add.
     """
     from reverie_eval.server.operations.evalai import export_evalai
 

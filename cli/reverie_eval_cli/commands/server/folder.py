@@ -195,7 +195,7 @@ def backup(*, folder: Folder, output: Path, verify: bool) -> int:
     print(f"{output}: {_counts(report.manifest.rows)}, {report.size / 1e6:,.1f} MB")
     if verify:
         print("verified: it was restored, all rows and files are the same, and the server opens")
-    print("it contains answers and the signing key: keep it where nobody else can read it")
+    print("it contains solutions and the signing key: keep it where nobody else can read it")
     for setting, name in report.moved.items():
         note(f"{setting} is outside of the folder; a restore puts it at {name} in the folder")
     variables = variables_set()

@@ -1,4 +1,4 @@
-"""The answers of a split: targets, annotated paths, and candidates with their boxes."""
+"""The solution of a split: targets, annotated paths, and candidates with their boxes."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -26,7 +26,7 @@ from reverie_eval.metrics import SUCCESS_DISTANCE
 
 _FURTHER = "path/"
 NO_TARGET = -2
-"""The target object of episodes without one; no answer equals it, not even an abstention."""
+"""The target object of episodes without one; no prediction equals it, not even an abstention."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class CandidateBoxes:
 
 
 @dataclass(frozen=True, eq=False)
-class Answers:
+class Solution:
     """Everything that a public bundle leaves out.
 
     In a task without target objects there are no candidates, boxes and categories either.
@@ -141,8 +141,8 @@ class Answers:
     packed_candidate_categories: Array | None = None
 
     @classmethod
-    def from_bundle(cls, bundle: Bundle) -> "Answers | None":
-        """Return the answers in a bundle; None if it is public."""
+    def from_bundle(cls, bundle: Bundle) -> "Solution | None":
+        """Return the solution in a bundle; None if it is public."""
         if bundle.is_public:
             return None
         arrays = bundle.arrays
@@ -177,8 +177,8 @@ class Answers:
             packed_candidate_categories=bundle.texts.get("candidate_category"),
         )
 
-    def take(self, rows: IntArray) -> "Answers":
-        """Return the answers of some episodes; items, paths and candidates stay."""
+    def take(self, rows: IntArray) -> "Solution":
+        """Return the solution of some episodes; items, paths and candidates stay."""
         position = self.target_position
         return replace(
             self,
@@ -210,8 +210,8 @@ class Answers:
         packed, count = self.packed_candidate_categories, len(self.candidate_object)
         return unpack_texts(packed, "categories of candidates", count)
 
-    def along(self, reference: str, item: IntArray) -> "Answers":
-        """Return the answers with one of the further paths in place of the usual one.
+    def along(self, reference: str, item: IntArray) -> "Solution":
+        """Return the solution with one of the further paths in place of the usual one.
 
         ``item`` is the item of each episode.
         """

@@ -130,7 +130,7 @@ def test_a_file_for_another_split_is_told_its_name_on_the_server() -> None:
     assert opened("r2r-val_seen", "r2r").read(content).validation().notes == []
 
 
-def test_what_only_the_answers_tell_is_not_said_of_a_private_split(several: Board) -> None:
+def test_what_only_the_solution_tells_is_not_said_of_a_private_split(several: Board) -> None:
     records = [{**each, "predObjId": each["predObjId"] + 5000} for each in json.loads(GOOD)]
     content = json.dumps(records).encode()
     private = replace(several, split=several.split.model_copy(update={"visibility": "private"}))
@@ -207,7 +207,7 @@ def test_every_split_that_cannot_be_scored_is_named(folder: Path) -> None:
     ]
 
 
-def test_a_bundle_without_answers_is_named_by_its_place() -> None:
+def test_a_bundle_without_the_solution_is_named_by_its_place() -> None:
     place = DEMO_BUNDLES / f"{PRIVATE}.public.npz"
     with pytest.raises(GroundTruthError) as refused:
         load_board(PRIVATE, Split(bundle=place), place)
@@ -241,7 +241,7 @@ def test_rules_that_cannot_score_the_split_are_refused() -> None:
 @pytest.mark.parametrize(
     ("change", "is_refused"),
     [
-        pytest.param(lambda bundle: bundle, True, id="the same answers"),
+        pytest.param(lambda bundle: bundle, True, id="the same solution"),
         pytest.param(
             lambda bundle: with_arrays(bundle, task_target=bundle.arrays["task_target"] + 1),
             False,
@@ -263,7 +263,7 @@ def test_a_private_split_has_a_solution_of_its_own(
         Problem(
             "public-solution",
             f"splits.{PRIVATE}.bundle",
-            f"{place}: has the answers of the open split {OPEN}; compile the private annotations "
+            f"{place}: has the solution of the open split {OPEN}; compile the private annotations "
             f"(`reverie-eval compile --annotations`), or do not open {OPEN}",
         )
     ]

@@ -23,12 +23,12 @@ def no_bundle(folder: Path) -> None:
     (folder / "bundles" / "test.npz").unlink()
 
 
-def open_answers(folder: Path) -> None:
+def readable_solution(folder: Path) -> None:
     (folder / "bundles" / "test.npz").chmod(0o640)
 
 
-def public_answers(folder: Path) -> None:
-    """Compile the open split's answers under the private split's name."""
+def public_solution(folder: Path) -> None:
+    """Compile the open split's solution under the private split's name."""
     bundles = folder / "bundles"
     bundle = Bundle.load(bundles / "val_unseen.npz")
     (bundles / "test.npz").unlink()
@@ -69,11 +69,11 @@ def default_secret(folder: Path) -> None:
 
 TROUBLES = [
     pytest.param([no_bundle], ["reverie-eval compile"], id="no bundle"),
-    pytest.param([open_answers], ["chmod 600"], id="solution others can read"),
+    pytest.param([readable_solution], ["chmod 600"], id="solution others can read"),
     pytest.param(
-        [public_answers],
-        ["splits.test.bundle", "has the answers of the open split val_unseen"],
-        id="answers of an open split",
+        [public_solution],
+        ["splits.test.bundle", "has the solution of the open split val_unseen"],
+        id="solution of an open split",
     ),
     pytest.param([open_key], ["chmod 600"], id="key others can read"),
     pytest.param([no_key], ["restore it from the backup"], id="no key"),

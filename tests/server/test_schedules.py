@@ -148,7 +148,7 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
             {"phases": [RUNNING], "release_scores": "phase-end"},
             OPEN,
             409,
-            "answers are public",
+            "solution is public",
             id="public solution held back",
         ),
     ],

@@ -124,7 +124,7 @@ def test_the_path_counts_before_initialization_only(folder: Path) -> None:
         pytest.param(
             "list.json", b"[]", r"list\.json: it is not an object with a key", id="a list"
         ),
-        pytest.param("text.npz", b"text", "it is not a bundle with answers", id="not a bundle"),
+        pytest.param("text.npz", b"text", "it is not a bundle with the solution", id="not a bundle"),
     ],
 )
 def test_a_file_that_has_no_objects_is_named(
@@ -138,7 +138,7 @@ def test_a_file_that_has_no_objects_is_named(
 
 def test_a_public_bundle_has_no_objects(tmp_path: Path) -> None:
     np.savez(tmp_path / "public.npz", viewpoint_id=np.array(["here"]))
-    with pytest.raises(ValueError, match=r"public\.npz: it is not a bundle with answers$"):
+    with pytest.raises(ValueError, match=r"public\.npz: it is not a bundle with the solution$"):
         MatterSim.Objects(str(tmp_path / "public.npz"))
 
 

@@ -1027,7 +1027,7 @@ def _bundled_objects(file: str) -> Dict[str, Any]:
     except OSError:
         raise ValueError(f"MatterSim: Could not open objects at: {file}") from None
     except (KeyError, ValueError):
-        raise ValueError(f"MatterSim: {file}: it is not a bundle with answers") from None
+        raise ValueError(f"MatterSim: {file}: it is not a bundle with the solution") from None
     records = [{"name": name, "visible_pos": [], "bbox2d": []} for name in names]
     for candidate, view, box in zip(*boxes):
         records[candidate]["visible_pos"].append(view)

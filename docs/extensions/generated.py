@@ -463,7 +463,7 @@ def python(name: str) -> str:
     import reverie_eval
 
     module = importlib.import_module(name)
-    elsewhere = {"__init__", "__new__", "Behaviour"}  # the last one is a type that autodoc fails at
+    elsewhere = {"__init__", "__new__"}
     if module is not reverie_eval:
         elsewhere |= set(reverie_eval.__all__)
         for each in getattr(module, "__all__", ()):

@@ -1,17 +1,17 @@
 """Episodes to walk through: observations, actions, and the submission that comes of them."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike, fspath
-from typing import Any, NamedTuple, TypeAlias, overload
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 
-from reverie_eval.arrays import Array
+from reverie_eval.arrays import LARGEST_OBJECT_ID, Array
 from reverie_eval.errors import ActionError, GroundTruthError, ReverieEvalError
-from reverie_eval.geometry import FIELD_OF_VIEW, HEIGHT, N_VIEWS, WIDTH, snap
+from reverie_eval.geometry import FIELD_OF_VIEW, HEIGHT, N_VIEWS, WIDTH
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.simulator._observation import (
@@ -29,27 +29,14 @@ from reverie_eval.simulator._observation import (
     Stop,
     Turn,
 )
-from reverie_eval.simulator.on_path import MatterSim
+from reverie_eval.simulator._surroundings import Surroundings
 from reverie_eval.simulator.on_path.MatterSim import _Renderer
 from reverie_eval.submissions import NO_POINT, join_items, official_point
 from reverie_eval.tasks import turns_of
-from reverie_eval.text import category_text, count_text
+from reverie_eval.text import count_text
 
 Pose: TypeAlias = tuple[int, float, float]
 """Viewpoint, heading and elevation."""
-
-
-class _Way(NamedTuple):
-    """The way to a neighbour."""
-
-    viewpoint: int
-    heading: float
-    """Radians, in [0, 2 pi)."""
-    elevation: float
-    """Radians."""
-    distance: float
-    """Metres."""
-    view: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +83,12 @@ class Environment:
         pictures: str | PathLike[str] | None = None,
     ) -> None:
         self._truth = ground_truth
-        self._objects = None if boxes is None else MatterSim.Objects(fspath(boxes))
+        self.surroundings = Surroundings(ground_truth, boxes)
         self._pictures = pictures
         self._notes = Notes()
         self._walks: tuple[_Walk, ...] = ()
         self._is_batch = False
         self._ended: dict[int, _Walk] = {}
-        self._ways: dict[int, Sequence[_Way]] = {}
         self._candidates: dict[int, tuple[Candidate, ...]] = {}
 
     @property
@@ -196,7 +182,7 @@ class Environment:
                 return replace(walk, poses=(*walk.poses, self._pose_at(walk, viewpoint_id)))
             case Turn(heading, elevation):
                 _check_direction(action, heading, elevation)
-                pose = walk.poses[-1][0], heading % math.tau, elevation
+                pose = walk.poses[-1][0], float(heading) % math.tau, float(elevation)
                 return replace(walk, poses=(*walk.poses[:-1], pose))
             case Stop() | Answer() | AnswerBox() | Point():
                 return replace(walk, answer=self._answer(walk, action))
@@ -206,7 +192,7 @@ class Environment:
     def _pose_at(self, walk: _Walk, viewpoint_id: str) -> Pose:
         """Return the pose of someone who came to a neighbour."""
         here, graph = walk.poses[-1][0], self._truth.graph
-        for way in self._ways_from(here):
+        for way in self.surroundings.ways_from(here):
             if graph.viewpoint_ids[way.viewpoint] == viewpoint_id:
                 return way.viewpoint, way.heading, way.elevation
         raise ActionError(
@@ -223,8 +209,10 @@ class Environment:
             raise ActionError(f"the answer in {task.title} is not a direction")
         match action:
             case Answer(object_id):
-                seen = {it.object_id for it in self._candidates_at(walk.poses[-1][0])}
-                if self._has_candidates and object_id not in seen:
+                visible: Collection[int] = range(LARGEST_OBJECT_ID + 1)
+                if self.surroundings.has_objects:
+                    visible = {it.object_id for it in self._candidates_at(walk.poses[-1][0])}
+                if object_id not in visible:
                     raise ActionError(
                         f"object {object_id} is not visible from where the agent is; answer with "
                         "one of the observation's candidates"
@@ -232,10 +220,10 @@ class Environment:
                 return {"predObjId": int(object_id)}
             case AnswerBox(Box(view, xywh)):
                 _check_box(action, view, xywh)
-                return {"predBox": list(xywh), "predView": view}
+                return {"predBox": np.array(xywh).tolist(), "predView": int(view)}
             case Point(heading, elevation):
                 _check_direction(action, heading, elevation)
-                return official_point(turns_of(heading % math.tau, elevation))
+                return official_point(turns_of(float(heading) % math.tau, float(elevation)))
             case Stop():
                 abstained = {"predObjId": ABSTAINED} if task.has_targets else {}
                 return {**abstained, **(official_point(NO_POINT) if task.has_items else {})}
@@ -248,10 +236,10 @@ class Environment:
 
     def _observe(self, walk: _Walk) -> Observation:
         viewpoint, heading, elevation = walk.poses[-1]
-        graph, episodes = self._truth.graph, self._truth.episodes
+        graph = self._truth.graph
         return Observation(
-            instruction=self._instructions[walk.row],
-            language=episodes.languages[walk.row] if episodes.languages else "",
+            instruction=self.surroundings.instructions[walk.row],
+            language=self.surroundings.languages[walk.row],
             scan_id=graph.scan_of(viewpoint),
             viewpoint_id=graph.viewpoint_ids[viewpoint],
             heading=heading,
@@ -265,7 +253,7 @@ class Environment:
                     view=way.view,
                     notes=self._notes,
                 )
-                for way in self._ways_from(viewpoint)
+                for way in self.surroundings.ways_from(viewpoint)
             ),
             candidates=self._candidates_at(viewpoint),
             is_over=walk.answer is not None,
@@ -273,74 +261,24 @@ class Environment:
             notes=self._notes,
         )
 
-    @cached_property
-    def _instructions(self) -> Sequence[str]:
-        try:
-            return self._truth.episodes.instructions
-        except GroundTruthError:  # compiled without them
-            return [""] * len(self.episodes)
-
-    def _ways_from(self, viewpoint: int) -> Sequence[_Way]:
-        ways = self._ways.get(viewpoint)
-        if ways is None:
-            ways = self._ways[viewpoint] = list(self._find_ways(viewpoint))
-        return ways
-
-    def _find_ways(self, here: int) -> Iterator[_Way]:
-        graph = self._truth.graph
-        near = graph.neighbours(here)
-        offsets = (graph.viewpoint_position[list(near)] - graph.viewpoint_position[here]).tolist()
-        angles = [
-            (math.atan2(x, y) % math.tau, math.atan2(z, math.hypot(x, y))) for x, y, z in offsets
-        ]
-        views = snap(np.array(angles).reshape(-1, 2)).tolist()
-        columns = zip(near.items(), angles, views, strict=True)
-        for (viewpoint, distance), (heading, elevation), view in columns:
-            yield _Way(viewpoint, heading, elevation, distance, view)
-
     def _candidates_at(self, viewpoint: int) -> tuple[Candidate, ...]:
         seen = self._candidates.get(viewpoint)
         if seen is None:
-            seen = self._candidates[viewpoint] = tuple(self._find_candidates(viewpoint))
+            seen = self._candidates[viewpoint] = tuple(
+                Candidate(
+                    object_id=it.objectId,
+                    name=it.name,
+                    boxes=tuple(
+                        Box(view, (x, y, width, height))
+                        for view, (x, y, width, height) in zip(
+                            it.visible_pos, it.bbox2d, strict=True
+                        )
+                    ),
+                    notes=self._notes,
+                )
+                for it in self.surroundings.visible_from(viewpoint)
+            )
         return seen
-
-    @property
-    def _has_candidates(self) -> bool:
-        return self._objects is not None or self._truth.solution is not None
-
-    def _find_candidates(self, viewpoint: int) -> Iterator[Candidate]:
-        for object_id, name, views, boxes in self._visible_from(viewpoint):
-            pairs = zip(views, boxes, strict=True)
-            yield Candidate(
-                object_id=object_id,
-                name=category_text(name),
-                boxes=tuple(Box(view, (x, y, w, h)) for view, (x, y, w, h) in pairs),
-                notes=self._notes,
-            )
-
-    def _visible_from(self, viewpoint: int) -> Iterable[MatterSim.Candidate]:
-        graph, solution = self._truth.graph, self._truth.solution
-        if self._objects is not None:
-            scan_id = graph.scan_of(viewpoint)
-            return self._objects.visible_from(scan_id, graph.viewpoint_ids[viewpoint])
-        if solution is None:
-            return ()
-        return (
-            MatterSim.Candidate(
-                int(solution.candidate_object[row]),
-                self._categories[row] if self._categories else "",
-                solution.boxes.view[boxes].tolist(),
-                solution.boxes.xywh[boxes].tolist(),
-            )
-            for row, boxes in solution.visible_from(viewpoint)
-        )
-
-    @cached_property
-    def _categories(self) -> Sequence[str]:
-        try:
-            return self._truth.require_solution().candidate_categories
-        except GroundTruthError:  # compiled without them
-            return ()
 
     # Pictures.
 

@@ -124,7 +124,9 @@ def test_the_path_counts_before_initialization_only(folder: Path) -> None:
         pytest.param(
             "list.json", b"[]", r"list\.json: it is not an object with a key", id="a list"
         ),
-        pytest.param("text.npz", b"text", "it is not a bundle with the solution", id="not a bundle"),
+        pytest.param(
+            "text.npz", b"text", "it is not a bundle with the solution", id="not a bundle"
+        ),
     ],
 )
 def test_a_file_that_has_no_objects_is_named(

@@ -5,6 +5,7 @@ from reverie_eval.metrics._catalogue import (
     PRIMARY_METRIC,
     Metric,
     Need,
+    Unit,
     units_of,
 )
 from reverie_eval.metrics._grounding import (
@@ -18,6 +19,7 @@ from reverie_eval.metrics._grounding import (
     box_overlap,
     candidate_match,
 )
+from reverie_eval.metrics._inputs import Inputs
 from reverie_eval.metrics._navigation import (
     FIDELITY_DISTANCE,
     SUCCESS_DISTANCE,
@@ -44,9 +46,11 @@ __all__ = [
     "PRIMARY_METRIC",
     "STRICT_IOU_THRESHOLD",
     "SUCCESS_DISTANCE",
+    "Inputs",
     "Metric",
     "Need",
     "Overlap",
+    "Unit",
     "box_iou",
     "box_match",
     "box_overlap",

@@ -1,9 +1,6 @@
 """The catalogue of metrics: one entry each, which the scorer, tables, pages and docs all read.
 
-To add a metric, write its function in this package and an entry here. ``inputs`` names the
-function's arguments in order. Each is a property of :class:`reverie_eval.scoring.EpisodeTable`,
-:class:`reverie_eval.scoring.Lookups` or :class:`reverie_eval.scoring.Protocol`, or the key of
-another metric.
+To add a metric, write an entry: ``compute`` takes its values from :class:`Inputs`.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -14,11 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from reverie_eval.arrays import Array
+from reverie_eval.arrays import Array, IntArray
 from reverie_eval.metrics._grounding import (
     IOU_THRESHOLD,
     LOOSE_IOU_THRESHOLD,
     STRICT_IOU_THRESHOLD,
+    Overlap,
     detection_success,
     elevation_error,
     heading_error,
@@ -27,6 +25,7 @@ from reverie_eval.metrics._grounding import (
     point_error,
     remote_grounding_success,
 )
+from reverie_eval.metrics._inputs import Inputs
 from reverie_eval.metrics._navigation import (
     cls,
     dtw,
@@ -70,9 +69,8 @@ class Metric:
     """What a submission must contain for the metric to be scored, by default a trajectory."""
     protocol_fields: frozenset[str] = frozenset()
     """Fields of the protocol that the value depends on, directly or through another metric."""
-    compute: Callable[..., Array]
-    inputs: tuple[str, ...]
-    """The arguments of ``compute``, in order."""
+    compute: Callable[[Inputs], Array]
+    """Return a value per episode; see :mod:`reverie_eval.metrics._inputs`."""
     is_binary: bool = False
     """Whether every value is 0 or 1."""
     of_goal: str = ""
@@ -162,7 +160,20 @@ _OUTLINE: frozenset[Need] = frozenset({"trajectory", "outline"})
 _BOX: frozenset[Need] = frozenset({"answer", "box"})
 # The goal rule is among them because some protocols count an answer only with success.
 _ANSWER_FIELDS = frozenset({"grounding", "goal", "text_ids_count"})
-_BOX_INPUTS = ("box_overlap", "box_row", "n_episodes")
+
+
+def _boxes(at: Inputs) -> tuple[Overlap, IntArray, int]:
+    """Return what the metrics of boxes are computed from."""
+    return at.lookups.box_overlap, at.lookups.box_row, at.lookups.n_episodes
+
+
+def _iou_reaches(threshold: float, at: Inputs) -> Array:
+    return iou_reaches(threshold, *_boxes(at))
+
+
+def _point_error(error: Callable[[Array, Array], Array], at: Inputs) -> Array:
+    return error(at.lookups.point, at.outline)
+
 
 _fraction = partial(Metric, unit="fraction", better="higher")
 """A metric in [0, 1] of which more is better, as most of them are."""
@@ -175,8 +186,7 @@ _METRICS = (
         definition="metres along the navigation graph, summed from pose to pose",
         unit="metres",
         better="neither",
-        compute=path_length,
-        inputs=("leg_length", "offsets"),
+        compute=lambda at: path_length(at.lookups.leg_length, at.lookups.offsets),
     ),
     _fraction(
         key="success",
@@ -185,8 +195,7 @@ _METRICS = (
         definition="the target object is visible where the agent stops",
         of_goal="{goal} where the agent stops",
         protocol_fields=frozenset({"goal"}),
-        compute=success,
-        inputs=("at_goal", "offsets"),
+        compute=lambda at: success(at.at_goal, at.lookups.offsets),
         is_binary=True,
     ),
     _fraction(
@@ -196,8 +205,7 @@ _METRICS = (
         definition="the target object is visible from any viewpoint of the trajectory",
         of_goal="{goal} from any viewpoint of the trajectory",
         protocol_fields=frozenset({"goal"}),
-        compute=oracle_success,
-        inputs=("oracle_at_goal", "offsets"),
+        compute=lambda at: oracle_success(at.oracle_at_goal, at.lookups.offsets),
         is_binary=True,
     ),
     _fraction(
@@ -207,8 +215,12 @@ _METRICS = (
         definition="success, times the shortest length divided by the larger of walked and "
         "shortest length",
         protocol_fields=frozenset({"goal", "spl_numerator", "spl_floor"}),
-        compute=spl,
-        inputs=("success", "path_length", "reference_length", "spl_floor"),
+        compute=lambda at: spl(
+            at.metric("success"),
+            at.metric("path_length"),
+            at.reference_length,
+            at.protocol.spl_floor,
+        ),
     ),
     _fraction(
         key="rgs",
@@ -217,8 +229,9 @@ _METRICS = (
         definition="the predicted object is the target object, or the predicted box matches it",
         needs=_ANSWER,
         protocol_fields=_ANSWER_FIELDS,
-        compute=remote_grounding_success,
-        inputs=("is_answer_correct", "success", "needs_success"),
+        compute=lambda at: remote_grounding_success(
+            at.is_answer_correct, at.metric("success"), at.needs_success
+        ),
         is_binary=True,
     ),
     _fraction(
@@ -228,8 +241,9 @@ _METRICS = (
         definition="remote grounding success, weighted as SPL is; the benchmark's primary metric",
         needs=_TRAJECTORY | _ANSWER,
         protocol_fields=_ANSWER_FIELDS | {"spl_numerator", "rgspl_floor"},
-        compute=spl,
-        inputs=("rgs", "path_length", "reference_length", "rgspl_floor"),
+        compute=lambda at: spl(
+            at.metric("rgs"), at.metric("path_length"), at.reference_length, at.protocol.rgspl_floor
+        ),
     ),
     _fraction(
         key="iou",
@@ -239,8 +253,7 @@ _METRICS = (
         "view; 0 without a predicted box",
         needs=_BOX,
         protocol_fields=frozenset({"grounding"}),
-        compute=iou,
-        inputs=_BOX_INPUTS,
+        compute=lambda at: iou(*_boxes(at)),
     ),
     *(
         _fraction(
@@ -250,8 +263,7 @@ _METRICS = (
             definition=f"the answer is a box with an IoU of at least {threshold:g}{remark}",
             needs=_BOX,
             protocol_fields=frozenset({"grounding"}),
-            compute=partial(iou_reaches, threshold),
-            inputs=_BOX_INPUTS,
+            compute=partial(_iou_reaches, threshold),
             is_binary=True,
         )
         for threshold, remark in (
@@ -268,8 +280,7 @@ _METRICS = (
         "path",
         unit="metres",
         better="lower",
-        compute=navigation_error,
-        inputs=("goal_distance", "offsets"),
+        compute=lambda at: navigation_error(at.lookups.goal_distance, at.lookups.offsets),
     ),
     Metric(
         key="oracle_error",
@@ -279,8 +290,7 @@ _METRICS = (
         "the end of the annotated path",
         unit="metres",
         better="lower",
-        compute=oracle_error,
-        inputs=("oracle_distance", "offsets"),
+        compute=lambda at: oracle_error(at.lookups.oracle_distance, at.lookups.offsets),
     ),
     Metric(
         key="dtw",
@@ -290,16 +300,14 @@ _METRICS = (
         "path",
         unit="metres",
         better="lower",
-        compute=dtw,
-        inputs=("pose_to_node", "n_poses", "n_nodes"),
+        compute=lambda at: dtw(at.lookups.pose_to_node, at.lookups.n_poses, at.lookups.n_nodes),
     ),
     _fraction(
         key="ndtw",
         label="nDTW",
         name="normalised dynamic time warping",
         definition="exp(-DTW / (3 m x nodes of the annotated path))",
-        compute=ndtw,
-        inputs=("dtw", "n_nodes"),
+        compute=lambda at: ndtw(at.metric("dtw"), at.lookups.n_nodes),
     ),
     _fraction(
         key="sdtw",
@@ -307,8 +315,7 @@ _METRICS = (
         name="success weighted by normalised dynamic time warping",
         definition="nDTW if the episode is a success, else 0",
         protocol_fields=frozenset({"goal"}),
-        compute=sdtw,
-        inputs=("ndtw", "success"),
+        compute=lambda at: sdtw(at.metric("ndtw"), at.metric("success")),
     ),
     _fraction(
         key="cls",
@@ -316,8 +323,13 @@ _METRICS = (
         name="coverage weighted by length score",
         definition="how closely the trajectory covers the annotated path, times how well the "
         "lengths agree",
-        compute=cls,
-        inputs=("pose_to_node", "n_poses", "n_nodes", "path_length", "annotated_length"),
+        compute=lambda at: cls(
+            at.lookups.pose_to_node,
+            at.lookups.n_poses,
+            at.lookups.n_nodes,
+            at.metric("path_length"),
+            at.lookups.annotated_length,
+        ),
     ),
     Metric(
         key="shortest_length",
@@ -326,8 +338,7 @@ _METRICS = (
         definition="metres of the shortest route from the start to the end of the annotated path",
         unit="metres",
         better="neither",
-        compute=np.asarray,
-        inputs=("shortest_length",),
+        compute=lambda at: at.lookups.shortest_length,
     ),
     Metric(
         key="steps",
@@ -336,8 +347,7 @@ _METRICS = (
         definition="poses after the first",
         unit="count",
         better="neither",
-        compute=steps,
-        inputs=("offsets",),
+        compute=lambda at: steps(at.lookups.offsets),
     ),
     Metric(
         key="jumps",
@@ -346,8 +356,7 @@ _METRICS = (
         definition="moves between unconnected viewpoints, counted at shortest-path distance",
         unit="count",
         better="lower",
-        compute=jumps,
-        inputs=("is_jump", "offsets"),
+        compute=lambda at: jumps(at.lookups.is_jump, at.lookups.offsets),
     ),
     # The further metrics of other tasks.
     Metric(
@@ -358,8 +367,7 @@ _METRICS = (
         unit="metres",
         better="higher",
         needs=_TRAJECTORY | {"goal region"},
-        compute=np.subtract,
-        inputs=("start_to_goals", "stop_to_goals"),
+        compute=lambda at: at.lookups.start_to_goals - at.lookups.stop_to_goals,
         is_signed=True,
     ),
     _fraction(
@@ -369,8 +377,7 @@ _METRICS = (
         definition="a viewpoint of the trajectory is less than 3 m from the end of the planner's "
         "path",
         needs=_TRAJECTORY | {"planner's path"},
-        compute=oracle_path_success,
-        inputs=("planner_distance", "offsets"),
+        compute=lambda at: oracle_path_success(at.lookups.planner_distance, at.lookups.offsets),
         is_binary=True,
     ),
     _fraction(
@@ -380,8 +387,7 @@ _METRICS = (
         definition="the predicted point is inside the target's outline as seen from the stop",
         needs=_OUTLINE,
         protocol_fields=frozenset({"repeated_outlines"}),
-        compute=detection_success,
-        inputs=("point", "outline"),
+        compute=lambda at: detection_success(at.lookups.point, at.outline),
         is_binary=True,
     ),
     _fraction(
@@ -392,8 +398,12 @@ _METRICS = (
         needs=_OUTLINE,
         # The goal is among them because some protocols move it, and the shortest length with it.
         protocol_fields=frozenset({"repeated_outlines", "goal", "spl_numerator", "spl_floor"}),
-        compute=spl,
-        inputs=("detection_success", "path_length", "reference_length", "spl_floor"),
+        compute=lambda at: spl(
+            at.metric("detection_success"),
+            at.metric("path_length"),
+            at.reference_length,
+            at.protocol.spl_floor,
+        ),
     ),
     *(
         Metric(
@@ -406,11 +416,10 @@ _METRICS = (
             better="lower",
             needs=_OUTLINE,
             protocol_fields=frozenset({"repeated_outlines"}),
-            compute=compute,
-            inputs=("point", "outline"),
+            compute=partial(_point_error, error),
             is_partial=True,
         )
-        for what, label, distance, compute in (
+        for what, label, distance, error in (
             ("heading", "HE", "distance in heading", heading_error),
             ("elevation", "EE", "distance in elevation", elevation_error),
         )
@@ -425,8 +434,12 @@ _METRICS = (
         better="lower",
         needs=_OUTLINE,
         protocol_fields=frozenset({"repeated_outlines", "point_errors"}),
-        compute=point_error,
-        inputs=("heading_error", "elevation_error", "detection_success", "point_errors"),
+        compute=lambda at: point_error(
+            at.metric("heading_error"),
+            at.metric("elevation_error"),
+            at.metric("detection_success"),
+            at.protocol.point_errors,
+        ),
         is_partial=True,
     ),
 )

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -57,9 +57,9 @@ class EpisodeTable(Mapping[str, Array]):
     """One value per episode for every scored metric, as read-only columns of floats.
 
     Keys and their order are those of the CATALOGUE. A metric is scored if the submission contains
-    what it needs and the protocol scores it. Columns are computed on first access. The inputs that
-    a CATALOGUE entry names are properties of this table, the lookups or the protocol, or other
-    metrics. Columns that were computed before can be given.
+    what it needs and the protocol scores it. Columns are computed on first access, from the
+    :class:`reverie_eval.metrics.Inputs` that this table is. Columns that were computed before can
+    be given.
     """
 
     def __init__(
@@ -69,8 +69,8 @@ class EpisodeTable(Mapping[str, Array]):
         track: Track,
         columns: Mapping[str, Array] = MappingProxyType({}),
     ) -> None:
-        self._lookups = lookups.measured_by(protocol.goal)
-        self._protocol = protocol
+        self.lookups = lookups.measured_by(protocol.goal)
+        self.protocol = protocol
         self._keys = scored_metrics(
             protocol,
             track,
@@ -87,7 +87,7 @@ class EpisodeTable(Mapping[str, Array]):
         if key not in self._keys:
             raise KeyError(f"{key} is not scored; the scored metrics are {', '.join(self._keys)}")
         if key not in self._columns:
-            self._columns[key] = frozen(self._value(key).astype(np.float64))
+            self._columns[key] = frozen(self.metric(key).astype(np.float64))
         return self._columns[key]
 
     def __iter__(self) -> Iterator[str]:
@@ -99,24 +99,24 @@ class EpisodeTable(Mapping[str, Array]):
     @property
     def at_goal(self) -> BoolArray:
         """Shape (n_poses,): whether each pose is at a goal viewpoint of its episode."""
-        return self._lookups.at_goal(self._protocol.goal)
+        return self.lookups.at_goal(self.protocol.goal)
 
     @property
     def oracle_at_goal(self) -> BoolArray:
         """Shape (n_poses,): the same for an oracle, which stops where the trajectory is best."""
-        return self._lookups.oracle_at_goal(self._protocol.goal)
+        return self.lookups.oracle_at_goal(self.protocol.goal)
 
     @cached_property
     def outline(self) -> FloatArray:
         """Shape (n_episodes, 5, 2): the target as seen from the stop; NaN if not visible."""
-        return self._lookups.outline(self._protocol.repeated_outlines)
+        return self.lookups.outline(self.protocol.repeated_outlines)
 
     @cached_property
     def is_answer_correct(self) -> BoolArray:
         """Shape (n_episodes,): whether the answer is correct, wherever the agent stopped."""
-        lookups, submission = self._lookups, self._lookups.submission
+        lookups, submission = self.lookups, self.lookups.submission
         correct = candidate_match(submission.predicted_object, lookups.target_object)
-        if not self._protocol.text_ids_count:
+        if not self.protocol.text_ids_count:
             correct &= ~submission.answer_is_text
         # The published evaluators compare ids as text: "007" is not "7".
         correct &= ~submission.has_leading_zeros
@@ -127,31 +127,24 @@ class EpisodeTable(Mapping[str, Array]):
     @property
     def needs_success(self) -> bool:
         """Whether a correct answer counts only with success."""
-        return self._protocol.grounding == "only with success"
+        return self.protocol.grounding == "only with success"
 
     @property
     def reference_length(self) -> FloatArray:
         """Shape (n_episodes,): metres with which SPL compares the walked length."""
-        match self._protocol.spl_numerator:
+        match self.protocol.spl_numerator:
             case "shortest":
-                return self._lookups.shortest_length
+                return self.lookups.shortest_length
             case "annotated":
-                return self._lookups.annotated_length
+                return self.lookups.annotated_length
             case "nearest goal":
-                return self._lookups.start_to_goals
+                return self.lookups.start_to_goals
 
-    def _value(self, key: str) -> Array:
-        """Compute a metric, in the type that its function returns."""
+    def metric(self, key: str) -> Array:
+        """Shape (n_episodes,): a metric by its key, in the type that its function returns."""
         if key not in self._values:
-            metric = CATALOGUE[key]
-            self._values[key] = metric.compute(*map(self._input, metric.inputs))
+            self._values[key] = CATALOGUE[key].compute(self)
         return self._values[key]
-
-    def _input(self, name: str) -> Any:
-        for source in (self, self._lookups, self._protocol):
-            if hasattr(source, name):
-                return getattr(source, name)
-        return self._value(name)
 
 
 OUTCOMES: Mapping[str, str] = MappingProxyType(

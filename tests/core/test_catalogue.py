@@ -41,48 +41,13 @@ from tests.support.worlds import (
     scores_of,
 )
 
-KINDS = {
-    "path_length": "metres",
-    "success": "ratio",
-    "oracle_success": "ratio",
-    "spl": "ratio",
-    "rgs": "ratio",
-    "rgspl": "ratio",
-    "iou": "overlap",
-    "iou_25": "ratio",
-    "iou_50": "ratio",
-    "iou_75": "ratio",
-    "navigation_error": "metres",
-    "oracle_error": "metres",
-    "dtw": "metres",
-    "ndtw": "fidelity",
-    "sdtw": "fidelity",
-    "cls": "fidelity",
-    "shortest_length": "metres",
-    "steps": "count",
-    "jumps": "count",
-    "goal_progress": "metres",
-    "oracle_path_success": "fidelity",
-    "detection_success": "ratio",
-    "sfpl": "ratio",
-    "heading_error": "turns",
-    "elevation_error": "turns",
-    "point_error": "turns",
-}
-"""How every metric scales with the world; add new metrics here."""
-UNITS = {
-    "metres": "metres",
-    "ratio": "fraction",
-    "overlap": "fraction",
-    "fidelity": "fraction",
-    "count": "count",
-    "turns": "turns",
-}
-GROWTH_IN_A_WORLD_TWICE_AS_LARGE = {"metres": 2, "ratio": 1, "overlap": 1, "count": 1, "turns": 1}
-"""Factor of every kind but fidelity, which depends on a fixed distance of 3 m."""
+BY_A_FIXED_DISTANCE = {"ndtw", "sdtw", "cls", "oracle_path_success"}
+"""Metrics that depend on 3 m whatever the success rule: in a larger world they never increase."""
+GROWTH_IN_A_WORLD_TWICE_AS_LARGE = {"metres": 2, "fraction": 1, "count": 1, "turns": 1}
+"""Factor of all others, by their unit."""
 
 ROUNDING = 1e-12
-TOLERANCE = {"fidelity": ROUNDING, "overlap": 1e-9}
+TOLERANCE = {**dict.fromkeys(BY_A_FIXED_DISTANCE, ROUNDING), "iou": 1e-9}
 """Exponentials, and projections through two cameras; all else agrees to the last digit."""
 BOX_COLUMNS = ["iou", "iou_25", "iou_50", "iou_75"]
 RANDOM_WORLDS, WORLDS_OF_A_TEST = 2500, 100
@@ -107,15 +72,6 @@ every_metric = pytest.mark.parametrize("key", CATALOGUE)
 few_examples = settings(max_examples=10)
 of_every_task = pytest.mark.parametrize("task", ["reverie", "ndh", "soon"])
 """The tasks that have all metrics between them."""
-
-
-def test_every_metric_is_classified() -> None:
-    assert KINDS.keys() == CATALOGUE.keys()
-
-
-@every_metric
-def test_the_unit_matches_the_kind(key: str) -> None:
-    assert CATALOGUE[key].unit == UNITS[KINDS[key]]
 
 
 @pytest.mark.parametrize(
@@ -278,13 +234,13 @@ def test_duplicating_every_episode_does_not_change_the_mean(case: Case) -> None:
 
 @given(case=cases_with_boxes)
 def test_doubling_the_world_doubles_metres_only(case: Case) -> None:
-    """Fidelity, which depends on a fixed distance, never increases with the size of the world."""
+    """What depends on a fixed distance never increases with the size of the world."""
     before = scores_of(case).episodes
     for key, values in scores_of(_twice_as_large(case)).episodes.items():
-        if KINDS[key] == "fidelity":
+        if key in BY_A_FIXED_DISTANCE:
             assert (values <= before[key] + ROUNDING).all(), key
         else:
-            growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[KINDS[key]]
+            growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[CATALOGUE[key].unit]
             assert values == pytest.approx(growth * before[key], rel=ROUNDING), key
 
 
@@ -344,10 +300,10 @@ def test_doubling_a_tasks_world_doubles_metres_only(task: str, tmp_path: Path) -
                 continue  # its further protocols depend on 3 m
             for key in scores.keys() & set(keys):
                 before, after = scores.episodes[key], larger[name].episodes[key]
-                if KINDS[key] == "fidelity":
+                if key in BY_A_FIXED_DISTANCE:
                     assert (after <= before + ROUNDING).all(), (seed, name, key)
                 else:
-                    growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[KINDS[key]]
+                    growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[CATALOGUE[key].unit]
                     expected = pytest.approx(growth * before, rel=ROUNDING, nan_ok=True)
                     assert after == expected, (seed, name, key)
 
@@ -385,7 +341,7 @@ def _differences(
 
 
 def _is_same(key: str, found: float, expected: float) -> bool:
-    return math.isclose(found, expected, rel_tol=0, abs_tol=TOLERANCE.get(KINDS[key], 0.0))
+    return math.isclose(found, expected, rel_tol=0, abs_tol=TOLERANCE.get(key, 0.0))
 
 
 def within_bounds(key: str, values: Array) -> bool:

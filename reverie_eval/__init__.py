@@ -20,7 +20,6 @@ from reverie_eval.errors import (
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.scoring import (
-    PROTOCOLS,
     Evaluator,
     ScoredFiles,
     Scores,
@@ -31,6 +30,7 @@ from reverie_eval.scoring import (
     evaluate_protocols,
     validate,
 )
+from reverie_eval.tasks import PROTOCOLS
 from reverie_eval.version import __version__
 
 __all__ = [

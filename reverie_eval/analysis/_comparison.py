@@ -32,7 +32,7 @@ from reverie_eval.scoring import (
     evaluate,
 )
 from reverie_eval.submissions import Submission, check_names, submission_names
-from reverie_eval.tasks import KnownProtocol, KnownSplit
+from reverie_eval.tasks import KnownSplit
 from reverie_eval.text import did_you_mean
 
 if TYPE_CHECKING:
@@ -344,7 +344,7 @@ def compare(
     *submissions: Submission | Method,
     split: KnownSplit | str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
-    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
+    protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
     task: str | None = None,

@@ -104,7 +104,7 @@ def instance_results(
             f"values of single episodes of {_PRIVATE_SPLIT} are never released; export an open "
             "split, or the aggregate alone"
         )
-    id_key = scores.ground_truth.task.id_keys[0]
+    id_key = scores.ground_truth.task.id_field.name
     raw = {str(record[id_key]): json.dumps(record) for record in records}
     shared = {
         "schema_version": SCHEMA_VERSION,

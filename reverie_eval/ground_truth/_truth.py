@@ -17,7 +17,7 @@ from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name,
 from reverie_eval.ground_truth._graph import NavigationGraph
 from reverie_eval.ground_truth._solution import Solution
 from reverie_eval.ground_truth._subset import subset_digest, subset_rows
-from reverie_eval.tasks import DEFAULT_TASK, TO_REGION, Task, find_task
+from reverie_eval.tasks import DEFAULT_TASK, ITEM_MARK, TO_REGION, Protocol, Task, find_task
 from reverie_eval.text import category_text, count_text, did_you_mean, first_few
 
 GROUND_TRUTH_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
@@ -92,7 +92,7 @@ class Episodes:
         """The instr_ids of each item, by what is before their mark."""
         found: dict[str, list[str]] = {}
         for instr_id in self.instr_ids:
-            found.setdefault(instr_id.partition("#")[0], []).append(instr_id)
+            found.setdefault(instr_id.partition(ITEM_MARK)[0], []).append(instr_id)
         return found
 
 
@@ -177,6 +177,10 @@ class GroundTruth:
             if self.task.has_items:
                 return self.episodes.by_item.get(given, [given])
         return [given]
+
+    def scored_by(self, protocol: Protocol) -> "GroundTruth":
+        """Return the ground truth of the episodes and annotated paths that a protocol scores by."""
+        return self.first_instructions(protocol.scored_instructions).along(protocol.reference)
 
     def first_instructions(self, number: int | None) -> "GroundTruth":
         """Return the ground truth of the first instructions of each path; None for all."""
@@ -337,9 +341,12 @@ class GroundTruth:
 
 
 def find_ground_truth(
-    given: str | PathLike[str] | GroundTruth | None, split: str, task: str | None = None
+    given: str | PathLike[str] | GroundTruth | None,
+    split: str,
+    task: str | None = None,
+    subset: Iterable[str] | None = None,
 ) -> GroundTruth:
-    """Return the ground truth of a split.
+    """Return the ground truth of a split, or of a subset of its episodes.
 
     The first of these that exists is used: ``given``; the path in the environment variable
     ``REVERIE_EVAL_GROUND_TRUTH``; the demo world. A path is a bundle, or a folder with
@@ -352,6 +359,8 @@ def find_ground_truth(
         If there is no ground truth for this split, or the file is not a valid bundle.
     ProtocolError
         If there is no such task.
+    SubsetError
+        If episodes of the subset are unknown or listed twice; lists every problem.
     """
     if isinstance(given, GroundTruth):
         truth = given
@@ -368,7 +377,7 @@ def find_ground_truth(
         raise GroundTruthError(
             f"{truth.origin} is the ground truth of {truth.split}, not of {split}"
         )
-    return truth
+    return truth if subset is None else truth.subset(subset)
 
 
 def bundled_splits(folder: Path | None = None) -> Sequence[str]:

@@ -38,17 +38,14 @@ from reverie_eval.scoring._intervals import (
     clusters_of,
 )
 from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups, is_goal
-from reverie_eval.scoring._protocol import ALIASES, PROTOCOLS, basis_of, find_protocol, scored_by
 from reverie_eval.scoring._scores import Scores, signature_of, task_of
 from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 
 __all__ = [
-    "ALIASES",
     "BOX_OUTCOMES",
     "DEFAULT_PROTOCOL",
     "FEW_CLUSTERS",
     "OUTCOMES",
-    "PROTOCOLS",
     "TABLE_KEYS",
     "BoxScores",
     "ClusterIntervals",
@@ -67,7 +64,6 @@ __all__ = [
     "Scores",
     "Track",
     "Validation",
-    "basis_of",
     "bounds_of",
     "clusters_of",
     "diagnose",
@@ -75,12 +71,10 @@ __all__ = [
     "evaluate_many",
     "evaluate_protocols",
     "failure_modes",
-    "find_protocol",
     "is_goal",
     "outcome_indices",
     "qualifier_of",
     "score_files",
-    "scored_by",
     "scored_metrics",
     "signature_of",
     "task_of",

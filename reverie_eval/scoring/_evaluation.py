@@ -20,7 +20,6 @@ from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.scoring._episode_table import Track, qualifier_of
 from reverie_eval.scoring._lookups import Lookups, find_jumps
-from reverie_eval.scoring._protocol import basis_of, scored_by
 from reverie_eval.scoring._scores import Scores, jump_notes
 from reverie_eval.submissions import (
     AlignedSubmission,
@@ -35,7 +34,6 @@ from reverie_eval.submissions import (
 from reverie_eval.tasks import (
     DEFAULT_PROTOCOL,
     HopReading,
-    KnownProtocol,
     KnownSplit,
     Protocol,
     Task,
@@ -70,7 +68,7 @@ def evaluate(
     *,
     split: KnownSplit | str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
-    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
+    protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
     task: str | None = None,
@@ -123,9 +121,11 @@ def evaluate(
     >>> round(scores["success"], 2)
     0.81
     """
-    truth = find_full_ground_truth(ground_truth, split, subset, task)
+    truth = find_ground_truth(ground_truth, split, task, subset)
+    truth.require_solution()  # a public bundle is refused before the submission is read
     chosen = truth.task.protocol(protocol)
-    return _prepare(submission, scored_by(chosen, truth), track).score(chosen)
+    predictions = read_predictions(submission, truth.task, answers_only=is_grounding(track))
+    return PreparedSubmission.of(predictions, truth.scored_by(chosen), track).score(chosen)
 
 
 def evaluate_protocols(
@@ -140,21 +140,20 @@ def evaluate_protocols(
 
     Parameters and errors are those of :func:`evaluate`.
     """
-    truth = find_full_ground_truth(ground_truth, split, task=task)
-    check_track(track)
-    predictions = read_predictions(submission, truth.task, answers_only=track == "grounding")
+    truth = find_ground_truth(ground_truth, split, task)
+    truth.require_solution()
+    predictions = read_predictions(submission, truth.task, answers_only=is_grounding(track))
     protocols = truth.task.protocols
     reasons = {protocol: why_not(protocol, truth, track) for protocol in protocols}
     # A missing row would look like an omission of ours, so every table says why.
     left_out = [f"left out: {reason}" for reason in reasons.values() if reason]
-    prepared: dict[tuple[int | None, str], PreparedSubmission] = {}
+    prepared: dict[object, PreparedSubmission] = {}
     for protocol in protocols:
-        if basis_of(protocol) not in prepared:
-            aligned = PreparedSubmission.of(predictions, scored_by(protocol, truth), track)
-            aligned = replace(aligned, hints=[*aligned.hints, *left_out])
-            prepared[basis_of(protocol)] = aligned
+        if protocol.basis not in prepared:
+            aligned = PreparedSubmission.of(predictions, truth.scored_by(protocol), track)
+            prepared[protocol.basis] = replace(aligned, hints=[*aligned.hints, *left_out])
     return {
-        protocol.name: prepared[basis_of(protocol)].score(protocol)
+        protocol.name: prepared[protocol.basis].score(protocol)
         for protocol in protocols
         if not reasons[protocol]
     }
@@ -165,7 +164,7 @@ def diagnose(
     *,
     split: KnownSplit | str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
-    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
+    protocol: str = DEFAULT_PROTOCOL,
     task: str | None = None,
 ) -> tuple[Scores, Scores]:
     """Score a submission as intended, and as evaluators that truncate nested hops would.
@@ -177,7 +176,8 @@ def diagnose(
     Parameters and errors are those of :func:`evaluate`. For a protocol whose evaluator does not
     truncate hops, raises ProtocolError.
     """
-    truth = find_full_ground_truth(ground_truth, split, task=task)
+    truth = find_ground_truth(ground_truth, split, task)
+    truth.require_solution()
     check_first_of_hop(protocol, truth.task)
     chosen = truth.task.protocol(protocol)
     predictions = read_predictions(submission, truth.task)
@@ -198,9 +198,10 @@ def validate(
 
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
-    truth = _choose(find_ground_truth(ground_truth, split, task), subset)
+    truth = find_ground_truth(ground_truth, split, task, subset)
     default, *_ = truth.task.protocols
-    return _prepare(submission, scored_by(default, truth), track).validation()
+    predictions = read_predictions(submission, truth.task, answers_only=is_grounding(track))
+    return PreparedSubmission.of(predictions, truth.scored_by(default), track).validation()
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,7 @@ class PreparedSubmission:
         SubmissionError
             If the predictions do not fit; lists every problem.
         """
-        grounding = track == "grounding"
+        grounding = is_grounding(track)
         aligned = (align_answers_only if grounding else align)(predictions, truth)
         return cls(
             submission=aligned,
@@ -295,11 +296,11 @@ class PreparedSubmission:
         return Lookups(self.submission, self.ground_truth)
 
 
-def check_track(track: Track) -> Track:
-    """Return the track if it exists; raise ProtocolError if not."""
+def is_grounding(track: Track) -> bool:
+    """Whether a track scores answers alone; raise ProtocolError if there is no such track."""
     if track not in get_args(Track):
         raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")
-    return track
+    return track == "grounding"
 
 
 def why_not(protocol: Protocol, truth: GroundTruth, track: Track) -> str | None:
@@ -317,28 +318,6 @@ def why_not(protocol: Protocol, truth: GroundTruth, track: Track) -> str | None:
     if track == "grounding" and protocol.grounding == "not scored":
         return f"{protocol.name} does not score grounding, the only score of this track"
     return None
-
-
-def find_full_ground_truth(
-    ground_truth: str | PathLike[str] | GroundTruth | None,
-    split: str,
-    subset: Iterable[str] | None = None,
-    task: str | None = None,
-) -> GroundTruth:
-    """Find the ground truth, and refuse a public bundle before the submission is read."""
-    truth = find_ground_truth(ground_truth, split, task)
-    truth.require_solution()
-    return _choose(truth, subset)
-
-
-def _choose(truth: GroundTruth, subset: Iterable[str] | None) -> GroundTruth:
-    return truth if subset is None else truth.subset(subset)
-
-
-def _prepare(submission: Submission, truth: GroundTruth, track: Track) -> PreparedSubmission:
-    check_track(track)
-    predictions = read_predictions(submission, truth.task, answers_only=track == "grounding")
-    return PreparedSubmission.of(predictions, truth, track)
 
 
 _FIRST_ONLY = "it reads only the first viewpoint of each hop"
@@ -366,14 +345,10 @@ _NOT_DIAGNOSED: Mapping[HopReading, str] = MappingProxyType(
 )
 
 
-# HAMT's evaluator differs from DUET's in nothing else.
-_HOPS_BY_ALIAS: Mapping[str, HopReading] = MappingProxyType({"hamt": "first viewpoint"})
-
-
 def check_first_of_hop(name: str, task: Task) -> None:
     """Raise ProtocolError if a protocol's evaluator does not truncate nested hops."""
     names = [name, *(protocol.name for protocol in task.protocols), *task.aliases]
-    readings = {each: _HOPS_BY_ALIAS.get(each, task.protocol(each).nested_hops) for each in names}
+    readings = {each: task.hop_reading(each) for each in names}
     if readings[name] != "first viewpoint":
         found = [each for each, reading in readings.items() if reading == "first viewpoint"]
         others = ", ".join(found) or "none of its protocols"

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 from typing_extensions import Self
 
 from reverie_eval.errors import GroundTruthError, SubmissionError, naming_missing_parts
-from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.processes import map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
-from reverie_eval.scoring._evaluation import check_track, evaluate, find_full_ground_truth, why_not
+from reverie_eval.scoring._evaluation import evaluate, is_grounding, why_not
 from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._protocol import scored_by
 from reverie_eval.scoring._scores import Scores, signature_of
 from reverie_eval.submissions import (
     Content,
@@ -30,7 +29,7 @@ from reverie_eval.submissions import (
     check_batch,
     read_predictions,
 )
-from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, KnownProtocol, KnownSplit, find_task
+from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, KnownSplit, find_task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,16 +70,18 @@ class Evaluator:
         *,
         split: KnownSplit | str,
         ground_truth: str | PathLike[str] | GroundTruth | None = None,
-        protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
+        protocol: str = DEFAULT_PROTOCOL,
         track: Track = "full",
         subset: Iterable[str] | None = None,
         task: str | None = None,
     ) -> None:
         # Unusable settings must raise here, and not after the first epoch of training.
-        self.track = check_track(track)
-        truth = find_full_ground_truth(ground_truth, split, subset, task)
+        is_grounding(track)
+        self.track = track
+        truth = find_ground_truth(ground_truth, split, task, subset)
+        truth.require_solution()
         self.protocol = truth.task.protocol(protocol)
-        self.ground_truth = scored_by(self.protocol, truth)
+        self.ground_truth = truth.scored_by(self.protocol)
         reason = why_not(self.protocol, self.ground_truth, track)
         if reason:
             raise GroundTruthError(reason)
@@ -127,7 +128,7 @@ class Evaluator:
         if not records:  # the share of a process may be empty
             return
         predictions = read_predictions(
-            records, self.ground_truth.task, answers_only=self.track == "grounding"
+            records, self.ground_truth.task, answers_only=is_grounding(self.track)
         )
         self._contents |= check_batch(predictions, self.ground_truth, self._contents)
         listed = list(_listed(records))
@@ -268,7 +269,7 @@ def evaluate_many(
     *,
     split: KnownSplit | str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
-    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
+    protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
     task: str | None = None,

@@ -29,7 +29,6 @@ from reverie_eval.scoring._episode_table import (
 )
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
 from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups
-from reverie_eval.scoring._protocol import find_protocol, scored_by
 from reverie_eval.scoring._saved import IntervalSettings, SavedHeader, read_saved, write_saved
 from reverie_eval.submissions import AlignedSubmission
 from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
@@ -120,7 +119,7 @@ class Scores(Mapping[str, float]):
             If the file cannot be read.
         """
         header, submission = read_saved(path)
-        protocol = find_protocol(header.protocol, header.task)
+        protocol = find_task(header.task).protocol(header.protocol)
         truth = find_ground_truth(ground_truth, header.split, header.task)
         if truth.fingerprint != header.fingerprint:
             raise GroundTruthError(
@@ -131,7 +130,7 @@ class Scores(Mapping[str, float]):
         if header.subset is not None:
             truth = truth.subset(header.subset)
         scores = cls.of(
-            Lookups(submission, scored_by(protocol, truth)),
+            Lookups(submission, truth.scored_by(protocol)),
             protocol,
             hints=header.hints,
             qualifier=header.qualifier,
@@ -160,7 +159,7 @@ class Scores(Mapping[str, float]):
         listed = list(parts)
         first = _check_parts(listed)
         whole, _ = first.ground_truth.subset_of or (first.ground_truth, None)
-        whole = scored_by(first.protocol, whole)
+        whole = whole.scored_by(first.protocol)
         instr_ids = [instr_id for part in listed for instr_id in part.instr_ids]
         repeated = [instr_id for instr_id, count in Counter(instr_ids).items() if count > 1]
         if repeated:

@@ -41,7 +41,7 @@ from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
 from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.schemas.service import Phase, Phases, ReleaseScores, first_overlap
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
-from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
+from reverie_eval.scoring import DEFAULT_PROTOCOL, Track
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import did_you_mean
 
@@ -102,7 +102,7 @@ def _known_protocol(name: str, info: ValidationInfo) -> str:
     if "task" not in info.data:  # there is no such task, which is reported
         return name
     try:
-        return find_protocol(name, info.data["task"]).name
+        return find_task(info.data["task"]).protocol(name).name
     except ProtocolError as error:
         raise ValueError(str(error)) from None
 

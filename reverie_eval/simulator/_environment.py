@@ -154,7 +154,7 @@ class Environment:
         task = self._truth.task
         records = [
             {
-                **task.id_field(self.episodes[walk.row]),
+                **task.official_id(self.episodes[walk.row]),
                 "trajectory": [
                     [self._truth.graph.viewpoint_ids[viewpoint], heading, elevation]
                     for viewpoint, heading, elevation in walk.poses

@@ -205,7 +205,7 @@ def _without_repeats(
 
 def _official(record: ReadRecord, task: Task) -> dict[str, Any]:
     return {
-        **task.id_field(record.instr_id or ""),
+        **task.official_id(record.instr_id or ""),
         "trajectory": [
             [pose.viewpoint_id, float(pose.heading or 0), float(pose.elevation or 0)]
             for pose in record.poses

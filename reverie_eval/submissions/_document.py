@@ -370,7 +370,7 @@ def _not_a_list(document: Any, task: Task) -> SubmissionError:
 
 
 def _id_key(record: Any, task: Task) -> str:
-    return id_key_of(record, task) if isinstance(record, Mapping) else task.id_keys[0]
+    return id_key_of(record, task) if isinstance(record, Mapping) else task.id_field.name
 
 
 def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Task) -> bool:

@@ -18,47 +18,32 @@ from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._faults import Fault
-from reverie_eval.tasks import BUILT_IN, Task, find_task
+from reverie_eval.tasks import (
+    BOX,
+    BUILT_IN,
+    IMAGE_SIZE,
+    INSTR_ID,
+    OBJECT,
+    POINT,
+    TRAJECTORY,
+    VIEW,
+    Field,
+    Task,
+    find_task,
+)
 
-INSTR_ID_KEY = "instr_id"
-TRAJECTORY_KEY = "trajectory"
-ANSWER_KEYS: tuple[str, ...] = ("predObjId", "pred_objid", "pred_obj_id")
-"""The keys of an object id: official, DUET's, and an older spelling."""
-BOX_KEY = "predBox"
-VIEW_KEY = "predView"
-IMAGE_SIZE_KEY = "predImageSize"
-BOX_KEYS: tuple[str, ...] = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
+INSTR_ID_KEY = INSTR_ID.name
+TRAJECTORY_KEY = TRAJECTORY.name
+ANSWER_KEYS = OBJECT.names
+BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY = BOX_KEYS = (BOX.name, VIEW.name, IMAGE_SIZE.name)
+POINT_KEYS = tuple(field.name for field in POINT)
 
-POINT_KEYS: tuple[str, ...] = ("obj_heading", "obj_elevation")
-"""The fields of a point, in each trajectory of an item."""
-
-ID_KEYS = frozenset(key for name in BUILT_IN for key in find_task(name).id_keys)
+ID_KEYS = frozenset(key for name in BUILT_IN for key in find_task(name).id_field.names)
 """The fields in which any of the tasks has its ids."""
 RECORD_FIELDS = ID_KEYS.union({TRAJECTORY_KEY, *ANSWER_KEYS, *BOX_KEYS})
 """The fields by which a record of any task is recognised."""
 _ABSTENTIONS = ("None", "-1", "")
 """What codebases write besides -1 and null where the agent predicts no object."""
-
-_SPELLINGS: Mapping[str, tuple[str, ...]] = {
-    INSTR_ID_KEY: ("instrid", "instructionid", "instid", "instridx", "instidx", "episodeid", "id"),
-    TRAJECTORY_KEY: ("trajectory", "path", "predpath", "traj", "predtrajectory", "predtraj"),
-    ANSWER_KEYS[0]: (
-        *("predobjid", "predobj", "predobject", "predobjectid", "predictedobjid"),
-        *("predictedobject", "predictedobjectid", "objid", "objectid", "predid", "pred"),
-        "prediction",
-    ),
-    BOX_KEY: ("predbox", "predbbox", "predictedbox", "predictedbbox", "bbox", "box"),
-    VIEW_KEY: (
-        *("predview", "predviewid", "predviewindex", "predviewidx", "viewindex", "viewid"),
-        *("view", "viewidx", "pointid"),
-    ),
-    IMAGE_SIZE_KEY: ("predimagesize", "predimgsize", "imagesize", "imgsize"),
-    POINT_KEYS[0]: ("objheading", "objectheading", "predheading", "predobjheading", "heading"),
-    POINT_KEYS[1]: (
-        *("objelevation", "objectelevation", "predelevation", "predobjelevation", "elevation"),
-    ),
-}
-"""How people spell each field, in lower case and without underscores or other marks."""
 
 _INDICES = ("instr_idx", "instrIdx", "instruction_idx", "instruction_index")
 """Names that resemble an id's, but are an index where a record has the path id beside them."""
@@ -83,34 +68,27 @@ def is_abstention(value: Any) -> bool:
     return value is None or (is_integer(value) and value == ABSTAINED)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fields:
     """The fields that are read in a record of a task; all others are ignored."""
 
-    id_keys: tuple[str, ...]
-    """Those that can hold the id, the official one first."""
-    others: frozenset[str]
+    id: Field
+    others: Sequence[Field]
 
     @cached_property
     def all(self) -> frozenset[str]:
-        """All of them."""
-        return self.others.union(self.id_keys)
+        """Every name that is read."""
+        return frozenset(name for field in (self.id, *self.others) for name in field.names)
 
     @property
     def has_answers(self) -> bool:
         """Whether a record predicts an object or a box."""
-        return ANSWER_KEYS[0] in self.others
+        return OBJECT in self.others
 
     @cached_property
     def meant_by(self) -> Mapping[str, str]:
         """The field that each spelling means."""
-        read = {INSTR_ID_KEY: self.id_keys[0], **{key: key for key in self.others}}
-        return {
-            spelling: read[key]
-            for key, spellings in _SPELLINGS.items()
-            if key in read
-            for spelling in spellings
-        }
+        return {each: field.name for field in (self.id, *self.others) for each in field.spellings}
 
     @cached_property
     def long_spellings(self) -> Sequence[str]:
@@ -124,23 +102,23 @@ class Fields:
 @cache
 def fields_of(task: Task) -> Fields:
     """Return the fields of a task's records: of an item's, those beside its trajectories."""
-    answers = {*ANSWER_KEYS, *BOX_KEYS} if task.has_targets else set()
-    return Fields(tuple(task.id_keys), frozenset({TRAJECTORY_KEY, *answers}))
+    return Fields(task.id_field, (TRAJECTORY, *task.answer_fields))
 
 
-PART_OF_ITEM = Fields((INSTR_ID_KEY,), frozenset({TRAJECTORY_KEY, *POINT_KEYS}))
+PART_OF_ITEM = Fields(INSTR_ID, (TRAJECTORY, *POINT))
 """The fields of one of an item's trajectories, once it is a record of its own."""
 
 
 def id_key_of(record: Mapping[str, Any], task: Task) -> str:
     """Return the field with a record's id, or that in which the task has it."""
-    return next((key for key in task.id_keys if record.get(key) is not None), task.id_keys[0])
+    named = (key for key in task.id_field.names if record.get(key) is not None)
+    return next(named, task.id_field.name)
 
 
 @lru_cache(maxsize=1024)
 def means_trajectory(field: object) -> bool:
     """Whether a name is a spelling of a trajectory's field."""
-    return isinstance(field, str) and _MARKS.sub("", field.lower()) in _SPELLINGS[TRAJECTORY_KEY]
+    return isinstance(field, str) and _MARKS.sub("", field.lower()) in TRAJECTORY.spellings
 
 
 def has_spelling(record: Mapping[str, Any], fields: Fields) -> bool:
@@ -169,7 +147,7 @@ def find_misspelt(
     missing -= optional
     if "path_id" in record:  # then it counts the instructions of a path
         unknown = {field: meant for field, meant in unknown.items() if field not in _INDICES}
-    if list(unknown.values()).count(fields.id_keys[0]) > 1:
+    if list(unknown.values()).count(fields.id.name) > 1:
         unknown.pop("id", None)  # the weakest of the spellings: ids of other things have it too
     if list(unknown.values()).count(TRAJECTORY_KEY) > 1:
         unknown.pop("path", None)  # beside another it is the annotated one
@@ -200,8 +178,8 @@ def answers_spelt_like(field: str) -> Sequence[str]:
 
 def _has(record: Mapping[str, Any], key: str, fields: Fields) -> bool:
     """Whether a record gives what a known field is for."""
-    if key in fields.id_keys:
-        return any(each in record for each in fields.id_keys)
+    if key == fields.id.name:
+        return any(each in record for each in fields.id.names)
     if key == ANSWER_KEYS[0]:
         return any(answer in record for answer in ANSWER_KEYS) or _has_box(record)
     if key in BOX_KEYS:

@@ -11,22 +11,20 @@ this lane never reports a problem of its own.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from itertools import chain, repeat
 from operator import itemgetter
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID, BoolArray, FloatArray, IntArray, offsets_of
-from reverie_eval.geometry import N_VIEWS
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import is_number_as_text
 from reverie_eval.submissions._predictions import (
-    ID_PREFIX,
     IdColumn,
     Numbering,
     Predictions,
@@ -35,84 +33,13 @@ from reverie_eval.submissions._predictions import (
     look_like_degrees,
 )
 from reverie_eval.submissions._trajectories import MAX_POSES, have_types
+from reverie_eval.tasks import ANSWER, ID_PREFIX, INSTR_ID, OBJECT, TRAJECTORY
 
-# The descriptions are those of the published JSON Schema.
-_InstrId = Annotated[
-    str,
-    Meta(description="The episode: the item's id, an underscore, the instruction's index from 0."),
-]
-_Trajectory = Annotated[
-    list[tuple[str, float, float]],
-    Meta(
-        min_length=1,
-        description="The agent's poses from the episode's start to its stop: viewpoint id, heading "
-        "and elevation in radians.",
-    ),
-]
-_Hops = Annotated[list[list[str]], Meta(min_length=1)]
-_ObjectId = Annotated[
-    int,
-    Meta(
-        ge=ABSTAINED,
-        le=LARGEST_OBJECT_ID,
-        description="The predicted object, by its id within the building; -1 for none.",
-    ),
-]
+_HOPS = Annotated[list[list[str]], Meta(min_length=1)]
 # A pattern without leading zeros, and with as many digits as an id may have.
-_ObjectIdText = Annotated[
+_OBJECT_AS_TEXT = Annotated[
     str, Meta(pattern=rf"^(0|[1-9][0-9]{{0,{len(str(LARGEST_OBJECT_ID)) - 1}}})\Z")
 ]
-_Extent = Annotated[float, Meta(gt=0)]
-_Side = Annotated[float, Meta(ge=1)]
-
-
-# With gc=False the garbage collector does not walk through a hundred thousand tuples of poses.
-class _Record(msgspec.Struct, gc=False, forbid_unknown_fields=True):
-    instr_id: _InstrId
-    trajectory: _Trajectory
-    predObjId: _ObjectId | _ObjectIdText  # noqa: N815  # the published name
-
-
-class _NavigationRecord(msgspec.Struct, gc=False, forbid_unknown_fields=True):
-    instr_id: _InstrId
-    trajectory: _Trajectory
-    predObjId: ClassVar[int] = ABSTAINED  # noqa: N815  # what a record without the field predicts
-
-
-class _HopRecord(_Record, gc=False, forbid_unknown_fields=True):
-    trajectory: _Hops  # type: ignore[assignment]
-
-
-class _NavigationHopRecord(_NavigationRecord, gc=False, forbid_unknown_fields=True):
-    trajectory: _Hops  # type: ignore[assignment]
-
-
-# The official form with all its options. It is never decoded into: answers by box take the careful
-# lane, and this class exists for the JSON Schema.
-class Prediction(msgspec.Struct):
-    """What an agent did in one episode."""
-
-    instr_id: _InstrId
-    trajectory: _Trajectory
-    predObjId: _ObjectId = ABSTAINED  # noqa: N815
-    predBox: Annotated[  # noqa: N815
-        tuple[float, float, _Extent, _Extent] | None,
-        Meta(
-            description="Instead of predObjId: left, top, width and height of a box around the "
-            "target, in pixels."
-        ),
-    ] = None
-    predView: Annotated[  # noqa: N815
-        Annotated[int, Meta(ge=0, lt=N_VIEWS)] | None,
-        Meta(
-            description="The index of the view that predBox is in; without it, the camera of the "
-            "last pose."
-        ),
-    ] = None
-    predImageSize: Annotated[  # noqa: N815
-        tuple[_Side, _Side] | None,
-        Meta(description="Width and height of the image of predBox, if not 640 x 480."),
-    ] = None
 
 
 _LISTS = frozenset({list, tuple})
@@ -284,13 +211,28 @@ def _answers(records: Sequence[Any]) -> Mapping[str, Any]:
     }
 
 
-_FORMS = (
-    (msgspec.json.Decoder(list[_Record]).decode, _read_poses),
-    (msgspec.json.Decoder(list[_HopRecord]).decode, _read_hops),
-)
-_NAVIGATION_FORMS = (
-    (msgspec.json.Decoder(list[_NavigationRecord]).decode, _read_poses),
-    (msgspec.json.Decoder(list[_NavigationHopRecord]).decode, _read_hops),
+def _decoder(trajectory: Any, *, has_answers: bool) -> Callable[[bytes], list[Any]]:
+    """Return the decoder of records with such trajectories."""
+    fields = [(INSTR_ID.name, INSTR_ID.type), (TRAJECTORY.name, trajectory)]
+    if has_answers:
+        fields.append((OBJECT.name, OBJECT.type | _OBJECT_AS_TEXT))
+    # With gc=False the garbage collector does not walk through a hundred thousand tuples of poses.
+    record = msgspec.defstruct(
+        "Record",
+        fields,
+        namespace={} if has_answers else {OBJECT.name: OBJECT.default},
+        gc=False,
+        forbid_unknown_fields=True,
+    )
+    return msgspec.json.Decoder(list[record]).decode  # type: ignore[valid-type]
+
+
+_FORMS, _NAVIGATION_FORMS = (
+    (
+        (_decoder(TRAJECTORY.type, has_answers=has_answers), _read_poses),
+        (_decoder(_HOPS, has_answers=has_answers), _read_hops),
+    )
+    for has_answers in (True, False)
 )
 
 
@@ -330,7 +272,14 @@ def convert_official(submission: Records, *, has_answers: bool = True) -> Predic
 
 def submission_schema() -> dict[str, Any]:
     """Return the JSON Schema of the official form."""
-    schema: dict[str, Any] = msgspec.json.schema(list[Prediction])
+    fields = [
+        (each.name, each.type) if each.default is ... else (each.name, each.type, each.default)
+        for each in (INSTR_ID, TRAJECTORY, *ANSWER)
+    ]
+    prediction = msgspec.defstruct(
+        "Prediction", fields, namespace={"__doc__": "What an agent did in one episode."}
+    )
+    schema: dict[str, Any] = msgspec.json.schema(list[prediction])  # type: ignore[valid-type]
     # What types cannot express: an answer is an object or a box, but not both.
     schema["$defs"]["Prediction"] |= {
         "anyOf": [
@@ -346,8 +295,8 @@ def submission_schema() -> dict[str, Any]:
 
 
 def _fields(*, has_answers: bool) -> Sequence[str]:
-    record = _Record if has_answers else _NavigationRecord
-    return record.__struct_fields__
+    fields = (INSTR_ID, TRAJECTORY, OBJECT) if has_answers else (INSTR_ID, TRAJECTORY)
+    return [field.name for field in fields]
 
 
 def _plain_columns(submission: Any, fields: Sequence[str]) -> Sequence[Sequence[Any]] | None:

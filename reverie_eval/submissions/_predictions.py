@@ -21,9 +21,6 @@ Submission: TypeAlias = Source | Records
 Content: TypeAlias = tuple[object, ...]
 """What a record predicts, for comparison with another record."""
 
-ID_PREFIX = "reverie_"
-"""NaviLLM mixes datasets and writes this before the ids; it is not part of them."""
-
 MOST = 0.5
 """Share of answers or angles above which something is probably a mistake; in good submissions the
 share is far lower."""

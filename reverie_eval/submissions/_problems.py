@@ -350,7 +350,7 @@ def official_form(task: Task) -> str:
     if task.has_items:
         trajectory = f'[{{"path": {trajectory}, "obj_heading": ..., "obj_elevation": ...}}, ...]'
     answer = ', "predObjId": ...' if task.has_targets else ""
-    return f'{{"{task.id_keys[0]}": ..., "trajectory": {trajectory}{answer}}}'
+    return f'{{"{task.id_field.name}": ..., "trajectory": {trajectory}{answer}}}'
 
 
 def ids_of_another_task(count: int, first: str, task: Task, others: Sequence[Task]) -> Problem:
@@ -382,7 +382,7 @@ def results_of_other_splits(
 def record_form(task: Task) -> str:
     """Return what a record of a task's result is."""
     answer = ", trajectory and predObjId" if task.has_targets else " and trajectory"
-    return f"an object with {task.id_keys[0]}{answer}"
+    return f"an object with {task.id_field.name}{answer}"
 
 
 def id_form(task: Task) -> str:

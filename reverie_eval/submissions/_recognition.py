@@ -28,7 +28,7 @@ from reverie_eval.submissions._fields import ID_KEYS, id_key_of, is_integer, unw
 from reverie_eval.submissions._predictions import Signs
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._trajectories import has_point, is_item
-from reverie_eval.tasks import BUILT_IN, Task, find_task
+from reverie_eval.tasks import BUILT_IN, ITEM_MARK, Task, find_task
 from reverie_eval.tasks._registry import DEFAULT_TASK
 
 Ids: TypeAlias = Sequence[str | None]
@@ -218,7 +218,7 @@ def _problem_of_all(
 
 def _raw(ids: Ids) -> Sequence[str]:
     """Return ids as the records have them: those of an item's trajectories have its own."""
-    return [each.partition("#")[0] for each in ids if each is not None]
+    return [each.partition(ITEM_MARK)[0] for each in ids if each is not None]
 
 
 def _knows(ids: Ids, known: _KnownIds) -> bool:
@@ -252,7 +252,7 @@ def _other_task(raw: Sequence[str], signs: Signs, task: Task) -> Problem | None:
         if signs.has_items and other.has_items and not (task.has_items or looks_ours):
             sign = "their trajectories are objects with a path"
             return problems.RESULTS_OF_ANOTHER_TASK.of_file(task=task, other=other, sign=sign)
-        if are_numbers and signs.id_key in set(other.id_keys) - set(task.id_keys):
+        if are_numbers and signs.id_key in set(other.id_field.names) - set(task.id_field.names):
             sign = f"their ids are in {signs.id_key!r}"
             return problems.RESULTS_OF_ANOTHER_TASK.of_file(task=task, other=other, sign=sign)
     found = [
@@ -260,7 +260,7 @@ def _other_task(raw: Sequence[str], signs: Signs, task: Task) -> Problem | None:
         for other in _tasks_with_such_ids(raw, task)
         if signs.has_items == other.has_items
         and (other.has_targets or not signs.has_answers)
-        and (signs.id_key in other.id_keys or signs.id_key not in task.id_keys)
+        and (signs.id_key in other.id_field.names or signs.id_key not in task.id_field.names)
     ]
     return problems.ids_of_another_task(len(raw), raw[0], task, found) if found else None
 
@@ -370,12 +370,12 @@ class Corrected(NamedTuple):
 
 
 def _stripped(instr_id: str, _: Known) -> str:
-    item, mark, start = instr_id.partition("#")
+    item, mark, start = instr_id.partition(ITEM_MARK)
     return f"{item.strip()}{mark}{start}"
 
 
 def _unprinted(instr_id: str, __: Known) -> str:
-    item, mark, start = instr_id.partition("#")
+    item, mark, start = instr_id.partition(ITEM_MARK)
     meant, _ = unwrap(item)
     text = int(meant) if isinstance(meant, float) and meant.is_integer() else meant
     return f"{text}{mark}{start}"
@@ -393,7 +393,7 @@ def _without_prefix(instr_id: str, known: Known) -> str:
 
 
 def _without_suffix(instr_id: str, known: Known) -> str:
-    item, mark, start = instr_id.partition("#")
+    item, mark, start = instr_id.partition(ITEM_MARK)
     ends = [found.start() for found in _MARK.finditer(item)]
     cut = (f"{item[:end]}{mark}{start}" for end in reversed(ends))
     return next((each for each in cut if each in known), instr_id)
@@ -401,7 +401,7 @@ def _without_suffix(instr_id: str, known: Known) -> str:
 
 def _rewritten(instr_id: str, known: Known) -> str:
     """Return an id by its numbers: ``4774-267-1``, ``(4774, 267, 1)`` and ``4774_0267.0_1``."""
-    item, mark, start = instr_id.partition("#")
+    item, mark, start = instr_id.partition(ITEM_MARK)
     for pattern in (_DIGITS, _DECIMALS) if len(item) <= _LONGEST else ():
         rewritten = "_".join(str(int(number)) for number in pattern.findall(item))
         if f"{rewritten}{mark}{start}" in known:

@@ -47,7 +47,6 @@ from reverie_eval.submissions._fields import (
 )
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
-    ID_PREFIX,
     IdColumn,
     Predictions,
     Signs,
@@ -64,7 +63,7 @@ from reverie_eval.submissions._trajectories import (
     split_items,
     take_path,
 )
-from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
+from reverie_eval.tasks import DEFAULT_TASK, ID_PREFIX, Task, find_task
 
 REVERIE = find_task(DEFAULT_TASK)
 """What is read if no task is named."""
@@ -181,7 +180,7 @@ def _with_known_fields(
     if record.keys() <= fields.all:
         return record
     if location.key is not None:
-        optional = {*optional, *fields.id_keys}
+        optional = {*optional, fields.id.name}
     few = log.unknown_fields + len(record) <= MAX_COMPARED
     misspelt = find_misspelt(record, fields, optional) if few else {}
     for field, meant in misspelt.items():

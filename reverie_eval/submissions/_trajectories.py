@@ -39,6 +39,7 @@ from reverie_eval.submissions._fields import (
     unwrap,
 )
 from reverie_eval.submissions._problems import PosePath, RecordLocation
+from reverie_eval.tasks import ITEM_MARK
 
 MAX_POSES = 20_000
 """Per trajectory. Published agents take about 15 steps, each with turns between 36 views."""
@@ -315,7 +316,6 @@ def _is_hop(element: Any) -> bool:
 
 
 PATH_KEY = "path"
-_SEPARATOR = "#"
 _NO_OBJECTS = frozenset({list, tuple, str})
 _DUETS_ID = re.compile(r"(?:[A-Za-z]\w*_)?\d+-\d+_\d+")
 """The id of an episode of DUET's own files of SOON; NaviLLM writes a prefix before it."""
@@ -372,7 +372,7 @@ def split_items(
         given = record.get(INSTR_ID_KEY, location.key)
         if isinstance(given, str) and _DUETS_ID.fullmatch(given):  # does not identify the item
             raise SubmissionError([problems.DUETS_EPISODES.of_record(location, instr_id=given)])
-        is_part = isinstance(given, str) and _SEPARATOR in given
+        is_part = isinstance(given, str) and ITEM_MARK in given
         if is_part and not is_item(record):
             yield location, record
             continue
@@ -386,7 +386,7 @@ def split_items(
         for place, trajectory in enumerate(trajectories):
             instr_id = given
             if isinstance(given, str):
-                instr_id = f"{given}{_SEPARATOR}{count[given]}"
+                instr_id = f"{given}{ITEM_MARK}{count[given]}"
                 count[given] += 1
             others = {key: value for key, value in item.items() if key != TRAJECTORY_KEY}
             its_place = location._replace(place=place)
@@ -434,7 +434,7 @@ def join_items(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     items: dict[str, list[Mapping[str, Any]]] = {}
     for record in records:
-        item, _, _ = record[INSTR_ID_KEY].partition(_SEPARATOR)
+        item, _, _ = record[INSTR_ID_KEY].partition(ITEM_MARK)
         rest = {key: value for key, value in record.items() if key in POINT_KEYS}
         items.setdefault(item, []).append({PATH_KEY: record[TRAJECTORY_KEY], **rest})
     return [

@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 
 from reverie_eval.errors import ProtocolError
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks._task import Protocol, Task
 from reverie_eval.text import did_you_mean
 
 DEFAULT_TASK = "reverie"
@@ -45,6 +45,12 @@ def _installed_task(name: str) -> Task:
     if not isinstance(task, Task) or task.name != name:
         raise ProtocolError(f"the entry point {name!r} of {ENTRY_POINTS} is not the Task {name!r}")
     return task
+
+
+PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
+    {protocol.name: protocol for protocol in find_task(DEFAULT_TASK).protocols}
+)
+"""Every released protocol of REVERIE by its name; the default comes first."""
 
 
 def name_on_server(task: str, split: str) -> str:

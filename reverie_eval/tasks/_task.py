@@ -1,14 +1,93 @@
-"""The record of a task."""
+"""Tasks and protocols: all that benchmarks and their published evaluators differ in, as data.
+
+A protocol's numbers never change once it is released; a correction is a new protocol. Thresholds
+that protocols share are defined with the arithmetic that uses them, in :mod:`reverie_eval.metrics`.
+"""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric, Need
 from reverie_eval.tasks._annotation import Annotation
-from reverie_eval.tasks._protocol import Protocol
+from reverie_eval.tasks._fields import INSTR_ID, Field
 from reverie_eval.text import did_you_mean
+
+DEFAULT_PROTOCOL = "official-v1"
+"""Every task has a protocol of this name: the rules of the dataset's own authors."""
+KnownSplit = Literal["train", "val_seen", "val_unseen", "val_unseen_house", "test"]
+"""Splits of the tasks of this package, for editors to complete; others have other names."""
+GoalRule = Literal[
+    "visible",
+    "visible and near the object",
+    "at most 3 m from the object",
+    "near the path's end",
+    "at most 3 m from the path's end",
+    "at a goal viewpoint",
+    "near the path's end, which a stop at a goal viewpoint becomes",
+]
+TO_REGION = "planner's path or to the goal region"
+"""The reference of protocols that score by the planner's path if it ends at a goal viewpoint, and
+otherwise by the shortest route to one: that of fewest moves, to the first of several [1]_.
+
+References
+----------
+.. [1] ``tasks/datasets/cvdn.py`` lines 28-36 of zd11024/NaviLLM at a221f42.
+"""
+Grounding = Literal["anywhere", "only with success", "not scored"]
+HopReading = Literal["first viewpoint", "every viewpoint", "rejected", "no evaluator"]
+"""How a published evaluator reads a nested hop with several viewpoints."""
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """The rules that a published evaluator scores by."""
+
+    name: str
+    summary: str
+    source: str
+    # The defaults are the rules of the dataset's own script; protocols list only what differs.
+    goal: GoalRule = "visible"
+    """Which viewpoints are goals: those from which the target is visible; those from which it is
+    visible with its centre at most 3 m from the camera; those with its centre at most 3 m from the
+    camera in a straight line, visible or not; those less than 3 m along the graph from
+    the path's end, or at most 3 m; those that the task annotates as goals; or those less than 3 m
+    from the path's end, except that an annotated goal becomes the goal if the agent stops there."""
+    spl_numerator: Literal["shortest", "annotated", "nearest goal"] = "shortest"
+    """The length in SPL's numerator: of the shortest route, of the annotated path, or of the
+    shortest route to the nearest annotated goal."""
+    spl_floor: float = 0.0
+    """Smallest denominator of SPL, metres."""
+    rgspl_floor: float = 0.0
+    """Smallest denominator of RGSPL, metres."""
+    grounding: Grounding = "anywhere"
+    """Where a correct answer counts: wherever the agent stops, or only with success."""
+    text_ids_count: bool = True
+    """Whether an object id written as text can be correct."""
+    reference: str = ""
+    """The annotated path to score by, among the task's further paths or ``TO_REGION``; empty for
+    its own."""
+    repeated_outlines: Literal["first", "last"] = "first"
+    """Which outline of the target counts, where a goal viewpoint has several."""
+    point_errors: Literal["detections", "where the target is seen"] = "detections"
+    """Which stops have a point error."""
+    measures: frozenset[Need] = frozenset()
+    """What the annotations let the protocol measure besides walks and answers."""
+    scored_instructions: int | None = None
+    """How many instructions of each path are scored, if not all of them."""
+    rejects_jumps: bool = False
+    """Whether the published evaluator stops at a move between unconnected viewpoints. It is not a
+    rule of the scores, which count such moves."""
+    nested_hops: HopReading = "first viewpoint"
+    """How the published evaluator reads nested hops. It is not a rule of the scores, which count
+    every viewpoint under all protocols."""
+
+    @property
+    def basis(self) -> tuple[int | None, str]:
+        """Which episodes and paths of a split are scored; equal for protocols that share these."""
+        return self.scored_instructions, self.reference
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,29 +138,41 @@ class Task:
     id_example: str
     id_parts: Sequence[str] = ()
     """What the parts of an id are, which underscores separate; empty if they are not told."""
-    id_keys: Sequence[str] = ("instr_id",)
-    """The fields of a result's record that can hold the id, the official one first."""
+    id_field: Field = INSTR_ID
+    """The field of a result's record with the id."""
     has_numbers: bool = False
     """Whether the id may be a number; it is compared as text."""
     has_short_ids: bool = False
     """Whether the part of an id after its underscore is also accepted as an id."""
     has_json_lines: bool = False
     """Whether the official form of a result may be a record on each line instead of a list."""
-    has_items: bool = False
-    """Whether a result's record has several trajectories, one for each start of an item, each with
-    a point where the agent sees the target. Their ids are ``<item>#<index>``."""
-    has_targets: bool = False
-    """Whether episodes have a target object, which agents predict by id or by box."""
+    answer_fields: Sequence[Field] = ()
+    """The fields in which agents predict the target object, in a task with target objects."""
+    point_fields: Sequence[Field] = ()
+    """The fields of a point where the agent sees the target, in a task whose records have several
+    trajectories, one for each start of an item. Their ids are ``<item>#<index>``."""
     goal: str
     """When a stop is a success, in words: "the target object is visible"."""
     protocols: Sequence[Protocol]
     """Every released protocol, the default one first."""
     aliases: Mapping[str, str] = field(default_factory=dict)
     """Other names of protocols: codebases that score the same way."""
+    hops_by_alias: Mapping[str, HopReading] = field(default_factory=dict)
+    """How the evaluators of aliases read nested hops, where they differ in that alone."""
     headline: Sequence[str]
     """The metrics of every score table, by key, in its order."""
     ranking: Sequence[str]
     """The metrics that rank submissions, by key: the first that is scored ranks."""
+
+    @property
+    def has_targets(self) -> bool:
+        """Whether episodes have a target object, which agents predict by id or by box."""
+        return bool(self.answer_fields)
+
+    @property
+    def has_items(self) -> bool:
+        """Whether a result's record has several trajectories, one for each start of an item."""
+        return bool(self.point_fields)
 
     def release(self, split: str, records: int, episodes: int, sha256: str) -> str | None:
         """Return the name of the release that a split's file is from; None if it is unknown."""
@@ -93,10 +184,10 @@ class Task:
         """Whether an id looks like one of an episode."""
         return re.fullmatch(self.id_pattern, instr_id) is not None
 
-    def id_field(self, instr_id: str) -> Mapping[str, str | int]:
+    def official_id(self, instr_id: str) -> Mapping[str, str | int]:
         """Return the id of an episode as in the official form of a result."""
         is_number = self.has_numbers and instr_id.isdecimal()
-        return {self.id_keys[0]: int(instr_id) if is_number else instr_id}
+        return {self.id_field.name: int(instr_id) if is_number else instr_id}
 
     @property
     def metrics(self) -> Sequence[str]:
@@ -130,6 +221,10 @@ class Task:
             known = [*by_name, *self.aliases]
             raise ProtocolError(f"unknown protocol {name!r}{did_you_mean(name, known)}")
         return by_name[canonical]
+
+    def hop_reading(self, name: str) -> HopReading:
+        """Return how the evaluator of a protocol, by its name or alias, reads nested hops."""
+        return self.hops_by_alias.get(name) or self.protocol(name).nested_hops
 
     def table_metrics(self, scored: Collection[str]) -> Sequence[Metric]:
         """Return the metrics of a score table: the headline ones, and those of boxes if scored.

@@ -1,14 +1,15 @@
 """NDH, Navigation from Dialog History (CVDN): continue from a dialog towards a region."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
 from reverie_eval.tasks._annotation import EpisodeAnnotation, Path, ViewpointId
-from reverie_eval.tasks._protocol import TO_REGION, Protocol
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks._fields import INSTR_ID
+from reverie_eval.tasks._task import TO_REGION, Protocol, Task
 
 
 class _Start(Struct, frozen=True):
@@ -103,7 +104,7 @@ TASK = Task(
     id_pattern=r"\d+",
     id_form="the numbers inst_idx of the annotations",
     id_example="5354",
-    id_keys=("inst_idx", "instr_id"),
+    id_field=replace(INSTR_ID, name="inst_idx", also=("instr_id",)),
     has_numbers=True,
     goal="the end of the protocol's path is less than 3 m away (hamt: the goal region is reached)",
     protocols=(

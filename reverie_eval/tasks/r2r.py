@@ -6,8 +6,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from reverie_eval.tasks._annotation import PathAnnotation
-from reverie_eval.tasks._protocol import Protocol
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks._task import Protocol, Task
 
 
 class R2RAnnotation(PathAnnotation, frozen=True, kw_only=True):
@@ -76,6 +75,7 @@ TASK = Task(
         ),
     ),
     aliases=MappingProxyType({"hamt": "duet"}),
+    hops_by_alias=MappingProxyType({"hamt": "first viewpoint"}),
     headline=("path_length", "navigation_error", "oracle_success", "success", "spl"),
     ranking=("spl",),
 )

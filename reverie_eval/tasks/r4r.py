@@ -2,8 +2,7 @@
 
 from types import MappingProxyType
 
-from reverie_eval.tasks._protocol import Protocol
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks._task import Protocol, Task
 from reverie_eval.tasks.r2r import R2RAnnotation
 
 TASK = Task(
@@ -54,6 +53,7 @@ TASK = Task(
         ),
     ),
     aliases=MappingProxyType({"hamt": "duet"}),
+    hops_by_alias=MappingProxyType({"hamt": "first viewpoint"}),
     headline=("path_length", "navigation_error", "success", "cls", "ndtw", "sdtw"),
     ranking=("cls",),
 )

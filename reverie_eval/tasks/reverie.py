@@ -8,8 +8,8 @@ from msgspec import Meta, field
 from reverie_eval.arrays import LARGEST_OBJECT_ID
 from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.tasks._annotation import PathAnnotation
-from reverie_eval.tasks._protocol import Protocol
-from reverie_eval.tasks._task import Paper, Task
+from reverie_eval.tasks._fields import ANSWER
+from reverie_eval.tasks._task import Paper, Protocol, Task
 
 
 class ReverieAnnotation(PathAnnotation, frozen=True, kw_only=True):
@@ -154,12 +154,13 @@ TASK = Task(
     id_form="<item id>_<index of the instruction>, counted from 0",
     id_example="4774_267_1",
     id_parts=("path id", "object id", "index of the instruction"),
-    has_targets=True,
+    answer_fields=ANSWER,
     goal="the target object is visible",
     protocols=_PROTOCOLS,
     aliases=MappingProxyType(
         {"hamt": "duet", "navillm": "duet", "hm3d": "scalevln", "mapgpt": "navrag"}
     ),
+    hops_by_alias=MappingProxyType({"hamt": "first viewpoint"}),
     headline=("path_length", "success", "oracle_success", "spl", "rgs", PRIMARY_METRIC),
     ranking=(PRIMARY_METRIC, "rgs", "spl"),
 )

@@ -1,13 +1,14 @@
 """RxR, Room-across-Room: follow a long instruction in English, Hindi or Telugu."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
 from reverie_eval.tasks._annotation import EpisodeAnnotation, Path
-from reverie_eval.tasks._protocol import Protocol
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks._fields import INSTR_ID
+from reverie_eval.tasks._task import Protocol, Task
 
 
 class RxRAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
@@ -57,7 +58,7 @@ TASK = Task(
     id_form="<path id>_<instruction id>, or the instruction id alone",
     id_example="90066_900394",
     id_parts=("path id", "instruction id"),
-    id_keys=("instr_id", "instruction_id"),
+    id_field=replace(INSTR_ID, also=("instruction_id",)),
     has_numbers=True,
     has_short_ids=True,
     has_json_lines=True,

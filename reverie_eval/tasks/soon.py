@@ -14,8 +14,8 @@ from reverie_eval.tasks._annotation import (
     ViewpointId,
     turns_of,
 )
-from reverie_eval.tasks._protocol import Protocol
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks._fields import ITEM_MARK, POINT
+from reverie_eval.tasks._task import Protocol, Task
 
 _Parts = Annotated[list[str], Meta(min_length=1)]
 
@@ -76,7 +76,7 @@ class _Walk(EpisodeAnnotation, frozen=True, kw_only=True):
     @property
     def name(self) -> str:
         """The id of the one episode."""
-        return f"{self.item.instr_id}#{self.start}"
+        return f"{self.item.instr_id}{ITEM_MARK}{self.start}"
 
     @property
     def texts(self) -> Sequence[str]:
@@ -136,7 +136,7 @@ TASK = Task(
     id_form="<instr_id of the item>#<index of the start>, counted from 0",
     id_example="12#3",
     has_numbers=True,
-    has_items=True,
+    point_fields=POINT,
     goal="the target is seen, or the path's end less than 3 m away (navillm: only the latter),",
     protocols=(
         _OFFICIAL,

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from reverie_eval import PROTOCOLS, GroundTruth, ProtocolError, diagnose, evaluate
-from reverie_eval.scoring import ALIASES, PreparedSubmission, find_protocol
+from reverie_eval.scoring import PreparedSubmission
 from reverie_eval.submissions import read_predictions
+from reverie_eval.tasks import find_task
 from tests.support.flat import Run, words
 from tests.support.forms import FORMS, Form, hops, written
 from tests.support.worlds import SPLIT
@@ -102,7 +103,7 @@ def test_nested_hops_point_to_the_diagnosis(
 def test_nothing_of_other_scores_is_stated_where_answers_are_private(demo: GroundTruth) -> None:
     content = FORMS["F KERM, G DSRG"].bytes()
     prepared = PreparedSubmission.of(read_predictions(content), demo)
-    scores = prepared.without_answer_hints().score(find_protocol(STRICT))
+    scores = prepared.without_answer_hints().score(PROTOCOLS[STRICT])
     assert not any("own evaluator" in note for note in scores.notes)
 
 
@@ -116,7 +117,7 @@ def test_a_diagnosis_states_no_third_reading(demo: GroundTruth) -> None:
 READ_FIRST = ("official-v1", "challenge-2022", "airbert", "hamt")
 
 
-@pytest.mark.parametrize("name", [*PROTOCOLS, *ALIASES])
+@pytest.mark.parametrize("name", [*PROTOCOLS, *find_task("reverie").aliases])
 def test_only_evaluators_that_read_the_first_of_a_hop_are_diagnosed(
     name: str, demo: GroundTruth
 ) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval import PROTOCOLS, GroundTruth, Scores, evaluate, evaluate_protocols
-from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, find_protocol, scored_metrics
+from reverie_eval.scoring import DEFAULT_PROTOCOL, scored_metrics
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
 from tests.support.metrics import BOX_METRICS
@@ -21,6 +21,7 @@ GOOD = SAMPLES / "good.json"
 
 # What a protocol is.
 
+REVERIE = find_task("reverie")
 RELEASED: Mapping[str, Mapping[str, Any]] = {
     "official-v1": {
         "goal": "visible",
@@ -139,18 +140,18 @@ def test_every_protocol_gives_its_source() -> None:
     [("hamt", "duet"), ("navillm", "duet"), ("hm3d", "scalevln"), ("mapgpt", "navrag")],
 )
 def test_an_alias(alias: str, name: str) -> None:
-    assert find_protocol(alias) is PROTOCOLS[name]
+    assert REVERIE.protocol(alias) is PROTOCOLS[name]
     assert evaluate(GOOD, split=SPLIT, protocol=alias) == evaluate(GOOD, split=SPLIT, protocol=name)
 
 
 def test_aliases_are_not_protocols() -> None:
-    assert dict(ALIASES) == {
+    assert dict(REVERIE.aliases) == {
         "hamt": "duet",
         "navillm": "duet",
         "hm3d": "scalevln",
         "mapgpt": "navrag",
     }
-    assert not ALIASES.keys() & PROTOCOLS.keys()
+    assert not REVERIE.aliases.keys() & PROTOCOLS.keys()
 
 
 def test_the_signature_has_the_protocol_not_its_alias() -> None:
@@ -461,7 +462,7 @@ def test_the_grounding_track_does_not_depend_on_the_order_of_records(demo: Groun
 
 def test_a_submission_is_expected_to_have_answers_and_no_boxes() -> None:
     """What a leaderboard shows before anything was submitted."""
-    rules = find_protocol("official-v1")
+    rules = REVERIE.protocol("official-v1")
     full = scored_metrics(rules, "full")
     assert set(full) == set(scored_metrics(rules, "full", has_boxes=True)) - set(BOX_METRICS)
     assert {"success", "rgs", "rgspl"} <= set(full)

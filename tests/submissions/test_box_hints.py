@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reverie_eval import GroundTruth, validate
+from reverie_eval import PROTOCOLS, GroundTruth, validate
 from reverie_eval.geometry import view_angles
-from reverie_eval.scoring import PreparedSubmission, find_protocol
+from reverie_eval.scoring import PreparedSubmission
 from reverie_eval.submissions import BoxAnswers, read_predictions
 from reverie_eval.submissions._answers import box_scale_problems
 from reverie_eval.submissions._hints import _other_readings, _point_hints, box_hints
@@ -215,7 +215,7 @@ def test_a_hint_from_answers_is_left_out_where_they_are_private(demo: GroundTrut
     records = submission(demo, lambda box, view: {"predBox": box, "predView": min(view + 1, 35)})
     prepared = PreparedSubmission.of(read_predictions(records), demo)
     (hint,) = prepared.answer_hints
-    rules = find_protocol("official-v1")
+    rules = PROTOCOLS["official-v1"]
     assert hint in prepared.score(rules).notes
     notes = prepared.without_answer_hints().score(rules).notes
     assert notes == [note for note in prepared.score(rules).notes if note != hint]

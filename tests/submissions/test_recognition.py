@@ -33,13 +33,13 @@ def sample(task: str) -> list[Record]:
 
 def with_ids(task: str, change: Callable[[Any], object]) -> list[Record]:
     """Return the sample with other ids."""
-    key = find_task(task).id_keys[0]
+    key = find_task(task).id_field.name
     return [{**record, key: change(record[key])} for record in sample(task)]
 
 
 def with_key(task: str, key: str) -> list[Record]:
     """Return the sample with its ids under another key."""
-    own = find_task(task).id_keys[0]
+    own = find_task(task).id_field.name
     return [
         {(key if name == own else name): value for name, value in record.items()}
         for record in sample(task)
@@ -159,7 +159,7 @@ def test_numbers_of_episodes(write: Callable[[Any], object], task: str) -> None:
 @pytest.mark.parametrize("key", ["instrID", "instIdx", "Instr_Id", "episode_id", "id"])
 def test_another_spelling_of_the_id_is_told_with_the_tasks_own(key: str, task: str) -> None:
     document = with_key(task, key)
-    own = find_task(task).id_keys[0]
+    own = find_task(task).id_field.name
     told = f"the field '{key}', which is not read; did you mean {own}?"
     assert told in the_problem_of(document, task).message
     assert_converted(document, task)
@@ -169,7 +169,7 @@ def test_another_spelling_of_the_id_is_told_with_the_tasks_own(key: str, task: s
 @pytest.mark.parametrize("key", ["inst_idx", "instr_id", "instruction_id"])
 def test_ids_of_the_split_under_another_tasks_key(key: str, task: str) -> None:
     document = with_key(task, key)
-    if key in find_task(task).id_keys:
+    if key in find_task(task).id_field.names:
         evaluate(document, split=SPLIT, task=task)
     else:
         assert the_problem_of(document, task).code == "misspelt-field"
@@ -387,7 +387,7 @@ def test_points_that_all_lack_are_one_problem() -> None:
 def test_what_is_expected_is_the_tasks_own_form(task: str) -> None:
     (problem,) = problems_of(7, task)
     own = find_task(task)
-    assert f'"{own.id_keys[0]}": ...' in problem.message
+    assert f'"{own.id_field.name}": ...' in problem.message
     assert ("predObjId" in problem.message) == own.has_targets
 
 

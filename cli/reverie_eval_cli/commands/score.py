@@ -11,7 +11,6 @@ from pathlib import Path
 import click
 
 from reverie_eval import (
-    PROTOCOLS,
     Evaluator,
     GroundTruth,
     Runs,
@@ -35,7 +34,6 @@ from reverie_eval.reporting.scores import (
     write_episodes,
 )
 from reverie_eval.scoring import (
-    ALIASES,
     DEFAULT_PROTOCOL,
     TABLE_KEYS,
     Clustering,
@@ -44,6 +42,7 @@ from reverie_eval.scoring import (
     score_files,
 )
 from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
+from reverie_eval.tasks import DEFAULT_TASK, find_task
 from reverie_eval_cli import options
 from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import (
@@ -57,6 +56,7 @@ from reverie_eval_cli.output import (
 )
 
 _ALL = "all"
+_REVERIE = find_task(DEFAULT_TASK)
 _KEYS = dict.fromkeys(("csv", "json"), frozenset(CATALOGUE))
 """The metrics of formats that have more than the table has."""
 _SECONDS_BETWEEN_LOOKS = 1.0
@@ -76,8 +76,8 @@ _SECONDS_BETWEEN_LOOKS = 1.0
         default=DEFAULT_PROTOCOL,
         metavar="NAME",
         shell_complete=options.complete_protocol,
-        help=f"The rules to score by: {', '.join(PROTOCOLS)}; "
-        f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; "
+        help=f"The rules to score by: {', '.join(each.name for each in _REVERIE.protocols)}; "
+        f"{', '.join(f'{alias} (= {name})' for alias, name in _REVERIE.aliases.items())}; "
         f"or {_ALL} of them.",
     ),
     options.track,

@@ -154,7 +154,7 @@ def _page(visitor: Call, template: str, **content: Any) -> Response:
 def _example(task: Task) -> str:
     """Return an example submission as JSON with one field per line."""
     (record,) = SUBMISSION
-    fields = {**task.id_field(task.id_example), "trajectory": record["trajectory"]}
+    fields = {**task.official_id(task.id_example), "trajectory": record["trajectory"]}
     if task.has_targets:
         fields = record
     lines = [f"{json.dumps(name)}: {json.dumps(value)}" for name, value in fields.items()]

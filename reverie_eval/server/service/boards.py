@@ -24,9 +24,7 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.scoring import (
     PreparedSubmission,
     Scores,
-    basis_of,
     qualifier_of,
-    scored_by,
     scored_metrics,
     signature_of,
     why_not,
@@ -203,7 +201,7 @@ class Board:
     @property
     def reads_by(self) -> tuple[object, ...]:
         """What :meth:`read` depends on besides the split."""
-        return self.split.track, *basis_of(self.protocol)
+        return self.split.track, *self.protocol.basis
 
     def scored(
         self,
@@ -432,7 +430,7 @@ def _board(name: str, split: Split, truth: GroundTruth, public_fingerprint: str)
     """Return a split's own leaderboard, which has the further ones."""
 
     def scored(split: Split) -> GroundTruth:
-        return scored_by(truth.task.protocol(split.protocol), truth)
+        return truth.scored_by(truth.task.protocol(split.protocol))
 
     own = Board(name, split, scored(split), public_fingerprint)
     also = {

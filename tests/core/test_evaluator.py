@@ -225,7 +225,7 @@ def test_an_evaluator_still_works_after_a_rejection(evaluator: rv.Evaluator) -> 
         pytest.param(
             {"split": "test", "ground_truth": DEMO_BUNDLES / "test.public.npz"},
             rv.GroundTruthError,
-            "answers",
+            "solution",
             id="public bundle",
         ),
     ],

@@ -17,19 +17,10 @@ from fixtures.published import published_folder, unpack_dataset
 from reverie_eval import GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval_cli.main import main
-from tests.support.flat import Outcome, Run, write_flat
+from tests.support.flat_world import Outcome, Run, write_flat
 from tests.support.sharing import shared_folder
 
-PLUGINS = [
-    "tests.support.serving",
-    "tests.support.participants",
-    "tests.support.kept",
-    "tests.support.processes",
-    "tests.support.browser",
-    "tests.support.episode_pages",
-]
-
-collect_ignore = ["support/planted_faults.py"]  # which needs what scripts/evidence installs
+collect_ignore = ["support/mutation_testing.py"]  # which needs what scripts/evidence installs
 
 # Tests interrupt what they start, which nohup or a script that runs this behind may have forbidden.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -45,23 +36,22 @@ SAMPLES = REPOSITORY / "fixtures" / "submissions"
 TEST_EVERYTHING = "REVERIE_TEST_EVERYTHING"
 
 
+SHARED_FIXTURES = [
+    "tests.support.serving",
+    "tests.support.participants",
+    "tests.support.server_data",
+    "tests.support.processes",
+    "tests.support.browser",
+    "tests.support.episode_pages",
+]
+FOLDERS_THAT_SHARE = {"browser", "cli", "client", "pages", "reporting", "server"}
+"""Tests in the others need no server and no browser."""
 MARKS_OF_FOLDERS = {
     "browser": ("browser", "server"),
     "client": ("server",),
     "pages": ("server",),
     "server": ("server",),
 }
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Import the fixtures that tests share, unless other processes run the tests.
-
-    Those start after this one has imported everything.
-    """
-    is_worker = "PYTEST_XDIST_WORKER" in os.environ
-    if is_worker or not config.getoption("numprocesses", None):
-        for name in PLUGINS:
-            config.pluginmanager.import_plugin(name)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -80,8 +70,17 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
-    """Look for examples to run in the docstrings of the package, not in those of its tests."""
+def pytest_collect_file(
+    file_path: Path, parent: pytest.Collector
+) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Import the fixtures that folders share before the first test that may use one.
+
+    Examples to run are in the docstrings of the package, not in those of its tests.
+    """
+    folder = file_path.parent
+    if folder.name in FOLDERS_THAT_SHARE and folder.parent == Path(__file__).parent:
+        for name in SHARED_FIXTURES:
+            parent.config.pluginmanager.import_plugin(name)
     collectors = yield
     return [each for each in collectors if not isinstance(each, DoctestModule)]
 

@@ -17,7 +17,7 @@ import pytest
 from reverie_eval import GroundTruth, __version__
 from reverie_eval_cli.main import main, program
 from tests.conftest import SAMPLES, unavailable
-from tests.support.flat import NOTE, SCORE, TABLE, Run, signature, words
+from tests.support.flat_world import NOTE, SCORE, TABLE, Run, signature, words
 from tests.support.worlds import SPLIT
 
 BROKEN = SAMPLES / "broken.json"

@@ -13,7 +13,7 @@ import pytest
 
 from reverie_eval_cli.main import COMPLETION_VARIABLE
 from tests.conftest import SAMPLES, unavailable
-from tests.support.flat import NOTE, SCORE, Outcome, Run, signature, words
+from tests.support.flat_world import NOTE, SCORE, Outcome, Run, signature, words
 from tests.support.forking import Forked, Surroundings, command, run_command
 from tests.support.terminals import COMMAND, ESCAPES, on_terminal
 from tests.support.worlds import SPLIT

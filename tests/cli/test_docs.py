@@ -18,7 +18,7 @@ from reverie_eval.submissions._problems import Template
 from reverie_eval_cli.commands.shell import SCHEMAS
 from reverie_eval_cli.main import main, program
 from tests.conftest import REPOSITORY
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 DOCS = REPOSITORY / "docs"
 README = REPOSITORY / "README.md"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.flat import Run, words
+from tests.support.flat_world import Run, words
 
 pytestmark = pytest.mark.usefixtures("here")
 

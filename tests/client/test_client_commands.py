@@ -16,7 +16,7 @@ from reverie_eval.receipts import payload_of
 from reverie_eval.schemas.service import Envelope
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON
-from tests.support.flat import Outcome, Run
+from tests.support.flat_world import Outcome, Run
 from tests.support.participants import RealServer, private_submission
 from tests.support.serving import NO_TLS
 from tests.support.signing import receipt_in, with_payload

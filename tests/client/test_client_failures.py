@@ -22,7 +22,7 @@ from cryptography.x509.oid import NameOID
 from reverie_eval import __version__
 from reverie_eval.client import _sending as sending
 from tests.conftest import SAMPLES
-from tests.support.flat import Outcome, Run
+from tests.support.flat_world import Outcome, Run
 from tests.support.participants import Proxy, RealServer, Script, answer, problem
 from tests.support.waiting import PATIENCE
 

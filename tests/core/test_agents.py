@@ -13,7 +13,7 @@ from reverie_eval import CATALOGUE, GroundTruth, GroundTruthError, Scores, evalu
 from reverie_eval.agents import AGENTS, MAX_RANDOM_STEPS, Record, run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.submissions._official import decode_official
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import SPLIT, ground_truth_of
 

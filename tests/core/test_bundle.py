@@ -28,7 +28,7 @@ from reverie_eval.ground_truth._bundle import (
     pack_texts,
 )
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
 
 VAL_UNSEEN = DEMO_BUNDLES / "val_unseen.npz"

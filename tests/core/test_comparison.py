@@ -29,7 +29,7 @@ from reverie_eval.metrics.engine import IntervalEngine
 from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 from reverie_eval.scoring import Interval, Intervals, clusters_of
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.metrics import BINARY_METRICS
 from tests.support.terminals import ESCAPES, on_terminal
 

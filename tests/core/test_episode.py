@@ -10,7 +10,7 @@ import pytest
 import reverie_eval as rv
 from reverie_eval.geometry import view_angles
 from tests.conftest import SAMPLES
-from tests.support.home import HOME, LAMP, SOFA, WALKS, home_scores, records
+from tests.support.home_world import HOME, LAMP, SOFA, WALKS, home_scores, records
 from tests.support.worlds import ground_truth_by_hand, random_case, records_of
 
 OUTCOMES = {

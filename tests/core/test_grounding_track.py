@@ -12,7 +12,7 @@ from reverie_eval import GroundTruth, GroundTruthError, ProtocolError, Submissio
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.reporting import report_html
 from tests.conftest import SAMPLES
-from tests.support.flat import Run, words
+from tests.support.flat_world import Run, words
 from tests.support.worlds import SPLIT
 
 GROUNDING = ("--split", SPLIT, "--track", "grounding")

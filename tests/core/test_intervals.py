@@ -15,7 +15,7 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.metrics.engine import IntervalEngine
 from reverie_eval.scoring import Clustering, Intervals, clusters_of
 from tests.conftest import SAMPLES
-from tests.support.flat import SCORE, Run
+from tests.support.flat_world import SCORE, Run
 
 FEW = "only 2 scans: too few to show how much scans differ, so these intervals are very wide"
 OTHER = str(SAMPLES / "mediocre.json")

@@ -8,7 +8,7 @@ from reverie_eval import PROTOCOLS, GroundTruth, ProtocolError, diagnose, evalua
 from reverie_eval.scoring import PreparedSubmission
 from reverie_eval.submissions import read_predictions
 from reverie_eval.tasks import find_task
-from tests.support.flat import Run, words
+from tests.support.flat_world import Run, words
 from tests.support.forms import FORMS, Form, hops, written
 from tests.support.worlds import SPLIT
 

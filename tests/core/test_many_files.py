@@ -20,7 +20,7 @@ from reverie_eval.agents import run_agent
 from reverie_eval.scoring import Executor
 from reverie_eval.submissions import watch_files
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.terminals import COMMAND
 
 SPLIT = "val_unseen"

@@ -8,7 +8,7 @@ import pytest
 
 from reverie_eval.submissions import submission_names
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 GOOD = str(SAMPLES / "good.json")
 

@@ -12,7 +12,7 @@ from reverie_eval.reporting.comparisons import comparison_table
 from reverie_eval.reporting.report import report_html
 from reverie_eval.reporting.scores import FORMATS
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
 
 

@@ -7,7 +7,7 @@ import reverie_eval as rv
 from reverie_eval.agents import run_agent
 from reverie_eval.analysis import episodes_won, gallery, near_misses
 from tests.conftest import SAMPLES
-from tests.support.home import OTHER_WALKS, WALKS, home_scores
+from tests.support.home_world import OTHER_WALKS, WALKS, home_scores
 
 SPLIT = "val_unseen"
 

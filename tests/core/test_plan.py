@@ -11,7 +11,7 @@ from fixtures.clustered_worlds import simulated_power, simulated_power_of_runs
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import power
 from reverie_eval.metrics.power import Design
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 SPLIT = "val_unseen"
 MANY = Design(np.ones(10_000, dtype=int), discordance=0.25)

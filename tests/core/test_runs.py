@@ -21,7 +21,7 @@ from reverie_eval.metrics.engine import CrossedMeans
 from reverie_eval.reporting import results_table
 from reverie_eval.submissions import find_runs
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 SPLIT = "val_unseen"
 SEEDS = ("good", "mediocre", "drawn")

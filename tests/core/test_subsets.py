@@ -14,7 +14,7 @@ from reverie_eval.ground_truth import draw_subset, find_ground_truth, read_episo
 from reverie_eval.ground_truth._subset import subset_digest
 from reverie_eval.reporting import results_table
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 if TYPE_CHECKING:
     from reverie_eval.submissions import Submission

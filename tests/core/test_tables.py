@@ -9,7 +9,7 @@ import pytest
 
 from reverie_eval import __version__, evaluate
 from reverie_eval.tasks import find_task
-from tests.support.flat import NOTE, SCORE, TABLE, Run, fingerprint, signature, words
+from tests.support.flat_world import NOTE, SCORE, TABLE, Run, fingerprint, signature, words
 from tests.support.metrics import BOX_METRICS
 from tests.support.worlds import SPLIT
 

@@ -26,7 +26,7 @@ from reverie_eval.dataset._object_boxes import (
 )
 from reverie_eval.dataset._records import BOXES
 from tests.conftest import REPOSITORY, SAMPLES
-from tests.support.flat import Outcome, Run
+from tests.support.flat_world import Outcome, Run
 
 EYE = np.zeros(3)
 LARGE, MIDDLE, SMALL = [0, 0, 90, 90], [10, 10, 40, 40], [20, 20, 5, 5]

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from reverie_eval.dataset import DatasetFiles, describe_dataset
 from reverie_eval.reporting.datasets import write_figures
 from tests.support.described import SPLITS, TABLE, write_dataset
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 
 @pytest.fixture

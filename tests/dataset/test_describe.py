@@ -11,7 +11,7 @@ from reverie_eval import __version__
 from reverie_eval.dataset import DatasetDescription, DatasetFiles, describe_dataset
 from tests.conftest import REPOSITORY
 from tests.support.described import SEEN, SPLITS, TABLE, Record, item, listed, write_dataset
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.terminals import on_terminal
 
 

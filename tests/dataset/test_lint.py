@@ -9,8 +9,7 @@ import pytest
 
 from reverie_eval import DatasetError
 from reverie_eval.dataset import DatasetFiles, LintReport, compile_split, lint_dataset
-from tests.support.flat import FLAT, SINK, TUB
-from tests.support.spoiled import (
+from tests.support.broken_datasets import (
     ANNOTATIONS,
     BOX,
     DATA,
@@ -39,6 +38,7 @@ from tests.support.spoiled import (
     write_json,
     write_published_flat,
 )
+from tests.support.flat_world import FLAT, SINK, TUB
 from tests.support.worlds import OBJECT_POSITIONS, SPLIT, write_world
 
 

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from reverie_eval.dataset import DatasetFiles, LintReport, lint_dataset
 from reverie_eval.reporting.datasets import print_lint
-from tests.support.flat import TUB, Run
-from tests.support.spoiled import DATA, listed, write_published_flat
+from tests.support.broken_datasets import DATA, listed, write_published_flat
+from tests.support.flat_world import TUB, Run
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from reverie_eval.dataset._view_rules import (
     neighbours,
     view_spreads,
 )
-from tests.support.spoiled import BOX
+from tests.support.broken_datasets import BOX
 
 FOCAL = 240 / np.tan(np.pi / 6)
 

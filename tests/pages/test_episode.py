@@ -15,7 +15,7 @@ import reverie_eval as rv
 from reverie_eval.ground_truth import Bundle, pack_texts
 from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from tests.support.episode_pages import drawn, linked, listed, picture, send, visitor, walks
-from tests.support.home import OTHER_WALKS
+from tests.support.home_world import OTHER_WALKS
 from tests.support.serving import OPEN, OWNER, OpenServer, Serving, adjusted, settings_of
 from tests.support.visiting import said, signed_in
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.conftest import REPOSITORY
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.participants import RealServer, private_submission
 from tests.support.signing import receipt_in
 

@@ -14,7 +14,7 @@ from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
 from reverie_eval.reporting.answer_svg import answer_picture, answer_svg
 from reverie_eval.reporting.answers import AnswerView, answer_views, box_span, span_of
 from tests.conftest import REPOSITORY, SAMPLES
-from tests.support.home import OTHER_WALKS, home_scores
+from tests.support.home_world import OTHER_WALKS, home_scores
 
 MARKUP = '<script src="x">&amp;"\''
 

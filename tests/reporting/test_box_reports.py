@@ -10,8 +10,8 @@ import pytest
 
 from reverie_eval import evaluate, validate
 from reverie_eval.tasks import find_task
-from tests.support.flat import NOTE as JUMPS
-from tests.support.flat import TUB, WALKS, Run, signature, words
+from tests.support.flat_world import NOTE as JUMPS
+from tests.support.flat_world import TUB, WALKS, Run, signature, words
 from tests.support.metrics import BOX_METRICS
 from tests.support.worlds import SPLIT
 

@@ -24,7 +24,7 @@ from reverie_eval.reporting.map_svg import map_key
 from reverie_eval.reporting.maps import EpisodeMap
 from tests.conftest import SAMPLES
 from tests.support.forms import FORMS
-from tests.support.home import home_scores, perfect
+from tests.support.home_world import home_scores, perfect
 
 mpl.use("agg")
 

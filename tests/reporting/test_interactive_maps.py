@@ -11,7 +11,7 @@ import reverie_eval as rv
 from reverie_eval.reporting.map_layout import MOST_POSES
 from reverie_eval.reporting.map_svg import interactive_map_svg, map_key, map_svg
 from reverie_eval.reporting.maps import EpisodeMap
-from tests.support.home import LAMP, OTHER_WALKS, WALKS, home_scores
+from tests.support.home_world import LAMP, OTHER_WALKS, WALKS, home_scores
 
 MARKUP = '<script src="x">&amp;"\''
 

@@ -9,7 +9,7 @@ import pytest
 
 from reverie_eval.reporting.tables import latex_comments, latex_text
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 HARD = r"50% & _a_ #1 $x$ {y} [z]* ~^ a<b|c> \cmd"
 SAMPLE = str(SAMPLES / "mediocre.json")

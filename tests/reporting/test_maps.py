@@ -13,7 +13,7 @@ from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, arrows, sect
 from reverie_eval.reporting.map_svg import MAP_STYLE, map_key, map_picture, map_svg
 from reverie_eval.reporting.maps import EpisodeMap, Step, find_storeys
 from tests.conftest import SAMPLES
-from tests.support.home import LAMP, OTHER_WALKS, WALKS, home_scores
+from tests.support.home_world import LAMP, OTHER_WALKS, WALKS, home_scores
 
 SVG = "{http://www.w3.org/2000/svg}"
 MARKUP = '<script src="x">&amp;'

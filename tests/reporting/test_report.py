@@ -17,8 +17,8 @@ from reverie_eval.reporting.report import report_html
 from reverie_eval.reporting.report_sections import BEST_OUTCOME_FIRST, Bar, Breakdown, GroupRow
 from reverie_eval.scoring import OUTCOMES
 from tests.conftest import SAMPLES
-from tests.support.flat import Run, words
-from tests.support.home import LAMP, OTHER_WALKS, WALKS, home_scores, perfect
+from tests.support.flat_world import Run, words
+from tests.support.home_world import LAMP, OTHER_WALKS, WALKS, home_scores, perfect
 from tests.support.terminals import on_terminal
 
 HTML = "{http://www.w3.org/1999/xhtml}"

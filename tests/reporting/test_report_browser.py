@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from reverie_eval.reporting.report import report_html
-from tests.support.home import OTHER_WALKS, home_scores
+from tests.support.home_world import OTHER_WALKS, home_scores
 
 A4 = 688
 """Pixels between the margins."""

@@ -15,7 +15,7 @@ from reverie_eval import CATALOGUE, ProtocolError, Scores, evaluate
 from reverie_eval.reporting import results_table
 from reverie_eval.reporting.tables import Bold
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 SPLIT = "val_unseen"
 LABELS = ["SR", "OSR", "SPL", "TL", "RGS", "RGSPL"]

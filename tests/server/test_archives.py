@@ -19,8 +19,8 @@ from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.restore import BackupError, restore_backup
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.uploads import open_uploads
-from tests.support.flat import Run
-from tests.support.kept import faults, rows_of
+from tests.support.flat_world import Run
+from tests.support.server_data import faults, rows_of
 
 
 def refused(archive: Path, folder: Path, told: str) -> None:

@@ -25,9 +25,9 @@ from reverie_eval.server.store.dump import RowsError, dump, load
 from reverie_eval.server.store.tables import Base
 from reverie_eval.server.store.uploads import open_uploads
 from tests.support.acting import add_team
-from tests.support.flat import Run
-from tests.support.kept import faults, rows_of
+from tests.support.flat_world import Run
 from tests.support.processes import TOKEN, Laptop
+from tests.support.server_data import faults, rows_of
 from tests.support.serving import GOOD, NO_TLS, OWNER, Serving
 from tests.support.waiting import PATIENCE
 

@@ -15,7 +15,7 @@ from reverie_eval.schemas.service import Phase
 from reverie_eval.server.service.bulk import Archive, archive_of
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     GOOD,
     OPEN,

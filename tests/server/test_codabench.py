@@ -22,7 +22,7 @@ from reverie_eval.server.operations import codabench_program
 from reverie_eval.server.settings import SETTINGS_FILE
 from tests.conftest import SAMPLES
 from tests.support.codabench import KILLS, Task, compute
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     OPEN,
     OWNER,

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.participants import private_submission
 from tests.support.processes import TOKEN, Laptop
 from tests.support.waiting import PATIENCE

@@ -34,8 +34,8 @@ from tests.support.damaging import (
     pages_by_kind,
     rows_of_file,
 )
-from tests.support.kept import use
 from tests.support.processes import Laptop
+from tests.support.server_data import use
 from tests.support.serving import (
     GOOD,
     OPEN,

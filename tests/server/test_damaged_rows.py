@@ -10,7 +10,7 @@ from sqlalchemy import text
 from reverie_eval.server.http import health
 from tests.support.acting import review
 from tests.support.entries import entered, named, report_result
-from tests.support.kept import faults
+from tests.support.server_data import faults
 from tests.support.serving import (
     GROUNDING,
     OPEN,

@@ -40,7 +40,7 @@ from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.tables import AuditEntry, News, Submission
 from tests.support.acting import AUDIT_LOG, NOON, add_person, add_team, create_token, review
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     OTHER,
     OWNER,

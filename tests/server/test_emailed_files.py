@@ -18,7 +18,7 @@ from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.boards import Board
 from tests.support.acting import NOON
-from tests.support.flat import Outcome, Run
+from tests.support.flat_world import Outcome, Run
 from tests.support.serving import (
     BROKEN,
     GOOD,

@@ -56,7 +56,7 @@ from tests.support.evalai import (
     serving_evalai,
     working,
 )
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     GOOD,
     OPEN,

@@ -27,7 +27,7 @@ from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     GOOD,
     OPEN,

@@ -13,7 +13,7 @@ from reverie_eval.server.service.reported import add_reported
 from tests.server.test_roles import BODIES
 from tests.support.acting import review
 from tests.support.entries import entered, named
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import GOOD, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 
 SECRET = "an unpublished method"

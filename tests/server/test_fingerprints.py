@@ -17,7 +17,7 @@ from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
-from tests.support.flat import TUB, WALKS, write_submission
+from tests.support.flat_world import TUB, WALKS, write_submission
 from tests.support.serving import BROKEN, GOOD, OPEN, OTHER, OWNER, PRIVATE, Serving
 from tests.support.worlds import SPLIT
 

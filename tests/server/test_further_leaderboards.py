@@ -22,7 +22,7 @@ from reverie_eval.server.settings import SETTINGS_FILE, SettingsError, load_sett
 from reverie_eval.server.state import utc_now
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     GOOD,
     GROUNDING,

@@ -12,7 +12,7 @@ from reverie_eval import CATALOGUE
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.audited_rows import mismatches
 from reverie_eval.server.store.tables import Submission
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     OPEN,
     ORGANISER,

@@ -26,7 +26,7 @@ from reverie_eval.server.service import joining
 from reverie_eval.server.settings import Channel
 from reverie_eval.server.store.tables import JoinRequest, Message
 from tests.support.acting import NOON, ask_to_join
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import OPEN, ORGANISER, OWNER, OpenServer, Serving, settings_of
 from tests.support.visiting import said, signed_in
 

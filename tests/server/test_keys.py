@@ -26,7 +26,7 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from tests.server.test_doctor import sql
 from tests.support.acting import NOON, add_team
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, OpenServer, Serving, settings_of
 from tests.support.signing import receipt_in
 from tests.support.waiting import PATIENCE

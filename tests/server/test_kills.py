@@ -32,7 +32,6 @@ from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.folder import upgrade_folder
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from tests.support.amounts import amount, is_evidence, tell
-from tests.support.kept import faults
 from tests.support.killing import (
     PAUSES,
     STEPS,
@@ -46,6 +45,7 @@ from tests.support.killing import (
     serving,
 )
 from tests.support.plain_sql import Stored, stored
+from tests.support.server_data import faults
 from tests.support.serving import (
     GOOD,
     MATE,

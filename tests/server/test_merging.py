@@ -15,7 +15,7 @@ from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.people import person_named, rename_team, team_named
 from reverie_eval.server.store.tables import Submission, Team
 from tests.support.acting import add_person, add_team
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 from tests.support.signing import receipt_in
 

@@ -12,7 +12,7 @@ from reverie_eval.server.settings import SettingsError, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import News
 from tests.support.acting import NOON, acting
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import OPEN, ORGANISER, OpenServer, Serving, settings_of
 from tests.support.visiting import said, signed_in
 

@@ -13,7 +13,7 @@ from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.store.database import Database
 from tests.support.acting import NOON, acting
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     GOOD,
     OPEN,

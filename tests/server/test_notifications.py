@@ -35,7 +35,7 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Message
 from tests.client.test_client_failures import certificate
 from tests.support.acting import NOON
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     OPEN,
     OWNER,

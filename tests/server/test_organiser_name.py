@@ -10,7 +10,7 @@ import pytest
 from tests.server.test_statements import PAGES, READS, visitors_of
 from tests.support.demo_site import BOLD, ENDLESS, Site
 from tests.support.entries import entered
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     GROUNDING,
     OPEN,

@@ -10,7 +10,7 @@ from reverie_eval.schemas.joining import NewPeopleImport, PersonInvitation
 from reverie_eval.server.errors import TableError
 from reverie_eval.server.service.people_files import import_people, invitations_csv
 from tests.support.acting import NOON
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import ORGANISER, Serving
 from tests.support.visiting import said, signed_in
 

@@ -31,7 +31,7 @@ from reverie_eval.server.store.tables import (
     Token,
 )
 from tests.support.acting import NOON, add_person, ask_to_join, create_token
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import GOOD, MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
 from tests.support.visiting import said, signed_in
 from tests.support.waiting import PATIENCE

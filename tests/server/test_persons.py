@@ -18,7 +18,7 @@ from reverie_eval.server.service.personal_data import delete_person
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import Database
 from tests.support.acting import NOON, acting, add_person, add_team, create_token
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
 
 ADDRESS = "ada@example.org"

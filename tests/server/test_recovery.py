@@ -23,7 +23,7 @@ from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.settings import load_settings
 from tests.support.amounts import amount, tell
 from tests.support.entries import entered
-from tests.support.kept import faults, rows_of
+from tests.support.server_data import faults, rows_of
 from tests.support.serving import GOOD, OPEN, ORGANISER, OTHER, OWNER, OpenServer, Serving
 from tests.support.worst_years import BEGIN, Lab, WorstYear
 

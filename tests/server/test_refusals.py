@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from reverie_eval.ground_truth import Bundle
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.processes import Laptop
 
 SETTINGS = "reverie-eval.toml"

@@ -45,7 +45,7 @@ from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
 from tests.support.acting import NOON, review
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     BROKEN,
     GOOD,

@@ -13,7 +13,7 @@ from reverie_eval.server.service.retention import Tidied
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Fingerprint, Submission
 from reverie_eval.server.store.uploads import pack
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     OPEN,
     ORGANISER,

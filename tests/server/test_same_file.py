@@ -12,7 +12,7 @@ from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.settings import Settings, Webhook
 from reverie_eval.server.store.tables import Message, Team
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     GOOD,
     MATE,

@@ -16,7 +16,7 @@ from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.service.schedules import Timetable, closed, with_phase
 from reverie_eval.server.store.tables import SetSchedule
 from tests.support.acting import NOON
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     GOOD,
     OPEN,

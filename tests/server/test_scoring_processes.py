@@ -30,7 +30,7 @@ from reverie_eval.server.service.scoring_processes import ScoringProcesses
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.forking import Beside, Forked, Surroundings
 from tests.support.killing import is_running, kill_process, scorers
 from tests.support.participants import RealServer, private_submission

@@ -25,7 +25,6 @@ from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.settings import SETTINGS_FILE, Split
 from tests.support.page_routes import page_routes
-from tests.support.planted import BOX, CATEGORY, FIRST_OBJECT, Secrets, planted
 from tests.support.serving import (
     ANYBODY,
     FURTHER,
@@ -43,6 +42,7 @@ from tests.support.serving import (
     settings_of,
     submission_for,
 )
+from tests.support.traceable_answers import BOX, CATEGORY, FIRST_OBJECT, Secrets, planted
 from tests.support.visiting import FIELD
 from tests.support.waiting import PATIENCE
 

@@ -26,7 +26,7 @@ from reverie_eval.server.settings import (
 )
 from tests.conftest import REPOSITORY
 from tests.support.acting import NOON
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.processes import Laptop
 from tests.support.serving import (
     GOOD,

@@ -34,7 +34,7 @@ from reverie_eval.server.store.tables import StoredSnapshot, Submission
 from tests.server.test_receipts import RECEIPT, SIGNER, SNAPSHOT
 from tests.support.acting import NOON
 from tests.support.entries import entered
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     OPEN,
     ORGANISER,

@@ -28,8 +28,7 @@ from reverie_eval.version import __version__
 from tests.support.acting import NOON, review
 from tests.support.crawling import links_of
 from tests.support.entries import entered
-from tests.support.flat import Run
-from tests.support.planted import Secrets, planted
+from tests.support.flat_world import Run
 from tests.support.serving import (
     MATE,
     OPEN,
@@ -45,6 +44,7 @@ from tests.support.serving import (
     submission_for,
 )
 from tests.support.signing import payload_in
+from tests.support.traceable_answers import Secrets, planted
 
 ADDRESS = "https://lab.example.org/reverie"
 SETTINGS = f"""

@@ -26,7 +26,7 @@ from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.database import UnreadableValueError
 from reverie_eval.server.store.tables import AuditEntry, SetSchedule, StoredSnapshot, Submission
 from tests.support.acting import NOON, add_team, review
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import (
     OPEN,
     ORGANISER,

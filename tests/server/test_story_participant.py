@@ -8,7 +8,7 @@ import pytest
 
 from reverie_eval.receipts import payload_of
 from reverie_eval.schemas.service import Envelope
-from tests.support.flat import Outcome
+from tests.support.flat_world import Outcome
 from tests.support.participants import Proxy, RealServer, installed, private_submission
 from tests.support.signing import receipt_in, with_payload
 from tests.support.terminals import ESCAPES, on_terminal

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.flat import Outcome
+from tests.support.flat_world import Outcome
 from tests.support.serving import PRIVATE
 from tests.support.year import TEAMS, Year, at, begin_year, check, check_site, hand_over, live
 

@@ -9,7 +9,7 @@ from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.store.tables import Team, name_key
 from tests.support.acting import add_team
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.serving import ORGANISER, Serving
 from tests.support.visiting import Visitor, said, signed_in
 

@@ -16,6 +16,7 @@ from reverie_eval.server.app import create_app
 from tests.support.amounts import amount, tell
 from tests.support.mutated_files import FileMaker
 from tests.support.page_routes import page_routes
+from tests.support.paired_servers import Twins, open_twins
 from tests.support.serving import (
     ANYBODY,
     OPEN,
@@ -27,7 +28,6 @@ from tests.support.serving import (
     OpenServer,
     private_truth,
 )
-from tests.support.twins import Twins, open_twins
 from tests.support.visiting import place_of
 
 FILES_IN_SUITE = 30

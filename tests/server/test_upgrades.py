@@ -18,7 +18,7 @@ import pytest
 
 from fixtures.released_server import archive_of
 from tests.conftest import REPOSITORY, SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {

@@ -19,7 +19,7 @@ from reverie_eval.submissions._official import decode_official
 from tests.conftest import SAMPLES
 from tests.support import forms
 from tests.support.broken_files import broken
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.forms import FORMS, OFFICIAL, Form
 from tests.support.worlds import SPLIT, Case, cases_with_boxes, ground_truth_by_hand, records_of
 

@@ -17,7 +17,7 @@ from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.submissions import convert
 from reverie_eval.tasks import BUILT_IN, find_task
 from tests.conftest import SAMPLES
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
 
 every_task = pytest.mark.parametrize("task", BUILT_IN)

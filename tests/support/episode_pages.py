@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import httpx
 import pytest
 
-from tests.support.home import OTHER_WALKS, WALKS, home_scores, records
+from tests.support.home_world import OTHER_WALKS, WALKS, home_scores, records
 from tests.support.serving import OPEN, OWNER, OpenServer, Serving
 from tests.support.visiting import Visitor, signed_in
 

@@ -21,7 +21,7 @@ from unittest.mock import patch
 
 from reverie_eval.server.service import scoring_processes
 from tests.conftest import REPOSITORY
-from tests.support.flat import Outcome
+from tests.support.flat_world import Outcome
 
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload(

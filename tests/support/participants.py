@@ -28,7 +28,7 @@ from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database
 from tests.support.acting import add_person, add_team, create_token
-from tests.support.flat import Outcome
+from tests.support.flat_world import Outcome
 from tests.support.forking import run_command
 from tests.support.serving import running
 from tests.support.waiting import PATIENCE

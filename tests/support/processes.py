@@ -19,7 +19,7 @@ import pytest
 
 from reverie_eval_cli.main import main
 from tests.conftest import unavailable
-from tests.support.flat import Outcome
+from tests.support.flat_world import Outcome
 from tests.support.forking import Forked, Surroundings, command, run_command
 from tests.support.serving import NO_TLS
 from tests.support.waiting import PATIENCE, wait_until

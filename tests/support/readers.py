@@ -18,7 +18,7 @@ from reverie_eval.dataset import DatasetFiles, compile_split, describe_dataset, 
 from reverie_eval.dataset._houses import parse_house
 from tests.support.broken_files import MISTAKES
 from tests.support.drawings import BOX
-from tests.support.flat import FLAT, SINK, TUB, WALKS
+from tests.support.flat_world import FLAT, SINK, TUB, WALKS
 from tests.support.forms import FORMS, Record
 from tests.support.worlds import OBJECT_POSITIONS, SPLIT, ground_truth_by_hand, write_world
 

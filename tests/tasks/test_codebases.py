@@ -8,7 +8,7 @@ import pytest
 
 from reverie_eval import ProtocolError
 from reverie_eval.tasks import BUILT_IN, Codebase, codebases, find_codebase, find_task
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 
 @pytest.mark.parametrize("each", codebases(), ids=lambda each: each.name)

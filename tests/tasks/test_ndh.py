@@ -22,7 +22,7 @@ from tests.support.family import (
     less_than_3_m,
     published_task,
 )
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.ndh import Region, random_region, truth_of
 from tests.support.oracle import Item, Scan, Viewpoint, World, distance, trajectory_length, weighted
 from tests.support.worlds import SPLIT, random_case

@@ -21,7 +21,7 @@ from tests.support.family import (
     walks_of,
     world_of_task,
 )
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.oracle import Item, Scan, Viewpoint, World, measure, score_episode, weighted
 from tests.support.worlds import SPLIT, random_case
 

@@ -26,7 +26,7 @@ from tests.support.family import (
     differences,
     published_task,
 )
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 
 SAMPLE = SAMPLES / "rxr.json"
 SPLITS = ["SYNTHETIC_val_seen", "SYNTHETIC_val_unseen"]

@@ -19,7 +19,7 @@ from reverie_eval import DatasetError, GroundTruth, Scores, SubmissionError, eva
 from tests.conftest import SAMPLES
 from tests.support.amounts import amount, tell
 from tests.support.family import LENGTHS_WITHIN, Published, less_than_3_m, published_task
-from tests.support.flat import Run
+from tests.support.flat_world import Run
 from tests.support.oracle import Scan, Viewpoint, World, distance, trajectory_length, weighted
 from tests.support.soon import CORNERS, Walk, box, item, random_items, records_of, square, truth_of
 from tests.support.worlds import SPLIT, random_case

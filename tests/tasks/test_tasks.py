@@ -45,7 +45,7 @@ from reverie_eval.tasks import (
     task_names,
 )
 from tests.conftest import REPOSITORY
-from tests.support.flat import Outcome, Run
+from tests.support.flat_world import Outcome, Run
 
 every_task = pytest.mark.parametrize("name", BUILT_IN)
 every_protocol_of_samples = pytest.mark.parametrize(

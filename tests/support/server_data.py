@@ -58,7 +58,7 @@ def use(server: Serving) -> None:
     server.ask(OTHER, "PATCH", f"/submissions/{newest['id']}", json=change)
 
 
-class Kept(NamedTuple):
+class UsedServer(NamedTuple):
     """What is made once for all tests of a process; they take copies."""
 
     folder: Path
@@ -68,28 +68,28 @@ class Kept(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def kept_once(
+def used_server(
     made_folder: Path,
     portal: BlockingPortal,
     populated: Populated,
     tmp_path_factory: pytest.TempPathFactory,
-) -> Kept:
+) -> UsedServer:
     """Use a server, and write a backup of it."""
-    made = tmp_path_factory.mktemp("kept")
-    kept = Kept(Path(shutil.copytree(made_folder, made / "server")), made / "backup.tar.gz")
-    with opening(kept.folder, portal, populated) as open_server:
+    made = tmp_path_factory.mktemp("used_server")
+    found = UsedServer(Path(shutil.copytree(made_folder, made / "server")), made / "backup.tar.gz")
+    with opening(found.folder, portal, populated) as open_server:
         use(open_server())
-        write_backup(kept.folder, kept.archive)
-    return kept
+        write_backup(found.folder, found.archive)
+    return found
 
 
 @pytest.fixture
-def used(kept_once: Kept, tmp_path: Path) -> Path:
+def used(used_server: UsedServer, tmp_path: Path) -> Path:
     """Return the folder of a server that people have used."""
-    return Path(shutil.copytree(kept_once.folder, tmp_path / "server"))
+    return Path(shutil.copytree(used_server.folder, tmp_path / "server"))
 
 
 @pytest.fixture
-def archive(kept_once: Kept, tmp_path: Path) -> Path:
+def archive(used_server: UsedServer, tmp_path: Path) -> Path:
     """Return its backup."""
-    return Path(shutil.copy(kept_once.archive, tmp_path))
+    return Path(shutil.copy(used_server.archive, tmp_path))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.support.flat import FLAT, SINK
+from tests.support.flat_world import FLAT, SINK
 from tests.support.worlds import SPLIT, write_world
 
 DATA = Path("tasks", "REVERIE", "data")

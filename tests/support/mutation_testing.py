@@ -1,4 +1,4 @@
-"""mutmut, with tests that are collected once: ``python -m tests.support.planted_faults run``.
+"""mutmut, with tests that are collected once: ``python -m tests.support.mutation_testing run``.
 
 mutmut forks a process for each fault. By itself, it lets each of them collect the tests that it
 runs, which takes longer than most of them.

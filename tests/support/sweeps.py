@@ -10,7 +10,7 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -138,7 +138,10 @@ def expected() -> Iterator[tuple[str, int, Mapping[int, Found]]]:
 
 
 def main() -> None:
-    """Print how many neighbours each clone finds, and how many of them otherwise."""
+    """Print how many neighbours each clone finds, and how many of them otherwise.
+
+    Of R2R, it prints the scores of its agents.
+    """
     folder = published_folder()
     if folder is None:
         raise SystemExit("the published REVERIE files are not here")
@@ -148,9 +151,17 @@ def main() -> None:
         for clone in clones:
             revision = ["git", "-C", str(clone), "log", "-1", "--format=%h", "--abbrev=7"]
             commit = subprocess.run(revision, capture_output=True, text=True, check=True).stdout
-            sys.stdout.write(
-                f"{clone.name} {commit.strip()}: {compared(SWEEPS[clone.name](clone))}\n"
-            )
+            for line in lines_of(clone):
+                sys.stdout.write(f"{clone.name} {commit.strip()}: {line}\n")
+
+
+def lines_of(clone: Path) -> Iterable[str]:
+    """Yield what a clone did."""
+    if clone.name == "Matterport3DSimulator":
+        from tests.support.r2r_agents import run_agents  # which needs networkx
+
+        return run_agents(clone)
+    return [compared(SWEEPS[clone.name](clone))]
 
 
 def compared(sweep: Sweep) -> str:

@@ -116,6 +116,28 @@ def metrics(_: str) -> str:
 
 
 @generated
+def tasks(_: str) -> str:
+    """Write what agents do in each task, and the protocols and the metric that it has."""
+    from reverie_eval.metrics import CATALOGUE
+    from reverie_eval.tasks import BUILT_IN, find_task
+
+    rows = []
+    for name, module in BUILT_IN.items():
+        task, says = find_task(name), importlib.import_module(module).__doc__ or ""
+        named = ", ".join(protocol.name for protocol in task.protocols)
+        rows.append(
+            (
+                f"`{name}`",
+                says.partition(": ")[2].rstrip(".\n"),
+                f"`{task.id_example}`",
+                f"[{named}](protocols.md)",
+                CATALOGUE[task.ranking[0]].label,
+            )
+        )
+    return table(("task", "what agents do", "ids of episodes", "protocols", "ranked by"), rows)
+
+
+@generated
 def protocols(task_name: str) -> str:
     """Write the rules of a task's protocols, as they differ."""
     from reverie_eval.tasks import find_task
@@ -125,20 +147,24 @@ def protocols(task_name: str) -> str:
         protocol.name: [name for name, meant in task.aliases.items() if meant == protocol.name]
         for protocol in task.protocols
     }
-    return table(
-        ("protocol", "goal viewpoints", "SPL's numerator", "floor", "a correct answer", "source"),
-        (
-            (
-                " = ".join(f"`{name}`" for name in (protocol.name, *others[protocol.name])),
-                protocol.goal,
-                protocol.spl_numerator,
-                _floors(protocol.spl_floor, protocol.rgspl_floor),
-                protocol.grounding,
-                protocol.source,
-            )
-            for protocol in task.protocols
-        ),
-    )
+    columns: dict[str, Callable[[Any], str]] = {
+        "protocol": lambda it: " = ".join(f"`{name}`" for name in (it.name, *others[it.name])),
+        "goal viewpoints": lambda it: it.goal,
+        "path": lambda it: it.reference or "the usual one",
+        "instructions": lambda it: f"first {it.scored_instructions}" * bool(it.scored_instructions),
+        "SPL's numerator": lambda it: it.spl_numerator,
+        "floor": lambda it: _floors(it.spl_floor, it.rgspl_floor),
+        "a correct answer": lambda it: it.grounding,
+        "outline": lambda it: it.repeated_outlines,
+        "source": lambda it: it.source,
+    }
+    optional = {"path", "instructions", "outline"}
+    shown = {
+        head: write
+        for head, write in columns.items()
+        if head not in optional or len(set(map(write, task.protocols))) > 1
+    }
+    return table([*shown], [[write(each) for write in shown.values()] for each in task.protocols])
 
 
 @generated

@@ -237,11 +237,6 @@ def test_a_breakdown_by_targets_needs_targets(by: str) -> None:
         scores.breakdown(by=by)
 
 
-@every_task
-def test_the_page_names_every_task(name: str) -> None:
-    assert f"| `{name}` |" in (REPOSITORY / "docs" / "reference" / "tasks.md").read_text()
-
-
 @pytest.mark.parametrize(
     ("name", "task", "told"),
     [

@@ -19,10 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.bars import judge
 from reverie_eval.arrays import FloatArray
-from reverie_eval.dataset import build_boxes
-from reverie_eval.dataset._box_builder import Scan
-from reverie_eval.dataset._files import graph_name
-from reverie_eval.dataset._object_boxes import BoxRules, Occlusion
+from reverie_eval.dataset import BoxRules, Occlusion, Scan, build_boxes
 from reverie_eval.metrics import box_iou
 
 OBJECTS, VIEWPOINTS = 1_000, 200
@@ -48,7 +45,7 @@ def main() -> int:
 
 def write_scan(folder: Path, rng: np.random.Generator) -> Scan:
     """Write the files of a synthetic scan."""
-    house, connectivity = folder / "x.house", folder / graph_name("x")
+    house, connectivity = folder / "x.house", folder / "x_connectivity.json"
     columns = [
         np.arange(OBJECTS)[:, None],
         np.full((OBJECTS, 2), [-1, 0]),

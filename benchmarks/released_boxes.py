@@ -14,10 +14,10 @@ import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.dataset import DatasetFiles
+from reverie_eval.dataset._agreement_rules import Distances
+from reverie_eval.dataset._box_building import is_hidden
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import read_dataset
-from reverie_eval.dataset._distance_rules import Distances
-from reverie_eval.dataset._object_boxes import is_hidden
 from reverie_eval.dataset._reader import no_progress
 from reverie_eval.geometry import HEIGHT, NEAR, VIEW_AXES, WIDTH, pixels_of
 

@@ -16,7 +16,7 @@ from reverie_eval_cli.options import grouped
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
-    from reverie_eval.client._sending import Notice
+    from reverie_eval.client.sending import Notice
 
 
 @dataclass
@@ -29,8 +29,8 @@ class ServerOptions:
     @cached_property
     def url(self) -> str:
         """The server's URL; without a server that is named anywhere, an error asks for one."""
-        from reverie_eval.client._address import server_url
-        from reverie_eval.client._logins import Logins
+        from reverie_eval.client.logins import Logins
+        from reverie_eval.client.sending import server_url
 
         named = self.named or os.environ.get(SERVER_VARIABLE) or Logins.load().latest
         if not named:
@@ -45,7 +45,7 @@ class ServerOptions:
 
     def token(self) -> str:
         """Return the token for the server; without one, an error says how to sign in."""
-        from reverie_eval.client._logins import Logins
+        from reverie_eval.client.logins import Logins
 
         token = os.environ.get(TOKEN_VARIABLE) or Logins.load().tokens.get(self.url)
         if not token:

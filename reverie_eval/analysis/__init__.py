@@ -18,7 +18,17 @@ from reverie_eval.analysis._comparison import (
     compare,
     p_text,
 )
-from reverie_eval.analysis._episode import Episode, PredictedBox, VisibleObject, episode
+from reverie_eval.analysis._episodes import (
+    Episode,
+    Gallery,
+    PredictedBox,
+    VisibleObject,
+    episode,
+    episodes_won,
+    gallery,
+    near_misses,
+    with_different_routes,
+)
 from reverie_eval.analysis._evidence import (
     FEWEST_FILES,
     HONEST_SPREAD,
@@ -28,13 +38,6 @@ from reverie_eval.analysis._evidence import (
     most_similar,
     nearest_earlier,
     spread_of_changes,
-)
-from reverie_eval.analysis._near_misses import (
-    Gallery,
-    episodes_won,
-    gallery,
-    near_misses,
-    with_different_routes,
 )
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
 from reverie_eval.analysis._runs import Method, RunIntervals, Runs

@@ -1,7 +1,7 @@
 """The client of an evaluation server: ``Client(url, token).submit(...)``."""
 
 from reverie_eval.client._client import Client
-from reverie_eval.client._errors import (
+from reverie_eval.client.sending import (
     NotAServerError,
     QuotaSpentError,
     RefusedError,

@@ -11,9 +11,18 @@ import httpx
 from pydantic import TypeAdapter, ValidationError
 from typing_extensions import Self
 
-from reverie_eval.client._address import check_private, server_url
-from reverie_eval.client._errors import NotAServerError, ServiceError, UnreachableError
-from reverie_eval.client._sending import Call, Notice, Progress, Sender, incompatible_version
+from reverie_eval.client.sending import (
+    Call,
+    NotAServerError,
+    Notice,
+    Progress,
+    Sender,
+    ServiceError,
+    UnreachableError,
+    check_private,
+    incompatible_version,
+    server_url,
+)
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,

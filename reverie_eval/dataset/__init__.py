@@ -1,25 +1,47 @@
 """The published dataset: checked, compiled, described, and built from Matterport's files."""
 
-from reverie_eval.dataset._box_builder import build_boxes, find_scans
+from reverie_eval.dataset._box_building import (
+    EXCLUDED_NAMES,
+    MAX_DISTANCE,
+    Box,
+    BoxRules,
+    Occlusion,
+    Scan,
+    build_boxes,
+    find_scans,
+    list_objects,
+)
 from reverie_eval.dataset._compile import compile_split, origin_notes
-from reverie_eval.dataset._describe import DatasetDescription, describe_dataset
-from reverie_eval.dataset._description import Distribution, SplitDescription, TargetDescription
-from reverie_eval.dataset._files import DatasetFiles
+from reverie_eval.dataset._dataset import DatasetFiles
+from reverie_eval.dataset._description import (
+    DatasetDescription,
+    Distribution,
+    PaperComparison,
+    SplitDescription,
+    TargetDescription,
+    describe_dataset,
+    of_targets,
+)
+from reverie_eval.dataset._houses import House, parse_house, read_house
 from reverie_eval.dataset._lint import LintReport, LintSection, lint_dataset
-from reverie_eval.dataset._object_boxes import BoxRules
-from reverie_eval.dataset._paper import PaperComparison
 from reverie_eval.dataset._rules import Count, Finding, Spread
 
 __all__ = [
+    "EXCLUDED_NAMES",
+    "MAX_DISTANCE",
+    "Box",
     "BoxRules",
     "Count",
     "DatasetDescription",
     "DatasetFiles",
     "Distribution",
     "Finding",
+    "House",
     "LintReport",
     "LintSection",
+    "Occlusion",
     "PaperComparison",
+    "Scan",
     "SplitDescription",
     "Spread",
     "TargetDescription",
@@ -28,5 +50,9 @@ __all__ = [
     "describe_dataset",
     "find_scans",
     "lint_dataset",
+    "list_objects",
+    "of_targets",
     "origin_notes",
+    "parse_house",
+    "read_house",
 ]

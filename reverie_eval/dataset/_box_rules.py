@@ -8,7 +8,7 @@ import numpy as np
 
 from reverie_eval.arrays import BoolArray, IntArray
 from reverie_eval.dataset._boxes import Boxes
-from reverie_eval.dataset._records import ViewpointKey
+from reverie_eval.dataset._reader import ViewpointKey
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH
 from reverie_eval.text import category_text

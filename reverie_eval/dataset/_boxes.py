@@ -11,8 +11,7 @@ import numpy as np
 
 from reverie_eval.arrays import BoolArray, IntArray, with_object
 from reverie_eval.dataset._graphs import Graphs
-from reverie_eval.dataset._reader import Reader
-from reverie_eval.dataset._records import BOXES, ObjectRecord, ViewpointKey, object_key
+from reverie_eval.dataset._reader import BOXES, ObjectRecord, Reader, ViewpointKey, object_key
 
 
 class Entry(NamedTuple):

@@ -9,11 +9,9 @@ import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, IntArray, offsets_of
 from reverie_eval.dataset._boxes import Boxes
-from reverie_eval.dataset._dataset import Centres, read_one_split, read_split
-from reverie_eval.dataset._files import DatasetFiles
+from reverie_eval.dataset._dataset import Centres, DatasetFiles, read_one_split, read_split
 from reverie_eval.dataset._lint import check_sound
-from reverie_eval.dataset._reader import Progress, Reader, no_progress
-from reverie_eval.dataset._records import target_of, viewpoints_of
+from reverie_eval.dataset._reader import Progress, Reader, no_progress, target_of, viewpoints_of
 from reverie_eval.ground_truth import (
     CUSTOM_DATASET,
     Bundle,

@@ -7,7 +7,7 @@ import numpy as np
 
 from reverie_eval.arrays import BoolArray
 from reverie_eval.dataset._dataset import Items, Targets
-from reverie_eval.dataset._records import mentioned_by
+from reverie_eval.dataset._reader import mentioned_by
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 from reverie_eval.tasks import Annotation
 

@@ -8,6 +8,13 @@ from typing import ClassVar, Literal
 
 from pydantic import ConfigDict
 
+from reverie_eval.dataset._agreement_rules import (
+    DISTANCE_RULES,
+    VIEW_RULES,
+    Distances,
+    distance_spreads,
+    view_spreads,
+)
 from reverie_eval.dataset._box_rules import (
     BOX_RULES,
     SIZE_RULES,
@@ -16,14 +23,19 @@ from reverie_eval.dataset._box_rules import (
     visibility_spreads,
 )
 from reverie_eval.dataset._boxes import Boxes
-from reverie_eval.dataset._dataset import Centres, Dataset, Items, Split, Targets, read_dataset
-from reverie_eval.dataset._distance_rules import DISTANCE_RULES, Distances, distance_spreads
-from reverie_eval.dataset._files import DatasetFiles
-from reverie_eval.dataset._graph_rules import FILE_RULES, GRAPH_RULES, graph_spreads
+from reverie_eval.dataset._dataset import (
+    Centres,
+    Dataset,
+    DatasetFiles,
+    Items,
+    Split,
+    Targets,
+    read_dataset,
+)
+from reverie_eval.dataset._graphs import FILE_RULES, GRAPH_RULES, graph_spreads
 from reverie_eval.dataset._item_rules import ITEM_RULES, TARGET_RULES, target_spreads
 from reverie_eval.dataset._reader import Progress, Reader, no_progress
 from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_problems
-from reverie_eval.dataset._view_rules import VIEW_RULES, view_spreads
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.tasks import Task
 from reverie_eval.version import __version__

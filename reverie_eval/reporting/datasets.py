@@ -18,8 +18,8 @@ from reverie_eval.dataset import (
     PaperComparison,
     SplitDescription,
     Spread,
+    of_targets,
 )
-from reverie_eval.dataset._description import of_targets
 from reverie_eval.reporting.charts import bin_edges, count_edges
 from reverie_eval.reporting.figures import INK, STYLE, split_colour, use_round_ticks
 from reverie_eval.reporting.tables import Table, cell_of, print_table

@@ -164,7 +164,7 @@ def _known_address(address: str) -> str:
 
 def _is_encrypted(url: HttpUrl) -> HttpUrl:
     """Check that nobody on the network can read the token that is sent to a server."""
-    from reverie_eval.client._address import is_this_machine
+    from reverie_eval.client.sending import is_this_machine
 
     if url.scheme != "https" and not is_this_machine(str(url.host)):
         raise ValueError("must begin with https://, because a token is sent there")

@@ -18,9 +18,9 @@ from reverie_eval.client import (
     RefusedError,
     ServiceError,
     UnreachableError,
+    sending,
 )
-from reverie_eval.client import _sending as sending
-from reverie_eval.client._address import server_url
+from reverie_eval.client.sending import server_url
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Method, SubmissionChange
 from tests.support.participants import (

@@ -20,7 +20,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import NameOID
 
 from reverie_eval import __version__
-from reverie_eval.client import _sending as sending
+from reverie_eval.client import sending
 from tests.conftest import SAMPLES
 from tests.support.flat_world import Outcome, Run
 from tests.support.participants import Proxy, RealServer, Script, answer, problem

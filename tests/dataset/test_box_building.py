@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 
 from reverie_eval import DatasetError, ReverieEvalError, dataset
-from reverie_eval.dataset import _box_builder as build
-from reverie_eval.dataset import find_scans
-from reverie_eval.dataset._box_builder import Scan
-from reverie_eval.dataset._houses import House, parse_house
-from reverie_eval.dataset._object_boxes import (
+from reverie_eval.dataset import (
     EXCLUDED_NAMES,
     BoxRules,
+    House,
     Occlusion,
-    exclude_names,
-    is_hidden,
+    Scan,
+    find_scans,
     list_objects,
+    parse_house,
 )
-from reverie_eval.dataset._records import BOXES
+from reverie_eval.dataset import _box_building as build
+from reverie_eval.dataset._box_building import exclude_names, is_hidden
+from reverie_eval.dataset._reader import BOXES
 from tests.conftest import REPOSITORY, SAMPLES
 from tests.support.flat_world import Outcome, Run
 

@@ -12,7 +12,7 @@ import pytest
 from fixtures.demo_world.episodes import Answer, episodes_of, submitted
 from reverie_eval import DatasetError, GroundTruth, Problem, evaluate
 from reverie_eval.dataset import DatasetFiles, compile_split
-from reverie_eval.dataset._records import object_key
+from reverie_eval.dataset._reader import object_key
 from reverie_eval.ground_truth import Bundle
 from tests.support.oracle import Scan, Viewpoint, distances_from
 

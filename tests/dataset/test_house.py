@@ -9,7 +9,7 @@ from fixtures.demo_world.floor_plans import BLUEPRINTS
 from fixtures.demo_world.houses import house_text
 from fixtures.demo_world.world import demo_world
 from reverie_eval import DatasetError
-from reverie_eval.dataset._houses import House, parse_house, read_house
+from reverie_eval.dataset import House, parse_house, read_house
 
 H = "H demo - 0 1 0 0 0 4 2 1 1 1 0 0 0 0 0 -5 -5 0 5 5 3 0 0 0 0 0"
 LINES = [

@@ -7,10 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reverie_eval.dataset._boxes import Boxes, Entry
-from reverie_eval.dataset._graphs import Graphs
-from reverie_eval.dataset._records import ObjectRecord, ViewpointKey
-from reverie_eval.dataset._view_rules import (
+from reverie_eval.dataset._agreement_rules import (
     LEVEL_PAIRS,
     VIEW_RULES,
     centre_differences,
@@ -18,6 +15,9 @@ from reverie_eval.dataset._view_rules import (
     neighbours,
     view_spreads,
 )
+from reverie_eval.dataset._boxes import Boxes, Entry
+from reverie_eval.dataset._graphs import Graphs
+from reverie_eval.dataset._reader import ObjectRecord, ViewpointKey
 from tests.support.broken_datasets import BOX
 
 FOCAL = 240 / np.tan(np.pi / 6)

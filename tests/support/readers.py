@@ -14,8 +14,13 @@ from tempfile import mkdtemp
 from types import MappingProxyType
 
 from reverie_eval import DatasetError, GroundTruth, SubmissionError, evaluate
-from reverie_eval.dataset import DatasetFiles, compile_split, describe_dataset, lint_dataset
-from reverie_eval.dataset._houses import parse_house
+from reverie_eval.dataset import (
+    DatasetFiles,
+    compile_split,
+    describe_dataset,
+    lint_dataset,
+    parse_house,
+)
 from tests.support.broken_files import MISTAKES
 from tests.support.drawings import BOX
 from tests.support.flat_world import FLAT, SINK, TUB, WALKS

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 
 from reverie_eval import DatasetError, ReverieEvalError
-from reverie_eval.dataset._object_boxes import EXCLUDED_NAMES, MAX_DISTANCE, BoxRules, Occlusion
+from reverie_eval.dataset import EXCLUDED_NAMES, MAX_DISTANCE, BoxRules, Occlusion
 from reverie_eval.ground_truth import Bundle, bundle_folder, bundle_name
 from reverie_eval.text import count_text
 from reverie_eval_cli import options

@@ -28,7 +28,7 @@ def login(*, server: ServerOptions) -> None:
     The token, or an invitation to exchange for one, is read from the keyboard or from standard
     input.
     """
-    from reverie_eval.client._logins import Logins
+    from reverie_eval.client.logins import Logins
     from reverie_eval.text import printable
 
     logins = Logins.load()

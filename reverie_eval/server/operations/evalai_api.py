@@ -15,7 +15,7 @@ from typing import Any, Literal, Self, TypeVar
 import httpx
 from pydantic import BaseModel, ConfigDict, PositiveInt, TypeAdapter, ValidationError
 
-from reverie_eval.client._sending import USER_AGENT, http_client, reason_of, retry_after_of
+from reverie_eval.client.sending import USER_AGENT, http_client, reason_of, retry_after_of
 from reverie_eval.errors import Problem, ReverieEvalError, SubmissionError
 from reverie_eval.server.settings import EvalAI
 from reverie_eval.text import printable

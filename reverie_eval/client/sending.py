@@ -1,8 +1,20 @@
-"""Sending a request until a reply arrives; every attempt sends the same bytes."""
+"""Sending a request until a reply arrives: the address, the attempts, and the ways to fail.
+
+Every attempt sends the same bytes.
+
+ServiceError
+    UnreachableError      no server replies, or the connection was dropped on every attempt
+    NotAServerError       not an evaluation server, or one of an incompatible version
+    RefusedError          the server refused the request and says why
+        QuotaSpentError   no submissions are left; says when the quota resets
+
+A submission that the server rejects is a SubmissionError, as it is without a server.
+"""
 
 import ssl
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from ipaddress import ip_address
 from socket import gaierror
 from time import sleep
 from types import MappingProxyType
@@ -11,18 +23,42 @@ from typing import Any
 import httpx
 from pydantic import ValidationError
 
-from reverie_eval.client._address import API, is_this_machine
-from reverie_eval.client._errors import (
-    NotAServerError,
-    QuotaSpentError,
-    RefusedError,
-    ServiceError,
-    UnreachableError,
-)
 from reverie_eval.errors import Problem, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.text import printable
+from reverie_eval.text import earliest_time_text, printable
 from reverie_eval.version import __version__
+
+
+class ServiceError(ReverieEvalError):
+    """The request to a server failed."""
+
+
+class UnreachableError(ServiceError):
+    """No server replies, or the connection was dropped on every attempt."""
+
+
+class NotAServerError(ServiceError):
+    """Not an evaluation server, or one of an incompatible version."""
+
+
+class RefusedError(ServiceError):
+    """The server refused the request; ``document`` is its reply."""
+
+    def __init__(self, document: ProblemDocument, detail: str | None = None) -> None:
+        self.document = document
+        places = [f"{problem.where}: {problem.message}" for problem in document.problems]
+        request = [f"request {document.request_id}"] if document.request_id else []
+        super().__init__(printable("; ".join([detail or document.detail, *places, *request])))
+
+
+class QuotaSpentError(RefusedError):
+    """No submissions are left."""
+
+    def __init__(self, document: ProblemDocument) -> None:
+        instant = document.quota.next_at if document.quota else None
+        when = f"next possible at {earliest_time_text(instant)}" if instant else "ask the organiser"
+        super().__init__(document, f"no submissions left; {when}. Nothing was scored")
+
 
 Progress = Callable[[int, int], None]
 """Called with the number of bytes sent so far and in total."""
@@ -260,3 +296,45 @@ def _error_in(document: ProblemDocument) -> ReverieEvalError:
             return QuotaSpentError(document)
         case _:
             return RefusedError(document)
+
+
+API = "/api/v1"
+"""Where a server has its API."""
+
+
+def server_url(text: str) -> str:
+    """Return a server's URL in normal form, without the API's path; others are a ServiceError.
+
+    >>> server_url(" https://Reverie.example.org/api/v1/ ")
+    'https://reverie.example.org'
+    """
+    try:
+        url = httpx.URL(text.strip())
+    except httpx.InvalidURL:
+        url = httpx.URL()
+    if url.scheme not in ("http", "https") or not url.host or url.userinfo:
+        raise ServiceError(f"{text!r} is not a server URL; write it as https://HOST")
+    return str(url.copy_with(query=None, fragment=None)).rstrip("/").removesuffix(API)
+
+
+def check_private(server: str) -> None:
+    """Refuse a server that is reached without encryption, unless it is on this machine."""
+    url = httpx.URL(server)
+    if url.scheme == "http" and not is_this_machine(url.host):
+        raise ServiceError(
+            f"{server} is not encrypted: others on the network could read your token and change "
+            "the data; use https://, or allow it with --plain-http on a network that you trust"
+        )
+
+
+def is_this_machine(host: str) -> bool:
+    """Whether a host name or address means this machine.
+
+    >>> [is_this_machine(host) for host in ("localhost", "127.0.0.2", "::1", "192.168.1.7")]
+    [True, True, True, False]
+    """
+    try:
+        address = ip_address(host)
+    except ValueError:
+        return host == "localhost" or host.endswith(".localhost")
+    return address.is_loopback or address.is_unspecified

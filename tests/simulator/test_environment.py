@@ -396,6 +396,7 @@ def test_pictures_are_those_of_the_simulator(
     record = {"image_id": name, "included": True, "unobstructed": [False]}
     record["pose"] = pose.ravel().tolist()
     (tmp_path / f"{scan}_connectivity.json").write_text(json.dumps([record]))
+    (tmp_path / "scans.txt").write_text(scan)
     skyboxes = tmp_path / scan / "matterport_skybox_images"
     skyboxes.mkdir(parents=True)
     noise = np.random.default_rng(0).integers(0, 256, (16, 96, 3), np.uint8)
@@ -405,14 +406,13 @@ def test_pictures_are_those_of_the_simulator(
     simulator.setDatasetPath(str(tmp_path))
     simulator.setCameraResolution(640, 480)
     simulator.setCameraVFOV(math.radians(60))
-    simulator.init()
-    simulator.newEpisode(scan, name, 1.0, 0.5)
+    simulator.newEpisode([scan], [name], [1.0], [0.5])
     environment = Environment(truth, pictures=tmp_path)
     environment.reset(environment.episodes[0])
     image = environment.step(Turn(1.0, 0.5)).image()
     assert image.shape == (480, 640, 3)
     assert image.dtype == np.uint8
-    assert (image == simulator.getState().rgb[..., ::-1]).all()
+    assert (image == simulator.getState()[0].rgb[..., ::-1]).all()
 
 
 def test_pictures_need_the_directions_of_cameras(truth: GroundTruth, tmp_path: Path) -> None:

@@ -124,7 +124,60 @@ def test_depth_is_along_the_axis(folder: Path) -> None:
     assert not looking(simulator(folder, folder), 0, 0).depth.any()
 
 
-def test_pictures_of_a_copied_state_stay(folder: Path) -> None:
+@pytest.fixture
+def six_files(folder: Path) -> Path:
+    """Write the faces as Matterport publishes them, for the first generation."""
+    skyboxes = folder / "v1" / "scans" / "house" / "matterport_skybox_images"
+    skyboxes.mkdir(parents=True)
+    for number, colour in enumerate(COLOURS):
+        face = Image.new("RGB", (SIZE, SIZE), colour)
+        face.save(skyboxes / f"here_skybox{number}_sami.jpg", quality=100, subsampling=0)
+    return skyboxes
+
+
+def test_six_files_are_the_faces_of_a_strip(folder: Path, six_files: Path) -> None:
+    new, strip = simulator(folder, folder), simulator(folder, folder)
+    new.init()
+    for heading, elevation in ((0.3, 0.2), (2.0, -1.2), (4.0, 1.2)):
+        new.newEpisode("house", "here", heading, elevation)
+        assert (new.getState().rgb == looking(strip, heading, elevation).rgb).all()
+
+
+@pytest.mark.parametrize("generation", [1, 2])
+def test_the_default_folder_is_another_one_in_each_generation(
+    generation: int, folder: Path, six_files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scans = folder / "data" / "v1" / "scans"
+    scans.parent.mkdir(parents=True)
+    scans.symlink_to(folder / "v1" / "scans" if generation == 1 else folder)
+    monkeypatch.chdir(folder)
+    new = MatterSim.Simulator()
+    new.setNavGraphPath(".")
+    if generation == 1:
+        new.init()
+        new.newEpisode("house", "here", 0, 0)
+        state = new.getState()
+    else:
+        state = looking(new, 0, 0)
+    assert colour_of(state.rgb[120, 160]) == "yellow"
+
+
+def test_six_files_must_be_there_and_of_one_size(folder: Path, six_files: Path) -> None:
+    new = simulator(folder, folder)
+    new.init()
+    Image.new("RGB", (16, 16)).save(six_files / "here_skybox3_sami.jpg")
+    with pytest.raises(
+        ValueError, match="has 16 x 16 pixels; expected six square faces of one siz"
+    ):
+        new.newEpisode("house", "here", 0, 0)
+    (six_files / "here_skybox3_sami.jpg").unlink()
+    with pytest.raises(
+        ValueError, match=r"Could not open skybox files at: .*here_skybox\*_sami\.jpg"
+    ):
+        new.newEpisode("house", "here", 0, 0)
+
+
+def test_pictures_of_a_copied_state_stay(folder: Path, six_files: Path) -> None:
     new = simulator(folder, folder)
     new.init()
     new.newEpisode("house", "here", 0, 0)

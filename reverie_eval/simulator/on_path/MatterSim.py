@@ -2,8 +2,9 @@
 
 It stands in for ``import MatterSim`` where the original cannot be built: the same classes, methods,
 defaults, errors and numbers, for both generations of its interface. Pictures are rendered from the
-skyboxes that ``scripts/downsize_skybox.py`` of the original makes, and need Pillow too; without
-skyboxes, switch rendering off, as everybody does who trains on features.
+skyboxes that ``scripts/downsize_skybox.py`` of the original makes, or in the first generation from
+those that Matterport publishes, and need Pillow too; without skyboxes, switch rendering off, as
+everybody does who trains on features.
 
 The rules are those of ``src/lib/MatterSim.cpp``, ``src/lib/NavGraph.cpp`` and
 ``src/lib_python/MatterSimPython.cpp`` in github.com/peteanderson80/Matterport3DSimulator at 589d091
@@ -199,7 +200,9 @@ class Simulator:
     def __init__(self) -> None:
         self._width, self._height, self._vfov = 320, 240, 0.8
         self._lowest, self._highest = -0.94, 0.94
-        self._path, self._dataset_path = "./connectivity", "./data/v1/scans/"
+        self._path = "./connectivity"
+        self._dataset_path: Optional[str] = None
+        """None for the default, which is another one in each generation."""
         self._is_rendering, self._has_depth = True, False
         self._is_discretized = False
         self._is_restricted = True
@@ -216,7 +219,7 @@ class Simulator:
     # ignored without a word, except that the first generation takes another path of graphs.
 
     def setDatasetPath(self, path: str) -> None:
-        """Set the folder with the skyboxes, ``<scan>/matterport_skybox_images/<viewpoint>_...``."""
+        """Set the folder of the scans; in the first generation, the one that has ``v1/scans``."""
         if self._generation != 2:
             self._dataset_path = _text(path)
 
@@ -457,12 +460,16 @@ class Simulator:
         self, renderer: "_Renderer", state: SimState, location: ViewPoint, rotation: np.ndarray
     ) -> None:
         """Set the pictures of a state."""
-        folder = f"{self._dataset_path}/{state._scanId}/matterport_skybox_images"
-        skybox = f"{folder}/{location._viewpointId}_skybox"
+        skybox = f"{state._scanId}/matterport_skybox_images/{location._viewpointId}_skybox"
         sight = renderer.look(rotation, state._heading, state._elevation)
-        state._rgb = renderer.colours(skybox + "_small.jpg", sight)
+        if self._generation == 1:
+            folder = "./data" if self._dataset_path is None else self._dataset_path
+            state._rgb = renderer.colours(f"{folder}/v1/scans/{skybox}{_ANY_FACE}_sami.jpg", sight)
+            return
+        folder = "./data/v1/scans/" if self._dataset_path is None else self._dataset_path
+        state._rgb = renderer.colours(f"{folder}/{skybox}_small.jpg", sight)
         if self._has_depth:
-            state._depth = renderer.depths(skybox + "_depth_small.png", sight)
+            state._depth = renderer.depths(f"{folder}/{skybox}_depth_small.png", sight)
 
     def _building(self, scan: str) -> "_Building":
         if self._generation == 1:
@@ -655,7 +662,11 @@ def _atan2f(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     return signed
 
 
-# Pictures. A skybox is a strip of six square faces of a cube around the viewpoint.
+# Pictures. A skybox is a strip of six square faces of a cube around the viewpoint. In the first
+# generation, each face has a file of its own, as Matterport publishes them.
+
+_ANY_FACE = "*"
+"""In the name of a skybox, stands for the place of each face in the strip."""
 
 _UP, _FRONT, _RIGHT, _BACK, _LEFT, _DOWN = range(6)
 """The place of each face in the strip, in the cube's own directions: y, z, x, -z, -x and -y."""
@@ -764,19 +775,25 @@ class _Renderer:
         return strip
 
     def _read(self, file: str, mode: str) -> np.ndarray:
+        names = [file]
+        if _ANY_FACE in file:
+            names = [file.replace(_ANY_FACE, str(face)) for face in range(6)]
         try:
-            with self._open(file) as opened:
-                strip = np.asarray(opened.convert(mode))
+            parts = []
+            for name in names:
+                with self._open(name) as opened:
+                    parts.append(np.asarray(opened.convert(mode)))
         except OSError:
-            raise ValueError(
-                f"MatterSim: Could not open skybox {'RGB' if mode == 'RGB' else 'depth'} files at: "
-                f"{file}"
-            ) from None
-        if strip.shape[1] != 6 * strip.shape[0]:
-            raise ValueError(
-                f"MatterSim: {file} has {strip.shape[1]} x {strip.shape[0]} pixels; expected six "
-                "square faces beside each other"
-            )
+            kind = "depth " if mode == "I" else "RGB " if len(names) == 1 else ""
+            raise ValueError(f"MatterSim: Could not open skybox {kind}files at: {file}") from None
+        for part in parts:
+            height, width = part.shape[:2]
+            if width * len(parts) != 6 * height or part.shape != parts[0].shape:
+                raise ValueError(
+                    f"MatterSim: {file} has {width} x {height} pixels; expected six square faces "
+                    + ("beside each other" if len(parts) == 1 else "of one size")
+                )
+        strip = np.concatenate(parts, axis=1)
         if mode == "I":
             return strip
         packed = np.zeros(strip.shape[:2], np.uint64)

@@ -69,7 +69,7 @@ def take_rows(rows: IntArray, offsets: IntArray) -> IntArray:
     array([2, 3, 4, 0, 1])
     """
     lengths = np.diff(offsets)[rows]
-    # How far each row moves from its place in the output to its place in the input.
+    # How far each row moves from its index in the output to its index in the input.
     shift = offsets[rows] - offsets_of(lengths)[:-1]
     taken = np.repeat(shift, lengths)
     taken += np.arange(len(taken))
@@ -113,8 +113,8 @@ def difference(values: FloatArray, others: FloatArray) -> FloatArray:
     return changed
 
 
-def with_object(place: IntArray, object_id: IntArray) -> IntArray:
-    """Return one number for each pair of a scan or viewpoint and an object, in their order.
+def with_object(index: IntArray, object_id: IntArray) -> IntArray:
+    """Return one number for each pair of a scan, viewpoint or item and an object, in their order.
 
     Object ids are unique within a scan only, and fit into 32 bits. With a single number, numpy can
     sort, count and search pairs at once.
@@ -122,7 +122,7 @@ def with_object(place: IntArray, object_id: IntArray) -> IntArray:
     >>> with_object(np.array([0, 1]), np.array([7, 7]))
     array([         7, 4294967303])
     """
-    return (place.astype(np.int64) << 32) | object_id
+    return (index.astype(np.int64) << 32) | object_id
 
 
 def frozen(array: Array) -> Array:

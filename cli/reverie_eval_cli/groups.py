@@ -38,19 +38,19 @@ class LazyGroup(Group):
         super().__init__(context_settings={"help_option_names": list(_HELP)}, **settings)
         self._package = package
         self._sections = sections
-        self._places = {name: place for part in sections.values() for name, place in part.items()}
+        self._attributes = {name: it for part in sections.values() for name, it in part.items()}
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """Return the names of all commands, in the order of the help."""
-        return list(self._places)
+        return list(self._attributes)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; an unknown name is an error that suggests a known one."""
-        if cmd_name not in self._places:
+        if cmd_name not in self._attributes:
             if ctx.resilient_parsing:  # while completing, nothing is an error
                 return None
-            raise NoSuchCommand(cmd_name, possibilities=self._places, ctx=ctx)
-        module, _, attribute = self._places[cmd_name].partition(":")
+            raise NoSuchCommand(cmd_name, possibilities=self._attributes, ctx=ctx)
+        module, _, attribute = self._attributes[cmd_name].partition(":")
         command: click.Command = getattr(
             importlib.import_module(f"{self._package}.{module}"), attribute
         )
@@ -58,9 +58,9 @@ class LazyGroup(Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands below the headings of their sections."""
-        longest = max(map(len, self._places))
-        for heading, places in self._sections.items():
-            commands = {name: self.get_command(ctx, name) for name in places}
+        longest = max(map(len, self._attributes))
+        for heading, names in self._sections.items():
+            commands = {name: self.get_command(ctx, name) for name in names}
             rows = [
                 (name.ljust(longest), command.get_short_help_str(_LONGEST_SUMMARY))
                 for name, command in commands.items()
@@ -75,11 +75,11 @@ class Program(LazyGroup):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put ``score`` before a file, or before one of its options."""
-        if args and args[0] not in {*self._places, *_HELP, "help", "--version"}:
+        if args and args[0] not in {*self._attributes, *_HELP, "help", "--version"}:
             looks_like_command = args[0].isidentifier() and not Path(args[0]).exists()
             if looks_like_command and not ctx.resilient_parsing:
                 message = f"{args[0]!r} is neither a command nor a file."
-                raise NoSuchCommand(args[0], message, self._places, ctx)
+                raise NoSuchCommand(args[0], message, self._attributes, ctx)
             args = ["score", *args]
         return super().parse_args(ctx, args)
 

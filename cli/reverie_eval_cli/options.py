@@ -126,8 +126,8 @@ def completing(
 
 @completing
 def _complete_split(context: click.Context) -> Iterable[str]:
-    place = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
-    return bundled_splits(Path(place) if place else None) or _SPLITS
+    given = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
+    return bundled_splits(Path(given) if given else None) or _SPLITS
 
 
 @completing

@@ -31,8 +31,8 @@ Report = TypeVar("Report")
 class Folder:
     """The folder of the server that a command works on; the server may be running meanwhile."""
 
-    def __init__(self, path: str) -> None:
-        self.path = Path(path)
+    def __init__(self, folder: str) -> None:
+        self.path = Path(folder)
 
     def __str__(self) -> str:
         return str(self.path)

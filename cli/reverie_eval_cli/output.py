@@ -68,25 +68,25 @@ def check_outputs(
     for output in outputs:
         if not output or output == STANDARD_OUTPUT:
             continue
-        place = Path(output).resolve()
-        if place in taken:
+        resolved = Path(output).resolve()
+        if resolved in taken:
             raise ReverieEvalError(
                 f"{output} is an input, or named twice; choose another file to write to"
             )
-        taken.add(place)
+        taken.add(resolved)
 
 
 @contextmanager
-def open_output(path: str, *, mode: int = 0o666) -> Iterator[TextIO]:
+def open_output(file_name: str, *, mode: int = 0o666) -> Iterator[TextIO]:
     """Open a text file that appears complete or not at all, or standard output.
 
     ``mode`` has the permissions of a new file, before the process's umask.
     """
-    if path == STANDARD_OUTPUT:
+    if file_name == STANDARD_OUTPUT:
         yield sys.stdout
         return
     with (
-        staged_file(Path(path), mode=mode) as file,
+        staged_file(Path(file_name), mode=mode) as file,
         io.TextIOWrapper(file, "utf-8", errors="backslashreplace", newline="") as text,
     ):
         yield text

@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from reverie_eval.schemas.service import Envelope, SubmissionReport
 
 
-def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
+def check_receipt_path(given: str | None, sha256: str, split: str) -> None:
     """Make sure, before a submission is used, that its receipt can be written.
 
-    The folder has to be there, and no other file in the receipt's place.
+    The folder has to be there, and no other file of its name.
     """
-    if place is None:
+    if given is None:
         return
-    path = Path(place)
+    path = Path(given)
     if not path.parent.is_dir():
         raise ReverieEvalError(
             f"{path.parent} is not a folder; the receipt cannot be written there"
@@ -28,27 +28,27 @@ def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
     if path.exists():
         there = _fields_in(path)
         if (there.get("sha256"), there.get("split")) != (sha256, split):
-            raise ReverieEvalError(f"{place} already exists; choose another file for the receipt")
+            raise ReverieEvalError(f"{given} already exists; choose another file for the receipt")
 
 
-def keep_receipts(report: "SubmissionReport", place: str | None, submission: str) -> Sequence[Path]:
+def keep_receipts(report: "SubmissionReport", given: str | None, submission: str) -> Sequence[Path]:
     """Write the receipts of a submission, unless they have been written before; return their paths.
 
     Those of further leaderboards are beside the first, with the leaderboard in their names.
     """
     base = submission if submission != "-" else f"submission-{_letters(report.id)}"
-    own = _keep(report.receipt, [Path(place)] if place else _names(base))
+    own = _keep(report.receipt, [Path(given)] if given else _names(base))
     further = (
-        _keep(result.receipt, _names(f"{place or base}.{_letters(name)}"))
+        _keep(result.receipt, _names(f"{given or base}.{_letters(name)}"))
         for name, result in report.also.items()
     )
     return [own, *further]
 
 
-def _keep(receipt: "Envelope", places: Iterable[Path]) -> Path:
-    """Write a receipt to the first place that has no other file."""
+def _keep(receipt: "Envelope", candidates: Iterable[Path]) -> Path:
+    """Write a receipt to the first file name that has no other file."""
     path = Path()
-    for path in places:
+    for path in candidates:
         try:
             with path.open("x", encoding="utf-8") as file:
                 file.write(receipt.model_dump_json(indent=2) + "\n")

@@ -250,23 +250,23 @@ def most_similar(codes: IntArray, group: IntArray, number: int) -> Likeness | No
     groups, first = np.unique(group, return_index=True)
     ends = np.append(first[1:], len(group))
     best = []
-    for place, (begin, end) in enumerate(zip(first, ends, strict=True)):
-        later = ends[place]
+    for own, (begin, end) in enumerate(zip(first, ends, strict=True)):
+        later = ends[own]
         if later == len(codes):
             break
         highest = np.full(len(groups), -1.0)
         row_of, column_of = np.zeros(len(groups), int), np.zeros(len(groups), int)
         for row in range(begin, end):
             equal = np.count_nonzero(codes[later:] == codes[row], axis=1) / codes.shape[1]
-            in_group = np.maximum.reduceat(equal, first[place + 1 :] - later)
-            is_better = in_group > highest[place + 1 :]
-            for other in np.flatnonzero(is_better) + place + 1:
-                highest[other], row_of[other] = in_group[other - place - 1], row
+            in_group = np.maximum.reduceat(equal, first[own + 1 :] - later)
+            is_better = in_group > highest[own + 1 :]
+            for other in np.flatnonzero(is_better) + own + 1:
+                highest[other], row_of[other] = in_group[other - own - 1], row
                 part = slice(first[other] - later, ends[other] - later)
                 column_of[other] = first[other] + np.argmax(equal[part])
         best += [
             Pair(int(row_of[other]), int(column_of[other]), float(highest[other]))
-            for other in range(place + 1, len(groups))
+            for other in range(own + 1, len(groups))
         ]
     if not best:
         return None

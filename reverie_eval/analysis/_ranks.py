@@ -151,8 +151,8 @@ def _bound(
 def _groups(costs: FloatArray, is_better: BoolArray) -> IntArray:
     group = np.empty(len(costs), dtype=np.int64)
     first, number = -1, 0
-    for place in np.argsort(costs, kind="stable").tolist():
-        if first < 0 or is_better[first, place]:
-            first, number = place, number + 1
-        group[place] = number
+    for row in np.argsort(costs, kind="stable").tolist():
+        if first < 0 or is_better[first, row]:
+            first, number = row, number + 1
+        group[row] = number
     return group

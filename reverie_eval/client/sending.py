@@ -46,9 +46,9 @@ class RefusedError(ServiceError):
 
     def __init__(self, document: ProblemDocument, detail: str | None = None) -> None:
         self.document = document
-        places = [f"{problem.where}: {problem.message}" for problem in document.problems]
+        listed = [f"{problem.where}: {problem.message}" for problem in document.problems]
         request = [f"request {document.request_id}"] if document.request_id else []
-        super().__init__(printable("; ".join([detail or document.detail, *places, *request])))
+        super().__init__(printable("; ".join([detail or document.detail, *listed, *request])))
 
 
 class QuotaSpentError(RefusedError):

@@ -6,7 +6,7 @@ Layout of a clone of the dataset repository::
     tasks/REVERIE/data/BBox/{scan}_{viewpoint}.json     or BBoxes.json, all of them in one file
     connectivity/{scan}_connectivity.json
 
-Each of the three may be in another place. Only a task with target objects has boxes.
+Each of the three may be elsewhere. Only a task with target objects has boxes.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence

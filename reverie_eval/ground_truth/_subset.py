@@ -28,7 +28,7 @@ _ID_KEYS = [
 _JSON = ("[", "{", '"')
 
 
-def read_episode_ids(path: str | PathLike[str]) -> Sequence[str]:
+def read_episode_ids(file: str | PathLike[str]) -> Sequence[str]:
     """Read a list of episodes: an id a line; blank lines are left out.
 
     A JSON list of ids, of numbers or of records with an id is read as well, and so is a list under
@@ -41,7 +41,7 @@ def read_episode_ids(path: str | PathLike[str]) -> Sequence[str]:
     OSError
         If it cannot be read.
     """
-    content = Path(path).read_bytes()
+    content = Path(file).read_bytes()
     try:
         text = content.decode(json.detect_encoding(content))
     except UnicodeDecodeError:
@@ -98,14 +98,14 @@ def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> 
         raise SubsetError([Problem("unknown-episode", "list", message)])
     first: dict[str, int] = {}
     problems = []
-    for place, instr_id in enumerate(chosen, 1):
-        where = f"entry {place}"
+    for number, instr_id in enumerate(chosen, 1):
+        where = f"entry {number}"
         if instr_id not in index:
             message = f"{instr_id!r} is not an episode of {split}; remove it, or choose its split"
-            problems.append(Problem("unknown-episode", where, message, (place,)))
-        elif first.setdefault(instr_id, place) < place:
+            problems.append(Problem("unknown-episode", where, message, (number,)))
+        elif first.setdefault(instr_id, number) < number:
             message = f"{instr_id} is listed already, in entry {first[instr_id]}; remove one"
-            problems.append(Problem("duplicate-episode", where, message, (place,)))
+            problems.append(Problem("duplicate-episode", where, message, (number,)))
     if problems:
         raise SubsetError(problems)
     return np.array(sorted(index[instr_id] for instr_id in chosen))

@@ -40,7 +40,8 @@ class Episodes:
 
     instr_ids: tuple[str, ...]
     item: IntArray
-    """The item of each episode; episodes of one item share path and target."""
+    """The item of each episode; episodes of one item share path and target. Each start of SOON's
+    items has a path of its own, and so an index of its own here."""
     start: IntArray
     """The viewpoint where each episode starts."""
     # Unpacked when needed: scoring does not read them.
@@ -115,7 +116,7 @@ class GroundTruth:
     """The digest of the chosen episodes of a declared subset; empty for all that are scored."""
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
+    def load(cls, file: str | PathLike[str]) -> Self:
         """Read a bundle and check that it is complete; its arrays are read-only.
 
         Raises
@@ -125,7 +126,7 @@ class GroundTruth:
         FileNotFoundError
             If there is no such file.
         """
-        return cls.from_bundle(Bundle.load(Path(path)), origin=str(path))
+        return cls.from_bundle(Bundle.load(Path(file)), origin=str(file))
 
     @classmethod
     def from_bundle(cls, bundle: Bundle, origin: str = "memory") -> Self:

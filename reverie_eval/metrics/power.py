@@ -287,8 +287,8 @@ class Design:
 
 def _fewest(tried: range, power: Callable[[int], float]) -> int | None:
     """Return the first number with ``POWER``; None if none has it."""
-    place = bisect_left(tried, POWER, key=power)
-    return tried[place] if place < len(tried) else None
+    index = bisect_left(tried, POWER, key=power)
+    return tried[index] if index < len(tried) else None
 
 
 def _share_above(reach: FloatArray, effect: float, variance: float) -> float:

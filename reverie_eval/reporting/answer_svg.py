@@ -260,7 +260,7 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
         picture = np.array([0, 0, VIEW_WIDTH, VIEW_HEIGHT])
         camera = view_angles(np.array([shown.view]))[0]
         around = np.rad2deg(angles_of(directions_of(picture, camera)))
-        yield _polygon("frame", _place(around, middle), "the view above")
+        yield _polygon("frame", _position(around, middle), "the view above")
     yield "</svg>"
 
 
@@ -268,7 +268,7 @@ def _grid(middle: float, photograph: str = "") -> Iterator[str]:
     """Draw a photograph, or an empty room, with lines every 30 degrees and the headings below."""
     yield _background(photograph, _STRIP_HEIGHT, _STRIP_HEIGHT / 2)
     angles = np.array([(heading, 0.0) for heading in range(0, 360, _STEP)])
-    across = _place(angles, middle)[:, 0].tolist()
+    across = _position(angles, middle)[:, 0].tolist()
     lines = [f"M{x:.1f} 0V{_STRIP_HEIGHT:.1f}" for x in across]
     lines += [f"M0 {(_HIGHEST - elevation) * _DEGREE:.1f}H{WIDTH}" for elevation in (-_STEP, _STEP)]
     yield f'<path class="grid" d="{"".join(lines)}"/>'
@@ -279,7 +279,7 @@ def _grid(middle: float, photograph: str = "") -> Iterator[str]:
 
 def _on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[str]:
     """Draw a part of the panorama, twice if it crosses an end of the panorama."""
-    x, _ = _place(np.array([span.heading, 0.0]), middle)
+    x, _ = _position(np.array([span.heading, 0.0]), middle)
     left, right = x + span.left * _DEGREE, x + span.right * _DEGREE
     top, height = (_HIGHEST - span.high) * _DEGREE, (span.high - span.low) * _DEGREE
     for shift in (-WIDTH, 0, WIDTH):
@@ -288,17 +288,17 @@ def _on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[
 
 
 def _role_label(role: Role, span: Span, middle: float) -> Iterator[str]:
-    """Name the target above its place in the panorama, and the answer below."""
+    """Name the target above its position in the panorama, and the answer below."""
     if role == "other":
         return
-    x, _ = _place(np.array([span.middle, 0.0]), middle)
+    x, _ = _position(np.array([span.middle, 0.0]), middle)
     above, below = (_HIGHEST - span.high) * _DEGREE - 3, (_HIGHEST - span.low) * _DEGREE + 11
     y = max(above, 10) if role == "target" else min(below, _STRIP_HEIGHT - 3)
     x = min(max(x, _ROLE_MARGIN), WIDTH - _ROLE_MARGIN)
     yield _text(f"label role {role}", x, y, role)
 
 
-def _place(angles: FloatArray, middle: float) -> FloatArray:
+def _position(angles: FloatArray, middle: float) -> FloatArray:
     """Return where headings and elevations, degrees, shape (..., 2), are on the panorama."""
     offset = np.mod(angles[..., 0] - middle + 180, 360) - 180
     x, y = WIDTH / 2 + offset * _DEGREE, (_HIGHEST - angles[..., 1]) * _DEGREE
@@ -306,17 +306,17 @@ def _place(angles: FloatArray, middle: float) -> FloatArray:
 
 
 def _object_link(link: ObjectLink, middle: float) -> Iterator[str]:
-    x, y = _place(np.array([link.span.middle, link.span.high]), middle)
+    x, y = _position(np.array([link.span.middle, link.span.high]), middle)
     yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
     yield from _on_panorama("other", link.span, middle, link.label)
     yield f'<text class="name" x="{x:.1f}" y="{max(y - 1, 5):.1f}">{escape(link.name)}</text></a>'
 
 
 def _way_link(link: WayLink, middle: float) -> Iterator[str]:
-    x, y = _place(np.array([link.heading, link.elevation]), middle)
-    place = f'cx="{x:.1f}" cy="{y:.1f}" r="{_WAY_RADIUS}"'
+    x, y = _position(np.array([link.heading, link.elevation]), middle)
+    circle = f'cx="{x:.1f}" cy="{y:.1f}" r="{_WAY_RADIUS}"'
     yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
-    yield f'<circle class="way" {place}><title>{escape(link.label)}</title></circle></a>'
+    yield f'<circle class="way" {circle}><title>{escape(link.label)}</title></circle></a>'
 
 
 # Elements.

@@ -237,8 +237,8 @@ def _is_whole(seen: VisibleObject) -> BoolArray:
     return ~is_cut
 
 
-def _where(view: int | None, place: str) -> str:
-    return "" if view is None else f"Seen from {place}, {view_text(view)}."
+def _where(view: int | None, viewpoint: str) -> str:
+    return "" if view is None else f"Seen from {viewpoint}, {view_text(view)}."
 
 
 def _iou_text(episode: Episode) -> str:

@@ -224,8 +224,8 @@ class _Axes:
 
     def dots(self, x: FloatArray, y: FloatArray) -> str:
         """Return a path's data: at each point a line of length 0, whose round ends make a dot."""
-        places = zip(self.x(x), self.y(y), strict=True)
-        return "".join(f"M{across:.1f} {up:.1f}h0" for across, up in places)
+        points = zip(self.x(x), self.y(y), strict=True)
+        return "".join(f"M{across:.1f} {up:.1f}h0" for across, up in points)
 
 
 def _ticks(low: float, high: float) -> FloatArray:
@@ -234,8 +234,8 @@ def _ticks(low: float, high: float) -> FloatArray:
 
 
 def _text(x: float, y: float, text: str, anchor: str, attributes: str = "") -> str:
-    place = f'x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"'
-    return f"<text {place}{attributes}>{escape(text)}</text>"
+    position = f'x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"'
+    return f"<text {position}{attributes}>{escape(text)}</text>"
 
 
 def _chart(title: str, parts: Sequence[str]) -> str:

@@ -83,8 +83,8 @@ def ranking_table(scored: ScoredFiles) -> Table:
     first = next(iter(scored.values()))
     names = dict(zip(scored, submission_names(list(scored)), strict=True))
     rows = [
-        [cell_of(rank), names[path], *metric_cells(scored.metrics, scored[path])]
-        for path, rank in scored.ranks.items()
+        [cell_of(rank), names[file], *metric_cells(scored.metrics, scored[file])]
+        for file, rank in scored.ranks.items()
     ]
     return Table(
         headings=["rank", "file", *(metric.heading for metric in scored.metrics)],
@@ -103,8 +103,8 @@ def ranking_csv(scored: ScoredFiles) -> str:
     """Return a row per file, best first: every metric by its key, unrounded, and the signature."""
     keys = next(iter(scored.values())).ground_truth.task.metrics
     rows = [
-        _unrounded([path, scores.split, scores.protocol.name], keys, scores, scores.signature)
-        for path, scores in scored.items()
+        _unrounded([file, scores.split, scores.protocol.name], keys, scores, scores.signature)
+        for file, scores in scored.items()
     ]
     return Table(["file", "split", "protocol", *keys, "signature"], rows).to_csv()
 
@@ -112,8 +112,8 @@ def ranking_csv(scored: ScoredFiles) -> str:
 def ranking_json(scored: ScoredFiles) -> str:
     """Return the score reports as JSON, by file, best first."""
     reports = [
-        f"{json.dumps(path)}: {scores.to_report().model_dump_json(indent=2)}"
-        for path, scores in scored.items()
+        f"{json.dumps(file)}: {scores.to_report().model_dump_json(indent=2)}"
+        for file, scores in scored.items()
     ]
     return "{\n" + ",\n".join(reports) + "\n}"
 
@@ -200,10 +200,10 @@ def watch_heading(evaluator: Evaluator) -> str:
     return "  ".join([*cells, "file"])
 
 
-def watch_line(path: str, scores: Scores, evaluator: Evaluator) -> str:
+def watch_line(file: str, scores: Scores, evaluator: Evaluator) -> str:
     """Return a file's scores in a line, its path last so that the columns stay in line."""
     cells = metric_cells(_watched_metrics(evaluator), scores)
-    return "  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), path])
+    return "  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), file])
 
 
 def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
@@ -310,11 +310,11 @@ def _notes(results: Sequence[Scores]) -> Iterable[str]:
 def _notes_of_files(scored: ScoredFiles, names: Mapping[str, str]) -> Iterator[str]:
     """Yield each note once, with the file that has it, or the number of files."""
     files: dict[str, list[str]] = {}
-    for path, scores in scored.items():
+    for file, scores in scored.items():
         for note in scores.notes:
-            files.setdefault(note, []).append(names[path])
-    for note, paths in files.items():
-        whose = paths[0] if len(paths) == 1 else f"{len(paths):,} files"
+            files.setdefault(note, []).append(names[file])
+    for note, noted in files.items():
+        whose = noted[0] if len(noted) == 1 else f"{len(noted):,} files"
         yield f"note on {whose}: {note}"
 
 

@@ -162,8 +162,8 @@ def pixels_of_skybox(direction: FloatArray, size: int) -> tuple[Array, Array]:
     side = np.where(along >= 0, 1, -1)
     across = np.choose(axis, [-side * z, x, side * x])
     down = np.choose(axis, [-y, side * z, -y])
-    place = (np.stack([down, across]) / np.abs(along) + 1) / 2 * size
-    row, column = np.clip(place.astype(np.int64), 0, size - 1)
+    pixel = (np.stack([down, across]) / np.abs(along) + 1) / 2 * size
+    row, column = np.clip(pixel.astype(np.int64), 0, size - 1)
     face = _FACE_OF_AXIS[axis, (side < 0).astype(np.int64)]
     return row, column + face * size
 

@@ -134,7 +134,7 @@ class Evaluator:
         listed = list(_listed(records))
         for row, instr_id in enumerate(predictions.instr_ids):
             location = predictions.location(row)
-            if not location.place:  # of an item's several trajectories, the first stands for all
+            if not location.trajectory:  # one of several, if not the first, is not a record
                 self._records.setdefault(str(instr_id), listed[location.row])
 
     def compute(self) -> Scores:
@@ -199,16 +199,16 @@ class ScoredFiles(Mapping[str, Scores]):
 
     @classmethod
     def of(cls, results: Iterable[tuple[str, Scores | Failure]]) -> Self:
-        """Rank results, given with their paths; of equal ones, the earlier is first."""
+        """Rank results, by path; of equal ones, the earlier is first."""
         found = dict(results)
-        scores = {path: each for path, each in found.items() if isinstance(each, Scores)}
-        failures = {path: each for path, each in found.items() if not isinstance(each, Scores)}
+        scores = {file: each for file, each in found.items() if isinstance(each, Scores)}
+        failures = {file: each for file, each in found.items() if not isinstance(each, Scores)}
         key = _ranking_key(scores)
-        ranked = sorted(scores, key=lambda path: -scores[path].get(key, -math.inf))
-        return cls({path: scores[path] for path in ranked}, failures)
+        ranked = sorted(scores, key=lambda file: -scores[file].get(key, -math.inf))
+        return cls({file: scores[file] for file in ranked}, failures)
 
-    def __getitem__(self, path: str) -> Scores:
-        return self.scores[path]
+    def __getitem__(self, file: str) -> Scores:
+        return self.scores[file]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.scores)
@@ -228,12 +228,12 @@ class ScoredFiles(Mapping[str, Scores]):
         if not self:
             return {}
         key = _ranking_key(self)
-        values = {path: each[key] for path, each in self.items() if key in each}
+        values = {file: each[key] for file, each in self.items() if key in each}
         return {
-            path: 1 + sum(value > values[path] for value in values.values())
-            if path in values
+            file: 1 + sum(value > values[file] for value in values.values())
+            if file in values
             else None
-            for path in self
+            for file in self
         }
 
     def to_pandas(self) -> "pd.DataFrame":
@@ -265,7 +265,7 @@ def _keys(scores: Mapping[str, Scores]) -> set[str]:
 
 
 def evaluate_many(
-    paths: Iterable[str | PathLike[str]],
+    files: Iterable[str | PathLike[str]],
     *,
     split: KnownSplit | str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
@@ -280,7 +280,7 @@ def evaluate_many(
 
     Parameters
     ----------
-    paths : paths
+    files : paths
         The result files. A path that is given twice is scored once.
     split, ground_truth, protocol, track, subset, task
         As for :func:`reverie_eval.evaluate`.
@@ -318,12 +318,12 @@ def evaluate_many(
         subset=subset,
         task=task,
     )
-    names = list(dict.fromkeys(os.fspath(path) for path in paths))
+    names = list(dict.fromkeys(os.fspath(file) for file in files))
     return ScoredFiles.of(score_files(names, evaluator, jobs=jobs, executor=executor))
 
 
 def score_files(
-    paths: Sequence[str],
+    files: Sequence[str],
     evaluator: Evaluator,
     *,
     jobs: int | None = None,
@@ -335,19 +335,19 @@ def score_files(
     Parameters are those of :func:`evaluate_many`; ``keys`` are the metrics that are computed where
     the file is read. All others are computed here, on first access.
     """
-    jobs = jobs or min(os.cpu_count() or 1, 1 + len(paths) // _FOR_ONE)
+    jobs = jobs or min(os.cpu_count() or 1, 1 + len(files) // _FOR_ONE)
     if executor is None and jobs == 1:
-        yield from ((path, _result(evaluator, path)) for path in paths)
+        yield from ((file, _result(evaluator, file)) for file in files)
         return
     truth, track = evaluator.ground_truth, evaluator.track
     protocol = evaluator.protocol.name
     # A path is a short message, and a process elsewhere may read the bundle faster than receive it.
-    place = truth.origin if Path(truth.origin).is_file() else truth
-    size = min(_CHUNK, math.ceil(len(paths) / jobs)) if executor is None else _CHUNK
+    given = truth.origin if Path(truth.origin).is_file() else truth
+    size = min(_CHUNK, math.ceil(len(files) / jobs)) if executor is None else _CHUNK
     subset = truth.episodes.instr_ids if truth.subset_digest else None
     chunks = [
-        _Chunk(paths[begin : begin + size], place, truth.split, protocol, track, subset, keys)
-        for begin in range(0, len(paths), size)
+        _Chunk(files[begin : begin + size], given, truth.split, protocol, track, subset, keys)
+        for begin in range(0, len(files), size)
     ]
     if executor is None:
         results = map_in_processes(_score_chunk, chunks, jobs)
@@ -361,14 +361,14 @@ def score_files(
                     f"a process found a different ground truth in {truth.origin}; give all "
                     "processes the same file"
                 )
-            for path, each in zip(chunk.paths, found, strict=True):
-                yield path, _received(each, truth, track) if isinstance(each, Scores) else each
+            for file, each in zip(chunk.files, found, strict=True):
+                yield file, _received(each, truth, track) if isinstance(each, Scores) else each
 
 
 class _Chunk(NamedTuple):
     """Files for a process to score."""
 
-    paths: Sequence[str]
+    files: Sequence[str]
     ground_truth: str | GroundTruth
     """The path of a bundle, or the ground truth itself if it was not read from a file."""
     split: str
@@ -380,9 +380,9 @@ class _Chunk(NamedTuple):
 
 def _score_chunk(chunk: _Chunk) -> tuple[str, list[Scores | Failure]]:
     """Score files in a process of its own; return the ground truth's fingerprint as well."""
-    paths, *settings, keys = chunk
+    files, *settings, keys = chunk
     evaluator = _evaluator(*settings)
-    results = (_result(evaluator, path) for path in paths)
+    results = (_result(evaluator, file) for file in files)
     found = [_sent(each, keys) if isinstance(each, Scores) else each for each in results]
     return evaluator.ground_truth.fingerprint, found
 
@@ -400,9 +400,9 @@ def _evaluator(
     )
 
 
-def _result(evaluator: Evaluator, path: str) -> Scores | Failure:
+def _result(evaluator: Evaluator, file: str) -> Scores | Failure:
     try:
-        return evaluator(path)
+        return evaluator(file)
     except (SubmissionError, OSError) as error:
         return error
 

@@ -56,32 +56,32 @@ class SavedHeader:
 
 
 def write_saved(
-    path: str | PathLike[str], header: SavedHeader, submission: AlignedSubmission
+    file: str | PathLike[str], header: SavedHeader, submission: AlignedSubmission
 ) -> None:
     """Write what scores are computed from; the file appears complete or not at all."""
     columns = {name: attrgetter(name.replace("/", "."))(submission) for name in _COLUMNS}
     if submission.point is not None:
         columns[_POINT] = submission.point
     columns[_HEADER] = np.frombuffer(msgspec.json.encode(header), np.uint8)
-    with staged_file(Path(path)) as file:
-        np.savez_compressed(file, **columns)
+    with staged_file(Path(file)) as staged:
+        np.savez_compressed(staged, **columns)
 
 
-def read_saved(path: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmission]:
+def read_saved(file: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmission]:
     """Read what :func:`write_saved` wrote; errors are those of :meth:`Scores.load`."""
     try:
-        arrays = read_arrays(Path(path))
+        arrays = read_arrays(Path(file))
         names = [*_COLUMNS, *({_POINT} & arrays.keys())]
         columns = {name: frozen(arrays[name]) for name in names}
         header = msgspec.json.decode(arrays[_HEADER].tobytes(), type=SavedHeader)
     except (ValueError, KeyError, msgspec.DecodeError) as error:
         raise ReverieEvalError(
-            f"{path} has no saved scores, or is damaged; `Scores.save` writes such files, and "
+            f"{file} has no saved scores, or is damaged; `Scores.save` writes such files, and "
             "`rv.evaluate` scores a result file"
         ) from error
     if header.format_version != FORMAT_VERSION:
         raise ReverieEvalError(
-            f"{path} has format {header.format_version} of saved scores, this version of "
+            f"{file} has format {header.format_version} of saved scores, this version of "
             f"reverie-eval reads format {FORMAT_VERSION}; load it with the version that wrote it"
         )
     boxes = BoxAnswers(**take_prefixed(columns, _BOXES))

@@ -94,7 +94,7 @@ class Scores(Mapping[str, float]):
     @classmethod
     def load(
         cls,
-        path: str | PathLike[str],
+        file: str | PathLike[str],
         *,
         ground_truth: str | PathLike[str] | GroundTruth | None = None,
     ) -> Self:
@@ -102,7 +102,7 @@ class Scores(Mapping[str, float]):
 
         Parameters
         ----------
-        path : path
+        file : path
         ground_truth : path or GroundTruth, optional
             The ground truth that the scores were computed with, as for
             :func:`reverie_eval.evaluate`.
@@ -118,12 +118,12 @@ class Scores(Mapping[str, float]):
         OSError
             If the file cannot be read.
         """
-        header, submission = read_saved(path)
+        header, submission = read_saved(file)
         protocol = find_task(header.task).protocol(header.protocol)
         truth = find_ground_truth(ground_truth, header.split, header.task)
         if truth.fingerprint != header.fingerprint:
             raise GroundTruthError(
-                f"{path} was scored with ground truth {header.fingerprint[:_FINGERPRINT_SHOWN]}, "
+                f"{file} was scored with ground truth {header.fingerprint[:_FINGERPRINT_SHOWN]}, "
                 f"but {truth.origin} is {truth.fingerprint[:_FINGERPRINT_SHOWN]}; pass "
                 "ground_truth=, or score the result file again"
             )
@@ -366,7 +366,7 @@ class Scores(Mapping[str, float]):
             raise ProtocolError(f"no instruction has all the words {' '.join(words)!r}{which}")
         return self.subset(chosen)
 
-    def save(self, path: str | PathLike[str]) -> None:
+    def save(self, file: str | PathLike[str]) -> None:
         """Write these scores to a file, which :meth:`load` reads; it contains no answers.
 
         Raises
@@ -394,7 +394,7 @@ class Scores(Mapping[str, float]):
             intervals=settings or None,
             is_navigation_only=submission.is_navigation_only,
         )
-        write_saved(path, header, submission)
+        write_saved(file, header, submission)
 
     def require_submission(self) -> AlignedSubmission:
         """Return the trajectories and answers that were scored.

@@ -1,4 +1,4 @@
-"""Submissions: from bytes to predictions to aligned columns, or every problem with its place.
+"""Submissions: from bytes to predictions to aligned columns, or every problem with its location.
 
 There are two lanes from bytes to predictions. The fast lane (``_official``) decodes the plain
 official form straight into columns: nearly every file has it. The careful lane reads everything

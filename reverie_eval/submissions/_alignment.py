@@ -220,8 +220,8 @@ def _look_up(predictions: Predictions, ground_truth: GroundTruth) -> _Looked:
     if found.problem is not None:
         raise SubmissionError([found.problem])
     predictions = _with_ids(predictions, found.instr_ids, ground_truth, log)
-    places = _episodes_and_viewpoints(predictions, ground_truth)
-    return _Looked(predictions, *places, found.is_unresolved)
+    indexes = _episodes_and_viewpoints(predictions, ground_truth)
+    return _Looked(predictions, *indexes, found.is_unresolved)
 
 
 def _check_buildings(
@@ -254,13 +254,13 @@ def _with_ids(
 ) -> Predictions:
     record_of = row_of(predictions.offsets).tolist()
 
-    def place_of_pose(pose: int) -> tuple[RecordLocation, str]:
+    def location_of_pose(pose: int) -> tuple[RecordLocation, str]:
         record = record_of[pose]
-        path = predictions.pose_path(record, pose)
-        return predictions.location(record), problems.pose_field(path)
+        within = predictions.pose_location(record, pose)
+        return predictions.location(record), problems.pose_field(within)
 
     viewpoint_ids = fix_viewpoint_ids(
-        list(predictions.viewpoint_ids), ground_truth, log, place_of_pose
+        list(predictions.viewpoint_ids), ground_truth, log, location_of_pose
     )
     return replace(
         predictions,
@@ -398,23 +398,23 @@ def _pose_problem(
 ) -> Problem:
     record = int(np.searchsorted(predictions.offsets, pose, side="right")) - 1
     location, instr_id = _location_and_id(predictions, record)
-    path = predictions.pose_path(record, pose)
+    within = predictions.pose_location(record, pose)
     viewpoint_id = str(predictions.viewpoint_ids[pose])
     scan = graph.scan_of(start)
     if viewpoint == _UNKNOWN:
         return problems.UNKNOWN_VIEWPOINT.of_pose(
-            location, path, viewpoint_id=viewpoint_id, scan=scan
+            location, within, viewpoint_id=viewpoint_id, scan=scan
         )
     other_scan = graph.scan_of(viewpoint)
     if other_scan != scan:
         return problems.VIEWPOINT_OF_ANOTHER_SCAN.of_pose(
-            location, path, viewpoint_id=viewpoint_id, scan=scan, other_scan=other_scan
+            location, within, viewpoint_id=viewpoint_id, scan=scan, other_scan=other_scan
         )
     if pose == predictions.offsets[record]:
-        is_item = location.place is not None
+        is_item = location.trajectory is not None
         wrong = problems.WRONG_START_OF_ITEM if is_item else problems.WRONG_START
         expected = graph.viewpoint_ids[start]
         return wrong.of_pose(
             location, (0,), instr_id=instr_id, expected=expected, found=viewpoint_id
         )
-    return problems.UNREACHABLE.of_pose(location, path, viewpoint_id=viewpoint_id)
+    return problems.UNREACHABLE.of_pose(location, within, viewpoint_id=viewpoint_id)

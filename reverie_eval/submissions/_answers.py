@@ -234,7 +234,7 @@ def _read_camera(
     if stop is not None and stop.heading is not None and stop.elevation is not None:
         if abs(stop.elevation) <= _STRAIGHT_UP:
             return float(stop.heading), float(stop.elevation)
-        found = problems.UPSIDE_DOWN.of_pose(location, stop.path[:1], elevation=stop.elevation)
+        found = problems.UPSIDE_DOWN.of_pose(location, stop.location[:1], elevation=stop.elevation)
         log.problems.append(found)
     elif poses is None or (stop is not None and not stop.is_reported):
         # An unreadable trajectory or pose was reported already: one problem is enough.

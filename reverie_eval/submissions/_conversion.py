@@ -169,7 +169,7 @@ def _with_known_ids(
             [pose.viewpoint_id for _, pose in poses],
             truth,
             log,
-            lambda row: (poses[row][0], problems.pose_field(poses[row][1].path)),
+            lambda row: (poses[row][0], problems.pose_field(poses[row][1].location)),
         )
     )
     return [

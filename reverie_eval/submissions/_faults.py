@@ -350,11 +350,13 @@ class ReadingLog:
         problem = problems.WRONG_TYPE.of_record(location, where, found=found, expected=expected)
         self.problems.append(problem)
 
-    def add_fault(self, fault: Fault, location: RecordLocation, path: str, example: object) -> None:
+    def add_fault(
+        self, fault: Fault, location: RecordLocation, field: str, example: object
+    ) -> None:
         """Note that a record has a mistake which others may share; only the first is shown."""
         occurrences = self._faults.get(fault)
         if occurrences is None:
-            occurrences = _Occurrences(location.at(path), location.row, example)
+            occurrences = _Occurrences(location.at(field), location.row, example)
             self._faults[fault] = occurrences
         occurrences.rows.add(location.row)
 

@@ -110,7 +110,7 @@ def _is_faultless(part: _Part, numbering: Numbering) -> bool:
 def _predictions(part: _Part, numbering: Numbering, *, has_answers: bool) -> Predictions:
     log = ReadingLog()
     log.differences.update({"text ids": int(part.answer_is_text.sum())})
-    places = _places(part, log) if len(part.n_hops) else {}
+    locations = _locations(part, log) if len(part.n_hops) else {}
     return Predictions(
         instr_ids=part.instr_ids,
         viewpoint_ids=IdColumn(list(numbering), part.viewpoints),
@@ -123,7 +123,7 @@ def _predictions(part: _Part, numbering: Numbering, *, has_answers: bool) -> Pre
         read_as=log.read_as(),
         differences=log.differences,
         signs=_signs(part.predicted_object),
-        **places,
+        **locations,
     )
 
 
@@ -131,7 +131,7 @@ def _signs(predicted_object: IntArray) -> Signs:
     return Signs(has_answers=bool((predicted_object != ABSTAINED).any()))
 
 
-def _places(part: _Part, log: ReadingLog) -> Mapping[str, Any]:
+def _locations(part: _Part, log: ReadingLog) -> Mapping[str, Any]:
     """Return where each viewpoint is in its hop, and note how hops differ from poses."""
     first_hops = offsets_of(part.n_hops)[:-1]
     hops = np.arange(len(part.hop_lengths)) - np.repeat(first_hops, part.n_hops)
@@ -146,8 +146,8 @@ def _places(part: _Part, log: ReadingLog) -> Mapping[str, Any]:
             "no angles": len(part.viewpoints),
         }
     )
-    paths = zip(np.repeat(hops, part.hop_lengths).tolist(), steps.tolist(), strict=True)
-    return {"pose_paths": list(paths), "continues_hop": steps > 0}
+    locations = zip(np.repeat(hops, part.hop_lengths).tolist(), steps.tolist(), strict=True)
+    return {"pose_locations": list(locations), "continues_hop": steps > 0}
 
 
 def _chunks(content: bytes) -> Iterator[bytes]:

@@ -9,7 +9,7 @@ from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of
 from reverie_eval.errors import Problem
-from reverie_eval.submissions._problems import PosePath, RecordLocation
+from reverie_eval.submissions._problems import PoseLocation, RecordLocation
 from reverie_eval.submissions._sources import Source
 
 Records: TypeAlias = Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]]
@@ -143,9 +143,9 @@ class AnswerColumns:
 
     def answers_of(self, rows: IntArray) -> Mapping[str, Any]:
         """Return these columns for some of the rows, in the given order."""
-        place = np.full(len(self.predicted_object), -1)  # of rows that are left out
-        place[rows] = np.arange(len(rows))
-        boxes = replace(self.boxes, row=place[self.boxes.row])
+        row_of = np.full(len(self.predicted_object), -1)  # of rows that are left out
+        row_of[rows] = np.arange(len(rows))
+        boxes = replace(self.boxes, row=row_of[self.boxes.row])
         boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
         return {
             "predicted_object": self.predicted_object[rows],
@@ -174,7 +174,7 @@ class Predictions(AnswerColumns):
     """Whether most angles look like degrees."""
     locations: Sequence[RecordLocation] | None = None
     """The location of each record in the file."""
-    pose_paths: Sequence[PosePath] | None = None
+    pose_locations: Sequence[PoseLocation] | None = None
     """The location of each pose in its trajectory."""
     continues_hop: BoolArray | None = None
     """Shape (n_poses,): whether evaluators that read only the first viewpoint of each hop miss the
@@ -198,14 +198,14 @@ class Predictions(AnswerColumns):
         """Return the location of a record in the file."""
         return RecordLocation(record) if self.locations is None else self.locations[record]
 
-    def pose_path(self, record: int, pose: int) -> PosePath:
+    def pose_location(self, record: int, pose: int) -> PoseLocation:
         """Return the location of a pose in its trajectory.
 
         Poses are numbered over all records.
         """
-        if self.pose_paths is None:
+        if self.pose_locations is None:
             return pose - int(self.offsets[record]), 0
-        return self.pose_paths[pose]
+        return self.pose_locations[pose]
 
     def content(self, record: int) -> Content:
         """Return what a record predicts, for comparison with another record."""
@@ -221,7 +221,7 @@ class Predictions(AnswerColumns):
 
     def first_of_hops(self) -> "Predictions":
         """Return the predictions as read by an evaluator that takes only the first of each hop."""
-        if self.continues_hop is None or self.pose_paths is None:
+        if self.continues_hop is None or self.pose_locations is None:
             return self
         begins_hop = ~self.continues_hop
         poses = np.flatnonzero(begins_hop).tolist()
@@ -231,7 +231,7 @@ class Predictions(AnswerColumns):
             self,
             viewpoint_ids=self.viewpoint_ids.take(poses),
             offsets=offsets_of(lengths),
-            pose_paths=[self.pose_paths[pose] for pose in poses],
+            pose_locations=[self.pose_locations[pose] for pose in poses],
             continues_hop=self.continues_hop[poses],
         )
 

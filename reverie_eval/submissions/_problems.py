@@ -36,7 +36,7 @@ POINT_FORM = "a number of turns, or null where the agent predicts no point"
 
 _ONLY_NEEDED = "a submission needs only instr_id, trajectory and predObjId: remove everything else"
 
-PosePath = tuple[int, ...]
+PoseLocation = tuple[int, ...]
 """Where a viewpoint is in its trajectory: the index of the element, and the index within it."""
 
 
@@ -45,8 +45,8 @@ class RecordLocation(NamedTuple):
 
     row: int
     key: str | None = None
-    place: int | None = None
-    """Which trajectory of an item it is; None if the record is not one of an item's."""
+    trajectory: int | None = None
+    """The index of one of the record's trajectories; None if it has only one."""
     id_key: str = "instr_id"
     """The field with its id: ``inst_idx`` in NDH."""
 
@@ -56,20 +56,22 @@ class RecordLocation(NamedTuple):
     def at(self, field: str) -> str:
         """Return where a field is; an item's trajectories have theirs: ``[3].trajectory[2].path``.
 
-        >>> RecordLocation(3).at(".trajectory[5]"), RecordLocation(3, place=2).at(".trajectory[5]")
-        ('[3].trajectory[5]', '[3].trajectory[2].path[5]')
+        >>> RecordLocation(3).at(".trajectory[5]")
+        '[3].trajectory[5]'
+        >>> RecordLocation(3, trajectory=2).at(".trajectory[5]")
+        '[3].trajectory[2].path[5]'
         """
         record = f"[{self.row}]" if self.key is None else f'["{self.key}"]'
         if field == ".instr_id":
             return f"{record}.{self.id_key}"
-        if self.place is None:
+        if self.trajectory is None:
             return f"{record}{field}"
-        return f"{record}.trajectory[{self.place}]{field.replace('.trajectory', '.path')}"
+        return f"{record}.trajectory[{self.trajectory}]{field.replace('.trajectory', '.path')}"
 
 
-def pose_field(path: PosePath) -> str:
+def pose_field(pose: PoseLocation) -> str:
     """Return where a pose is in its record."""
-    return ".trajectory" + "".join(f"[{index}]" for index in path)
+    return ".trajectory" + "".join(f"[{index}]" for index in pose)
 
 
 class _Text(Formatter):
@@ -105,9 +107,9 @@ class Template:
         where = location.at(field or self.field)
         return Problem(self.code, where, self.text(**values), (location.row,))
 
-    def of_pose(self, location: RecordLocation, path: PosePath, /, **values: object) -> Problem:
+    def of_pose(self, location: RecordLocation, pose: PoseLocation, /, **values: object) -> Problem:
         """Return the problem of a pose in the trajectory of a record."""
-        where, position = location.at(pose_field(path)), (location.row, *path)
+        where, position = location.at(pose_field(pose)), (location.row, *pose)
         return Problem(self.code, where, self.text(**values), position)
 
     def text(self, **values: object) -> str:

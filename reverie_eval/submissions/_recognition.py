@@ -32,7 +32,7 @@ from reverie_eval.tasks import BUILT_IN, ITEM_MARK, Task, find_task
 from reverie_eval.tasks._registry import DEFAULT_TASK
 
 Ids: TypeAlias = Sequence[str | None]
-Place: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
+Locate: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
 """Returns the record of an id, and where in it the id is."""
 
 
@@ -103,7 +103,7 @@ class Recognition:
     """Whether some ids do not tell their episode, so that it is open which episodes are missing."""
 
 
-def recognise_task(ids: Ids, signs: Signs, task: Task, log: ReadingLog, place: Place) -> None:
+def recognise_task(ids: Ids, signs: Signs, task: Task, log: ReadingLog, locate: Locate) -> None:
     """Raise one SubmissionError for a file of another task, where no ground truth is known."""
     raw = _raw(ids)
     looks_ours = 2 * sum(map(task.has_id_like, raw)) >= len(raw)
@@ -113,11 +113,11 @@ def recognise_task(ids: Ids, signs: Signs, task: Task, log: ReadingLog, place: P
     if other is not None:
         raise SubmissionError([other])
     for row in sorted(signs.numbered):
-        log.add_fault(faults.NUMBERED_IDS, *place(row), ids[row])
+        log.add_fault(faults.NUMBERED_IDS, *locate(row), ids[row])
 
 
 def recognise(
-    ids: Ids, signs: Signs, ground_truth: GroundTruth, log: ReadingLog, place: Place
+    ids: Ids, signs: Signs, ground_truth: GroundTruth, log: ReadingLog, locate: Locate
 ) -> Recognition:
     """Return what the ids of a file are, and note the mistakes in them in the log."""
     known = _KnownIds(ground_truth)
@@ -130,8 +130,8 @@ def recognise(
         other = _other_task(raw, signs, task)
         if other is not None:
             return Recognition(ids, other)
-    corrected.note(ids, log, place)
-    completed = _complete(corrected.ids, known, log, place)
+    corrected.note(ids, log, locate)
+    completed = _complete(corrected.ids, known, log, locate)
     meant = [each if each is None else known.own.get(each, each) for each in completed]
     of_split = _rows_by_split(meant, known)
     unknown, there = of_split.pop(None, []), {each for each in meant if each in known.own}
@@ -142,7 +142,7 @@ def recognise(
         strange = sorted([*strange, *(row for rows in of_split.values() for row in rows)])
         of_split = {}
     if not there and not is_unresolved:
-        problem = _problem_of_all(ids, of_split, strange, ground_truth, place)
+        problem = _problem_of_all(ids, of_split, strange, ground_truth, locate)
         if problem is not None:
             return Recognition(ids, problem)
     expected = len(ground_truth.episodes.index)
@@ -155,7 +155,7 @@ def recognise(
         (faults.unknown_episodes(split, task), strange if len(strange) > SHOWN_PROBLEMS else ()),
     ):
         for row in rows:
-            log.add_fault(fault, *place(row), ids[row])
+            log.add_fault(fault, *locate(row), ids[row])
             meant[row] = None
     is_unresolved |= bool(raw) and not there
     return Recognition(meant, None, others, is_unresolved)
@@ -197,14 +197,14 @@ def _problem_of_all(
     of_split: Mapping[str | None, Sequence[int]],
     unknown: Sequence[int],
     ground_truth: GroundTruth,
-    place: Place,
+    locate: Locate,
 ) -> Problem | None:
     """Return the one problem of a file without any episode of the split."""
     if of_split:
         counts = {str(other): len(rows) for other, rows in of_split.items()}
         row = min(rows[0] for rows in of_split.values())
         return problems.results_of_other_splits(
-            counts, ground_truth.split, place(row)[0], str(ids[row])
+            counts, ground_truth.split, locate(row)[0], str(ids[row])
         )
     if unknown and ground_truth.is_demo and not _knows_paths(_raw(ids), ground_truth):
         first = str(ids[unknown[0]])
@@ -284,7 +284,7 @@ def _is_wider(task: Task, other: Task) -> bool:
 # Ids without some of their parts.
 
 
-def _complete(ids: Ids, known: _KnownIds, log: ReadingLog, place: Place) -> list[str | None]:
+def _complete(ids: Ids, known: _KnownIds, log: ReadingLog, locate: Locate) -> list[str | None]:
     """Return ids with the parts that they lack, or None where several episodes fit."""
     completed = list(ids)
     foreign = [row for row, each in enumerate(ids) if each is not None and each not in known.own]
@@ -305,7 +305,7 @@ def _complete(ids: Ids, known: _KnownIds, log: ReadingLog, place: Place) -> list
             reason = f"{fit} several episodes, so the file does not tell which is meant"
         fault = faults.incomplete_ids(lacking, _form_of_ids(known.ground_truth), reason)
         for row, fits in fitting.items():
-            log.add_fault(fault, *place(row), ids[row])
+            log.add_fault(fault, *locate(row), ids[row])
             completed[row] = None if several else fits[0]
         break
     return completed
@@ -334,7 +334,7 @@ def _find_parts(
 
 
 def _combinations(number: int) -> Iterator[Sequence[int]]:
-    """Yield the places of parts that may be left out, the last part first; none are the marks."""
+    """Yield the indexes of parts that may be left out, the last part first; none are the marks."""
     if number > 1:
         yield ()
     for count in range(1, number):
@@ -361,12 +361,12 @@ class Corrected(NamedTuple):
     fault: Fault | None = None
     """None if no mistake explains at least half of the unknown ids."""
 
-    def note(self, given: Ids, log: ReadingLog, place: Place) -> None:
+    def note(self, given: Ids, log: ReadingLog, locate: Locate) -> None:
         """Note the mistake of each id that was corrected."""
         if self.fault is not None:
             for row, (each, meant) in enumerate(zip(given, self.ids, strict=True)):
                 if each != meant:
-                    log.add_fault(self.fault, *place(row), each)
+                    log.add_fault(self.fault, *locate(row), each)
 
 
 def _stripped(instr_id: str, _: Known) -> str:
@@ -462,10 +462,10 @@ def correct_instr_ids(ids: Ids, known: Known) -> Corrected:
     return _correct(ids, known, _INSTR_ID_CAUSES, count=len(set(ids)))
 
 
-def fix_viewpoint_ids(ids: Ids, ground_truth: GroundTruth, log: ReadingLog, place: Place) -> Ids:
+def fix_viewpoint_ids(ids: Ids, ground_truth: GroundTruth, log: ReadingLog, locate: Locate) -> Ids:
     """Return viewpoint ids without the mistake that unknown ones have in common, and note it."""
     corrected = _correct(ids, ground_truth.graph.index, _VIEWPOINT_CAUSES)
-    corrected.note(ids, log, place)
+    corrected.note(ids, log, locate)
     return corrected.ids
 
 

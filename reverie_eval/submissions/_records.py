@@ -235,7 +235,11 @@ def _read_instr_id(
     if not isinstance(value, str):
         log.add_wrong_type(location, INSTR_ID_KEY, value, problems.id_form(task))
         return None
-    if location.key is not None and location.place is None and _bare(location.key) != _bare(value):
+    if (
+        location.key is not None
+        and location.trajectory is None
+        and _bare(location.key) != _bare(value)
+    ):
         found = problems.KEY_MISMATCH.of_record(location, instr_id=value, key=location.key)
         log.problems.append(found)
     log.differences["prefixed"] += value.startswith(ID_PREFIX)
@@ -268,7 +272,7 @@ def read_carefully(
         answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
         has_leading_zeros=np.array([a.has_leading_zeros for a in answers], dtype=np.bool_),
         locations=[record.location for record in records],
-        pose_paths=list(chain.from_iterable(each.paths for each in poses)),
+        pose_locations=list(chain.from_iterable(each.locations for each in poses)),
         continues_hop=np.fromiter(
             chain.from_iterable(each.continues_hop for each in poses), np.bool_
         ),

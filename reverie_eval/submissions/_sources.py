@@ -38,7 +38,7 @@ _JSON_SUFFIX = re.compile(r"(?<=.)(\.json)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_MEMBER = _GZIP_MAGIC + b"\x08"
-"""The first bytes of each member; in compressed bytes, one place in 16 million has the same."""
+"""The first bytes of each member; in compressed bytes, one position in 16 million has the same."""
 _MAX_GZIP_MEMBERS = 10_000
 """Writers that compress by blocks make a few thousand. Empty ones have 20 bytes, and each takes as
 long as a kilobyte of text."""
@@ -112,14 +112,14 @@ def _read(source: str | PathLike[str] | BinaryIO | TextIO, limit: int) -> bytes:
     return content.encode(errors="surrogatepass") if isinstance(content, str) else content
 
 
-def _read_file(path: str | PathLike[str], limit: int) -> bytes:
+def _read_file(file: str | PathLike[str], limit: int) -> bytes:
     try:
-        with Path(path).open("rb") as file:
-            return file.read(limit + 1)
+        with Path(file).open("rb") as opened:
+            return opened.read(limit + 1)
     except (OSError, ValueError) as error:
         # Most libraries take JSON as text; here text is a path, and the system's error for one of
         # a hundred thousand letters would not help.
-        text = str(path).strip()
+        text = str(file).strip()
         if (text[:1], text[-1:]) in _JSON_BRACKETS:
             raise TypeError("to score JSON text, pass it as bytes: text.encode()") from error
         raise
@@ -244,10 +244,10 @@ def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
         raise ProtocolError(f"{word}: a comma has no file before or after it; remove the comma")
     found: dict[str, str] = {}
     for file in chain.from_iterable(find_files([each]) for each in named):
-        place = os.path.realpath(file)
-        if place in found:
-            raise ProtocolError(f"{word}: {found[place]} is named twice; name each run once")
-        found[place] = file
+        resolved = os.path.realpath(file)
+        if resolved in found:
+            raise ProtocolError(f"{word}: {found[resolved]} is named twice; name each run once")
+        found[resolved] = file
     return name, list(found.values())
 
 
@@ -267,19 +267,19 @@ def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[s
     seen: dict[str, tuple[int, int] | None] = {}
     yielded: dict[str, tuple[int, int] | None] = {}
     while True:
-        for path in dict.fromkeys(chain.from_iterable(map(_files, names))):
-            state = _state(path)
-            if state and state == seen.get(path) != yielded.get(path):
-                yielded[path] = state
-                yield path
-            seen[path] = state
+        for name in dict.fromkeys(chain.from_iterable(map(_files, names))):
+            state = _state(name)
+            if state and state == seen.get(name) != yielded.get(name):
+                yielded[name] = state
+                yield name
+            seen[name] = state
         pause()
 
 
-def _state(path: str) -> tuple[int, int] | None:
+def _state(name: str) -> tuple[int, int] | None:
     """Return a file's size and time of change; None if it is not there."""
     try:
-        found = Path(path).stat()
+        found = Path(name).stat()
     except OSError:
         return None
     return found.st_size, found.st_mtime_ns
@@ -299,9 +299,9 @@ def _is_submission(file: Path) -> bool:
     return ends_so and file.is_file()
 
 
-def source_name(path: str | PathLike[str]) -> str:
+def source_name(file: str | PathLike[str]) -> str:
     """Return a path as messages show it: ``-`` is standard input."""
-    return "standard input" if path == STANDARD_INPUT else str(path)
+    return "standard input" if file == STANDARD_INPUT else str(file)
 
 
 def submission_names(submissions: Sequence[object]) -> Sequence[str]:
@@ -317,8 +317,8 @@ def submission_names(submissions: Sequence[object]) -> Sequence[str]:
     >>> submission_names([b"[]", "a.json"])
     ['submission 1', 'submission 2']
     """
-    paths = [each for each in submissions if isinstance(each, (str, os.PathLike))]
-    files = [Path(source_name(path)) for path in paths]
+    named = [each for each in submissions if isinstance(each, (str, os.PathLike))]
+    files = [Path(source_name(each)) for each in named]
     bare = [file.with_name(_JSON_SUFFIX.sub("", file.name)) for file in files]
     for names in ([file.name for file in bare], _differing_parts(bare), _differing_parts(files)):
         if len(set(names)) == len(submissions):
@@ -328,12 +328,12 @@ def submission_names(submissions: Sequence[object]) -> Sequence[str]:
 
 def _differing_parts(files: Sequence[Path]) -> Sequence[str]:
     """Return the paths without their common beginning and their common end."""
-    paths = [list(file.parts) for file in files]
+    parts = [list(file.parts) for file in files]
     for end in (0, -1):
-        while len({path[end] for path in paths}) == 1 and min(map(len, paths)) > 1:
-            for path in paths:
-                path.pop(end)
-    return [str(Path(*path)) for path in paths]
+        while len({each[end] for each in parts}) == 1 and min(map(len, parts)) > 1:
+            for each in parts:
+                each.pop(end)
+    return [str(Path(*each)) for each in parts]
 
 
 def check_names(names: Iterable[object]) -> None:

@@ -38,7 +38,7 @@ from reverie_eval.submissions._fields import (
     read_printed,
     unwrap,
 )
-from reverie_eval.submissions._problems import PosePath, RecordLocation
+from reverie_eval.submissions._problems import PoseLocation, RecordLocation
 from reverie_eval.tasks import ITEM_MARK
 
 MAX_POSES = 20_000
@@ -52,7 +52,7 @@ _ANGLE_KEYS = ("heading", "elevation")
 class Pose(NamedTuple):
     """One pose of a trajectory; None where the file gives no value."""
 
-    path: PosePath
+    location: PoseLocation
     viewpoint_id: str | None
     heading: float | None = None
     elevation: float | None = None
@@ -66,7 +66,7 @@ class Pose(NamedTuple):
 class Poses(Sequence[Pose]):
     """The poses of a trajectory by their fields, without an object for each pose."""
 
-    paths: Sequence[PosePath]
+    locations: Sequence[PoseLocation]
     viewpoint_ids: Sequence[str | None]
     headings: Sequence[float | None]
     elevations: Sequence[float | None]
@@ -90,7 +90,7 @@ class Poses(Sequence[Pose]):
     @property
     def _columns(self) -> Sequence[Sequence[Any]]:
         return (
-            *(self.paths, self.viewpoint_ids, self.headings, self.elevations),
+            *(self.locations, self.viewpoint_ids, self.headings, self.elevations),
             *(self.continues_hop, self.is_reported),
         )
 
@@ -98,7 +98,7 @@ class Poses(Sequence[Pose]):
 def read_trajectory(location: RecordLocation, record: Mapping[str, Any], log: ReadingLog) -> Poses:
     """Read a record's trajectory; an unreadable pose is reported and has no viewpoint."""
     if "trajectory" not in record:
-        missing = "trajectory" if location.place is None else "path"
+        missing = "trajectory" if location.trajectory is None else "path"
         log.problems.append(problems.MISSING_FIELD.of_record(location, field=missing))
         return Poses.of([])
     trajectory = _meant(location, record["trajectory"], log)
@@ -196,8 +196,8 @@ def _read_plain(trajectory: Sequence[Any]) -> Poses | None:
         return None
     if not all(map(is_finite, angles)):
         return None
-    paths, no = _paths_in((1,) * len(trajectory)), (False,) * len(trajectory)
-    return Poses(paths, viewpoints, headings, elevations, no, no)
+    locations, no = _locations_in((1,) * len(trajectory)), (False,) * len(trajectory)
+    return Poses(locations, viewpoints, headings, elevations, no, no)
 
 
 def _read_hops(trajectory: Sequence[Any], log: ReadingLog) -> Poses | None:
@@ -215,22 +215,22 @@ def _read_hops(trajectory: Sequence[Any], log: ReadingLog) -> Poses | None:
     log.differences["long hops"] += sum(length > 1 for length in lengths)
     log.differences["no angles"] += sum(lengths)
     none, no = (None,) * len(viewpoints), (False,) * len(viewpoints)
-    paths = _paths_in(lengths)
-    return Poses(paths, viewpoints, none, none, [step > 0 for _, step in paths], no)
+    locations = _locations_in(lengths)
+    return Poses(locations, viewpoints, none, none, [step > 0 for _, step in locations], no)
 
 
-def _paths_in(lengths: tuple[int, ...]) -> Sequence[PosePath]:
+def _locations_in(lengths: tuple[int, ...]) -> Sequence[PoseLocation]:
     """Return the location of each viewpoint in a trajectory whose elements have these lengths."""
     # Nearly all trajectories are short and share their locations with others of their form. Long
     # ones would fill the memory.
-    return _shared_paths(lengths) if sum(lengths) <= _FEW_POSES else _make_paths(lengths)
+    return _shared_locations(lengths) if sum(lengths) <= _FEW_POSES else _make_locations(lengths)
 
 
-def _make_paths(lengths: tuple[int, ...]) -> Sequence[PosePath]:
+def _make_locations(lengths: tuple[int, ...]) -> Sequence[PoseLocation]:
     return [(index, step) for index, length in enumerate(lengths) for step in range(length)]
 
 
-_shared_paths = lru_cache(maxsize=1024)(_make_paths)
+_shared_locations = lru_cache(maxsize=1024)(_make_locations)
 
 
 def have_types(values: Iterable[object], types: AbstractSet[type]) -> bool:
@@ -383,15 +383,15 @@ def split_items(
         if isinstance(trajectories, Mapping):
             log.differences["single trajectories"] += 1
             trajectories = [trajectories]
-        for place, trajectory in enumerate(trajectories):
+        for index, trajectory in enumerate(trajectories):
             instr_id = given
             if isinstance(given, str):
                 instr_id = f"{given}{ITEM_MARK}{count[given]}"
                 count[given] += 1
             others = {key: value for key, value in item.items() if key != TRAJECTORY_KEY}
-            its_place = location._replace(place=place)
-            fields = {**others, INSTR_ID_KEY: instr_id, **_flat(its_place, trajectory, log)}
-            yield its_place, fields
+            own = location._replace(trajectory=index)
+            fields = {**others, INSTR_ID_KEY: instr_id, **_flat(own, trajectory, log)}
+            yield own, fields
 
 
 def _as_item(

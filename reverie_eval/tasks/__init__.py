@@ -5,10 +5,10 @@ scored, and by which metrics they are ranked. Everything else in the package is 
 """
 
 from reverie_eval.tasks._annotation import (
+    AnnotatedPath,
     Annotation,
     EpisodeAnnotation,
     Outline,
-    Path,
     PathAnnotation,
     ViewpointId,
     turns_of,
@@ -70,6 +70,7 @@ __all__ = [
     "TO_REGION",
     "TRAJECTORY",
     "VIEW",
+    "AnnotatedPath",
     "Annotation",
     "Codebase",
     "CodebaseEvaluator",
@@ -81,7 +82,6 @@ __all__ = [
     "KnownSplit",
     "Outline",
     "Paper",
-    "Path",
     "PathAnnotation",
     "Protocol",
     "Task",

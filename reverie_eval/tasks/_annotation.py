@@ -10,7 +10,7 @@ ViewpointId: TypeAlias = Annotated[str, Meta(min_length=1)]
 Outline: TypeAlias = Sequence[tuple[float, float]]
 """The centre of a target and its four corners as a viewpoint sees them: heading and elevation, in
 turns."""
-Path: TypeAlias = Annotated[list[ViewpointId], Meta(min_length=1)]
+AnnotatedPath: TypeAlias = Annotated[list[ViewpointId], Meta(min_length=1)]
 """Viewpoints in walking order."""
 
 
@@ -104,7 +104,7 @@ class EpisodeAnnotation(Annotation, frozen=True, kw_only=True):
 class PathAnnotation(Annotation, frozen=True, kw_only=True):
     """A path with its instructions, in the fields that R2R gave them and REVERIE kept."""
 
-    path: Path
+    path: AnnotatedPath
     instructions: Annotated[list[str], Meta(min_length=1)]
 
     @property

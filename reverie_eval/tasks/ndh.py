@@ -7,7 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from reverie_eval.tasks._annotation import EpisodeAnnotation, Path, ViewpointId
+from reverie_eval.tasks._annotation import AnnotatedPath, EpisodeAnnotation, ViewpointId
 from reverie_eval.tasks._fields import INSTR_ID
 from reverie_eval.tasks._task import TO_REGION, Protocol, Task
 
@@ -29,11 +29,11 @@ class NdhAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
     """The kind of object that the goal region is named by."""
     start_pano: _Start
     dialog_history: list[_Message]
-    end_panos: Path | None = None
+    end_panos: AnnotatedPath | None = None
     """The goal region; absent from a public test file, like the paths."""
-    planner_path: Path | None = None
+    planner_path: AnnotatedPath | None = None
     """The next steps of a planner, which the answering person saw."""
-    player_path: Path | None = None
+    player_path: AnnotatedPath | None = None
     """Where the asking person then walked."""
 
     @property

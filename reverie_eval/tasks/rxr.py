@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from reverie_eval.tasks._annotation import EpisodeAnnotation, Path
+from reverie_eval.tasks._annotation import AnnotatedPath, EpisodeAnnotation
 from reverie_eval.tasks._fields import INSTR_ID
 from reverie_eval.tasks._task import Protocol, Task
 
@@ -17,7 +17,7 @@ class RxRAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
     instruction_id: Annotated[int, Meta(ge=0)]
     path_id: Annotated[int, Meta(ge=0)] | None = None
     """Absent from a public test file."""
-    path: Path
+    path: AnnotatedPath
     instruction: str
     language_tag: Literal["en-IN", "en-US", "hi-IN", "te-IN"] = field(name="language")
 

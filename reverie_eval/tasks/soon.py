@@ -7,10 +7,10 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from reverie_eval.tasks._annotation import (
+    AnnotatedPath,
     Annotation,
     EpisodeAnnotation,
     Outline,
-    Path,
     ViewpointId,
     turns_of,
 )
@@ -52,7 +52,7 @@ class SoonAnnotation(Annotation, frozen=True, kw_only=True):
     scan: str = ""  # files with the solution give it in the boxes
     instr_id: Annotated[int, Meta(ge=0)] | ViewpointId
     instructions: Annotated[list[str | _Parts], Meta(min_length=1)]  # one or several
-    path: Annotated[list[Path], Meta(min_length=1)]
+    path: Annotated[list[AnnotatedPath], Meta(min_length=1)]
     bboxes: list[_Box]  # one where the target is seen; none in a public test file
 
     def __post_init__(self) -> None:

@@ -256,7 +256,7 @@ def test_a_trajectory_is_walked_from_first_to_last(
     predictions = read_predictions([record])
     assert not predictions.problems
     assert list(predictions.viewpoint_ids) == list(viewpoint_ids)
-    told = [predictions.pose_path(0, pose) for pose in range(len(viewpoint_ids))]
+    told = [predictions.pose_location(0, pose) for pose in range(len(viewpoint_ids))]
     assert places is None or [".".join(map(str, path)) for path in told] == places
 
 

@@ -21,7 +21,7 @@ from tests.conftest import REPOSITORY
 REVERIE, NDH, R2R, SOON = map(find_task, ("reverie", "ndh", "r2r", "soon"))
 RECORD = RecordLocation(3)
 KEYED = RecordLocation(3, "7_1_0")
-OF_AN_ITEM = RecordLocation(3, place=2)
+OF_AN_ITEM = RecordLocation(3, trajectory=2)
 POSE_FORM = "[viewpoint_id, heading, elevation]"
 WORDING = Path(__file__).with_name("problems.txt")
 """A line for each of PROBLEMS and each fault, as a participant reads it."""

@@ -752,7 +752,7 @@ def test_a_pose_that_cannot_be_read_has_its_place() -> None:
     for element in (7, None, ["hall", math.nan, 0]):
         written = {**RECORDS[0], "trajectory": [["bath"], element]}
         predictions = read_predictions([written])
-        assert predictions.pose_path(0, 1)[0] == 1
+        assert predictions.pose_location(0, 1)[0] == 1
         assert len(predictions.problems) == 1
 
 

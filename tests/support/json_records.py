@@ -82,7 +82,7 @@ def places_of(predictions: Predictions) -> list[tuple[str, list[tuple[int, ...]]
         (
             str(predictions.location(row)),
             [
-                predictions.pose_path(row, pose)
+                predictions.pose_location(row, pose)
                 for pose in range(*predictions.offsets[row : row + 2].tolist())
             ],
         )

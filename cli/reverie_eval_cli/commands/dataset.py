@@ -60,12 +60,12 @@ def compile_bundle(
     notes = list(origin_notes(bundle.header))
     if public:
         bundle = bundle.public()
-    place = _bundle_path(output, bundle)
-    check_outputs([place], [*files.annotations.values(), files.boxes, files.object_positions])
-    bundle.save(place)
+    file = _bundle_file(output, bundle)
+    check_outputs([file], [*files.annotations.values(), files.boxes, files.object_positions])
+    bundle.save(file)
     parts = {"episode": "instr_id", "scan": "scan_id", "viewpoint": "viewpoint_id"}
     counts = [count_text(len(bundle.arrays[array]), noun) for noun, array in parts.items()]
-    print(f"{place}: {bundle.header.dataset} {split}, {', '.join(counts)}")
+    print(f"{file}: {bundle.header.dataset} {split}, {', '.join(counts)}")
     if bundle.is_public:
         print("no solution included: it can validate submissions, not score them")
     print(f"fingerprint {bundle.header.fingerprint}")
@@ -73,7 +73,7 @@ def compile_bundle(
         note(remark)
 
 
-def _bundle_path(output: str, bundle: Bundle) -> Path:
+def _bundle_file(output: str, bundle: Bundle) -> Path:
     """Return the file to write; a folder that is named with a slash is made."""
     path = Path(output)
     if output.endswith(os.sep):

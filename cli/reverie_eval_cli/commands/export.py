@@ -96,22 +96,22 @@ def export_every_eval_ever(
     developer, name = model
     evaluated = EvaluatedModel(developer, name, evaluator or developer)
     aggregate = every_eval_ever(scores.with_intervals(), evaluated, datetime.now(timezone.utc))
-    place = Path("data", collection(scores), developer, name)
+    folder = Path("data", collection(scores), developer, name)
     stem = str(uuid.uuid4())
-    (output / place).mkdir(parents=True, exist_ok=True)
-    written = [place / f"{stem}.json"]
+    (output / folder).mkdir(parents=True, exist_ok=True)
+    written = [folder / f"{stem}.json"]
     if instances:
-        written.append(place / f"{stem}_samples.jsonl")
+        written.append(folder / f"{stem}_samples.jsonl")
         details = _write_instances(submission, scores, aggregate, output, written[-1])
         aggregate = {**aggregate, "detailed_evaluation_results": details}
     with open_output(str(output / written[0])) as file:
         file.write(f"{json.dumps(aggregate, indent=2)}\n")
-    for path in written:
-        print(output / path)
+    for each in written:
+        print(output / each)
 
 
 def _write_instances(
-    submission: str, scores: Scores, aggregate: Mapping[str, Any], root: Path, place: Path
+    submission: str, scores: Scores, aggregate: Mapping[str, Any], root: Path, name: Path
 ) -> Mapping[str, Any]:
     """Write the values of all episodes, and return what the aggregate says of the file."""
     from reverie_eval.exports import instance_results
@@ -120,7 +120,7 @@ def _write_instances(
     truth = scores.ground_truth
     records = convert(submission, split=truth.split, ground_truth=truth).records
     digest, rows = hashlib.sha256(), 0
-    with open_output(str(root / place)) as file:
+    with open_output(str(root / name)) as file:
         for row in instance_results(scores, records, aggregate):
             line = f"{json.dumps(row)}\n"
             digest.update(line.encode())
@@ -128,7 +128,7 @@ def _write_instances(
             rows += 1
     return {
         "format": "jsonl",
-        "file_path": place.as_posix(),
+        "file_path": name.as_posix(),
         "hash_algorithm": "sha256",
         "checksum": digest.hexdigest(),
         "total_rows": rows,

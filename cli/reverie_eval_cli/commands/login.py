@@ -35,12 +35,12 @@ def login(*, server: ServerOptions) -> None:
     logins.save()  # an invitation works once: see first that its token can be kept
     server.connect().close()  # and that it can be sent safely
     token = _exchange(server, _ask())
-    place = logins.with_token(server.url, token).save()
+    file = logins.with_token(server.url, token).save()
     with server.connect(token) as client:
         print_banner(client)
         me = client.me()
     who = printable(f"{me.person} of {me.team} ({me.role})")
-    print(f"signed in to {client.url} as {who}; token kept in {place}")
+    print(f"signed in to {client.url} as {who}; token kept in {file}")
     if TOKEN_VARIABLE in os.environ:
         note(f"{TOKEN_VARIABLE} is set, and takes precedence over the login")
 

@@ -208,8 +208,8 @@ def _rank(
             show_table(ranking_table(scored), output=output)
         else:
             show(partial(RANKING_FORMATS[layout], scored), output)
-    for path, error in scored.failures.items():
-        print(_failure(path, error), file=sys.stderr)
+    for file, error in scored.failures.items():
+        print(_failure(file, error), file=sys.stderr)
     return 1 if scored.failures else 0
 
 
@@ -250,18 +250,18 @@ def _watch(names: Sequence[str], evaluator: Evaluator, layout: str, output: str 
             raise click.UsageError(f"{name}: there is no such file or folder to watch")
     print(watch_heading(evaluator), flush=True)
     with suppress(KeyboardInterrupt):
-        for path in watch_files(names, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
+        for file in watch_files(names, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
             try:
-                print(watch_line(path, evaluator(path), evaluator), flush=True)
+                print(watch_line(file, evaluator(file), evaluator), flush=True)
             except (SubmissionError, OSError) as error:
-                print(_failure(path, error), file=sys.stderr)
+                print(_failure(file, error), file=sys.stderr)
     return 0
 
 
-def _failure(path: str, error: Failure) -> str:
+def _failure(file: str, error: Failure) -> str:
     """Say in a line why a file has no scores."""
     if isinstance(error, OSError):
-        return f"{path}: {error.strerror}"
+        return f"{file}: {error.strerror}"
     first, *others = error.problems
     more = f" (`reverie-eval validate` lists {len(others):,} more)" if others else ""
-    return f"{path}: submission rejected: {first}{more}"
+    return f"{file}: submission rejected: {first}{more}"

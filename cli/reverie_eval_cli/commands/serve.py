@@ -45,11 +45,11 @@ def serve(*, folder: Path | None, host: str, port: int, workers: int | None) -> 
 
     gc.enable()  # off in this command, which pays off in short lives only
     token = None if folder or _DEMO.exists() else _make_demo()
-    place = folder or _DEMO
-    settings = check_sound(place, note)
+    root = folder or _DEMO
+    settings = check_sound(root, note)
     print(f"{settings.title}, data in {settings.folder}", flush=True)
     with suppress(KeyboardInterrupt):
-        run_server(settings, host, port, _announcement(place, token), workers=workers or WORKERS)
+        run_server(settings, host, port, _announcement(root, token), workers=workers or WORKERS)
 
 
 def _make_demo() -> str:

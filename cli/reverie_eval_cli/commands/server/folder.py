@@ -226,10 +226,10 @@ def restore(*, file: Path, folder: Path) -> int:
 
     report = restore_backup(file, folder)
     print(f"{folder}: restored, {_counts(report.manifest.rows)}")
-    for place in report.changed:
-        note(f"{place.setting} was {place.before}, outside the folder; it is now {place.after}")
-        if place.variable and place.variable not in os.environ:
-            note(f"to restore to another place, set {place.variable}, and restore again")
+    for change in report.changed:
+        note(f"{change.setting} was {change.before}, outside the folder; it is now {change.after}")
+        if change.variable and change.variable not in os.environ:
+            note(f"to restore elsewhere, set {change.variable}, and restore again")
     return show_findings(check_folder(folder))
 
 

@@ -40,7 +40,7 @@ from reverie_eval.analysis._evidence import (
     spread_of_changes,
 )
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
-from reverie_eval.analysis._runs import Method, RunIntervals, Runs
+from reverie_eval.analysis._runs import RunIntervals, Runs, Scored
 
 __all__ = [
     "BEST",
@@ -57,11 +57,11 @@ __all__ = [
     "Grouped",
     "Grouping",
     "GroupingKey",
-    "Method",
     "PredictedBox",
     "Ranks",
     "RunIntervals",
     "Runs",
+    "Scored",
     "Spread",
     "VisibleObject",
     "breakdown",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.analysis._runs import Method, RunIntervals, Runs, crossed_means, runs_of
+from reverie_eval.analysis._runs import RunIntervals, Runs, Scored, crossed_means, runs_of
 from reverie_eval.arrays import Array, FloatArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
@@ -89,7 +89,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     those of navigation.
     """
 
-    scores: Mapping[str, Method]
+    scores: Mapping[str, Scored]
     """The scores of all submissions by name; several runs of a method count as one."""
     intervals: Mapping[str, ClusterIntervals]
     """Intervals of the differences, by the names of all but the first."""
@@ -108,7 +108,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     @classmethod
     def of(
         cls,
-        scores: Mapping[str, Method],
+        scores: Mapping[str, Scored],
         cluster: Clustering = "target",
         *,
         confidence: float | None = None,
@@ -341,7 +341,7 @@ class ComparedSubmissionsError(SubmissionError):
 
 
 def compare(
-    *submissions: Submission | Method,
+    *submissions: Submission | Scored,
     split: KnownSplit | str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
@@ -388,15 +388,15 @@ def compare(
     if len(set(names)) != len(submissions):
         given = ", ".join(map(str, names))
         raise ProtocolError(f"every submission needs a name of its own; got {given}")
-    if split is None and not all(isinstance(each, Method) for each in submissions):
+    if split is None and not all(isinstance(each, Scored) for each in submissions):
         raise ProtocolError("give the split of the submissions: split=...")
     truth = find_ground_truth(ground_truth, split, task) if split else None
     if truth and subset is not None:
         truth = truth.subset(subset)
-    scores: dict[str, Method] = {}
+    scores: dict[str, Scored] = {}
     errors: dict[str, SubmissionError] = {}
     for name, each in zip(names, submissions, strict=True):
-        if isinstance(each, Method):
+        if isinstance(each, Scored):
             scores[name] = each
             continue
         try:
@@ -427,7 +427,7 @@ def p_text(p_value: float) -> str:
     return "p < 0.001" if p_value < SMALLEST_SHOWN_P else f"p = {p_value:.3f}"
 
 
-def check_comparable(scores: Mapping[str, Method]) -> None:
+def check_comparable(scores: Mapping[str, Scored]) -> None:
     """Check that scores can be compared.
 
     Raises
@@ -443,7 +443,7 @@ def check_comparable(scores: Mapping[str, Method]) -> None:
         raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
 
 
-def _baseline_first(scores: Mapping[str, Method], baseline: str | None) -> Mapping[str, Method]:
+def _baseline_first(scores: Mapping[str, Scored], baseline: str | None) -> Mapping[str, Scored]:
     """Return the scores with those of the baseline first, the others in their order."""
     if baseline is None:
         return scores
@@ -462,7 +462,7 @@ def _changes(difference: Difference) -> bool:
 
 
 def _test_runs(
-    scores: Mapping[str, Method],
+    scores: Mapping[str, Scored],
     changes: Mapping[str, Mapping[str, Array]],
     cluster: Clustering,
     confidence: float,
@@ -477,7 +477,7 @@ def _test_runs(
         bounds = bounds_of(keys, attrgetter("difference_bounds"))
         ends = means.interval(bounds, confidence)
         intervals[name] = RunIntervals.of(
-            means, ends, keys, cluster=cluster, confidence=confidence, methods=[runs, first]
+            means, ends, keys, cluster=cluster, confidence=confidence, runs=[runs, first]
         )
         p_values.append(means.p_value(bounds))
     return intervals, np.concatenate(p_values)

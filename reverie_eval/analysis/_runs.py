@@ -54,13 +54,13 @@ class RunIntervals(ClusterIntervals):
         *,
         cluster: Clustering,
         confidence: float,
-        methods: Sequence[Mapping[str, Scores]],
+        runs: Sequence[Mapping[str, Scores]],
     ) -> Self:
         """Describe intervals of the means of methods' runs, or of differences of them.
 
         ``ends``, of shape (2, n_metrics), has a column for each of the keys.
         """
-        groups = [equal_runs(each) for each in methods]
+        groups = [equal_runs(each) for each in runs]
         return cls(
             cluster,
             len(means.deviation),
@@ -72,7 +72,7 @@ class RunIntervals(ClusterIntervals):
         )
 
     @property
-    def method(self) -> str:
+    def procedure(self) -> str:
         """How the intervals were computed, so that they can be reproduced."""
         runs = " and ".join(map(str, self.n_runs))
         return (
@@ -165,7 +165,7 @@ class Runs(Mapping[str, float]):
         level = IntervalEngine.of(confidence).confidence
         ends = means.interval(bounds_of(keys, attrgetter("bounds")), level)
         intervals = RunIntervals.of(
-            means, ends, keys, cluster=cluster, confidence=level, methods=[runs]
+            means, ends, keys, cluster=cluster, confidence=level, runs=[runs]
         )
         return cls(runs, intervals)
 
@@ -263,13 +263,13 @@ class Runs(Mapping[str, float]):
         return f"<Runs of {len(self.runs)}: {values}; {self.signature}>"
 
 
-Method: TypeAlias = Scores | Runs
-"""What can be compared: one run, or several of the same method."""
+Scored: TypeAlias = Scores | Runs
+"""The scores of a method, which can be compared: of one run, or of several."""
 
 
-def runs_of(method: Method) -> Mapping[str, Scores]:
+def runs_of(scored: Scored) -> Mapping[str, Scores]:
     """Return the runs of a method by name; scores count as one run."""
-    return method.runs if isinstance(method, Runs) else {"": method}
+    return scored.runs if isinstance(scored, Runs) else {"": scored}
 
 
 def equal_runs(runs: Mapping[str, Scores]) -> Sequence[Sequence[str]]:

@@ -184,7 +184,7 @@ def _uncertainty(scores: Scores, metric: Metric) -> Mapping[str, Any]:
             "lower": interval.low,
             "upper": interval.high,
             "confidence_level": intervals.confidence,
-            "method": intervals.method,
+            "method": intervals.procedure,
         },
         "num_bootstrap_samples": intervals.resamples,
     }

@@ -177,7 +177,7 @@ def sentences(comparison: Comparison) -> Sequence[str]:
     return [f"{comparison.sentence(name)}." for name in comparison]
 
 
-def methods(comparison: Comparison) -> Sequence[str]:
+def procedures(comparison: Comparison) -> Sequence[str]:
     """Return how intervals, p-values and counts were computed."""
     resampled = next(iter(comparison.intervals.values()))
     corrected = ", corrected by Holm's method" if len(comparison) > 1 else ""
@@ -202,7 +202,7 @@ def notes(comparison: Comparison) -> Sequence[str]:
     first = comparison.scores[comparison.first]
     return [
         first.signature,
-        *methods(comparison),
+        *procedures(comparison),
         f"ground truth: {first.ground_truth.provenance}",
         *(
             f"note on {name}: {note}"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reverie_eval.analysis import Comparison, Episode, GroupingKey, Method
+from reverie_eval.analysis import Comparison, Episode, GroupingKey, Scored
 from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
@@ -223,7 +223,7 @@ class Plots:
 
 
 def plot_curve(
-    scores: Mapping[float, Method],
+    scores: Mapping[float, Scored],
     metrics: Sequence[str] | None = None,
     ax: "Axes | None" = None,
 ) -> "Axes":
@@ -281,7 +281,7 @@ def _shown(key: str, values: FloatArray) -> FloatArray:
     return 100 * values if CATALOGUE[key].unit == "fraction" else values
 
 
-def _sorted_steps(scores: Mapping[float, Method]) -> Sequence[float]:
+def _sorted_steps(scores: Mapping[float, Scored]) -> Sequence[float]:
     """Return the steps of comparable scores, ascending."""
     if not scores:
         raise ProtocolError("there are no scores to draw")

@@ -23,7 +23,7 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting import report_sections as sections
 from reverie_eval.reporting.answer_svg import ANSWER_STYLE, answer_svg
 from reverie_eval.reporting.answers import answer_views
-from reverie_eval.reporting.comparisons import comparison_table, methods, sentences
+from reverie_eval.reporting.comparisons import comparison_table, procedures, sentences
 from reverie_eval.reporting.map_svg import MAP_STYLE, map_key, map_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.resources import as_markup, text_of
@@ -163,7 +163,7 @@ def _comparison(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, 
         "other_name": other_name,
         "sentences": sentences(comparison) if comparison else [],
         "comparison": as_markup(comparison_table(comparison).to_html()) if comparison else None,
-        "methods": methods(comparison) if comparison else [f"not compared: {why_not}"],
+        "procedures": procedures(comparison) if comparison else [f"not compared: {why_not}"],
         "outcome_names": list(sections.BEST_OUTCOME_FIRST),
         "outcome_changes": sections.outcome_changes(first, other)
         if sections.has_outcomes(scores)

@@ -8,7 +8,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from reverie_eval.analysis import GROUPINGS, Method, Runs
+from reverie_eval.analysis import GROUPINGS, Runs, Scored
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.tables import (
@@ -325,7 +325,7 @@ def _name(scores: Scores) -> str:
 _COLUMNS = ("success", "oracle_success", "spl", "path_length", "rgs", "rgspl")
 
 
-def results_table(results: Mapping[str, Method | Sequence[Method]]) -> Table:
+def results_table(results: Mapping[str, Scored | Sequence[Scored]]) -> Table:
     r"""Return the results of several methods as a table, the best of each column in bold.
 
     Parameters
@@ -432,15 +432,15 @@ def _means(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[st
     return [Bold(cell) if cell != MISSING and float(cell) == best else cell for cell in cells]
 
 
-def _by_split(name: str, scores: Method | Sequence[Method]) -> Mapping[str, Method]:
-    several = [scores] if isinstance(scores, Method) else scores
+def _by_split(name: str, scores: Scored | Sequence[Scored]) -> Mapping[str, Scored]:
+    several = [scores] if isinstance(scores, Scored) else scores
     by_split = {each.split: each for each in several}
     if len(by_split) < len(several):
         raise ProtocolError(f"{name} has two scores of the same split; give each a name of its own")
     return by_split
 
 
-def _check_comparable(every: Sequence[Method]) -> None:
+def _check_comparable(every: Sequence[Scored]) -> None:
     if not every:
         raise ProtocolError("a results table needs the scores of at least one method")
     scored_under = {
@@ -451,7 +451,7 @@ def _check_comparable(every: Sequence[Method]) -> None:
         raise ProtocolError(f"these scores are not comparable: {', '.join(signatures)}")
 
 
-def _caption(every: Sequence[Method], metrics: Sequence[Metric]) -> str:
+def _caption(every: Sequence[Scored], metrics: Sequence[Metric]) -> str:
     truth = every[0].ground_truth
     world = "the synthetic demo world" if truth.is_demo else truth.header.dataset
     lengths = [metric.label for metric in metrics if metric.unit == "metres"]

@@ -65,13 +65,13 @@ class ClusterIntervals(Mapping[str, Interval]):
 
     @property
     @abstractmethod
-    def method(self) -> str:
+    def procedure(self) -> str:
         """How the intervals were computed, so that they can be reproduced."""
 
     @property
     def caption(self) -> str:
         """How the intervals were computed, and any caution."""
-        return "; ".join(filter(None, [self.method, self.caution]))
+        return "; ".join(filter(None, [self.procedure, self.caution]))
 
     @property
     def caution(self) -> str:
@@ -95,7 +95,7 @@ class Intervals(ClusterIntervals):
 
     resamples: int
     seed: int
-    scored: Collection[str] = ()
+    by_score_method: Collection[str] = ()
     """The metrics whose intervals are score intervals, because few clusters are informative."""
 
     @classmethod
@@ -156,16 +156,16 @@ class Intervals(ClusterIntervals):
         return _one_cluster(cluster) if n_clusters < _MIN_CLUSTERS else None
 
     @property
-    def method(self) -> str:
+    def procedure(self) -> str:
         """How the intervals were computed, so that they can be reproduced."""
-        if self and len(self.scored) == len(self):
+        if self and len(self.by_score_method) == len(self):
             return f"{self.label} intervals: score method, over {self.clusters_text}"
         drawn = (
             f"{self.label} intervals: {self.resamples:,} bootstrap resamples of "
             f"{self.clusters_text}, seed {self.seed}"
         )
         rare = f"; score method where few {self.cluster}s succeed or few fail"
-        return drawn + rare * bool(self.scored)
+        return drawn + rare * bool(self.by_score_method)
 
 
 def bounds_of(keys: Iterable[str], bounds: Callable[[Metric], tuple[float, float]]) -> FloatArray:

@@ -255,7 +255,7 @@ def test_runs_are_compared_with_runs_and_with_single_files(runs: rv.Runs) -> Non
     assert single.interval.low < 0 < single.mean < single.interval.high
     assert single.mcnemar_p is None
     assert not comparison.is_significant("c")
-    assert comparison.intervals["c"].method == (
+    assert comparison.intervals["c"].procedure == (
         "95 % intervals: Student's t within the bounds of each metric, by the variance among 1 and "
         "3 runs and among 29 targets"
     )
@@ -315,7 +315,7 @@ def test_copies_alone_have_the_interval_of_one_run(runs: rv.Runs) -> None:
         "of episodes alone"
     )
     comparison = rv.compare(copied, runs, names=["copied", "ours"])
-    assert "among 3 and 1 runs" in comparison.intervals["ours"].method
+    assert "among 3 and 1 runs" in comparison.intervals["ours"].procedure
     assert "(a copy?)" in comparison.intervals["ours"].caption
 
 

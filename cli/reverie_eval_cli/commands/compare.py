@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from reverie_eval import Scores
-from reverie_eval.analysis import BEST, Method, Runs
+from reverie_eval.analysis import BEST, Runs, Scored
 from reverie_eval.scoring import Clustering, Intervals
 from reverie_eval.submissions import find_files, find_runs, submission_names
 from reverie_eval_cli import options
@@ -91,7 +91,7 @@ def compare(
     evaluator = scoring.evaluator(scoring.find(episodes_from))
     scored = iter(score_each(files, evaluator))
     scores = {
-        name: _method(list(islice(scored, len(runs))), runs, cluster, confidence)
+        name: _scored(list(islice(scored, len(runs))), runs, cluster, confidence)
         for name, runs in methods.items()
     }
     comparison = Comparison.of(
@@ -167,12 +167,12 @@ def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:
     return methods
 
 
-def _method(
+def _scored(
     scores: Sequence[Scores],
     files: Sequence[str],
     cluster: Clustering,
     confidence: float | None,
-) -> Method:
+) -> Scored:
     """Return the scores of a single file, or those of several runs together."""
     if len(files) == 1:
         return scores[0]

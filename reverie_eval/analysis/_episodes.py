@@ -12,7 +12,7 @@ from reverie_eval.geometry import snap
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.scoring import OUTCOMES, Protocol, Scores, is_goal
-from reverie_eval.submissions import AlignedSubmission
+from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.text import category_text
 
 if TYPE_CHECKING:
@@ -213,7 +213,7 @@ def episode(scores: Scores, instr_id: str) -> Episode:
     )
 
 
-def _predicted_box(submission: AlignedSubmission, row: int) -> PredictedBox | None:
+def _predicted_box(submission: SubmissionColumns, row: int) -> PredictedBox | None:
     boxes = submission.boxes
     found = np.flatnonzero(boxes.row == row)
     if not found.size:

@@ -22,9 +22,9 @@ from reverie_eval.scoring._episode_table import Track, qualifier_of
 from reverie_eval.scoring._lookups import Lookups, find_jumps
 from reverie_eval.scoring._scores import Scores, jump_notes
 from reverie_eval.submissions import (
-    AlignedSubmission,
     Predictions,
     Submission,
+    SubmissionColumns,
     align,
     align_answers_only,
     answer_hints,
@@ -208,7 +208,7 @@ def validate(
 class PreparedSubmission:
     """A valid submission, aligned with its ground truth."""
 
-    submission: AlignedSubmission
+    submission: SubmissionColumns
     ground_truth: GroundTruth
     track: Track = "full"
     qualifier: str = ""

@@ -34,7 +34,7 @@ from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, KnownSplit, find_
 if TYPE_CHECKING:
     import pandas as pd
 
-    from reverie_eval.submissions import AlignedSubmission
+    from reverie_eval.submissions import SubmissionColumns
 
 
 class Evaluator:
@@ -415,6 +415,6 @@ def _sent(scores: Scores, keys: Collection[str]) -> Scores:
 
 def _received(scores: Scores, truth: GroundTruth, track: Track) -> Scores:
     """Return scores as they were before they were sent."""
-    lookups = Lookups(cast("AlignedSubmission", scores.submission), truth)
+    lookups = Lookups(cast("SubmissionColumns", scores.submission), truth)
     table = EpisodeTable(lookups, scores.protocol, track, scores.episodes)
     return replace(scores, ground_truth=truth, episodes=table)

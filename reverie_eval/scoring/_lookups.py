@@ -30,7 +30,7 @@ from reverie_eval.metrics import (
     box_overlap,
     path_length,
 )
-from reverie_eval.submissions import AlignedSubmission, BoxAnswers
+from reverie_eval.submissions import BoxAnswers, SubmissionColumns
 from reverie_eval.tasks import GoalRule
 
 BOX_OUTCOMES = ("correct", "low IoU", "wrong view", "target not visible")
@@ -103,7 +103,7 @@ class Lookups:
         If the ground truth is a public bundle, which has no solution.
     """
 
-    def __init__(self, submission: AlignedSubmission, ground_truth: GroundTruth) -> None:
+    def __init__(self, submission: SubmissionColumns, ground_truth: GroundTruth) -> None:
         self.offsets = submission.offsets
         self.n_episodes = len(submission.predicted_object)
         self.has_boxes = len(submission.boxes.row) > 0
@@ -333,7 +333,7 @@ def is_goal(
             return np.less(distance, SUCCESS_DISTANCE) | is_seen
 
 
-def find_jumps(submission: AlignedSubmission, graph: NavigationGraph) -> BoolArray:
+def find_jumps(submission: SubmissionColumns, graph: NavigationGraph) -> BoolArray:
     """Whether each pose is at another viewpoint than the previous pose, with no edge between."""
     viewpoint = submission.viewpoint
     previous = _previous(viewpoint, submission.offsets)

@@ -14,7 +14,7 @@ import numpy as np
 from reverie_eval.arrays import frozen, read_arrays, take_prefixed
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_file
-from reverie_eval.submissions import AlignedSubmission, BoxAnswers
+from reverie_eval.submissions import BoxAnswers, SubmissionColumns
 
 FORMAT_VERSION = 1
 _HEADER = "header"
@@ -56,7 +56,7 @@ class SavedHeader:
 
 
 def write_saved(
-    file: str | PathLike[str], header: SavedHeader, submission: AlignedSubmission
+    file: str | PathLike[str], header: SavedHeader, submission: SubmissionColumns
 ) -> None:
     """Write what scores are computed from; the file appears complete or not at all."""
     columns = {name: attrgetter(name.replace("/", "."))(submission) for name in _COLUMNS}
@@ -67,7 +67,7 @@ def write_saved(
         np.savez_compressed(staged, **columns)
 
 
-def read_saved(file: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmission]:
+def read_saved(file: str | PathLike[str]) -> tuple[SavedHeader, SubmissionColumns]:
     """Read what :func:`write_saved` wrote; errors are those of :meth:`Scores.load`."""
     try:
         arrays = read_arrays(Path(file))
@@ -86,5 +86,5 @@ def read_saved(file: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmissio
         )
     boxes = BoxAnswers(**take_prefixed(columns, _BOXES))
     is_navigation_only = header.is_navigation_only
-    aligned = AlignedSubmission(**columns, boxes=boxes, is_navigation_only=is_navigation_only)
+    aligned = SubmissionColumns(**columns, boxes=boxes, is_navigation_only=is_navigation_only)
     return header, aligned

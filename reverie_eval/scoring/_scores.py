@@ -30,7 +30,7 @@ from reverie_eval.scoring._episode_table import (
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
 from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups
 from reverie_eval.scoring._saved import IntervalSettings, SavedHeader, read_saved, write_saved
-from reverie_eval.submissions import AlignedSubmission
+from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
 from reverie_eval.text import count_text, first_few, tokenize
 from reverie_eval.version import __version__
@@ -67,7 +67,7 @@ class Scores(Mapping[str, float]):
     """The predicted boxes, if there are any and the protocol scores them."""
     intervals: Intervals | None = None
     """Confidence intervals of every metric, if :meth:`with_intervals` computed them."""
-    submission: AlignedSubmission | None = None
+    submission: SubmissionColumns | None = None
     """The trajectories and answers that were scored; not part of any report."""
 
     @classmethod
@@ -169,7 +169,7 @@ class Scores(Mapping[str, float]):
             )
         is_whole = len(instr_ids) == len(whole.episodes.instr_ids)
         order = np.argsort([whole.episodes.index[instr_id] for instr_id in instr_ids])
-        submission = AlignedSubmission.concatenate([part.require_submission() for part in listed])
+        submission = SubmissionColumns.concatenate([part.require_submission() for part in listed])
         return cls.of(
             Lookups(submission.take(order), whole if is_whole else whole.subset(instr_ids)),
             first.protocol,
@@ -396,7 +396,7 @@ class Scores(Mapping[str, float]):
         )
         write_saved(file, header, submission)
 
-    def require_submission(self) -> AlignedSubmission:
+    def require_submission(self) -> SubmissionColumns:
         """Return the trajectories and answers that were scored.
 
         Raises

@@ -8,7 +8,6 @@ them with ``_trajectories`` and ``_answers``. Both give the same :class:`Predict
 """
 
 from reverie_eval.submissions._alignment import (
-    AlignedSubmission,
     align,
     align_answers_only,
     check_batch,
@@ -26,6 +25,7 @@ from reverie_eval.submissions._predictions import (
     Predictions,
     Records,
     Submission,
+    SubmissionColumns,
 )
 from reverie_eval.submissions._records import parse_predictions, read_predictions
 from reverie_eval.submissions._sources import (
@@ -47,7 +47,6 @@ __all__ = [
     "NO_BOXES",
     "NO_POINT",
     "RECEIPT_ENDING",
-    "AlignedSubmission",
     "BoxAnswers",
     "Content",
     "Conversion",
@@ -55,6 +54,7 @@ __all__ = [
     "Records",
     "Source",
     "Submission",
+    "SubmissionColumns",
     "align",
     "align_answers_only",
     "answer_hints",

@@ -4,26 +4,24 @@ After this stage there is no text left, and nothing can fail.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain, repeat
 from typing import NamedTuple
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_rows
+from reverie_eval.arrays import IntArray, row_of
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
-from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._predictions import (
     MOST,
-    AnswerColumns,
-    BoxAnswers,
     Content,
-    IdColumn,
+    Numbering,
     Predictions,
+    SubmissionColumns,
 )
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._recognition import Ids, fix_viewpoint_ids, is_viewpoint_id, recognise
@@ -32,52 +30,7 @@ from reverie_eval.text import first_few
 _UNKNOWN = -1
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AlignedSubmission(AnswerColumns):
-    """A valid submission, its episodes in the order of the ground truth."""
-
-    viewpoint: IntArray
-    """Shape (n_poses,): the viewpoint of every pose, trajectory after trajectory."""
-    offsets: IntArray
-    """Shape (n_episodes + 1,): where each episode's trajectory begins in ``viewpoint``."""
-
-    @property
-    def abstained(self) -> BoolArray:
-        """Shape (n_episodes,): whether the answer predicts neither an object nor a box."""
-        abstained = np.equal(self.predicted_object, ABSTAINED)
-        abstained[self.boxes.row] = False
-        return abstained
-
-    def take(self, rows: IntArray) -> "AlignedSubmission":
-        """Return some of the episodes, in the given order."""
-        return AlignedSubmission(
-            viewpoint=self.viewpoint[take_rows(rows, self.offsets)],
-            offsets=offsets_of(np.diff(self.offsets)[rows]),
-            **self.answers_of(rows),
-        )
-
-    @classmethod
-    def concatenate(cls, parts: Sequence["AlignedSubmission"]) -> "AlignedSubmission":
-        """Return the episodes of several submissions, one after the other."""
-        counts = offsets_of(np.array([len(part.predicted_object) for part in parts]))[:-1]
-        boxes = [
-            replace(part.boxes, row=part.boxes.row + count)
-            for part, count in zip(parts, counts, strict=True)
-        ]
-        points = [part.point for part in parts if part.point is not None]
-        return cls(
-            viewpoint=np.concatenate([part.viewpoint for part in parts]),
-            offsets=offsets_of(np.concatenate([np.diff(part.offsets) for part in parts])),
-            predicted_object=np.concatenate([part.predicted_object for part in parts]),
-            answer_is_text=np.concatenate([part.answer_is_text for part in parts]),
-            has_leading_zeros=np.concatenate([part.has_leading_zeros for part in parts]),
-            boxes=BoxAnswers.concatenate(boxes),
-            is_navigation_only=all(part.is_navigation_only for part in parts),
-            point=np.concatenate(points) if points else None,
-        )
-
-
-def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
+def align(predictions: Predictions, ground_truth: GroundTruth) -> SubmissionColumns:
     """Align predictions with the episodes of a split, without looking at the solution.
 
     For a subset, records of other episodes are checked as well, and then left out.
@@ -96,15 +49,10 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
         _episode_problems(looked, ground_truth),
         _trajectory_problems(predictions, episode, viewpoint, whole),
     )
-    order = _in_order(episode, rows)
-    return AlignedSubmission(
-        viewpoint=viewpoint[take_rows(order, predictions.offsets)],
-        offsets=offsets_of(np.diff(predictions.offsets)[order]),
-        **predictions.answers_of(order),
-    )
+    return replace(predictions, viewpoint=viewpoint).take(_in_order(episode, rows))
 
 
-def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
+def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> SubmissionColumns:
     """Align the answers alone, with every agent at the end of its annotated path.
 
     With a public bundle, which has no paths, every agent is at its start: the answers can be
@@ -122,8 +70,8 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     # A public bundle has no goals; the starts serve as well to check the answers.
     answers = ground_truth.solution
     stop = ground_truth.episodes.start if answers is None else answers.goal
-    answered = predictions.answers_of(_in_order(episode, rows))
-    return AlignedSubmission(viewpoint=stop, offsets=np.arange(len(stop) + 1), **answered)
+    answered = predictions.take(_in_order(episode, rows))
+    return replace(answered, viewpoint=stop, offsets=np.arange(len(stop) + 1))
 
 
 def check_batch(
@@ -238,7 +186,7 @@ def _check_buildings(
     elsewhere = scan[begin] != scan[ground_truth.episodes.start[episode[rows]]]
     # The graph has the buildings of the split alone, so other viewpoints may be of another one.
     elsewhere[begin == _UNKNOWN] = [
-        is_viewpoint_id(predictions.viewpoint_ids[pose])
+        is_viewpoint_id(predictions.viewpoint_id(pose))
         for pose in first[rows[begin == _UNKNOWN]].tolist()
     ]
     count = int(elsewhere.sum())
@@ -260,12 +208,12 @@ def _with_ids(
         return predictions.location(record), problems.pose_field(within)
 
     viewpoint_ids = fix_viewpoint_ids(
-        list(predictions.viewpoint_ids), ground_truth, log, location_of_pose
+        predictions.viewpoint_ids, ground_truth, log, location_of_pose
     )
     return replace(
         predictions,
         instr_ids=instr_ids,
-        viewpoint_ids=IdColumn.of(viewpoint_ids),
+        **Numbering.columns(viewpoint_ids),
         problems=[*predictions.problems, *log.all_problems()],
     )
 
@@ -286,9 +234,9 @@ def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
 def _episodes_and_viewpoints(
     predictions: Predictions, ground_truth: GroundTruth
 ) -> tuple[IntArray, IntArray]:
-    ids = predictions.viewpoint_ids
     episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
-    return episode, _indices(ids.distinct, ground_truth.graph.index)[ids.number]
+    of_ids = _indices(predictions.distinct_ids, ground_truth.graph.index)
+    return episode, of_ids[predictions.viewpoint]
 
 
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:
@@ -389,7 +337,7 @@ def _trajectory_problems(
     first = predictions.offsets[:-1][np.diff(predictions.offsets) > 0]
     is_valid[first] &= viewpoint[first] == start[first]
     for pose in np.flatnonzero(~is_valid & (episode[record] != _UNKNOWN)).tolist():
-        if predictions.viewpoint_ids[pose] is not None:  # None was reported while reading
+        if predictions.viewpoint_id(pose) is not None:  # None was reported while reading
             yield _pose_problem(predictions, pose, int(viewpoint[pose]), int(start[pose]), graph)
 
 
@@ -399,7 +347,7 @@ def _pose_problem(
     record = int(np.searchsorted(predictions.offsets, pose, side="right")) - 1
     location, instr_id = _location_and_id(predictions, record)
     within = predictions.pose_location(record, pose)
-    viewpoint_id = str(predictions.viewpoint_ids[pose])
+    viewpoint_id = str(predictions.viewpoint_id(pose))
     scan = graph.scan_of(start)
     if viewpoint == _UNKNOWN:
         return problems.UNKNOWN_VIEWPOINT.of_pose(

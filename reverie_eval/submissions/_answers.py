@@ -35,7 +35,7 @@ from reverie_eval.submissions._fields import (
 )
 from reverie_eval.submissions._predictions import MOST, BoxAnswers
 from reverie_eval.submissions._problems import RecordLocation
-from reverie_eval.submissions._trajectories import Pose
+from reverie_eval.submissions._trajectories import Trajectory
 
 _STRAIGHT_UP = math.pi / 2
 """Radians."""
@@ -91,12 +91,12 @@ def predicts(record: Mapping[str, Any]) -> bool:
 def read_answer(
     location: RecordLocation,
     record: Mapping[str, Any],
-    poses: Sequence[Pose] | None,
+    trajectory: Trajectory | None,
     log: ReadingLog,
 ) -> Answer:
     """Read a record's answer; an unreadable one is reported and becomes an abstention.
 
-    ``poses`` is the record's trajectory, or None if trajectories are not read.
+    ``trajectory`` is None if trajectories are not read.
     """
     answers = _answers_of(record, log)
     if record.get(BOX_KEY) is not None:
@@ -105,7 +105,7 @@ def read_answer(
                 log.problems.append(
                     problems.TWO_ANSWERS.of_record(location, f".{key}", found=value, key=key)
                 )
-        return Answer(ABSTAINED, box=_read_box(location, record, poses, log))
+        return Answer(ABSTAINED, box=_read_box(location, record, trajectory, log))
     if not answers and BOX_KEY in record:  # null, or it would have been read above
         log.add_fault(faults.NULL_BOXES, location, f".{BOX_KEY}", None)
         return Answer(ABSTAINED)
@@ -185,11 +185,11 @@ def _is_digits(value: Any) -> bool:
 def _read_box(
     location: RecordLocation,
     record: Mapping[str, Any],
-    poses: Sequence[Pose] | None,
+    trajectory: Trajectory | None,
     log: ReadingLog,
 ) -> BoxAnswer | None:
     """Read a record's box; report every problem with it."""
-    camera = _read_camera(location, record, poses, log)
+    camera = _read_camera(location, record, trajectory, log)
     size = _read_image_size(location, record, log)
     box = _read_xywh(location, record[BOX_KEY], log)
     if camera is None or size is None or box is None:
@@ -217,7 +217,7 @@ def _read_box(
 def _read_camera(
     location: RecordLocation,
     record: Mapping[str, Any],
-    poses: Sequence[Pose] | None,
+    trajectory: Trajectory | None,
     log: ReadingLog,
 ) -> Camera | None:
     view = record.get(VIEW_KEY)
@@ -230,15 +230,15 @@ def _read_camera(
             return _VIEW_CAMERAS[whole]
         log.problems.append(problems.WRONG_VIEW.of_record(location, found=view))
         return None
-    stop = poses[-1] if poses else None
+    stop = None if trajectory is None else trajectory.stop
     if stop is not None and stop.heading is not None and stop.elevation is not None:
         if abs(stop.elevation) <= _STRAIGHT_UP:
             return float(stop.heading), float(stop.elevation)
         found = problems.UPSIDE_DOWN.of_pose(location, stop.location[:1], elevation=stop.elevation)
         log.problems.append(found)
-    elif poses is None or (stop is not None and not stop.is_reported):
+    elif trajectory is None or (stop is not None and not stop.is_reported):
         # An unreadable trajectory or pose was reported already: one problem is enough.
-        missing = problems.NO_VIEW if poses is None else problems.NO_VIEW_NOR_POSE
+        missing = problems.NO_VIEW if trajectory is None else problems.NO_VIEW_NOR_POSE
         log.problems.append(missing.of_record(location))
     return None
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from os import PathLike
 from typing import Any
 
@@ -24,7 +25,7 @@ from reverie_eval.submissions._predictions import Signs, Submission
 from reverie_eval.submissions._recognition import fix_viewpoint_ids, recognise, recognise_task
 from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
 from reverie_eval.submissions._sources import read_bytes
-from reverie_eval.submissions._trajectories import Poses, join_items
+from reverie_eval.submissions._trajectories import join_items
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import count_text
 
@@ -114,14 +115,13 @@ def convert(
     written = _without_repeats(records, log, of_task)
     if log.has_unfixable:
         raise SubmissionError(problems.limit_problems(log.all_problems()))
-    poses = [pose for record in records for pose in record.poses]
     converted = join_items(written) if of_task.has_items else written
     return Conversion(
         records=converted,
         read_as=log.read_as(),
         fixed=log.fixed(),
         dropped=dict(log.ignored_fields),
-        poses_without_angles=sum(pose.heading is None for pose in poses),
+        poses_without_angles=sum(record.trajectory.headings.count(None) for record in records),
         has_targets=of_task.has_targets,
         remaining=() if truth is None else _problems_of(converted, truth),
     )
@@ -163,23 +163,20 @@ def _with_known_ids(
     others = set(found.others)
     instr_ids = [each for row, each in enumerate(found.instr_ids) if row not in others]
     records = [record for row, record in enumerate(records) if row not in others]
-    poses = [(record.location, pose) for record in records for pose in record.poses]
-    viewpoint_ids = iter(
-        fix_viewpoint_ids(
-            [pose.viewpoint_id for _, pose in poses],
-            truth,
-            log,
-            lambda row: (poses[row][0], problems.pose_field(poses[row][1].location)),
-        )
-    )
+    walks = [record.trajectory for record in records]
+    locations = [
+        (record.location, problems.pose_field(within))
+        for record in records
+        for within in record.trajectory.locations
+    ]
+    given = [viewpoint_id for walk in walks for viewpoint_id in walk.viewpoint_ids]
+    meant = iter(fix_viewpoint_ids(given, truth, log, locations.__getitem__))
     return [
         record._replace(
             instr_id=instr_id,
-            poses=Poses.of(
-                [pose._replace(viewpoint_id=next(viewpoint_ids)) for pose in record.poses]
-            ),
+            trajectory=walk._replace(viewpoint_ids=list(islice(meant, len(walk.locations)))),
         )
-        for record, instr_id in zip(records, instr_ids, strict=True)
+        for record, instr_id, walk in zip(records, instr_ids, walks, strict=True)
     ]
 
 
@@ -192,7 +189,7 @@ def _without_repeats(
     for record in records:
         official = _official(record, task)
         # As when repeats are reported, the angles of poses do not count, but a box's camera does.
-        content = {**official, "trajectory": record.poses.viewpoint_ids}
+        content = {**official, "trajectory": record.trajectory.viewpoint_ids}
         if record.answer is not None and record.answer.box is not None:
             content["camera"] = record.answer.box.camera
         if record.instr_id is not None and earlier.get(record.instr_id) == content:
@@ -204,11 +201,14 @@ def _without_repeats(
 
 
 def _official(record: ReadRecord, task: Task) -> dict[str, Any]:
+    _, viewpoint_ids, headings, elevations, *_ = record.trajectory
     return {
         **task.official_id(record.instr_id or ""),
         "trajectory": [
-            [pose.viewpoint_id, float(pose.heading or 0), float(pose.elevation or 0)]
-            for pose in record.poses
+            [viewpoint_id, float(heading or 0), float(elevation or 0)]
+            for viewpoint_id, heading, elevation in zip(
+                viewpoint_ids, headings, elevations, strict=True
+            )
         ],
         **_official_answer(record.answer),
         **(official_point(record.point) if task.has_items else {}),

@@ -15,9 +15,8 @@ from reverie_eval.geometry import HEIGHT, WIDTH, snap
 from reverie_eval.geometry._views import N_HEADINGS
 from reverie_eval.ground_truth import CandidateBoxes, GroundTruth
 from reverie_eval.metrics import ABSTAINED, box_match
-from reverie_eval.submissions._alignment import AlignedSubmission
 from reverie_eval.submissions._answers import _ENOUGH
-from reverie_eval.submissions._predictions import MOST, BoxAnswers, Predictions
+from reverie_eval.submissions._predictions import MOST, BoxAnswers, Predictions, SubmissionColumns
 from reverie_eval.text import first_few, printable
 
 _LONGEST = 40
@@ -35,7 +34,7 @@ UNNAMED_ANSWERS = (
 
 
 def submission_hints(
-    predictions: Predictions, submission: AlignedSubmission, *, answers_only: bool
+    predictions: Predictions, submission: SubmissionColumns, *, answers_only: bool
 ) -> Iterator[str]:
     """Yield hints that do not depend on the solution, a sentence each.
 
@@ -86,7 +85,7 @@ def _field_text(field: tuple[str, int]) -> str:
     return f"{printable(str(name))[:_LONGEST]} ({count:,})"
 
 
-def answer_hints(submission: AlignedSubmission, ground_truth: GroundTruth) -> Iterator[str]:
+def answer_hints(submission: SubmissionColumns, ground_truth: GroundTruth) -> Iterator[str]:
     """Yield hints that depend on the annotated objects, if the ground truth has the solution."""
     if ground_truth.solution is None:
         return

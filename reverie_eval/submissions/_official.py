@@ -25,7 +25,6 @@ from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import is_number_as_text
 from reverie_eval.submissions._predictions import (
-    IdColumn,
     Numbering,
     Predictions,
     Records,
@@ -113,7 +112,8 @@ def _predictions(part: _Part, numbering: Numbering, *, has_answers: bool) -> Pre
     locations = _locations(part, log) if len(part.n_hops) else {}
     return Predictions(
         instr_ids=part.instr_ids,
-        viewpoint_ids=IdColumn(list(numbering), part.viewpoints),
+        viewpoint=part.viewpoints,
+        distinct_ids=list(numbering),
         offsets=offsets_of(part.lengths),
         predicted_object=part.predicted_object,
         has_degrees=look_like_degrees(part.stop_angles),
@@ -259,7 +259,7 @@ def convert_official(submission: Records, *, has_answers: bool = True) -> Predic
     offsets = offsets_of(_lengths(trajectories))
     return Predictions(
         instr_ids=instr_ids,
-        viewpoint_ids=IdColumn.of(viewpoint_ids),
+        **Numbering.columns(viewpoint_ids),
         offsets=offsets,
         predicted_object=predicted_object,
         has_degrees=look_like_degrees(angle[offsets[1:] - 1]),

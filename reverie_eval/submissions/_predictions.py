@@ -1,14 +1,14 @@
 """What reading a submission gives: its content as columns, and a log of what it found to say."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from typing_extensions import Self
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, take_rows
 from reverie_eval.errors import Problem
+from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._problems import PoseLocation, RecordLocation
 from reverie_eval.submissions._sources import Source
 
@@ -38,34 +38,12 @@ class Numbering(dict[str | None, int]):
         # `map` looks up from C: no Python frame for each of a hundred thousand poses.
         return np.fromiter(map(self.__getitem__, ids), np.int64)
 
-
-@dataclass(frozen=True, eq=False)
-class IdColumn:
-    """Ids of which many are equal, such as viewpoint ids; each distinct one is stored once."""
-
-    distinct: Sequence[str | None]
-    number: IntArray
-    """Shape (n,): the index of each id in ``distinct``."""
-
     @classmethod
-    def of(cls, ids: Iterable[str | None]) -> Self:
-        """Find the distinct ids."""
-        numbering = Numbering()
+    def columns(cls, ids: Iterable[str | None]) -> Mapping[str, Any]:
+        """Return ids of viewpoints as the columns of :class:`Predictions` that hold them."""
+        numbering = cls()
         number = numbering.numbers(ids)
-        return cls(list(numbering), number)
-
-    def __len__(self) -> int:
-        return len(self.number)
-
-    def __getitem__(self, row: int) -> str | None:
-        return self.distinct[int(self.number[row])]
-
-    def __iter__(self) -> Iterator[str | None]:
-        return map(self.distinct.__getitem__, self.number.tolist())
-
-    def take(self, rows: Any) -> Self:
-        """Return the ids of some rows: a slice, or whatever else numpy takes for an index."""
-        return replace(self, number=self.number[rows])
+        return {"viewpoint": number, "distinct_ids": list(numbering)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +102,13 @@ NO_BOXES = BoxAnswers(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AnswerColumns:
-    """What a submission answers: one row per record, or after alignment per episode."""
+class SubmissionColumns:
+    """Trajectories and answers: a row per record, or after alignment per episode of the split."""
 
+    viewpoint: IntArray
+    """Shape (n_poses,): the index of each pose's viewpoint, trajectory after trajectory."""
+    offsets: IntArray
+    """Shape (n + 1,): where each trajectory begins in ``viewpoint``."""
     predicted_object: IntArray
     """Shape (n,): the object id of each answer, or -1."""
     answer_is_text: BoolArray
@@ -141,35 +123,62 @@ class AnswerColumns:
     """Shape (n, 2): heading and elevation of each predicted point, in turns, or NaN for no point.
     None in a task without points."""
 
-    def answers_of(self, rows: IntArray) -> Mapping[str, Any]:
-        """Return these columns for some of the rows, in the given order."""
-        row_of = np.full(len(self.predicted_object), -1)  # of rows that are left out
-        row_of[rows] = np.arange(len(rows))
-        boxes = replace(self.boxes, row=row_of[self.boxes.row])
+    @property
+    def abstained(self) -> BoolArray:
+        """Shape (n,): whether the answer predicts neither an object nor a box."""
+        abstained = np.equal(self.predicted_object, ABSTAINED)
+        abstained[self.boxes.row] = False
+        return abstained
+
+    def take(self, rows: IntArray) -> "SubmissionColumns":
+        """Return some of the rows, in the given order."""
+        new_row = np.full(len(self.predicted_object), -1)  # of rows that are left out
+        new_row[rows] = np.arange(len(rows))
+        boxes = replace(self.boxes, row=new_row[self.boxes.row])
         boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
-        return {
-            "predicted_object": self.predicted_object[rows],
-            "answer_is_text": self.answer_is_text[rows],
-            "has_leading_zeros": self.has_leading_zeros[rows],
-            "boxes": boxes.take(np.argsort(boxes.row)),
-            "is_navigation_only": self.is_navigation_only,
-            "point": None if self.point is None else self.point[rows],
-        }
+        return SubmissionColumns(
+            viewpoint=self.viewpoint[take_rows(rows, self.offsets)],
+            offsets=offsets_of(np.diff(self.offsets)[rows]),
+            predicted_object=self.predicted_object[rows],
+            answer_is_text=self.answer_is_text[rows],
+            has_leading_zeros=self.has_leading_zeros[rows],
+            boxes=boxes.take(np.argsort(boxes.row)),
+            is_navigation_only=self.is_navigation_only,
+            point=None if self.point is None else self.point[rows],
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["SubmissionColumns"]) -> "SubmissionColumns":
+        """Return the rows of several submissions, one after the other."""
+        counts = offsets_of(np.array([len(part.predicted_object) for part in parts]))[:-1]
+        boxes = [
+            replace(part.boxes, row=part.boxes.row + count)
+            for part, count in zip(parts, counts, strict=True)
+        ]
+        points = [part.point for part in parts if part.point is not None]
+        return cls(
+            viewpoint=np.concatenate([part.viewpoint for part in parts]),
+            offsets=offsets_of(np.concatenate([np.diff(part.offsets) for part in parts])),
+            predicted_object=np.concatenate([part.predicted_object for part in parts]),
+            answer_is_text=np.concatenate([part.answer_is_text for part in parts]),
+            has_leading_zeros=np.concatenate([part.has_leading_zeros for part in parts]),
+            boxes=BoxAnswers.concatenate(boxes),
+            is_navigation_only=all(part.is_navigation_only for part in parts),
+            point=np.concatenate(points) if points else None,
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Predictions(AnswerColumns):
-    """One row per record that could be read, in the order of the file.
+class Predictions(SubmissionColumns):
+    """A submission as it was read: one row per record that could be, in the order of the file.
 
     The defaults are those of a file in the plain official form.
     """
 
     instr_ids: Sequence[str | None]
     """None for an id that could not be read; ``problems`` says why."""
-    viewpoint_ids: IdColumn
-    """The viewpoint of every pose, trajectory after trajectory; None if it could not be read."""
-    offsets: IntArray
-    """Shape (n_records + 1,): where each trajectory begins in ``viewpoint_ids``."""
+    distinct_ids: Sequence[str | None]
+    """The viewpoint ids, each once, that ``viewpoint`` indexes; None if one could not be read."""
     has_degrees: bool
     """Whether most angles look like degrees."""
     locations: Sequence[RecordLocation] | None = None
@@ -194,6 +203,15 @@ class Predictions(AnswerColumns):
         """Whether a hop has several viewpoints, of which some evaluators read only the first."""
         return self.continues_hop is not None and bool(self.continues_hop.any())
 
+    @property
+    def viewpoint_ids(self) -> Sequence[str | None]:
+        """The viewpoint id of every pose, trajectory after trajectory."""
+        return list(map(self.distinct_ids.__getitem__, self.viewpoint.tolist()))
+
+    def viewpoint_id(self, pose: int) -> str | None:
+        """Return the viewpoint id of a pose."""
+        return self.distinct_ids[int(self.viewpoint[pose])]
+
     def location(self, record: int) -> RecordLocation:
         """Return the location of a record in the file."""
         return RecordLocation(record) if self.locations is None else self.locations[record]
@@ -212,7 +230,7 @@ class Predictions(AnswerColumns):
         begin, end = self.offsets[record : record + 2]
         box = slice(*np.searchsorted(self.boxes.row, [record, record + 1]))
         return (
-            list(self.viewpoint_ids.take(slice(begin, end))),
+            [self.distinct_ids[number] for number in self.viewpoint[begin:end].tolist()],
             int(self.predicted_object[record]),
             self.boxes.xywh[box].tolist(),
             self.boxes.camera[box].tolist(),
@@ -229,7 +247,7 @@ class Predictions(AnswerColumns):
         lengths = np.add.reduceat(begins_hop, self.offsets[:-1], dtype=np.int64)
         return replace(
             self,
-            viewpoint_ids=self.viewpoint_ids.take(poses),
+            viewpoint=self.viewpoint[poses],
             offsets=offsets_of(lengths),
             pose_locations=[self.pose_locations[pose] for pose in poses],
             continues_hop=self.continues_hop[poses],
@@ -238,7 +256,8 @@ class Predictions(AnswerColumns):
     def without_trajectories(self) -> "Predictions":
         """Return only the answers of a file in the plain official form."""
         offsets = np.zeros_like(self.offsets)
-        return replace(self, viewpoint_ids=IdColumn.of(()), offsets=offsets, has_degrees=False)
+        none = self.viewpoint[:0]
+        return replace(self, viewpoint=none, distinct_ids=(), offsets=offsets, has_degrees=False)
 
 
 def look_like_degrees(stop_angles: FloatArray) -> bool:

@@ -47,7 +47,7 @@ from reverie_eval.submissions._fields import (
 )
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
-    IdColumn,
+    Numbering,
     Predictions,
     Signs,
     Submission,
@@ -57,7 +57,7 @@ from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._recognition import signs_of
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._trajectories import (
-    Poses,
+    Trajectory,
     is_item,
     read_trajectory,
     split_items,
@@ -75,7 +75,7 @@ class ReadRecord(NamedTuple):
     location: RecordLocation
     instr_id: str | None
     """None if it could not be read."""
-    poses: Poses
+    trajectory: Trajectory
     answer: Answer | None
     """None if no record of the file has an answer."""
     point: Point = NO_POINT
@@ -156,10 +156,10 @@ def read_records(
     read = []
     for location, record in records:
         instr_id = _read_instr_id(location, record, log, task)
-        poses = None if answers_only else read_trajectory(location, record, log)
-        answer = None if navigation_only else read_answer(location, record, poses, log)
+        trajectory = None if answers_only else read_trajectory(location, record, log)
+        answer = None if navigation_only else read_answer(location, record, trajectory, log)
         point = read_point(location, record, log) if task.has_items else NO_POINT
-        read.append(ReadRecord(location, instr_id, poses or Poses.of([]), answer, point))
+        read.append(ReadRecord(location, instr_id, trajectory or Trajectory(), answer, point))
         _check_problem_count(log)
     return read, signs
 
@@ -255,8 +255,8 @@ def read_carefully(
 ) -> Predictions:
     """Read a list of records, or records keyed by their instr_id, in any form."""
     records, signs = read_records(document, log, task, answers_only=answers_only)
-    poses = [record.poses for record in records]
-    lengths = np.fromiter(map(len, poses), np.int64, len(poses))
+    walks = [record.trajectory for record in records]
+    lengths = np.fromiter((len(walk.locations) for walk in walks), np.int64, len(walks))
     answers = [record.answer or Answer(ABSTAINED) for record in records]
     stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
     boxes = box_columns(answers, stop_angles)
@@ -265,16 +265,16 @@ def read_carefully(
     log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
     return Predictions(
         instr_ids=[record.instr_id for record in records],
-        viewpoint_ids=IdColumn.of(chain.from_iterable(each.viewpoint_ids for each in poses)),
+        **Numbering.columns(chain.from_iterable(walk.viewpoint_ids for walk in walks)),
         offsets=offsets_of(lengths),
         predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
         has_degrees=look_like_degrees(stop_angles),
         answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
         has_leading_zeros=np.array([a.has_leading_zeros for a in answers], dtype=np.bool_),
         locations=[record.location for record in records],
-        pose_locations=list(chain.from_iterable(each.locations for each in poses)),
+        pose_locations=list(chain.from_iterable(walk.locations for walk in walks)),
         continues_hop=np.fromiter(
-            chain.from_iterable(each.continues_hop for each in poses), np.bool_
+            chain.from_iterable(walk.continues_hop for walk in walks), np.bool_
         ),
         boxes=boxes,
         point=np.array([record.point for record in records]).reshape(-1, 2)
@@ -291,7 +291,7 @@ def read_carefully(
 
 def _stop_angles(record: ReadRecord) -> tuple[float, float]:
     """Return heading and elevation of the last pose; NaN if the file gives none."""
-    poses = record.poses
-    if not poses or poses.headings[-1] is None or poses.elevations[-1] is None:
+    _, _, headings, elevations, *_ = record.trajectory
+    if not headings or headings[-1] is None or elevations[-1] is None:
         return np.nan, np.nan
-    return float(poses.headings[-1]), float(poses.elevations[-1])
+    return float(headings[-1]), float(elevations[-1])

@@ -14,12 +14,9 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
-
-from typing_extensions import Self
 
 from reverie_eval.errors import SubmissionError
 from reverie_eval.submissions import _faults as faults
@@ -62,62 +59,48 @@ class Pose(NamedTuple):
     """Whether a problem was reported already that explains why a value is missing."""
 
 
-@dataclass(frozen=True, slots=True)
-class Poses(Sequence[Pose]):
+class Trajectory(NamedTuple):
     """The poses of a trajectory by their fields, without an object for each pose."""
 
-    locations: Sequence[PoseLocation]
-    viewpoint_ids: Sequence[str | None]
-    headings: Sequence[float | None]
-    elevations: Sequence[float | None]
-    continues_hop: Sequence[bool]
-    is_reported: Sequence[bool]
-
-    @classmethod
-    def of(cls, poses: Sequence[Pose]) -> Self:
-        """Sort the values of poses by their fields."""
-        return cls(*(zip(*poses, strict=True) if poses else [()] * len(Pose._fields)))
-
-    def __len__(self) -> int:
-        return len(self.viewpoint_ids)
-
-    def __getitem__(self, index: int) -> Pose:  # type: ignore[override]  # no slices
-        return Pose(*(column[index] for column in self._columns))
-
-    def __iter__(self) -> Iterator[Pose]:
-        return map(Pose, *self._columns)
+    locations: Sequence[PoseLocation] = ()
+    viewpoint_ids: Sequence[str | None] = ()
+    headings: Sequence[float | None] = ()
+    elevations: Sequence[float | None] = ()
+    continues_hop: Sequence[bool] = ()
+    is_reported: Sequence[bool] = ()
 
     @property
-    def _columns(self) -> Sequence[Sequence[Any]]:
-        return (
-            *(self.locations, self.viewpoint_ids, self.headings, self.elevations),
-            *(self.continues_hop, self.is_reported),
-        )
+    def stop(self) -> Pose | None:
+        """The last pose; None if the trajectory could not be read."""
+        columns: Sequence[Sequence[Any]] = self
+        return Pose(*(column[-1] for column in columns)) if self.locations else None
 
 
-def read_trajectory(location: RecordLocation, record: Mapping[str, Any], log: ReadingLog) -> Poses:
+def read_trajectory(
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+) -> Trajectory:
     """Read a record's trajectory; an unreadable pose is reported and has no viewpoint."""
     if "trajectory" not in record:
         missing = "trajectory" if location.trajectory is None else "path"
         log.problems.append(problems.MISSING_FIELD.of_record(location, field=missing))
-        return Poses.of([])
+        return Trajectory()
     trajectory = _meant(location, record["trajectory"], log)
     if not is_list(trajectory):
         log.add_wrong_type(location, TRAJECTORY_KEY, trajectory, problems.TRAJECTORY_FORM)
-        return Poses.of([])
+        return Trajectory()
     if len(trajectory) > MAX_POSES:
         found = problems.TOO_MANY_POSES.of_record(location, found=len(trajectory), limit=MAX_POSES)
         log.problems.append(found)
-        return Poses.of([])
+        return Trajectory()
     if all(_is_empty(element) for element in trajectory):
         log.problems.append(problems.EMPTY_TRAJECTORY.of_record(location))
-        return Poses.of([])
+        return Trajectory()
     # Nearly all trajectories have one of two forms throughout, which are read by loops in C. The
     # last of these reads any form, and takes five times as long.
     return (
         _read_plain(trajectory)
         or _read_hops(trajectory, log)
-        or Poses.of(_read_elements(location, trajectory, log))
+        or Trajectory(*zip(*_read_elements(location, trajectory, log), strict=True))
     )
 
 
@@ -186,7 +169,7 @@ def _begins_with_viewpoint(element: Any) -> bool:
     return isinstance(element, str) and not is_number_as_text(element)
 
 
-def _read_plain(trajectory: Sequence[Any]) -> Poses | None:
+def _read_plain(trajectory: Sequence[Any]) -> Trajectory | None:
     """Read poses that are all ``["viewpoint", heading, elevation]``; None if some are not."""
     if not have_types(trajectory, {list}) or set(map(len, trajectory)) != {_POSE_LENGTH}:
         return None
@@ -197,10 +180,10 @@ def _read_plain(trajectory: Sequence[Any]) -> Poses | None:
     if not all(map(is_finite, angles)):
         return None
     locations, no = _locations_in((1,) * len(trajectory)), (False,) * len(trajectory)
-    return Poses(locations, viewpoints, headings, elevations, no, no)
+    return Trajectory(locations, viewpoints, headings, elevations, no, no)
 
 
-def _read_hops(trajectory: Sequence[Any], log: ReadingLog) -> Poses | None:
+def _read_hops(trajectory: Sequence[Any], log: ReadingLog) -> Trajectory | None:
     """Read hops, lists of nothing but viewpoint ids; None if some elements are no hops."""
     if not have_types(trajectory, {list}):
         return None
@@ -216,7 +199,7 @@ def _read_hops(trajectory: Sequence[Any], log: ReadingLog) -> Poses | None:
     log.differences["no angles"] += sum(lengths)
     none, no = (None,) * len(viewpoints), (False,) * len(viewpoints)
     locations = _locations_in(lengths)
-    return Poses(locations, viewpoints, none, none, [step > 0 for _, step in locations], no)
+    return Trajectory(locations, viewpoints, none, none, [step > 0 for _, step in locations], no)
 
 
 def _locations_in(lengths: tuple[int, ...]) -> Sequence[PoseLocation]:

@@ -17,8 +17,8 @@ from fixtures.demo_world.episodes import Answer, Record, episodes_of, submitted
 from reverie_eval import GroundTruth, Problem, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.submissions import (
-    AlignedSubmission,
     Submission,
+    SubmissionColumns,
     align,
     align_answers_only,
     check_navigation_only,
@@ -478,7 +478,7 @@ def test_parts_of_aligned_submissions(farm: GroundTruth) -> None:
     assert turned.predicted_object.tolist() == [-1, 7]
     assert (turned.boxes.row.tolist(), turned.boxes.xywh[:, 0].tolist()) == ([0], [3.0])
     assert turned.abstained.tolist() == [False, False]
-    both = AlignedSubmission.concatenate([turned, whole])
+    both = SubmissionColumns.concatenate([turned, whole])
     assert both.offsets.tolist() == [0, 2, 3, 4, 5, 7]
     assert both.predicted_object.tolist() == [-1, 7, -1, 7, -1]
     assert (both.boxes.row.tolist(), both.boxes.xywh[:, 0].tolist()) == ([0, 2, 4], [3.0, 1.0, 3.0])
@@ -490,5 +490,5 @@ def test_parts_of_a_submission_without_answers(farm: GroundTruth) -> None:
     walks = [{key: each[key] for key in ("instr_id", "trajectory")} for each in SOUND]
     alone, answered = (align(read_predictions(each), farm) for each in (walks, SOUND))
     assert alone.take(np.array([1])).is_navigation_only is True
-    assert AlignedSubmission.concatenate([alone, alone]).is_navigation_only is True
-    assert AlignedSubmission.concatenate([alone, answered]).is_navigation_only is False
+    assert SubmissionColumns.concatenate([alone, alone]).is_navigation_only is True
+    assert SubmissionColumns.concatenate([alone, answered]).is_navigation_only is False

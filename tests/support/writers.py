@@ -830,7 +830,7 @@ def what_is_read(content: bytes, task: str) -> str:
     differences = []
     for agent in agents_of(task):
         row = rows[agent.instr_id]
-        walk = list(predictions.viewpoint_ids.take(slice(*predictions.offsets[row : row + 2])))
+        walk = predictions.viewpoint_ids[slice(*predictions.offsets[row : row + 2])]
         if walk != agent.viewpoints:
             differences.append(f"{agent.instr_id} walks {walk} instead of {agent.viewpoints}")
         predicted, meant = int(predictions.predicted_object[row]), int(agent.object_id or -1)

@@ -47,7 +47,7 @@ from reverie_eval.server.service.submissions import (
 )
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Person, Submission, read_stored
-from reverie_eval.submissions import AlignedSubmission
+from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.tasks import Task, name_on_server
 
 MOST_LISTED = 200
@@ -383,7 +383,7 @@ def score_agent(context: Context, split: str, agent: str) -> EpisodeValues:
 
 def align_walks(
     truth: GroundTruth, walks: Mapping[int, tuple[Sequence[int], int]]
-) -> AlignedSubmission:
+) -> SubmissionColumns:
     """Return a submission with some walks; elsewhere, the agent stays and predicts nothing.
 
     ``walks`` are viewpoints from the start on and the predicted object, by the row of the episode.
@@ -394,7 +394,7 @@ def align_walks(
     for row, (viewpoints, object_id) in walks.items():
         visited[row] = list(viewpoints)
         predicted[row] = object_id
-    return AlignedSubmission(
+    return SubmissionColumns(
         viewpoint=np.concatenate(visited),
         offsets=offsets_of(np.array([len(each) for each in visited])),
         predicted_object=predicted,

@@ -27,7 +27,7 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
-from reverie_eval.submissions import AlignedSubmission
+from reverie_eval.submissions import SubmissionColumns
 
 _EPISODE = np.dtype(
     [
@@ -120,7 +120,7 @@ class Fingerprint:
             return None
         stop = truth.require_solution().goal if track == "grounding" else self.episodes["stop"]
         answer = self.episodes["answer"]
-        aligned = AlignedSubmission(
+        aligned = SubmissionColumns(
             viewpoint=stop.astype(np.int64),
             offsets=np.arange(len(stop) + 1),
             predicted_object=answer,
@@ -132,7 +132,7 @@ class Fingerprint:
         return board.score(reading).episodes.get(metric)
 
 
-def _path_codes(aligned: AlignedSubmission) -> IntArray:
+def _path_codes(aligned: SubmissionColumns) -> IntArray:
     """Return a number for each trajectory; numbers of different ones nearly always differ."""
     begin = aligned.offsets[:-1]
     step = np.arange(len(aligned.viewpoint)) - begin[row_of(aligned.offsets)]
@@ -141,7 +141,7 @@ def _path_codes(aligned: AlignedSubmission) -> IntArray:
     return np.add.reduceat(mixed * _MULTIPLIER, begin) >> np.uint64(32)
 
 
-def _walks(aligned: AlignedSubmission, lookups: Lookups) -> Walks:
+def _walks(aligned: SubmissionColumns, lookups: Lookups) -> Walks:
     is_jump, row = lookups.is_jump, row_of(aligned.offsets)
     number = jumps(is_jump, aligned.offsets)
     pairs = np.unique(np.column_stack([row, aligned.viewpoint]), axis=0)

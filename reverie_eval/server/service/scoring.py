@@ -20,7 +20,7 @@ from reverie_eval.scoring import BoxScores, Scores
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.store.uploads import Uploads
-from reverie_eval.submissions import AlignedSubmission
+from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.submissions._sources import unpack
 
 SECONDS_TO_RETRY = 10
@@ -140,7 +140,7 @@ class EpisodeValues(NamedTuple):
     hints: Sequence[str]
     qualifier: str
     boxes: BoxScores | None
-    submission: AlignedSubmission | None
+    submission: SubmissionColumns | None
 
     @classmethod
     def of(cls, board: Board, scores: Scores) -> Self:

@@ -6,9 +6,7 @@ projection, so the picture cannot say something else than the code.
 
 import numpy as np
 
-from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH
-from reverie_eval.geometry._framing import boxes_in_views
-from reverie_eval.geometry._oriented_boxes import OrientedBoxes
+from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, OrientedBoxes, boxes_in_views
 
 CELL_WIDTH, CELL_HEIGHT, GAP = 64, 48, 6
 LEFT, TOP = 92, 62

@@ -20,8 +20,16 @@ from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import Centres
 from reverie_eval.dataset._reader import Position, ViewpointKey, target_of, viewpoints_of
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
-from reverie_eval.geometry import FOCAL_LENGTH, N_VIEWS, VIEW_AXES, WIDTH, rays_of
-from reverie_eval.geometry._views import N_HEADINGS, STEP, degrees_between
+from reverie_eval.geometry import (
+    FOCAL_LENGTH,
+    N_HEADINGS,
+    N_VIEWS,
+    STEP,
+    VIEW_AXES,
+    WIDTH,
+    degrees_between,
+    rays_of,
+)
 from reverie_eval.metrics import SUCCESS_DISTANCE
 from reverie_eval.tasks import Annotation
 

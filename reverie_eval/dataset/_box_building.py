@@ -23,7 +23,7 @@ from reverie_eval.dataset._reader import Reader
 from reverie_eval.dataset._rules import find_problems
 from reverie_eval.errors import DatasetError, Problem, ReverieEvalError
 from reverie_eval.files import staged_folder
-from reverie_eval.geometry._framing import boxes_in_views
+from reverie_eval.geometry import boxes_in_views
 from reverie_eval.processes import map_in_processes
 from reverie_eval.text import count_text, first_few
 

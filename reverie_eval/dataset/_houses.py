@@ -26,7 +26,7 @@ from typing_extensions import Self
 from reverie_eval.arrays import LARGEST_OBJECT_ID, BoolArray, FloatArray, IntArray
 from reverie_eval.dataset._reader import FARTHEST
 from reverie_eval.errors import DatasetError, Problem
-from reverie_eval.geometry._oriented_boxes import OrientedBoxes
+from reverie_eval.geometry import OrientedBoxes
 from reverie_eval.text import category_text
 
 _VERSION = ["ASCII", "1.1"]

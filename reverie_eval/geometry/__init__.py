@@ -1,16 +1,20 @@
 """The geometry of panoramas: views, projection, outlines, and boxes seen from another camera."""
 
-from reverie_eval.geometry._polygons import are_inside
+from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
+from reverie_eval.geometry._polygons import are_inside, clip_at_depth, polygon_overlap, warp
 from reverie_eval.geometry._views import (
     FAR_OFF,
     FIELD_OF_VIEW,
     FOCAL_LENGTH,
     HEIGHT,
+    N_HEADINGS,
     N_VIEWS,
     NEAR,
+    STEP,
     VIEW_AXES,
     WIDTH,
     axes,
+    degrees_between,
     degrees_off,
     is_on_grid,
     pixels_of,
@@ -26,16 +30,25 @@ __all__ = [
     "FOCAL_LENGTH",
     "HEIGHT",
     "NEAR",
+    "N_HEADINGS",
     "N_VIEWS",
+    "STEP",
     "VIEW_AXES",
     "WIDTH",
+    "OrientedBoxes",
     "are_inside",
     "axes",
+    "bounds_in_views",
+    "boxes_in_views",
+    "clip_at_depth",
+    "degrees_between",
     "degrees_off",
     "is_on_grid",
     "pixels_of",
+    "polygon_overlap",
     "rays_of",
     "snap",
     "view_angles",
+    "warp",
     "world_to_camera",
 ]

@@ -14,9 +14,8 @@ import numpy as np
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.geometry import HEIGHT as VIEW_HEIGHT
-from reverie_eval.geometry import VIEW_AXES, pixels_of, view_angles
+from reverie_eval.geometry import VIEW_AXES, clip_at_depth, pixels_of, view_angles
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
-from reverie_eval.geometry._warping import clip_at_depth
 from reverie_eval.reporting.answers import (
     AnswerView,
     Span,

@@ -14,8 +14,7 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.metrics._catalogue import Unit
+from reverie_eval.metrics import CATALOGUE, Metric, Unit
 from reverie_eval.scoring import Scores
 
 _MOST_BARS = 60

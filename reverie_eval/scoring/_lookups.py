@@ -20,7 +20,7 @@ from reverie_eval.arrays import (
     row_of,
     take_rows,
 )
-from reverie_eval.geometry import HEIGHT, WIDTH, is_on_grid, snap
+from reverie_eval.geometry import HEIGHT, WIDTH, is_on_grid, polygon_overlap, snap, warp
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
 from reverie_eval.metrics import (
     IOU_THRESHOLD,
@@ -386,9 +386,6 @@ def _overlap(boxes: BoxAnswers, view: IntArray, target_xywh: IntArray) -> Overla
     overlap = box_overlap(boxes.xywh, target_xywh)
     off_grid = np.flatnonzero(~is_on_grid(boxes.camera))
     if off_grid.size:
-        # Importing shapely takes a third of the start-up time, and boxes in views do not need it.
-        from reverie_eval.geometry._warping import polygon_overlap, warp
-
         polygons = warp(boxes.xywh[off_grid], boxes.camera[off_grid], view[off_grid])
         areas = polygon_overlap(polygons, target_xywh[off_grid])
         for column, warped in zip(overlap, areas, strict=True):

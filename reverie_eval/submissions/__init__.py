@@ -15,7 +15,7 @@ from reverie_eval.submissions._alignment import (
 )
 from reverie_eval.submissions._answers import NO_POINT, official_point
 from reverie_eval.submissions._conversion import Conversion, convert
-from reverie_eval.submissions._document import are_records
+from reverie_eval.submissions._document import are_records, check_value_count
 from reverie_eval.submissions._hints import answer_hints, submission_hints
 from reverie_eval.submissions._official import submission_schema
 from reverie_eval.submissions._predictions import (
@@ -27,6 +27,7 @@ from reverie_eval.submissions._predictions import (
     Submission,
     SubmissionColumns,
 )
+from reverie_eval.submissions._problems import TOO_MUCH_MEMORY, TOO_MUCH_TIME
 from reverie_eval.submissions._records import parse_predictions, read_predictions
 from reverie_eval.submissions._sources import (
     MAX_MEBIBYTES_VARIABLE,
@@ -38,6 +39,7 @@ from reverie_eval.submissions._sources import (
     read_bytes,
     source_name,
     submission_names,
+    unpack,
     watch_files,
 )
 from reverie_eval.submissions._trajectories import join_items
@@ -47,6 +49,8 @@ __all__ = [
     "NO_BOXES",
     "NO_POINT",
     "RECEIPT_ENDING",
+    "TOO_MUCH_MEMORY",
+    "TOO_MUCH_TIME",
     "BoxAnswers",
     "Content",
     "Conversion",
@@ -62,6 +66,7 @@ __all__ = [
     "check_batch",
     "check_names",
     "check_navigation_only",
+    "check_value_count",
     "convert",
     "find_files",
     "find_runs",
@@ -74,5 +79,6 @@ __all__ = [
     "submission_hints",
     "submission_names",
     "submission_schema",
+    "unpack",
     "watch_files",
 ]

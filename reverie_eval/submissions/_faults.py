@@ -13,7 +13,7 @@ from reverie_eval.errors import Problem
 from reverie_eval.geometry import FAR_OFF
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._problems import POSE_FORM, WHOLE_FILE, RecordLocation, show
-from reverie_eval.tasks._task import Task
+from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 
 _CONVERT = "reverie-eval convert"

@@ -11,8 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from reverie_eval.arrays import FloatArray, IntArray, last_of
-from reverie_eval.geometry import HEIGHT, WIDTH, snap
-from reverie_eval.geometry._views import N_HEADINGS
+from reverie_eval.geometry import HEIGHT, N_HEADINGS, WIDTH, snap
 from reverie_eval.ground_truth import CandidateBoxes, GroundTruth
 from reverie_eval.metrics import ABSTAINED, box_match
 from reverie_eval.submissions._answers import _ENOUGH

@@ -28,8 +28,7 @@ from reverie_eval.submissions._fields import ID_KEYS, id_key_of, is_integer, unw
 from reverie_eval.submissions._predictions import Signs
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._trajectories import has_point, is_item
-from reverie_eval.tasks import BUILT_IN, ITEM_MARK, Task, find_task
-from reverie_eval.tasks._registry import DEFAULT_TASK
+from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK, ITEM_MARK, Task, find_task
 
 Ids: TypeAlias = Sequence[str | None]
 Locate: TypeAlias = Callable[[int], tuple[RecordLocation, str]]

@@ -37,6 +37,22 @@ def test_a_function_that_is_named_exists(name: str) -> None:
     assert callable(pkgutil.resolve_name(full))
 
 
+def test_private_modules_are_imported_within_their_package_alone() -> None:
+    """A module whose name begins with an underscore is reached through its package's `__init__`."""
+    private = re.compile(
+        r"^ *from (reverie_eval[a-z_.]*?)(?:\._[a-z]\w*| import _[a-z]\w*)", re.MULTILINE
+    )
+    roots = REPOSITORY / "reverie_eval", REPOSITORY / "cli" / "reverie_eval_cli"
+    reached = [
+        (str(file.relative_to(REPOSITORY)), package)
+        for root in roots
+        for file in root.rglob("*.py")
+        for package in private.findall(file.read_text("utf-8"))
+        if not file.is_relative_to(root.parent.joinpath(*package.split(".")))
+    ]
+    assert reached == []
+
+
 def test_only_the_service_writes_into_the_audit_log() -> None:
     """What other parts change goes through its functions, which record it."""
     writing = re.compile(r"transaction\.record\(|audit_log\.append\(")

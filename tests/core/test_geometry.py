@@ -13,14 +13,16 @@ from reverie_eval.geometry import (
     VIEW_AXES,
     WIDTH,
     axes,
+    clip_at_depth,
     is_on_grid,
     pixels_of,
+    polygon_overlap,
     rays_of,
     snap,
     view_angles,
+    warp,
     world_to_camera,
 )
-from reverie_eval.geometry._warping import clip_at_depth, polygon_overlap, warp
 
 ORIGIN = np.zeros(3)
 BOX = np.array([[320.0, 240, 240, 100]])

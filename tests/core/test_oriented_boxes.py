@@ -15,11 +15,12 @@ from reverie_eval.geometry import (
     NEAR,
     VIEW_AXES,
     WIDTH,
+    OrientedBoxes,
+    bounds_in_views,
+    boxes_in_views,
     pixels_of,
     world_to_camera,
 )
-from reverie_eval.geometry._framing import bounds_in_views, boxes_in_views
-from reverie_eval.geometry._oriented_boxes import OrientedBoxes
 
 EYE = np.zeros(3)
 WHOLE_PICTURE = (0.0, 0.0, 640.0, 480.0)

@@ -33,7 +33,7 @@ from reverie_eval.server.operations.platforms import displayed_scores
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.settings import SETTINGS_FILE, Settings
 from reverie_eval.server.state import ServerState
-from reverie_eval.submissions._sources import unpack
+from reverie_eval.submissions import unpack
 
 SECONDS_BETWEEN = 10
 """Seconds between two requests to an empty queue; EvalAI allows 60 requests a minute."""

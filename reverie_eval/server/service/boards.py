@@ -31,8 +31,7 @@ from reverie_eval.scoring import (
 )
 from reverie_eval.server.errors import NotFoundError, no_split
 from reverie_eval.server.settings import Settings, SettingsError, Split
-from reverie_eval.submissions import parse_predictions
-from reverie_eval.submissions._document import check_value_count
+from reverie_eval.submissions import check_value_count, parse_predictions
 from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task, name_on_server
 from reverie_eval.version import __version__
 

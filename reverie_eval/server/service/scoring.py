@@ -20,8 +20,7 @@ from reverie_eval.scoring import BoxScores, Scores
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.store.uploads import Uploads
-from reverie_eval.submissions import SubmissionColumns
-from reverie_eval.submissions._sources import unpack
+from reverie_eval.submissions import SubmissionColumns, unpack
 
 SECONDS_TO_RETRY = 10
 STOPPED = "the process that was reading the file was stopped"

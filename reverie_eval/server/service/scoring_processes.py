@@ -41,7 +41,7 @@ from reverie_eval.server.service.scoring import (
 )
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.uploads import open_uploads
-from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions import TOO_MUCH_MEMORY, TOO_MUCH_TIME
 
 SECONDS = 20
 """Processor time for one call; the largest real files take about one second."""
@@ -218,7 +218,7 @@ class _Process:
         with suppress(BusyError):  # then the next call that needs it tries again
             self.start()
         if status == -signal.SIGXCPU:
-            return SubmissionError([problems.TOO_MUCH_TIME.of_file(seconds=SECONDS)])
+            return SubmissionError([TOO_MUCH_TIME.of_file(seconds=SECONDS)])
         return BusyError(SECONDS_TO_RETRY, STOPPED)
 
 
@@ -291,9 +291,7 @@ def _within_limits(context: Context, call: _Call) -> Any:
         with _limited_memory(call.mebibytes << 20):
             return call.work(context, *call.given, **call.named)
     except MemoryError:
-        raise SubmissionError(
-            [problems.TOO_MUCH_MEMORY.of_file(mebibytes=call.mebibytes)]
-        ) from None
+        raise SubmissionError([TOO_MUCH_MEMORY.of_file(mebibytes=call.mebibytes)]) from None
     finally:
         _limit_time(None)
 

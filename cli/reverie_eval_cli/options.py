@@ -209,7 +209,15 @@ cluster = with_default(
     help="What to resample for intervals: target objects or scans, each with all its episodes.",
 )
 
-CONFIDENCE = Decimal(0, 1, min_open=True, max_open=True)
+
+def confidence(meaning: str) -> Callable[[Command], Command]:
+    """Add the confidence of intervals."""
+    return click.option(
+        "--confidence",
+        metavar="SHARE",
+        type=Decimal(0, 1, min_open=True, max_open=True),
+        help=f"{meaning}  [default: 0.95]",
+    )
 
 
 def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
@@ -273,7 +281,16 @@ class ScoringOptions(TruthOptions):
 
 
 truth = grouped("truth_options", TruthOptions, split, ground_truth, task)
-scoring = grouped("scoring", ScoringOptions, split, ground_truth, task, protocol, track)
+
+
+def scoring_by(
+    protocol: Callable[[Any], Any],
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Add what scores submissions, with a command's own option for the protocol."""
+    return grouped("scoring", ScoringOptions, split, ground_truth, task, protocol, track)
+
+
+scoring = scoring_by(protocol)
 
 
 def checked(

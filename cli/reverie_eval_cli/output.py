@@ -16,7 +16,7 @@ from reverie_eval.submissions import source_name
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from reverie_eval.reporting.tables import Table
+    from reverie_eval.reporting.tables import Printout, Table
 
 T = TypeVar("T")
 STANDARD_OUTPUT = "-"
@@ -117,6 +117,14 @@ def show_table(*layouts: "Table", output: str | None = None) -> None:
     from reverie_eval.reporting.tables import print_table
 
     show(layouts[0].to_text, output, lambda console: print_table(console, *layouts))
+
+
+def show_printout(printout: "Printout", layout: str, output: str | None) -> None:
+    """Write a result in one of its formats."""
+    if layout == "table":
+        show_table(printout.table, *printout.narrower, output=output)
+    else:
+        show(lambda: printout.text(layout), output)
 
 
 def submission_text(records: Sequence[Mapping[str, Any]]) -> str:

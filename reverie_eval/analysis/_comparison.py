@@ -321,9 +321,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
     def _repr_html_(self) -> str:
         """Show the comparison in a notebook."""
-        from reverie_eval.reporting.comparisons import comparison_html
+        from reverie_eval.reporting.comparisons import comparison_table
 
-        return comparison_html(self)
+        return comparison_table(self).to_html()
 
     def __repr__(self) -> str:
         return f"<Comparison: {'; '.join(map(self.sentence, self))}>"

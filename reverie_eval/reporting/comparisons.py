@@ -3,28 +3,15 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
 from reverie_eval.metrics import Metric
-from reverie_eval.reporting.scores import results_table
-from reverie_eval.reporting.tables import (
-    MISSING,
-    Table,
-    fits,
-    latex_comments,
-    markdown_text,
-    metric_cells,
-    print_lines,
-    print_table,
-)
+from reverie_eval.reporting.scores import results_table, table_of_scores
+from reverie_eval.reporting.tables import MISSING, Printout, Table, metric_cells
 from reverie_eval.schemas.report import Report, RunsReport, ScoreReport
 from reverie_eval.scoring import Intervals, Scores
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 class ComparisonReport(Report):
@@ -59,6 +46,23 @@ _WON = (
 )
 
 
+def comparison_printout(comparison: Comparison) -> Printout:
+    """Return a comparison in each format; papers get the scores, with the differences as notes."""
+    table = comparison_table(comparison)
+
+    def paper() -> Table:
+        notes = [*sentences(comparison), *table.notes]
+        return replace(results_table(comparison.scores), notes=notes)
+
+    return Printout(
+        table,
+        lambda: comparison.to_report().model_dump_json(indent=2),
+        lambda: comparison.to_pandas().to_csv().removesuffix("\n"),
+        [_ranked_table(comparison, is_narrow=True)] if len(comparison) > 1 else [],
+        papers={"markdown": paper, "latex": paper},
+    )
+
+
 def comparison_table(comparison: Comparison) -> Table:
     """Return two submissions' scores and differences, or a row for each of several submissions."""
     return _pair_table(comparison) if len(comparison) == 1 else _ranked_table(comparison)
@@ -69,8 +73,7 @@ def _pair_table(comparison: Comparison) -> Table:
     metrics = _headline(comparison)
     scores = [[name, *metric_cells(metrics, each)] for name, each in comparison.scores.items()]
     differences = [row for name in comparison for row in _rows(comparison, name, metrics)]
-    headings = ["", *(metric.heading for metric in metrics)]
-    return Table(headings, [*scores, *differences], frozenset({0}), task=_task(comparison))
+    return _table(comparison, metrics, [*scores, *differences])
 
 
 def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
@@ -87,8 +90,30 @@ def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
         [name, *metric_cells(shown, scores), *_difference_cells(comparison, name, primary)]
         for name, scores in ranked
     ]
-    headings = ["", *(m.heading for m in shown), "diff.", "low", "high", "p", "verdict"]
-    return Table(headings, rows, frozenset({0}), task=_task(comparison))
+    return _table(comparison, shown, rows, ("diff.", "low", "high", "p", "verdict"))
+
+
+def _table(
+    comparison: Comparison,
+    metrics: Sequence[Metric],
+    rows: Sequence[Sequence[str]],
+    further: Sequence[str] = (),
+) -> Table:
+    first = comparison.scores[comparison.first]
+    return table_of_scores(
+        first,
+        [""],
+        metrics,
+        rows,
+        further=further,
+        about=[first.signature, *procedures(comparison)],
+        notes=[
+            f"note on {name}: {note}"
+            for name, each in comparison.scores.items()
+            for note in each.notes
+        ],
+        findings=_findings(comparison),
+    )
 
 
 def _task(comparison: Comparison) -> Task:
@@ -117,25 +142,7 @@ def _difference_cells(comparison: Comparison, name: str, metric: Metric) -> Sequ
     return [*shown, _p_cell(found.p_value), "n.s." if verdict == "not significant" else verdict]
 
 
-def comparison_text(comparison: Comparison) -> str:
-    """Return a comparison in aligned columns, for a pipe or a file."""
-    below = [*_lines_below(comparison), "", *notes(comparison)]
-    return replace(comparison_table(comparison), notes=below).to_text()
-
-
-def print_comparison(console: "Console", comparison: Comparison) -> None:
-    """Print a comparison on a terminal."""
-    table = comparison_table(comparison)
-    if len(comparison) > 1 and not fits(console, table):
-        table = _ranked_table(comparison, is_narrow=True)
-    print_table(console, table)
-    for sentence in _lines_below(comparison):
-        console.print(sentence, style="bold", markup=False, highlight=False)
-    console.print()
-    print_lines(console, notes(comparison), style="dim")
-
-
-def _lines_below(comparison: Comparison) -> Sequence[str]:
+def _findings(comparison: Comparison) -> Sequence[str]:
     """Return a sentence about the other submission or, for several, what the columns mean."""
     if len(comparison) == 1:
         return sentences(comparison)
@@ -148,28 +155,6 @@ def _lines_below(comparison: Comparison) -> Sequence[str]:
         "n.s.: no significant difference."
     )
     return [columns, *not_in_table]
-
-
-def comparison_html(comparison: Comparison) -> str:
-    """Return the sentences, the table and its notes, for a page or a notebook."""
-    from html import escape
-
-    lines = "<br>".join(map(escape, _lines_below(comparison)))
-    table = replace(comparison_table(comparison), notes=notes(comparison)).to_html()
-    return f"<p><strong>{lines}</strong></p>{table}"
-
-
-def comparison_markdown(comparison: Comparison) -> str:
-    """Return the scores as a results table, and below it the differences and the notes."""
-    table = results_table(comparison.scores).to_markdown()
-    below = map(markdown_text, [*sentences(comparison), *notes(comparison)])
-    return "\n\n".join([table, *below])
-
-
-def comparison_latex(comparison: Comparison) -> str:
-    """Return the scores as a results table, and above it everything else as comments."""
-    comments = latex_comments([*sentences(comparison), *notes(comparison)])
-    return "\n".join([*comments, results_table(comparison.scores).to_latex()])
 
 
 def sentences(comparison: Comparison) -> Sequence[str]:
@@ -194,21 +179,6 @@ def procedures(comparison: Comparison) -> Sequence[str]:
         resampled.caption,
         f"{test}{corrected}{_smallest_p(comparison)}",
         *([_WON] if len(comparison) == 1 else []),
-    ]
-
-
-def notes(comparison: Comparison) -> Sequence[str]:
-    """Return what the numbers depend on, the signature first."""
-    first = comparison.scores[comparison.first]
-    return [
-        first.signature,
-        *procedures(comparison),
-        f"ground truth: {first.ground_truth.provenance}",
-        *(
-            f"note on {name}: {note}"
-            for name, each in comparison.scores.items()
-            for note in each.notes
-        ),
     ]
 
 

@@ -5,7 +5,7 @@ everything else.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -162,7 +162,7 @@ def _comparison(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, 
     return {
         "other_name": other_name,
         "sentences": sentences(comparison) if comparison else [],
-        "comparison": as_markup(comparison_table(comparison).to_html()) if comparison else None,
+        "comparison": _differences(comparison) if comparison else None,
         "procedures": procedures(comparison) if comparison else [f"not compared: {why_not}"],
         "outcome_names": list(sections.BEST_OUTCOME_FIRST),
         "outcome_changes": sections.outcome_changes(first, other)
@@ -171,6 +171,11 @@ def _comparison(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, 
         "changes": changes,
         "both_key": as_markup(map_key(*(card.map for each in changes for card in each.cards))),
     }
+
+
+def _differences(comparison: Comparison) -> "Markup":
+    """Show the table of a comparison alone; the report has its sentences and notes elsewhere."""
+    return as_markup(replace(comparison_table(comparison), findings=(), notes=()).to_html())
 
 
 def _change(winner: str, scores: Mapping[str, Scores], instr_ids: Sequence[str]) -> Change:

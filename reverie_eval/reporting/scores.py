@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, TextIO
 
 import numpy as np
@@ -15,6 +14,7 @@ from reverie_eval.reporting.tables import (
     MARK,
     MISSING,
     Bold,
+    Printout,
     Table,
     cell_of,
     metric_cell,
@@ -33,6 +33,23 @@ _Row = tuple[str, Callable[[Metric], float], Callable[[Metric, float], str]]
 """A row's name, its value for a metric, and how the value is shown."""
 
 
+def scores_printout(results: Sequence[Scores]) -> Printout:
+    """Return a submission's scores by one or several protocols in each format."""
+    table = score_table(results)
+
+    def as_json() -> str:
+        reports = [scores.to_report().model_dump_json(indent=2) for scores in results]
+        return reports[0] if len(reports) == 1 else "[\n" + ",\n".join(reports) + "\n]"
+
+    def as_csv() -> str:
+        keys = results[0].ground_truth.task.metrics
+        bounds = [f"{key}_{end}" for key in keys for end in ("low", "high")]
+        columns = [*keys, *bounds] if results[0].intervals else keys
+        return _csv([], columns, (([], it.to_dict(), [it.signature]) for it in results))
+
+    return Printout(table, as_json, as_csv, [table.stacked()])
+
+
 def score_table(results: Sequence[Scores]) -> Table:
     """Return a submission's scores, a row per protocol, and two more for interval bounds.
 
@@ -47,75 +64,75 @@ def score_table(results: Sequence[Scores]) -> Table:
     has_names = has_several or first.intervals is not None or bool(by_language)
     named = [row for scores in results for row in _rows(scores, first, metrics)] + by_language
     is_marked = any(cell.endswith(MARK) for _, *cells in named for cell in cells)
-    return Table(
-        headings=["protocol" if has_several else ""] * has_names + [m.heading for m in metrics],
-        rows=named if has_names else [cells for _, *cells in named],
-        text_columns=frozenset({0} if has_names else ()),
-        notes=[
+    return table_of_scores(
+        first,
+        ["protocol" if has_several else ""] if has_names else [],
+        metrics,
+        named if has_names else [cells for _, *cells in named],
+        about=[
             *([f"{MARK} differs from {_name(first)}", ""] if is_marked else []),
             *(scores.signature for scores in results),
             *([] if first.intervals is None else [first.intervals.caption]),
-            f"ground truth: {first.ground_truth.provenance}",
-            *(f"note: {note}" for note in _notes(results)),
         ],
-        task=first.ground_truth.task,
+        notes=[f"note: {note}" for note in _notes(results)],
     )
 
 
-def scores_csv(results: Sequence[Scores]) -> str:
-    """Return a row per protocol: every metric by its key, unrounded, and the signature."""
-    has_intervals = results[0].intervals is not None
-    metrics = results[0].ground_truth.task.metrics
-    bounds = [f"{key}_{end}" for key in metrics for end in ("low", "high")] * has_intervals
-    keys = [*metrics, *bounds]
-    rows = [_unrounded([], keys, each.to_dict(), each.signature) for each in results]
-    return Table([*keys, "signature"], rows).to_csv()
+def ranking_printout(scored: ScoredFiles) -> Printout:
+    """Return a ranking in each format: a row per file, best first.
 
-
-def scores_json(results: Sequence[Scores]) -> str:
-    """Return the score report as JSON; with several results, a list of reports."""
-    reports = [scores.to_report().model_dump_json(indent=2) for scores in results]
-    return reports[0] if len(reports) == 1 else "[\n" + ",\n".join(reports) + "\n]"
-
-
-def ranking_table(scored: ScoredFiles) -> Table:
-    """Return a row per file, best first, named by the part of its path that identifies it."""
+    In the table, a file is named by the part of its path that identifies it.
+    """
     first = next(iter(scored.values()))
     names = dict(zip(scored, submission_names(list(scored)), strict=True))
-    rows = [
-        [cell_of(rank), names[file], *metric_cells(scored.metrics, scored[file])]
-        for file, rank in scored.ranks.items()
-    ]
-    return Table(
-        headings=["rank", "file", *(metric.heading for metric in scored.metrics)],
-        rows=rows,
-        text_columns=frozenset({1}),
-        notes=[
-            first.signature,
-            f"ground truth: {first.ground_truth.provenance}",
-            *_notes_of_files(scored, names),
+    table = table_of_scores(
+        first,
+        ["rank", "file"],
+        scored.metrics,
+        [
+            [cell_of(rank), names[file], *metric_cells(scored.metrics, scored[file])]
+            for file, rank in scored.ranks.items()
         ],
-        task=first.ground_truth.task,
+        notes=list(_notes_of_files(scored, names)),
     )
 
+    def as_json() -> str:
+        reports = [
+            f"{json.dumps(file)}: {scores.to_report().model_dump_json(indent=2)}"
+            for file, scores in scored.items()
+        ]
+        return "{\n" + ",\n".join(reports) + "\n}"
 
-def ranking_csv(scored: ScoredFiles) -> str:
-    """Return a row per file, best first: every metric by its key, unrounded, and the signature."""
-    keys = next(iter(scored.values())).ground_truth.task.metrics
-    rows = [
-        _unrounded([file, scores.split, scores.protocol.name], keys, scores, scores.signature)
-        for file, scores in scored.items()
-    ]
-    return Table(["file", "split", "protocol", *keys, "signature"], rows).to_csv()
+    def as_csv() -> str:
+        rows = (
+            ([file, scores.split, scores.protocol.name], scores, [scores.signature])
+            for file, scores in scored.items()
+        )
+        return _csv(["file", "split", "protocol"], first.ground_truth.task.metrics, rows)
+
+    return Printout(table, as_json, as_csv)
 
 
-def ranking_json(scored: ScoredFiles) -> str:
-    """Return the score reports as JSON, by file, best first."""
-    reports = [
-        f"{json.dumps(file)}: {scores.to_report().model_dump_json(indent=2)}"
-        for file, scores in scored.items()
-    ]
-    return "{\n" + ",\n".join(reports) + "\n}"
+def runs_printout(name: str, runs: Runs) -> Printout:
+    """Return the runs of a method, and their mean, in each format."""
+
+    def as_csv() -> str:
+        keys = runs.ground_truth.task.metrics
+        summary = [
+            (label, {key: value(CATALOGUE[key]) for key in keys if key in runs})
+            for label, value, _ in _rows_below(runs)
+        ]
+        named: list[tuple[str, Mapping[str, float]]] = [*runs.runs.items(), *summary]
+        about = [runs.signature, runs.intervals.caution]
+        rows = (([label], values, about) for label, values in named)
+        return _csv(["run"], keys, rows, ["signature", "caution"])
+
+    return Printout(
+        runs_table(runs),
+        lambda: runs.to_report().model_dump_json(indent=2),
+        as_csv,
+        papers={"latex": lambda: results_table({name: runs})},
+    )
 
 
 def runs_table(runs: Runs) -> Table:
@@ -126,133 +143,72 @@ def runs_table(runs: Runs) -> Table:
     summary = [
         [name, *(text(m, value(m)) for m in shown)] for name, value, text in _rows_below(runs)
     ]
-    return Table(
-        headings=["", *(m.heading for m in shown)],
-        rows=[*each_run, [""] * (1 + len(shown)), *summary],
-        text_columns=frozenset({0}),
-        notes=[
-            runs.signature,
-            runs.intervals.caption,
-            _DUE_TO_RUNS,
-            f"ground truth: {runs.ground_truth.provenance}",
-            *(f"note on {note}" for note in runs.notes),
-        ],
-        task=runs.ground_truth.task,
+    return table_of_scores(
+        runs,
+        [""],
+        shown,
+        [*each_run, [""] * (1 + len(shown)), *summary],
+        about=[runs.signature, runs.intervals.caption, _DUE_TO_RUNS],
+        notes=[f"note on {note}" for note in runs.notes],
     )
 
 
-def runs_csv(runs: Runs) -> str:
-    """Return the same rows as CSV: every metric by its key, unrounded, and the signature."""
-    keys = runs.ground_truth.task.metrics
-    summary = [
-        (name, {key: value(CATALOGUE[key]) for key in keys if key in runs})
-        for name, value, _ in _rows_below(runs)
-    ]
-    named: list[tuple[str, Mapping[str, float]]] = [*runs.runs.items(), *summary]
-    rows = [
-        [*_unrounded([name], keys, values, runs.signature), runs.intervals.caution]
-        for name, values in named
-    ]
-    return Table(["run", *keys, "signature", "caution"], rows).to_csv()
+def table_of_scores(
+    first: Scored,
+    names: Sequence[str],
+    metrics: Sequence[Metric],
+    rows: Sequence[Sequence[str]],
+    *,
+    further: Sequence[str] = (),
+    about: Sequence[str] | None = None,
+    notes: Sequence[str] = (),
+    findings: Sequence[str] = (),
+) -> Table:
+    """Return a table of scores with a column per metric, and below it what they depend on.
 
-
-def _unrounded(
-    names: Sequence[str], keys: Iterable[str], values: Mapping[str, float], signature: str
-) -> Sequence[str]:
-    """Return a row of CSV, with nothing where a value is missing."""
-    return [*names, *(str(values.get(key, "")) for key in keys), signature]
-
-
-def _formats(
-    table: Callable[..., Table],
-    json_text: Callable[..., str],
-    csv: Callable[..., str],
-    paper: Callable[..., Table] | None = None,
-) -> Mapping[str, Callable[..., str]]:
-    """Return the formats of a table; LaTeX may have another one, as papers show it."""
-    return MappingProxyType(
-        {
-            "table": lambda *of: table(*of).to_text(),
-            "json": json_text,
-            "csv": csv,
-            "markdown": lambda *of: table(*of).to_markdown(),
-            "latex": lambda *of: (paper or table)(*of).to_latex(),
-        }
-    )
-
-
-FORMATS = _formats(score_table, scores_json, scores_csv)
-"""What ``--format`` offers, by name, for the scores of a file by one or several protocols."""
-RANKING_FORMATS = _formats(ranking_table, ranking_json, ranking_csv)
-"""What it offers for several files."""
-RUNS_FORMATS = _formats(
-    lambda _, runs: runs_table(runs),
-    lambda _, runs: runs.to_report().model_dump_json(indent=2),
-    lambda _, runs: runs_csv(runs),
-    lambda name, runs: results_table({name: runs}),
-)
-"""What it offers for the runs of a method, given its name."""
-
-
-def watch_heading(evaluator: Evaluator) -> str:
-    """Return the headings above the lines of :func:`watch_line`."""
-    cells = (metric.heading.rjust(_WATCH_WIDTH) for metric in _watched_metrics(evaluator))
-    return "  ".join([*cells, "file"])
-
-
-def watch_line(file: str, scores: Scores, evaluator: Evaluator) -> str:
-    """Return a file's scores in a line, its path last so that the columns stay in line."""
-    cells = metric_cells(_watched_metrics(evaluator), scores)
-    return "  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), file])
-
-
-def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
-    task = evaluator.ground_truth.task
-    return task.table_metrics(scored_metrics(evaluator.protocol, evaluator.track))
-
-
-def write_episodes(scores: Scores, file: TextIO) -> None:
-    """Write a row per episode as CSV: every metric, unrounded, outcome, scan and instruction.
-
-    Columns are those of ``scores.to_pandas()``.
+    Parameters
+    ----------
+    first : Scores or Runs
+        The scores whose ground truth all rows share.
+    names, further : sequences of str
+        Headings of the columns before and after those of the metrics. The last one of ``names`` is
+        aligned to the left.
+    about : sequence of str, optional
+        Notes above the one on the ground truth; the signature if not given.
+    notes, findings : sequences of str
+        Notes below the one on the ground truth, and :attr:`Table.findings`.
     """
-    import csv
-
-    columns = {**_columns(scores), **scores.texts}
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(["instr_id", *columns])
-    writer.writerows(zip(scores.instr_ids, *columns.values(), strict=True))
-
-
-def episode_table(scores: Scores) -> Table:
-    """Return the score table's metrics for every episode, a row each."""
-    metrics = scores.ground_truth.task.table_metrics(scores.keys())
-    metrics = [metric for metric in metrics if metric.key in scores]
-    columns = [map(metric.display, scores.episodes[metric.key].tolist()) for metric in metrics]
+    truth = first.ground_truth
     return Table(
-        headings=["instr_id", *(metric.heading for metric in metrics)],
-        rows=list(zip(scores.instr_ids, *columns, strict=True)),
-        text_columns=frozenset({0}),
-        notes=[scores.signature],
+        headings=[*names, *(metric.heading for metric in metrics), *further],
+        rows=rows,
+        text_columns=frozenset({len(names) - 1} if names else ()),
+        findings=findings,
+        notes=[
+            *([first.signature] if about is None else about),
+            f"ground truth: {truth.provenance}",
+            *notes,
+        ],
+        task=truth.task,
     )
 
 
-def episodes_json(scores: Scores) -> str:
-    """Return every metric of every episode as JSON, unrounded, with the signature."""
-    columns = _columns(scores)
-    episodes = [
-        dict(zip(("instr_id", *columns), row, strict=True))
-        for row in zip(scores.instr_ids, *columns.values(), strict=True)
+def _csv(
+    names: Sequence[str],
+    keys: Iterable[str],
+    rows: Iterable[tuple[Sequence[str], Mapping[str, float], Sequence[str]]],
+    further: Sequence[str] = ("signature",),
+) -> str:
+    """Return unrounded values by the keys of their metrics, between columns of text.
+
+    A cell is empty where a value is missing.
+    """
+    keys = list(keys)
+    cells = [
+        [*before, *(str(values.get(key, "")) for key in keys), *after]
+        for before, values, after in rows
     ]
-    return json.dumps({"signature": scores.signature, "episodes": episodes}, indent=1)
-
-
-def _columns(scores: Scores) -> dict[str, Sequence[Any]]:
-    """Return the values of every episode by metric; None where an episode has none."""
-    return {
-        key: [None if math.isnan(value) else value for value in column.tolist()]
-        for key, column in scores.episodes.items()
-    }
+    return Table([*names, *keys, *further], cells).to_csv()
 
 
 def _rows_below(runs: Runs) -> Iterator[_Row]:
@@ -470,3 +426,64 @@ def _caption(every: Sequence[Scored], metrics: Sequence[Metric]) -> str:
         f"reverie-eval {parts[0]['version']}, protocol {protocol}; "
         f"data: {', '.join(data.values())}."
     )
+
+
+def watch_heading(evaluator: Evaluator) -> str:
+    """Return the headings above the lines of :func:`watch_line`."""
+    cells = (metric.heading.rjust(_WATCH_WIDTH) for metric in _watched_metrics(evaluator))
+    return "  ".join([*cells, "file"])
+
+
+def watch_line(file: str, scores: Scores, evaluator: Evaluator) -> str:
+    """Return a file's scores in a line, its path last so that the columns stay in line."""
+    cells = metric_cells(_watched_metrics(evaluator), scores)
+    return "  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), file])
+
+
+def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
+    task = evaluator.ground_truth.task
+    return task.table_metrics(scored_metrics(evaluator.protocol, evaluator.track))
+
+
+def write_episodes(scores: Scores, file: TextIO) -> None:
+    """Write a row per episode as CSV: every metric, unrounded, outcome, scan and instruction.
+
+    Columns are those of ``scores.to_pandas()``.
+    """
+    import csv
+
+    columns = {**_columns(scores), **scores.texts}
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(["instr_id", *columns])
+    writer.writerows(zip(scores.instr_ids, *columns.values(), strict=True))
+
+
+def episode_table(scores: Scores) -> Table:
+    """Return the score table's metrics for every episode, a row each."""
+    metrics = scores.ground_truth.task.table_metrics(scores.keys())
+    metrics = [metric for metric in metrics if metric.key in scores]
+    columns = [map(metric.display, scores.episodes[metric.key].tolist()) for metric in metrics]
+    return Table(
+        headings=["instr_id", *(metric.heading for metric in metrics)],
+        rows=list(zip(scores.instr_ids, *columns, strict=True)),
+        text_columns=frozenset({0}),
+        notes=[scores.signature],
+    )
+
+
+def episodes_json(scores: Scores) -> str:
+    """Return every metric of every episode as JSON, unrounded, with the signature."""
+    columns = _columns(scores)
+    episodes = [
+        dict(zip(("instr_id", *columns), row, strict=True))
+        for row in zip(scores.instr_ids, *columns.values(), strict=True)
+    ]
+    return json.dumps({"signature": scores.signature, "episodes": episodes}, indent=1)
+
+
+def _columns(scores: Scores) -> dict[str, Sequence[Any]]:
+    """Return the values of every episode by metric; None where an episode has none."""
+    return {
+        key: [None if math.isnan(value) else value for value in column.tolist()]
+        for key, column in scores.episodes.items()
+    }

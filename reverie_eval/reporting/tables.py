@@ -1,4 +1,4 @@
-"""One table, and its layouts for text, terminals, Markdown, LaTeX, CSV and HTML.
+"""One table, and its formats: text, terminals, Markdown, LaTeX, CSV and HTML.
 
 No table library is used: scoring a file must not import one, and none escapes LaTeX and marks
 values as papers need it.
@@ -7,7 +7,7 @@ values as papers need it.
 import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import groupby
 from typing import TYPE_CHECKING, TypeVar
@@ -54,6 +54,8 @@ class Table:
     """Headings above the headings; each spans the same number of the columns after the first."""
     caption: str = ""
     """The caption, as in a paper; with a caption, LaTeX gets a floating ``table``."""
+    findings: Sequence[str] = ()
+    """Sentences on what the table shows, before the notes; in bold on a terminal."""
     notes: Sequence[str] = ()
     """Lines below the table, the signature first; in LaTeX, comments above it."""
     task: Task = _REVERIE
@@ -81,8 +83,7 @@ class Table:
             for number, column in enumerate(columns)
         ]
         lines = ["  ".join(row).rstrip() for row in zip(*aligned, strict=True)]
-        below = self.lines_below
-        return "\n".join([*lines, "", *below] if below else lines)
+        return "\n".join([*lines, "", *self.lines_below] if self.lines_below else lines)
 
     def to_markdown(self) -> str:
         """Return a GitHub-flavoured table with the lines below it as paragraphs."""
@@ -117,7 +118,7 @@ class Table:
             caption = rf"\caption{{{latex_text(self.caption)}}}"
             begin, end = rf"\begin{{{name}}}", rf"\end{{{name}}}"
             tabular = [begin, r"\centering", caption, *tabular, end]
-        return "\n".join([*latex_comments(self.notes), *tabular])
+        return "\n".join([*latex_comments([*self.findings, *self.notes]), *tabular])
 
     def to_csv(self) -> str:
         """Return the headings and the rows as CSV, without the lines below."""
@@ -130,7 +131,7 @@ class Table:
     def to_html(self) -> str:
         """Return the table as HTML, everything escaped, the signature as code.
 
-        A metric's heading explains the metric as its tooltip.
+        A metric's heading explains the metric as its tooltip. Findings are a paragraph above.
         """
         meanings = _meanings(self.task)
         headings = [_html_heading(each, meanings.get(each)) for each in self.flat_headings]
@@ -139,8 +140,10 @@ class Table:
             for is_filled, rows in groupby(self.rows, any)
             if is_filled
         ]
+        lines = "<br>".join(map(_html_text, self.findings))
+        findings = f"<p><strong>{lines}</strong></p>" if lines else ""
         return (
-            f"<table>{self._html_caption()}<thead><tr>{''.join(headings)}</tr></thead>"
+            f"{findings}<table>{self._html_caption()}<thead><tr>{''.join(headings)}</tr></thead>"
             f"<tbody>{'</tbody><tbody>'.join(bodies)}</tbody></table>"
         )
 
@@ -172,8 +175,9 @@ class Table:
 
     @property
     def lines_below(self) -> Sequence[str]:
-        """The caption, if there is one, and the notes."""
-        return [self.caption, *self.notes] if self.caption else self.notes
+        """The caption, the findings and the notes, as far as there are any."""
+        caption = [self.caption] if self.caption else []
+        return [*caption, *self.findings, *([""] if self.findings else []), *self.notes]
 
     def _latex_groups(self) -> Iterator[str]:
         if not self.groups:
@@ -185,7 +189,7 @@ class Table:
         yield " ".join(rf"\cmidrule(lr){{{start}-{start + width - 1}}}" for start in starts)
 
     def _html_caption(self) -> str:
-        lines = [_html_text(line) for line in self.lines_below if line]
+        lines = [_html_text(line) for line in (self.caption, *self.notes) if line]
         if not lines:
             return ""
         if not self.caption:
@@ -202,6 +206,36 @@ class Table:
             for column, text in enumerate(texts)
         )
         return f"<tr>{''.join(cells)}</tr>"
+
+
+FORMATS = ("table", "json", "csv", "markdown", "latex")
+"""What ``--format`` offers for scores."""
+
+
+@dataclass(frozen=True)
+class Printout:
+    """A result in each of the ``FORMATS``; those that are not asked for are not written."""
+
+    table: Table
+    json: Callable[[], str]
+    csv: Callable[[], str]
+    narrower: Sequence[Table] = ()
+    """Other layouts of the table, for narrower terminals."""
+    papers: Mapping[str, Callable[[], Table]] = field(default_factory=dict)
+    """The table as papers show it, by the formats that have another one than people."""
+
+    def text(self, layout: str) -> str:
+        """Return the result in one of the formats."""
+        match layout:
+            case "table":
+                return self.table.to_text()
+            case "json":
+                return self.json()
+            case "csv":
+                return self.csv()
+            case _:
+                table = self.papers.get(layout, lambda: self.table)()
+                return table.to_markdown() if layout == "markdown" else table.to_latex()
 
 
 def _aligned(column: Sequence[str], *, is_text: bool) -> Sequence[str]:
@@ -354,9 +388,13 @@ def print_table(console: "Console", *layouts: Table) -> None:
                 console.print()
             break
     else:
-        text = replace(first, caption="", notes=()).to_text()
+        text = replace(first, caption="", findings=(), notes=()).to_text()
         console.print(text, end="\n\n", markup=False, highlight=False, soft_wrap=True)
-    print_lines(console, first.lines_below, style="dim")
+    for sentence in first.findings:
+        console.print(sentence, style="bold", markup=False, highlight=False)
+    if first.findings:
+        console.print()
+    print_lines(console, [*filter(None, [first.caption]), *first.notes], style="dim")
 
 
 def print_lines(console: "Console", lines: Iterable[str], style: str) -> None:

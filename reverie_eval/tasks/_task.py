@@ -230,11 +230,11 @@ class Task:
         """Return the metrics of a score table: the headline ones, and those of boxes if scored.
 
         Where navigation is scored, the table has a column for each headline metric, whether or not
-        answers are scored.
+        answers are scored. Metrics of boxes are in the order of the CATALOGUE.
         """
         has_all = "success" in scored
         headline = [key for key in self.headline if has_all or key in scored]
-        boxes = [key for key in scored if "box" in CATALOGUE[key].needs]
+        boxes = [key for key, it in CATALOGUE.items() if key in scored and "box" in it.needs]
         return [self.metric(key) for key in (*headline, *boxes)]
 
     def headline_metrics(self, scored: Collection[str]) -> Sequence[Metric]:

@@ -99,13 +99,13 @@ BROKEN_WORD = quote(str(BROKEN))
         pytest.param(
             "hops.json {split} {full} --diagnose --protocol all",
             2,
-            "--diagnose needs a single protocol",
+            "--protocol all cannot be combined with --diagnose",
             id="diagnosis by all protocols",
         ),
         pytest.param(
             "hops.json {split} {full} --diagnose --track grounding",
             2,
-            "and the full track",
+            "--diagnose needs the full track",
             id="diagnosis without trajectories",
         ),
         pytest.param(

@@ -208,12 +208,15 @@ def test_reports_of_all_files(jobs: str, run: Run, files: list[str]) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["a.json", "b.json", "--ci"], "need a single file"),
-        (["a.json", "b.json", "--protocol", "all"], "need a single file"),
+        (["a.json", "b.json", "--ci"], "--ci cannot be combined with several files; `reverie-eval"),
+        (
+            ["a.json", "b.json", "--protocol", "all"],
+            "--protocol all cannot be combined with several",
+        ),
         (["empty"], "empty: no submission found; submissions end in .json, .json.gz, .zip"),
         (["*.nothing"], "*.nothing: no submission found"),
         (["--watch", "none"], "none: there is no such file or folder to watch"),
-        (["--watch", "empty", "--format", "csv"], "--watch prints lines; omit"),
+        (["--watch", "empty", "--format", "csv"], "--format cannot be combined with --watch"),
     ],
 )
 def test_what_cannot_be_ranked(run: Run, here: Path, words: list[str], said: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 from reverie_eval import GroundTruth, SubmissionError, compare, evaluate
 from reverie_eval.reporting.comparisons import comparison_table
 from reverie_eval.reporting.report import report_html
-from reverie_eval.reporting.scores import FORMATS
+from reverie_eval.reporting.scores import scores_printout
 from tests.conftest import SAMPLES
 from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
@@ -37,15 +37,15 @@ def test_answers_that_are_not_there_are_not_scored(
     scores = evaluate(silent, split=SPLIT, ground_truth=demo)
     assert "rgs" not in scores
     assert "rgspl" not in scores
-    assert row in FORMATS[layout]([scores]).splitlines()
+    assert row in scores_printout([scores]).text(layout).splitlines()
 
 
 def test_json_and_csv_have_no_scores_for_answers(
     silent: list[dict[str, Any]], demo: GroundTruth
 ) -> None:
     scores = evaluate(silent, split=SPLIT, ground_truth=demo)
-    assert "rgs" not in json.loads(FORMATS["json"]([scores]))["scores"]
-    heading, row = (line.split(",") for line in FORMATS["csv"]([scores]).splitlines())
+    assert "rgs" not in json.loads(scores_printout([scores]).text("json"))["scores"]
+    heading, row = (line.split(",") for line in scores_printout([scores]).text("csv").splitlines())
     assert row[heading.index("rgspl")] == ""
 
 

@@ -417,7 +417,7 @@ def test_methods_are_compared_over_their_runs(seeds: str, run: Run) -> None:
         (["a={good},none.json", "--split", SPLIT], "none.json: No such file"),
         (["a=*.nothing", "--split", SPLIT], "*.nothing: no submission found"),
         (["compare", "a={good}", "a={good}", "--split", SPLIT], "two methods are named a"),
-        (["a={good},{good}.gz", "--split", SPLIT, "--episodes", "x"], "need a single file"),
+        (["a={good},{good}.gz", "--split", SPLIT, "--episodes", "x"], "--episodes cannot be"),
     ],
 )
 def test_what_are_no_runs(line: list[str], said: str, run: Run) -> None:

@@ -9,6 +9,7 @@ import click
 
 from reverie_eval import Scores
 from reverie_eval.analysis import BEST, Runs, Scored
+from reverie_eval.reporting.tables import FORMATS
 from reverie_eval.scoring import Clustering, Intervals
 from reverie_eval.submissions import find_files, find_runs, submission_names
 from reverie_eval_cli import options
@@ -17,7 +18,7 @@ from reverie_eval_cli.output import (
     check_outputs,
     open_output,
     score_each,
-    show,
+    show_printout,
     write_text,
 )
 
@@ -33,18 +34,9 @@ from reverie_eval_cli.output import (
 @options.scoring
 @options.episodes_from
 @options.cluster
-@click.option(
-    "--confidence",
-    metavar="SHARE",
-    type=options.CONFIDENCE,
-    help="Confidence of the intervals, and of a significant difference.  [default: 0.95]",
-)
+@options.confidence("Confidence of the intervals, and of a significant difference.")
 @options.layout(
-    "table",
-    "json",
-    "csv",
-    "markdown",
-    "latex",
+    *FORMATS,
     explained=" csv has a row per submission and metric; markdown and latex show the scores as "
     "papers do.",
 )
@@ -75,12 +67,7 @@ def compare(
     several runs of a method: ours=seed1.json,seed2.json or ours='seed*.json'.
     """
     from reverie_eval import Comparison
-    from reverie_eval.reporting.comparisons import (
-        comparison_latex,
-        comparison_markdown,
-        comparison_text,
-        print_comparison,
-    )
+    from reverie_eval.reporting.comparisons import comparison_printout
 
     methods = _methods(submissions)
     files = [file for runs in methods.values() for file in runs]
@@ -103,17 +90,7 @@ def compare(
     if episodes:
         with open_output(episodes) as file:
             comparison.episodes().to_csv(file)
-    texts = {
-        "table": lambda: comparison_text(comparison),
-        "json": lambda: comparison.to_report().model_dump_json(indent=2),
-        "csv": lambda: comparison.to_pandas().to_csv().removesuffix("\n"),
-        "markdown": lambda: comparison_markdown(comparison),
-        "latex": lambda: comparison_latex(comparison),
-    }
-    if layout == "table":
-        show(texts[layout], output, lambda console: print_comparison(console, comparison))
-    else:
-        show(texts[layout], output)
+    show_printout(comparison_printout(comparison), layout, output)
 
 
 @click.command()

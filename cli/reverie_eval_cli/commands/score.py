@@ -1,12 +1,17 @@
-"""``reverie-eval SUBMISSION --split SPLIT``: print the score table of a submission."""
+"""``reverie-eval SUBMISSION --split SPLIT``: print the scores of a submission, or of many.
+
+The words choose one of six ways to score, each a function below; ``_way_of`` says which.
+"""
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from glob import has_magic
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
@@ -23,22 +28,19 @@ from reverie_eval import (
 )
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.scores import (
-    FORMATS,
-    RANKING_FORMATS,
-    RUNS_FORMATS,
-    ranking_table,
-    runs_table,
-    score_table,
+    ranking_printout,
+    runs_printout,
+    scores_printout,
     watch_heading,
     watch_line,
     write_episodes,
 )
+from reverie_eval.reporting.tables import FORMATS, Printout
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     TABLE_KEYS,
     Clustering,
     Failure,
-    Track,
     score_files,
 )
 from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
@@ -50,8 +52,7 @@ from reverie_eval_cli.output import (
     naming,
     open_output,
     score_each,
-    show,
-    show_table,
+    show_printout,
     with_progress,
 )
 
@@ -61,196 +62,237 @@ _KEYS = dict.fromkeys(("csv", "json"), frozenset(CATALOGUE))
 """The metrics of formats that have more than the table has."""
 _SECONDS_BETWEEN_LOOKS = 1.0
 """A file that has not changed for so long is taken to be complete."""
+_INTERVALS = frozenset({"--ci", "--cluster", "--confidence"})
+_PRINTING = frozenset({"--format", "--output"})
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the words after ``score`` say."""
+
+    submissions: Sequence[str]
+    scoring: ScoringOptions
+    episodes_from: Path | None
+    diagnosed: bool
+    ci: bool
+    cluster: Clustering | None
+    confidence: float | None
+    watch: bool
+    jobs: int | None
+    layout: str
+    output: str | None
+    episodes: str | None
+
+    @property
+    def given(self) -> Iterator[str]:
+        """The given options that only some of the ways take."""
+        values = {
+            "--diagnose": self.diagnosed,
+            "--ci": self.ci,
+            "--cluster": self.cluster,
+            "--confidence": self.confidence,
+            "--episodes": self.episodes,
+            "--format": self.layout != FORMATS[0],
+            "--output": self.output,
+            f"--protocol {_ALL}": self.scoring.protocol == _ALL,
+        }
+        return (option for option, value in values.items() if value)
+
+    @cached_property
+    def truth(self) -> GroundTruth:
+        """The ground truth of the chosen episodes."""
+        return self.scoring.find(self.episodes_from)
+
+    @cached_property
+    def evaluator(self) -> Evaluator:
+        """What scores by the chosen protocol."""
+        return self.scoring.evaluator(self.truth)
+
+    @property
+    def file(self) -> str | None:
+        """The only file that is to be scored; None if there are several, or runs of a method."""
+        first, *others = self.submissions
+        is_one = not others and not find_runs(first) and find_files([first]) == [first]
+        return first if is_one else None
+
+    def show(self, printout: Printout) -> None:
+        """Print a result in the chosen format."""
+        show_printout(printout, self.layout, self.output)
 
 
 @click.command()
-@options.submissions
 @options.grouped(
-    "scoring",
-    ScoringOptions,
-    options.split,
-    options.ground_truth,
-    options.task,
-    options.with_default(
-        "--protocol",
-        default=DEFAULT_PROTOCOL,
-        metavar="NAME",
-        shell_complete=options.complete_protocol,
-        help=f"The rules to score by: {', '.join(each.name for each in _REVERIE.protocols)}; "
-        f"{', '.join(f'{alias} (= {name})' for alias, name in _REVERIE.aliases.items())}; "
-        f"or {_ALL} of them.",
+    "wanted",
+    Wanted,
+    options.submissions,
+    options.scoring_by(
+        options.with_default(
+            "--protocol",
+            default=DEFAULT_PROTOCOL,
+            metavar="NAME",
+            shell_complete=options.complete_protocol,
+            help=f"The rules to score by: {', '.join(each.name for each in _REVERIE.protocols)}; "
+            f"{', '.join(f'{alias} (= {name})' for alias, name in _REVERIE.aliases.items())}; "
+            f"or {_ALL} of them.",
+        )
     ),
-    options.track,
+    options.episodes_from,
+    click.option(
+        "--diagnose",
+        "diagnosed",
+        is_flag=True,
+        help="Also show the scores if only the first viewpoint of each hop were read.",
+    ),
+    click.option("--ci", is_flag=True, help="Also show confidence intervals."),
+    click.option(
+        "--cluster",
+        type=options.Choice(["target", "scan"]),
+        help="What to resample for intervals; implies --ci.  [default: target]",
+    ),
+    options.confidence("Confidence of the intervals; implies --ci."),
+    click.option(
+        "--watch",
+        is_flag=True,
+        help="Score files as they appear and change, a line each, until Ctrl-C.",
+    ),
+    options.jobs,
+    options.layout(*FORMATS),
+    options.output("the scores"),
+    click.option(
+        "--episodes",
+        metavar="FILE",
+        type=click.Path(),
+        help="Also write the values, outcome and instruction of every episode to FILE, as CSV; "
+        "with several protocols, the first's.",
+    ),
 )
-@options.episodes_from
-@click.option(
-    "--diagnose",
-    "diagnosed",
-    is_flag=True,
-    help="Also show the scores if only the first viewpoint of each hop were read.",
-)
-@click.option("--ci", is_flag=True, help="Also show confidence intervals.")
-@click.option(
-    "--cluster",
-    type=options.Choice(["target", "scan"]),
-    help="What to resample for intervals; implies --ci.  [default: target]",
-)
-@click.option(
-    "--confidence",
-    metavar="SHARE",
-    type=options.CONFIDENCE,
-    help="Confidence of the intervals; implies --ci.  [default: 0.95]",
-)
-@click.option(
-    "--watch",
-    is_flag=True,
-    help="Score files as they appear and change, a line each, until Ctrl-C.",
-)
-@options.jobs
-@options.layout(*FORMATS)
-@options.output("the scores")
-@click.option(
-    "--episodes",
-    metavar="FILE",
-    type=click.Path(),
-    help="Also write the values, outcome and instruction of every episode to FILE, as CSV; with "
-    "several protocols, the first's.",
-)
-def score(
-    *,
-    submissions: Sequence[str],
-    scoring: ScoringOptions,
-    episodes_from: Path | None,
-    diagnosed: bool,
-    ci: bool,
-    cluster: Clustering | None,
-    confidence: float | None,
-    watch: bool,
-    jobs: int | None,
-    layout: str,
-    output: str | None,
-    episodes: str | None,
-) -> int:
+def score(*, wanted: Wanted) -> int:
     """Score a submission, or many.
 
     SUBMISSION is a result file (.json, .json.gz or .zip), or - for standard input. Several files, a
     folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking; several runs of a method
     (ours=seed1.json,seed2.json or ours='seed*.json') their mean. The word `score` may be left out.
     """
-    check_outputs([output, episodes], [*submissions, scoring.ground_truth, episodes_from])
-    if diagnosed and (scoring.protocol == _ALL or scoring.track != "full"):
-        raise click.UsageError("--diagnose needs a single protocol and the full track")
-    has_intervals = bool(ci or cluster or confidence)
-    truth = scoring.find(episodes_from)
-    submission = None if watch else _only_file(submissions)
-    if submission is None:
-        is_interval_lost = has_intervals and not any(map(find_runs, submissions))
-        if diagnosed or is_interval_lost or episodes or scoring.protocol == _ALL:
-            raise click.UsageError(
-                "--diagnose, --ci, --cluster, --confidence, --episodes and --protocol all need a "
-                "single file; `reverie-eval compare` compares several with intervals"
+    inputs = [*wanted.submissions, wanted.scoring.ground_truth, wanted.episodes_from]
+    check_outputs([wanted.output, wanted.episodes], inputs)
+    way = _way_of(wanted)
+    refused = [option for option in wanted.given if option not in way.takes]
+    if refused:
+        raise click.UsageError(f"{', '.join(refused)} cannot be combined with {way.meaning}")
+    return way.follow(wanted)
+
+
+def _way_of(wanted: Wanted) -> "_Way":
+    if wanted.watch:
+        return _WATCH
+    if any(map(find_runs, wanted.submissions)):
+        return _RUNS
+    if wanted.file is None:
+        return _RANKING
+    if wanted.diagnosed:
+        return _DIAGNOSIS
+    return _ALL_PROTOCOLS if wanted.scoring.protocol == _ALL else _FILE
+
+
+# One file.
+
+
+def score_file(wanted: Wanted) -> int:
+    """Print the scores of a file."""
+    how = wanted.scoring
+    return _print_scores(
+        wanted,
+        lambda file, truth: [
+            evaluate(
+                file, split=truth.split, ground_truth=truth, protocol=how.protocol, track=how.track
             )
-        evaluator = scoring.evaluator(truth)
-        if watch:
-            return _watch(submissions, evaluator, layout, output)
-        if any(map(find_runs, submissions)):
-            by = cluster or "target"
-            return _score_runs(submissions, evaluator, by, confidence, layout=layout, output=output)
-        return _rank(find_files(submissions), evaluator, jobs, layout, output)
-    results: Sequence[Scores]
-    with naming(submission):
-        if diagnosed:
-            protocol = scoring.protocol
-            results = diagnose(submission, split=truth.split, ground_truth=truth, protocol=protocol)
-        else:
-            results = _score_one(submission, truth, scoring.protocol, scoring.track)
-    if has_intervals:
+        ],
+    )
+
+
+def score_by_all_protocols(wanted: Wanted) -> int:
+    """Print a file's scores by every protocol, those that differ from the first's marked."""
+    return _print_scores(
+        wanted,
+        lambda file, truth: list(
+            evaluate_protocols(
+                file, split=truth.split, ground_truth=truth, track=wanted.scoring.track
+            ).values()
+        ),
+    )
+
+
+def diagnose_file(wanted: Wanted) -> int:
+    """Print a file's scores, and those if only the first viewpoint of each hop were read."""
+    if wanted.scoring.track != "full":
+        raise click.UsageError("--diagnose needs the full track")
+    return _print_scores(
+        wanted,
+        lambda file, truth: diagnose(
+            file, split=truth.split, ground_truth=truth, protocol=wanted.scoring.protocol
+        ),
+    )
+
+
+def _print_scores(wanted: Wanted, score_by: Callable[[str, GroundTruth], Sequence[Scores]]) -> int:
+    """Print the scores of a file, with intervals if they are wanted."""
+    (file,), truth = wanted.submissions, wanted.truth
+    with naming(file):
+        results = score_by(file, truth)
+    if wanted.ci or wanted.cluster or wanted.confidence:
         results = [
-            scores.with_intervals(cluster or "target", confidence=confidence) for scores in results
+            scores.with_intervals(wanted.cluster or "target", confidence=wanted.confidence)
+            for scores in results
         ]
-    if episodes:
-        with open_output(episodes) as file:
-            write_episodes(results[0], file)
-    if layout == "table":
-        table = score_table(results)
-        show_table(table, table.stacked(), output=output)
-    else:
-        show(partial(FORMATS[layout], results), output)
+    if wanted.episodes:
+        with open_output(wanted.episodes) as opened:
+            write_episodes(results[0], opened)
+    wanted.show(scores_printout(results))
     return 0
 
 
-def _only_file(submissions: Sequence[str]) -> str | None:
-    """Return the only file that is to be scored; None if there are several, or runs of a method."""
-    (first, *others) = submissions
-    return first if not others and not find_runs(first) and find_files([first]) == [first] else None
+# Many files.
 
 
-def _score_one(
-    submission: str, truth: GroundTruth, protocol: str, track: Track
-) -> Sequence[Scores]:
-    """Score a file by a protocol, or by all."""
-    if protocol == _ALL:
-        tables = evaluate_protocols(submission, split=truth.split, ground_truth=truth, track=track)
-        return list(tables.values())
-    return [
-        evaluate(submission, split=truth.split, ground_truth=truth, protocol=protocol, track=track)
-    ]
-
-
-def _rank(
-    files: Sequence[str], evaluator: Evaluator, jobs: int | None, layout: str, output: str | None
-) -> int:
+def rank_files(wanted: Wanted) -> int:
     """Print a ranking of files, and why others are not in it; return the exit status."""
-    results = score_files(files, evaluator, jobs=jobs, keys=_KEYS.get(layout, TABLE_KEYS))
+    files, evaluator = find_files(wanted.submissions), wanted.evaluator
+    keys = _KEYS.get(wanted.layout, TABLE_KEYS)
+    results = score_files(files, evaluator, jobs=wanted.jobs, keys=keys)
     scored = ScoredFiles.of(with_progress(results, "Scoring", len(files)))
     if scored:
-        if layout == "table":
-            show_table(ranking_table(scored), output=output)
-        else:
-            show(partial(RANKING_FORMATS[layout], scored), output)
+        wanted.show(ranking_printout(scored))
     for file, error in scored.failures.items():
         print(_failure(file, error), file=sys.stderr)
     return 1 if scored.failures else 0
 
 
-def _score_runs(
-    words: Sequence[str],
-    evaluator: Evaluator,
-    cluster: Clustering,
-    confidence: float | None,
-    *,
-    layout: str,
-    output: str | None,
-) -> int:
+def average_runs(wanted: Wanted) -> int:
     """Print the mean of several runs of a method, with its interval."""
-    (first, *others) = words
+    (first, *others) = wanted.submissions
     found = find_runs(first)
     if found is None or others:
         raise click.UsageError(
             "give NAME=FILES alone; `reverie-eval compare` takes several methods and their runs"
         )
     name, files = found
-    check_outputs([output], files)
-    names = submission_names(files)
-    scores = dict(zip(names, score_each(files, evaluator), strict=True))
-    runs = Runs.of(scores, cluster, confidence=confidence)
-    if layout == "table":
-        show_table(runs_table(runs), output=output)
-    else:
-        show(partial(RUNS_FORMATS[layout], name, runs), output)
+    check_outputs([wanted.output], files)
+    scores = score_each(files, wanted.evaluator)
+    named = dict(zip(submission_names(files), scores, strict=True))
+    runs = Runs.of(named, wanted.cluster or "target", confidence=wanted.confidence)
+    wanted.show(runs_printout(name, runs))
     return 0
 
 
-def _watch(names: Sequence[str], evaluator: Evaluator, layout: str, output: str | None) -> int:
+def watch_for_files(wanted: Wanted) -> int:
     """Print a line for each file that comes or changes, until the user interrupts."""
-    if output or layout != "table":
-        raise click.UsageError("--watch prints lines; omit --output and --format")
-    for name in names:
+    evaluator = wanted.evaluator
+    for name in wanted.submissions:
         if not (has_magic(name) or Path(name).exists()):
             raise click.UsageError(f"{name}: there is no such file or folder to watch")
     print(watch_heading(evaluator), flush=True)
     with suppress(KeyboardInterrupt):
-        for file in watch_files(names, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
+        for file in watch_files(wanted.submissions, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
             try:
                 print(watch_line(file, evaluator(file), evaluator), flush=True)
             except (SubmissionError, OSError) as error:
@@ -265,3 +307,26 @@ def _failure(file: str, error: Failure) -> str:
     first, *others = error.problems
     more = f" (`reverie-eval validate` lists {len(others):,} more)" if others else ""
     return f"{file}: submission rejected: {first}{more}"
+
+
+class _Way(NamedTuple):
+    """A way to score."""
+
+    meaning: str
+    """What chooses it, as an error names it."""
+    follow: Callable[[Wanted], int]
+    takes: frozenset[str]
+    """The options that it takes, of those that not all ways take."""
+
+
+_OF_A_FILE = _INTERVALS | _PRINTING | {"--episodes"}
+_FILE = _Way("a single file", score_file, _OF_A_FILE)
+_ALL_PROTOCOLS = _Way(
+    f"--protocol {_ALL}", score_by_all_protocols, _OF_A_FILE | {f"--protocol {_ALL}"}
+)
+_DIAGNOSIS = _Way("--diagnose", diagnose_file, _OF_A_FILE | {"--diagnose"})
+_RANKING = _Way(
+    "several files; `reverie-eval compare` compares them with intervals", rank_files, _PRINTING
+)
+_RUNS = _Way("runs of a method", average_runs, _INTERVALS | _PRINTING)
+_WATCH = _Way("--watch", watch_for_files, frozenset())

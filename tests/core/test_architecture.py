@@ -2,10 +2,12 @@
 
 import pkgutil
 import re
+import sys
 import tomllib
 
 import pytest
 
+from reverie_eval import evaluate
 from tests.conftest import REPOSITORY
 
 PAGE = (REPOSITORY / "docs" / "explanation" / "architecture.md").read_text()
@@ -35,6 +37,20 @@ def test_the_picture_shows_the_rooms_of_the_contract(name: str) -> None:
 def test_a_function_that_is_named_exists(name: str) -> None:
     full = name if name.startswith("reverie_eval") else f"reverie_eval.{name}"
     assert callable(pkgutil.resolve_name(full))
+
+
+def test_a_submission_takes_the_steps_of_the_page() -> None:
+    steps = re.findall(r"^\| \d \| `([\w.]+)` \|", PAGE, re.MULTILINE)
+    assert len(steps) == 8
+    named = [pkgutil.resolve_name(f"reverie_eval.{step}") for step in steps]
+    codes = [(each.__init__ if isinstance(each, type) else each).__code__ for each in named]
+    called: dict[object, None] = {}
+    sys.setprofile(lambda frame, *_: called.setdefault(frame.f_code))
+    try:
+        evaluate(REPOSITORY / "fixtures" / "submissions" / "good.json", split="val_unseen")
+    finally:
+        sys.setprofile(None)
+    assert [code for code in called if code in codes] == codes
 
 
 def test_private_modules_are_imported_within_their_package_alone() -> None:

@@ -146,13 +146,13 @@ class Client:
         board : str, optional
             A further leaderboard of the split, by its name.
         """
-        path = f"{_leaderboards(split, board)}/leaderboard"
-        return self._send(Leaderboard, Call("GET", path, query=_by(metric)))
+        route = f"{_leaderboards(split, board)}/leaderboard"
+        return self._send(Leaderboard, Call("GET", route, query=_by(metric)))
 
     def leaderboard_csv(self, split: str, metric: str | None = None, *, board: str = "") -> str:
         """Return the leaderboard as CSV: a row per submission, a column per metric."""
-        path = f"{_leaderboards(split, board)}/leaderboard.csv"
-        response = self._sender.send(Call("GET", path, query=_by(metric)))
+        route = f"{_leaderboards(split, board)}/leaderboard.csv"
+        response = self._sender.send(Call("GET", route, query=_by(metric)))
         if "csv" not in _media_type(response):
             raise NotAServerError(f"{self.url} is not an evaluation server")
         return response.text
@@ -172,8 +172,8 @@ class Client:
         SubmissionError
             With every problem found in it.
         """
-        path, body = f"/splits/{_quote(split)}/validate", _compress(read_bytes(submission))
-        return self._send(Checked, Call("POST", path, body=body, headers=_GZIP))
+        route, body = f"/splits/{_quote(split)}/validate", _compress(read_bytes(submission))
+        return self._send(Checked, Call("POST", route, body=body, headers=_GZIP))
 
     def submit(
         self, split: str, submission: Source, method: Method, progress: Progress | None = None
@@ -206,7 +206,7 @@ class Client:
         QuotaSpentError
             If the quota is used up; ``document.quota`` says when it resets.
         """
-        path = f"/splits/{_quote(split)}/submissions"
+        route = f"/splits/{_quote(split)}/submissions"
         fields = method.model_dump(mode="json", exclude_none=True, exclude_unset=True)
         data = {name: str(value) for name, value in fields.items()}
         content = _compress(read_bytes(submission))
@@ -215,7 +215,7 @@ class Client:
         form = httpx.Request("POST", "http://form", data=data, files=files)
         key = {"Idempotency-Key": secrets.token_hex(16)}
         headers = {"Content-Type": form.headers["Content-Type"], **key}
-        call = Call("POST", path, body=form.read(), headers=headers, progress=progress)
+        call = Call("POST", route, body=form.read(), headers=headers, progress=progress)
         try:
             return self._send(Accepted, call)
         except UnreachableError as error:
@@ -240,8 +240,8 @@ class Client:
         Fields that are not set stay as they are: ``SubmissionChange(published=True)``.
         """
         body = change.model_dump_json(exclude_unset=True).encode()
-        path = f"/submissions/{_quote(submission_id)}"
-        return self._send(SubmissionReport, Call("PATCH", path, body=body, headers=_JSON))
+        route = f"/submissions/{_quote(submission_id)}"
+        return self._send(SubmissionReport, Call("PATCH", route, body=body, headers=_JSON))
 
     def accept(self, invitation: str) -> Welcome:
         """Exchange an invitation for a token, which is shown only once.

@@ -88,7 +88,7 @@ class Call:
     """A request that may be sent several times."""
 
     method: str
-    path: str
+    route: str
     """Relative to the API's root."""
     query: Mapping[str, str] = field(default_factory=dict)
     body: bytes = b""
@@ -161,7 +161,7 @@ class Sender:
         try:
             response = self._http.request(
                 call.method,
-                self.server + API + call.path,
+                self.server + API + call.route,
                 params=call.query,
                 content=call.chunks() if call.body else None,
                 headers={**call.headers, "Content-Length": str(len(call.body))},
@@ -270,7 +270,7 @@ def failure(response: httpx.Response, server: str) -> ReverieEvalError:
             f"{server} is not an evaluation server (it answered {printable(status)})"
         )
     is_missing = response.status_code == httpx.codes.NOT_FOUND
-    if is_missing and response.url.path.endswith(tuple(API + path for path in _ALWAYS_PRESENT)):
+    if is_missing and response.url.path.endswith(tuple(API + route for route in _ALWAYS_PRESENT)):
         return incompatible_version(server)
     return _error_in(document)
 

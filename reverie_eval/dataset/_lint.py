@@ -160,8 +160,8 @@ def _annotations(items: Items, boxes: Boxes, task: Task) -> LintSection:
 def _distances(boxes: Boxes, centres: Centres | None, items: Sequence[Items]) -> LintSection:
     if centres is None:
         return LintSection("distances", note=_NO_CENTRES)
-    answered = [item for each in items for item in each.with_target]
-    distances = Distances(boxes, centres, answered)
+    with_target = [item for each in items for item in each.with_target]
+    distances = Distances(boxes, centres, with_target)
     return _section("distances", DISTANCE_RULES, distances, distance_spreads(distances))
 
 

@@ -260,13 +260,13 @@ _METRICS = (
             key=f"iou_{100 * threshold:.0f}",  # iou_25, iou_50, iou_75
             label=f"IoU>={threshold:g}".replace("0.", "."),
             name=f"boxes with an IoU of at least {threshold:g}",
-            definition=f"the answer is a box with an IoU of at least {threshold:g}{remark}",
+            definition=f"the answer is a box with an IoU of at least {threshold:g}{use}",
             needs=_BOX,
             protocol_fields=frozenset({"grounding"}),
             compute=partial(_iou_reaches, threshold),
             is_binary=True,
         )
-        for threshold, remark in (
+        for threshold, use in (
             (LOOSE_IOU_THRESHOLD, ""),
             (IOU_THRESHOLD, ", the benchmark's threshold"),
             (STRICT_IOU_THRESHOLD, ""),

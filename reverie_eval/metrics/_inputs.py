@@ -4,13 +4,14 @@
 ``offsets`` (see :mod:`reverie_eval.arrays`).
 """
 
-from typing import Literal, Protocol
+import typing
+from typing import Literal
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 from reverie_eval.metrics._grounding import Overlap
 
 
-class LookedUp(Protocol):
+class LookedUp(typing.Protocol):
     """What the ground truth says about poses and episodes, whatever the protocol."""
 
     n_episodes: int
@@ -78,8 +79,8 @@ class LookedUp(Protocol):
         """Shape (n_boxes,): the episode of each predicted box."""
 
 
-class Rules(Protocol):
-    """The rules of single metrics, as :class:`reverie_eval.tasks.Protocol` has them."""
+class ProtocolFields(typing.Protocol):
+    """The fields of a :class:`reverie_eval.tasks.Protocol` that single metrics need."""
 
     @property
     def spl_floor(self) -> float:
@@ -94,7 +95,7 @@ class Rules(Protocol):
         """Which stops have a point error."""
 
 
-class Inputs(Protocol):
+class Inputs(typing.Protocol):
     """Everything that a metric can be computed from, under a protocol."""
 
     @property
@@ -102,7 +103,7 @@ class Inputs(Protocol):
         """What does not depend on the protocol."""
 
     @property
-    def protocol(self) -> Rules:
+    def protocol(self) -> ProtocolFields:
         """The protocol itself."""
 
     @property

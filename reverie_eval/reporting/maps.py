@@ -98,15 +98,15 @@ class Step:
     is_stop: bool
 
     @property
-    def remark(self) -> str:
+    def note(self) -> str:
         """What is notable about the step; empty for most."""
-        remarks = {
+        notes = {
             "start": self.number == 0,
             _JUMP: self.is_jump,
             "stop": self.is_stop,
             _GOAL_VIEWPOINT: self.is_goal,
         }
-        return ", ".join(remark for remark, applies in remarks.items() if applies)
+        return ", ".join(note for note, applies in notes.items() if applies)
 
 
 @dataclass(frozen=True, eq=False)

@@ -563,11 +563,11 @@ def jump_notes(jumps: Array, protocol: Protocol | None = None) -> Sequence[str]:
     if not jumps.any():
         return ()
     episodes = count_text(int((jumps > 0).sum()), "episode")
-    remark = ""
+    treatment = ""
     if protocol is not None and protocol.rejects_jumps:
-        remark = f"; {protocol.name}'s own evaluator stops at a jump"
+        treatment = f"; {protocol.name}'s own evaluator stops at a jump"
     jumps_text = count_text(int(jumps.sum()), "jump")
-    return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{remark}",)
+    return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{treatment}",)
 
 
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:

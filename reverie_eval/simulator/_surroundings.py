@@ -78,8 +78,10 @@ class Surroundings:
     def visible_from(self, viewpoint: int) -> Sequence[MatterSim.Candidate]:
         """Return the objects that are visible from a viewpoint, by id."""
         if self._boxes is not None:
-            place = self._graph.scan_of(viewpoint), self._graph.viewpoint_ids[viewpoint]
-            found = self._boxes.visible_from(*place)
+            graph = self._graph
+            found = self._boxes.visible_from(
+                graph.scan_of(viewpoint), graph.viewpoint_ids[viewpoint]
+            )
         else:
             found = list(self._in_bundle(viewpoint))
         return [it._replace(name=category_text(it.name)) for it in found]

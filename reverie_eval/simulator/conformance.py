@@ -6,8 +6,9 @@ They walk a few episodes, and raise :class:`ConformanceError` with the first thi
 import json
 import math
 import random
+import typing
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 from reverie_eval.errors import ActionError, ReverieEvalError
 from reverie_eval.geometry import N_VIEWS
@@ -20,7 +21,7 @@ class ConformanceError(ReverieEvalError):
     """An environment or an agent does not do what it should."""
 
 
-class AnyEnvironment(Protocol):
+class AnyEnvironment(typing.Protocol):
     """What an environment must have."""
 
     @property

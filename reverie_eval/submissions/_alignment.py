@@ -68,10 +68,10 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> S
     predictions, episode, _, _ = looked
     _raise_problems(predictions.problems, _episode_problems(looked, ground_truth))
     # A public bundle has no goals; the starts serve as well to check the answers.
-    answers = ground_truth.solution
-    stop = ground_truth.episodes.start if answers is None else answers.goal
-    answered = predictions.take(_in_order(episode, rows))
-    return replace(answered, viewpoint=stop, offsets=np.arange(len(stop) + 1))
+    solution = ground_truth.solution
+    stop = ground_truth.episodes.start if solution is None else solution.goal
+    in_order = predictions.take(_in_order(episode, rows))
+    return replace(in_order, viewpoint=stop, offsets=np.arange(len(stop) + 1))
 
 
 def check_batch(

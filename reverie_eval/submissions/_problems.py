@@ -394,7 +394,7 @@ def id_form(task: Task) -> str:
     return f'the episode\'s id as text: "{task.id_example}"'
 
 
-_ANY_PLACE = re.compile(r"""^\["[^"]*"\]|\[\d+\]""")
+_ANY_INDEX = re.compile(r"""^\["[^"]*"\]|\[\d+\]""")
 """The numbers of records and poses in the location of a problem, and the keys of records."""
 _OF_FIELDS = (
     *("wrong-type", "missing-field", "not-finite", "empty-trajectory", "empty-box", "wrong-view"),
@@ -424,7 +424,7 @@ def _join_alike(problems: Iterable[Problem]) -> Sequence[Problem]:
     """
     alike: dict[tuple[str, str], list[Problem]] = {}
     for problem in problems:
-        field = _ANY_PLACE.sub("", problem.where) or problem.message
+        field = _ANY_INDEX.sub("", problem.where) or problem.message
         alike.setdefault((problem.code, field), []).append(problem)
     return [each for found in alike.values() for each in _joined(found)]
 

@@ -72,10 +72,10 @@ class NdhAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
         return bool(self.end_panos and self.planner_path and self.player_path)
 
 
-def _official(name: str, path: str, reference: str = "") -> Protocol:
+def _official(name: str, scored_path: str, reference: str = "") -> Protocol:
     return Protocol(
         name=name,
-        summary=f"the dataset's own script, {path}: less than 3 m from the path's end",
+        summary=f"the dataset's own script, {scored_path}: less than 3 m from the path's end",
         source="mmurray/cvdn 97a4ae9, tasks/NDH/eval.py",
         goal="near the path's end",
         grounding="not scored",

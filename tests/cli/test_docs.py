@@ -190,3 +190,14 @@ def test_every_command_is_one_that_we_have(page: Path) -> None:
             assert found is not None
             context = found.make_context(name, rest, parent=context)
             command = found
+
+
+def test_decisions_are_numbered_without_gaps_and_all_are_listed() -> None:
+    pages = sorted(path.name for path in (DOCS / "decisions").glob("[0-9]*.md"))
+    assert [name[:4] for name in pages] == [f"{1 + row:04}" for row in range(len(pages))]
+    listed = re.findall(
+        r"^\* \[(\d{4})\]\((.+?)\)", (DOCS / "decisions" / "README.md").read_text(), re.MULTILINE
+    )
+    assert listed == [(name[:4], name) for name in pages]
+    titles = [(DOCS / "decisions" / name).read_text()[:6] for name in pages]
+    assert titles == [f"# {name[:4]}" for name in pages]

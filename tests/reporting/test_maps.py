@@ -377,4 +377,4 @@ def test_turns_on_the_spot_are_not_steps(tmp_path: Path) -> None:
 def test_remarks(number: int, notable: set[str], expected: str) -> None:
     is_goal, is_jump, is_stop = (name in notable for name in ("goal", "jump", "stop"))
     step = Step(number, "hall", 1, 0.0, 0.0, 0.0, is_goal=is_goal, is_jump=is_jump, is_stop=is_stop)
-    assert step.remark == expected
+    assert step.note == expected

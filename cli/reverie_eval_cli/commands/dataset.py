@@ -69,8 +69,8 @@ def compile_bundle(
     if bundle.is_public:
         print("no solution included: it can validate submissions, not score them")
     print(f"fingerprint {bundle.header.fingerprint}")
-    for remark in notes:
-        note(remark)
+    for each in notes:
+        note(each)
 
 
 def _bundle_file(output: str, bundle: Bundle) -> Path:

@@ -435,11 +435,11 @@ class Simulator:
             if location is None:  # its newEpisode failed
                 continue
             seen = []
-            for place, rel_heading in building.seen(
+            for near, rel_heading in building.seen(
                 location._ix, state._heading, least, keep=self._is_discretized
             ):
-                relative = rel_heading, place.elevation - state._elevation, place.distance
-                seen.append(ViewPoint(place.viewpointId, place.ix, place.xyz, *relative))
+                relative = rel_heading, near.elevation - state._elevation, near.distance
+                seen.append(ViewPoint(near.viewpointId, near.ix, near.xyz, *relative))
             state._navigable = [location, *sorted(seen, key=_from_centre)]
             if self._objects is not None:
                 self._find_objects(self._objects, state, location)
@@ -484,7 +484,7 @@ def _from_centre(viewpoint: ViewPoint) -> float:
     return math.sqrt(heading * heading + elevation * elevation)
 
 
-class _Place(NamedTuple):
+class _Neighbour(NamedTuple):
     """A viewpoint beside another one."""
 
     viewpointId: str
@@ -498,7 +498,7 @@ class _Place(NamedTuple):
 class _Neighbours(NamedTuple):
     """The viewpoints that one can reach from another one; all arrays are float32."""
 
-    places: List[_Place]
+    found: List[_Neighbour]
     x: np.ndarray
     y: np.ndarray
     unit_x: np.ndarray
@@ -522,7 +522,7 @@ class _Building:
         self._rotation = table["rotation"]
         self._unobstructed = table["unobstructed"]
         self._neighbours: Dict[int, _Neighbours] = {}
-        self._seen: Dict[Tuple[int, float, float], List[Tuple[_Place, float]]] = {}
+        self._seen: Dict[Tuple[int, float, float], List[Tuple[_Neighbour, float]]] = {}
 
     def viewpoint(self, viewpointId: str) -> ViewPoint:
         """Return a viewpoint as seen from itself. Raises ValueError if one cannot be there."""
@@ -549,7 +549,9 @@ class _Building:
             raise RuntimeError("MatterSim: a building has no included viewpoints!")
         return names[source.randrange(len(names))]
 
-    def seen(self, ix: int, heading: float, least: float, keep: bool) -> List[Tuple[_Place, float]]:
+    def seen(
+        self, ix: int, heading: float, least: float, keep: bool
+    ) -> List[Tuple[_Neighbour, float]]:
         """Return the viewpoints that one can reach and see, with their relative headings.
 
         Parameters
@@ -573,7 +575,7 @@ class _Building:
 
     def _find(
         self, ix: int, headings: List[float], least: float
-    ) -> List[List[Tuple[_Place, float]]]:
+    ) -> List[List[Tuple[_Neighbour, float]]]:
         near = self._neighbours.get(ix)
         if near is None:
             near = self._neighbours[ix] = self._reachable(ix)
@@ -583,10 +585,10 @@ class _Building:
         to_right = near.x * sine - near.y * cosine
         rel_headings = _atan2f(to_right, near.x * cosine + near.y * sine).tolist()
         if least == -math.inf:
-            return [list(zip(near.places, row)) for row in rel_headings]
+            return [list(zip(near.found, row)) for row in rel_headings]
         cosines = (near.unit_x * cosine + near.unit_y * sine).tolist()
         return [
-            [(place, rel) for place, rel, along in zip(near.places, *rows) if along >= least]
+            [(each, rel) for each, rel, along in zip(near.found, *rows) if along >= least]
             for rows in zip(rel_headings, cosines)
         ]
 
@@ -603,8 +605,8 @@ class _Building:
         distances = np.sqrt(across + z * z).tolist()
         names = [self._ids[each] for each in indices]
         positions = map(tuple, self._xyz[indices].tolist())
-        places = list(map(_Place, names, indices.tolist(), positions, elevations, distances))
-        return _Neighbours(places, x, y, unit_x, unit_y)
+        found = list(map(_Neighbour, names, indices.tolist(), positions, elevations, distances))
+        return _Neighbours(found, x, y, unit_x, unit_y)
 
 
 def _constants(*values: float) -> np.ndarray:
@@ -666,10 +668,10 @@ def _atan2f(y: np.ndarray, x: np.ndarray) -> np.ndarray:
 # generation, each face has a file of its own, as Matterport publishes them.
 
 _ANY_FACE = "*"
-"""In the name of a skybox, stands for the place of each face in the strip."""
+"""In the name of a skybox, stands for the position of each face in the strip."""
 
 _UP, _FRONT, _RIGHT, _BACK, _LEFT, _DOWN = range(6)
-"""The place of each face in the strip, in the cube's own directions: y, z, x, -z, -x and -y."""
+"""The position of each face in the strip, in the cube's own directions: y, z, x, -z, -x and -y."""
 _STEPS = 64
 """Pixels are blended from their four neighbours in this many steps along each side."""
 _BITS = 12
@@ -736,8 +738,8 @@ class _Renderer:
         """Return a view in colours, blended from neighbours within a face."""
         packed = self._strip(file, "RGB")
         size = len(packed)
-        column, right = _place(sight.across, size)
-        row, lower = _place(sight.down, size)
+        column, right = _pixels(sight.across, size)
+        row, lower = _pixels(sight.down, size)
         index = (row * 6 + sight.face) * size + column
         left, upper = np.uint64(_STEPS) - right, np.uint64(_STEPS) - lower
         pixels = packed.ravel()
@@ -812,8 +814,8 @@ def _turned(axis: int, angle: float) -> np.ndarray:
     return rotation
 
 
-def _place(side: np.ndarray, size: int) -> Tuple[np.ndarray, np.ndarray]:
-    """Return the pixel at or before each place along a face, and how many steps follow it."""
+def _pixels(side: np.ndarray, size: int) -> Tuple[np.ndarray, np.ndarray]:
+    """Return the pixel at or before each position along a face, and how many steps follow it."""
     steps = np.clip((side + 1) * (size / 2) - 0.5, 0, size - 1) * _STEPS + 0.5
     whole = steps.astype(np.int32)
     pixel = np.minimum(whole // _STEPS, size - 2)
@@ -905,7 +907,7 @@ def _cache_folder() -> str:
 
 
 def _write(cached: str, table: np.ndarray) -> None:
-    """Keep a table, if there is a place for it."""
+    """Keep a table, if there is a folder for it."""
     folder = os.path.dirname(cached)
     try:
         os.makedirs(folder, exist_ok=True)
@@ -974,7 +976,7 @@ class Objects:
     ----------
     path : str
         The released folder ``BBox``, one file with all of it (``BBoxes.json``), or a bundle with
-        answers that ``reverie-eval compile`` wrote.
+        the solution that ``reverie-eval compile`` wrote.
 
     Raises
     ------

@@ -1,0 +1,123 @@
+"""The glossary's words: the names in the code are those that it gives, one for each thing.
+
+A name is defined by a function, a class, a parameter, a field or an assignment. Names of other
+packages, of published files and of the original simulator are only used, or are left out here.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+GLOSSARY = ROOT / "docs" / "reference" / "glossary.md"
+CODE = {"cli": ROOT / "cli" / "reverie_eval_cli", "core": ROOT / "reverie_eval"}
+GIVEN = {
+    "simulator/on_path": "the names of the original simulator",
+    "tasks/ndh.py": "the fields of NDH's files",
+}
+"""Files below the core whose names were not ours to choose, with the reason."""
+
+
+class Name(NamedTuple):
+    """A name that a file defines, with its type as text if it is given one."""
+
+    file: str
+    line: int
+    name: str
+    type: str
+
+    @property
+    def words(self) -> frozenset[str]:
+        """The words of the name, in lower case: of ``_ItemFacts``, item and facts."""
+        return frozenset(word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", self.name))
+
+    @property
+    def package(self) -> str:
+        """The subpackage of the core, or ``cli``."""
+        return self.file.split("/")[0]
+
+
+class Rule(NamedTuple):
+    """A row of the glossary's table: in these packages, a name has none of these words."""
+
+    packages: frozenset[str]
+    words: frozenset[str]
+
+
+@cache
+def rules() -> tuple[Rule, ...]:
+    """Read the table of words that are not used."""
+    _, _, table = GLOSSARY.read_text("utf-8").partition("| in | not | but |")
+    rows = [row.strip("|").split("|") for row in table.splitlines() if row.startswith("| ")]
+    quoted = re.compile(r"`([^`]+)`")
+    return tuple(
+        Rule(frozenset(quoted.findall(where)), frozenset(quoted.findall(words)))
+        for where, words, _ in rows
+    )
+
+
+@cache
+def names() -> tuple[Name, ...]:
+    """Return the names that the core and the command line define, without the server's."""
+    return tuple(
+        Name(file, *found)
+        for folder, root in CODE.items()
+        for path in sorted(root.rglob("*.py"))
+        if (file := path.relative_to(root).as_posix() if folder == "core" else f"cli/{path.name}")
+        if not file.startswith(("server/", *GIVEN))
+        for found in defined_in(ast.parse(path.read_bytes()))
+    )
+
+
+def defined_in(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
+    """Yield the line, name and type of everything that a syntax tree defines."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                yield node.lineno, name, ""
+            case ast.arg(arg=name, annotation=given):
+                yield node.lineno, name, ast.unparse(given) if given else ""
+            case ast.AnnAssign(target=ast.Name(id=name), annotation=given):
+                yield node.lineno, name, ast.unparse(given)
+            case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+                yield node.lineno, name, ""
+            case _:
+                pass
+
+
+@pytest.mark.parametrize("rule", rules(), ids=lambda rule: ", ".join(sorted(rule.words)))
+def test_no_name_has_a_word_that_the_glossary_replaces(rule: Rule) -> None:
+    found = [
+        f"{each.file}:{each.line} {each.name}"
+        for each in names()
+        if each.words & rule.words and (not rule.packages or each.package in rule.packages)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("name", "other_thing"),
+    [
+        pytest.param("path", r"\bstr\b(?!\])|PathLike", id="a path is annotated, or pathlib's"),
+        pytest.param("paths", r"\[str\b(?!,)|PathLike", id="and so are several"),
+        pytest.param("task", r"Array", id="a task is a benchmark, not the index of an item"),
+        pytest.param("item", r"\bstr\b", id="an item is a record or its index"),
+        pytest.param("solution", r"Ground", id="a solution is a part of a ground truth"),
+        pytest.param("method", r"Scores|Runs", id="a method is what a team names"),
+    ],
+)
+def test_a_name_means_one_thing(name: str, other_thing: str) -> None:
+    found = [each for each in names() if each.name == name and re.search(other_thing, each.type)]
+    assert found == []
+
+
+def test_the_table_is_read() -> None:
+    """An empty table would let every name pass."""
+    assert frozenset({"place", "places"}) in {rule.words for rule in rules()}
+    assert len(rules()) > 5
+    assert len(names()) > 5_000

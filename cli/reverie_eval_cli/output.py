@@ -4,6 +4,7 @@ import io
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
@@ -104,12 +105,17 @@ def show(
     on_terminal: "Callable[[Console], None] | None" = None,
 ) -> None:
     """Write a result to a file, to a terminal in its own way, or to a pipe as text."""
-    if on_terminal and output is None and sys.stdout.isatty():
+    if on_terminal and output is None and _is_rich(sys.stdout):
         from rich.console import Console
 
         on_terminal(Console())
     else:
         write_text(f"{text()}\n", output)
+
+
+def _is_rich(stream: TextIO) -> bool:
+    """Whether it is a terminal and there is what draws on one, which scoring does not need."""
+    return stream.isatty() and find_spec("rich") is not None
 
 
 def show_table(*layouts: "Table", output: str | None = None) -> None:
@@ -141,7 +147,7 @@ def note(text: str) -> None:
 
 def with_progress(items: Iterable[T], description: str, total: int | None = None) -> Iterable[T]:
     """Show a progress bar on a terminal while the items are worked on."""
-    if not sys.stderr.isatty():
+    if not _is_rich(sys.stderr):
         return items
     from rich.console import Console
     from rich.progress import track
@@ -152,7 +158,7 @@ def with_progress(items: Iterable[T], description: str, total: int | None = None
 @contextmanager
 def transfer_bar(description: str) -> Iterator[Callable[[int, int], None] | None]:
     """Show a progress bar of bytes on a terminal; yield the function that updates it."""
-    if not sys.stderr.isatty():
+    if not _is_rich(sys.stderr):
         yield None
         return
     from rich.console import Console

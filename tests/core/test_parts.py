@@ -1,0 +1,156 @@
+"""What `pip install reverie-eval` installs, and what commands say that need more."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import packages_distributions, requires
+from pathlib import Path
+from typing import TypeAlias
+
+import click
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from reverie_eval_cli.main import program
+from tests.conftest import SAMPLES
+from tests.support.flat_world import Run
+
+MOST_PACKAGES = 12
+GOOD, MEDIOCRE = str(SAMPLES / "good.json"), str(SAMPLES / "mediocre.json")
+SCORED = (GOOD, "--split", "val_unseen")
+SERVER = ("--server", "http://127.0.0.1:1")
+
+Words: TypeAlias = tuple[str, ...]
+Outcomes: TypeAlias = Mapping[Words, tuple[int, str, str]]
+"""The status of each command, its output and what it says to standard error."""
+
+WORKING: Sequence[Words] = [
+    ("--help",),
+    ("score", *SCORED),
+    ("score", *SCORED, "--format", "json"),
+    ("score", *SCORED, "--protocol", "all"),
+    ("score", *SCORED, "--episodes", "episodes.csv"),
+    ("score", MEDIOCRE, *SCORED),
+    ("validate", *SCORED),
+    ("protocol", "DUET"),
+    ("subset", "--split", "val_unseen", "--n", "10"),
+    ("convert", *SCORED, "-o", "converted.json"),
+    ("agent", "shortest", "--split", "val_unseen", "-o", "walked.json"),
+    ("simulator", "--path"),
+    ("compile", "DATASET", "--split", "val_unseen", "-o", "bundle.npz"),
+    ("lint", "DATASET"),
+    ("describe", "DATASET"),
+    ("boxes", "--help"),
+    ("demo",),
+    ("schema", "score-report"),
+    ("completion", "bash"),
+    ("server", "--help"),
+]
+STATISTICS = "intervals, comparisons and plans need: pip install 'reverie-eval[analysis]'"
+CALLS = "calling a server needs: pip install 'reverie-eval[client]'"
+THE_SERVER = (
+    "the server needs: pip install 'reverie-eval[server]'"
+    if sys.version_info >= (3, 11)
+    else "the server needs Python 3.11 or newer"
+)
+MISSING: Mapping[Words, str] = {
+    ("score", *SCORED, "--ci"): STATISTICS,
+    ("compare", MEDIOCRE, *SCORED): STATISTICS,
+    ("plan", "--split", "val_unseen"): STATISTICS,
+    ("report", *SCORED, "-o", "report.html"): (
+        "an HTML report needs: pip install 'reverie-eval[report]'"
+    ),
+    ("describe", "DATASET", "--figures", "figures"): (
+        "figures need: pip install 'reverie-eval[report]'"
+    ),
+    ("export", "model-card", *SCORED, "--model", "a/b"): (
+        "metadata in YAML need: pip install 'reverie-eval[report]'"
+    ),
+    ("login", *SERVER): CALLS,
+    ("submit", *SCORED, "--method", "Ours", *SERVER): CALLS,
+    ("leaderboard", *SERVER): CALLS,
+    ("verify", GOOD): "receipts need: pip install 'reverie-eval[client]'",
+    ("serve",): THE_SERVER,
+    ("server", "init", "lab"): THE_SERVER,
+    ("server", "check", "lab"): THE_SERVER,
+}
+PROGRAM = """
+import contextlib, io, json, sys
+blocked, commands = json.loads(sys.argv[1])
+sys.modules.update((name, None) for name in blocked if name not in sys.modules)
+from reverie_eval_cli.main import main
+for words in commands:
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = main(words)
+    print(json.dumps([status, *(text.buffer.getvalue().decode() for text in (out, err))]))
+"""
+
+
+def installed_with(package: str) -> Iterator[str]:
+    """Yield the package and everything that it needs here, without extras."""
+    yield canonicalize_name(package)
+    for requirement in map(Requirement, requires(package) or ()):
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+            yield from installed_with(requirement.name)
+
+
+BASE = frozenset(installed_with("reverie-eval"))
+
+
+@pytest.fixture(scope="module")
+def outcomes(demo_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Outcomes:
+    """Run all commands in a process that can import nothing else."""
+    blocked = [
+        name
+        for name, packages in packages_distributions().items()
+        if BASE.isdisjoint(map(canonicalize_name, packages))
+    ]
+    every = [*WORKING, *MISSING]
+    commands = [[str(demo_world) if word == "DATASET" else word for word in each] for each in every]
+    said = subprocess.check_output(
+        [sys.executable, "-c", PROGRAM, json.dumps([blocked, commands])],
+        cwd=tmp_path_factory.mktemp("base"),
+        text=True,
+    )
+    return {
+        words: tuple(json.loads(line)) for words, line in zip(every, said.splitlines(), strict=True)
+    }
+
+
+def _named(words: Words) -> str:
+    return " ".join(Path(word).name for word in words)
+
+
+def test_few_packages_are_installed() -> None:
+    others = BASE - {"reverie-eval", "editables"}  # which a clone needs
+    assert len(others) <= MOST_PACKAGES, sorted(others)
+
+
+@pytest.mark.parametrize("words", WORKING, ids=_named)
+def test_a_command_that_needs_no_part(outcomes: Outcomes, words: Words) -> None:
+    status, out, err = outcomes[words]
+    assert status == 0, err
+    assert "pip install" not in out + err
+
+
+@pytest.mark.parametrize("words", MISSING, ids=_named)
+def test_a_missing_part_is_a_line(outcomes: Outcomes, words: Words) -> None:
+    assert outcomes[words] == (2, "", f"reverie-eval: {MISSING[words]}\n")
+
+
+def test_every_command_is_run() -> None:
+    run = {words[0] for words in (*WORKING, *MISSING)}
+    assert run >= set(program.list_commands(click.Context(program)))
+
+
+def test_a_terminal_shows_plain_text_where_nothing_draws_on_it(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = run("score", *SCORED)
+    monkeypatch.setitem(sys.modules, "rich", None)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert run("score", *SCORED) == plain

@@ -20,7 +20,7 @@ from typing import ClassVar
 SHOWN_PROBLEMS = 20
 """The most problems that an error's text lists one by one: with their title they fit a screen."""
 _SHOWN_OF_A_KIND = 3
-"""Of more problems, the text lists so many of each kind."""
+"""How many problems of each kind the text lists where not all are listed."""
 
 _PARTS: Mapping[str, tuple[str, str]] = {
     "PIL": ("pictures need", "report"),
@@ -45,7 +45,7 @@ class Problem:
     code: str
     """The kind of problem, for programs: ``unknown-viewpoint``."""
     where: str
-    """Its location in the file: ``[3].trajectory[0]``, or a file's path."""
+    """The problem's location in the file, ``[3].trajectory[0]``, or the path of a file."""
     message: str
     """What was found, what was expected, and what to do."""
     position: tuple[int, ...] = field(default=(), repr=False, compare=False)

@@ -268,7 +268,7 @@ class TruthOptions:
 
 @dataclass(frozen=True)
 class ScoringOptions(TruthOptions):
-    """What these, ``--protocol`` and ``--track`` say."""
+    """What ``--split``, ``--ground-truth``, ``--task``, ``--protocol`` and ``--track`` say."""
 
     protocol: str
     track: "Track"

@@ -114,7 +114,7 @@ def show(
 
 
 def _is_rich(stream: TextIO) -> bool:
-    """Whether it is a terminal and there is what draws on one, which scoring does not need."""
+    """Whether the stream is a terminal and rich is installed, which draws on it."""
     return stream.isatty() and find_spec("rich") is not None
 
 

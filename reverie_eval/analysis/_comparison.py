@@ -47,7 +47,7 @@ _MIN_SUBMISSIONS = 2
 BEST = "best"
 """The name that chooses the baseline by its scores."""
 SMALLEST_SHOWN_P = 0.001
-"""P-values below it are shown as ``p < 0.001``."""
+"""The smallest p-value that is shown; smaller ones are ``p < 0.001``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +63,9 @@ class Difference:
     higher: int
     """Episodes in which the submission's value is higher."""
     lower: int
-    """Episodes in which it is lower."""
+    """Episodes in which the value is lower than the first submission's."""
     mcnemar_p: float | None
-    """P-value of McNemar's exact test, with the same correction; null if the metric is not
+    """P-value of McNemar's exact test, corrected as ``p_value``; null if the metric is not
     binary, or there are several runs."""
 
     @property

@@ -57,7 +57,7 @@ class Episode:
     outcome: str
     """One of ``OUTCOMES``; empty if the protocol or track does not define them."""
     values: Mapping[str, float]
-    """By metric; fractions in [0, 1], lengths in metres."""
+    """The value of each metric: fractions in [0, 1], lengths in metres."""
     start: str
     """The viewpoint where the episode starts."""
     trajectory: Sequence[str]

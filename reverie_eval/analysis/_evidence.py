@@ -27,7 +27,8 @@ _GROUPS = 10
 """Groups of files that the jackknife leaves out one by one."""
 _ALMOST = 1e-6
 _STEP = 1e-3
-"""Of the derivative of the usual variance, relative to what the mean exceeds 1 by."""
+"""The step of the numerical derivative of the usual variance, as a share of the mean's excess over
+1."""
 
 
 class Spread(NamedTuple):
@@ -62,7 +63,8 @@ class Likeness(NamedTuple):
     """The most similar pairs of files from different groups, and the usual similarity."""
 
     pairs: Sequence[Pair]
-    """At most one for each pair of groups, the most similar first."""
+    """The most similar files of two groups, at most one pair for each two groups, the most similar
+    first."""
     median: float
     """The median of the most similar pairs over all pairs of groups."""
 

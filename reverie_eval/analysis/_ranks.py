@@ -26,8 +26,9 @@ class Ranks(NamedTuple):
     high: IntArray
     """The worst."""
     group: IntArray
-    """From 1. A group begins with the best result outside earlier groups, and includes all that
-    follow until one is significantly worse than the group's first."""
+    """The number of each result's group, from 1. A group begins with the best result outside
+    earlier groups, and includes all that follow until one is significantly worse than the group's
+    first."""
 
 
 def covariance_of_means(sums: FloatArray, sizes: FloatArray) -> FloatArray:

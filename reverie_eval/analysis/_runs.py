@@ -42,8 +42,8 @@ class RunIntervals(ClusterIntervals):
     copies: Sequence[Sequence[str]]
     """Names of runs that are equal in every episode, a group each; a group counts as one run."""
     run_shares: Mapping[str, float]
-    """By metric: the part of the variance that more runs would reduce, in [0, 1]; the rest is due
-    to the choice of episodes."""
+    """The part of each metric's variance that more runs would reduce, in [0, 1]; the rest is due to
+    the choice of episodes."""
 
     @classmethod
     def of(

@@ -147,7 +147,7 @@ def distance_spreads(distances: Distances) -> list[Spread]:
 _AGREEMENT = 0.15
 """Degrees: about one pixel in the middle of a view."""
 _ENOUGH = 20
-"""With fewer pairs of boxes, a majority of them says nothing about the dataset."""
+"""The fewest pairs of boxes of which a majority says something about the dataset."""
 
 _ROWS = np.arange(N_VIEWS).reshape(-1, N_HEADINGS)
 """The views by row: looking down, level, and looking up."""

@@ -74,7 +74,8 @@ class BoxRules:
 Box: TypeAlias = Sequence[int]
 """Left, top, width and height in pixels."""
 ListedBoxes: TypeAlias = Mapping[int, Mapping[int, Box]]
-"""By object id and view index; an object without boxes is listed but not visible."""
+"""The boxes of a viewpoint by object id and view index; an object without boxes is listed but not
+visible."""
 
 
 def exclude_names(house: House, rules: BoxRules) -> House:

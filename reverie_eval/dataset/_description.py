@@ -214,7 +214,8 @@ class PaperComparison:
     splits: Sequence[str]
     """The splits that the paper's number covers; empty if it is about the buildings."""
     covered: Sequence[str]
-    """Those of them that the dataset's number covers; the two compare only if it covers all."""
+    """The splits that the dataset's number covers; the paper's compares with it only if these are
+    all."""
     here: int | float | None
     """The dataset's number; null if it covers none of the splits."""
     paper: int | float

@@ -66,7 +66,8 @@ _COUNTS: Mapping[str, int] = MappingProxyType(
 """The index of the header's word that gives the number of lines of each kind."""
 _NO_CATEGORY = -1
 _PARALLEL = 1e-3
-"""If the sine of the angle between two axes is smaller, they do not span a box."""
+"""The smallest sine of the angle between two axes that span a box; below it, they count as
+parallel."""
 
 _Numbers = tuple[float, ...]
 
@@ -83,7 +84,7 @@ class _HouseObject(NamedTuple):
 
     @property
     def has_size(self) -> bool:
-        """Whether it is larger than a point; objects without faces have negative radii."""
+        """Whether the box is larger than a point; objects without faces have negative radii."""
         return min(self.radii) >= 0 and max(self.radii) > 0
 
 

@@ -80,7 +80,7 @@ class Finding:
     says: str
     """What is counted."""
     advice: str
-    """What it means if there are any, and what to do; empty for info."""
+    """What findings of the rule mean, and what to do about them; empty for info."""
     found: Count
 
 

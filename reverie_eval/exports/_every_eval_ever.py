@@ -21,7 +21,7 @@ from reverie_eval.version import __version__
 SCHEMA_VERSION = "0.3.0"
 _LIBRARY = "reverie-eval"
 _PRIVATE_SPLIT = "test"
-"""Its scores are published rounded, without intervals and episodes, as a server does."""
+"""The split whose scores are exported rounded, without intervals and episodes, as a server does."""
 _UNITS = {"fraction": "proportion", "metres": "metres", "count": "count"}
 
 

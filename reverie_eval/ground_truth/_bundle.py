@@ -146,7 +146,7 @@ class Bundle:
 
     @property
     def is_public(self) -> bool:
-        """Whether it has no solution."""
+        """Whether the bundle has no solution."""
         return not ANSWER_ARRAYS.keys() & self.arrays.keys()
 
     def public(self) -> Self:

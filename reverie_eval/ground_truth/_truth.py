@@ -261,7 +261,7 @@ class GroundTruth:
 
     @property
     def shared_provenance(self) -> str:
-        """The same for pages that others see: the file's name without its folder."""
+        """A description of this ground truth for others, without the folder of its file."""
         return self._described(Path(self.origin).name)
 
     def _described(self, origin: str) -> str:

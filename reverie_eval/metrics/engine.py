@@ -49,8 +49,8 @@ with naming_missing_parts():
     from scipy.special import stdtrit
 
 FEWEST_CLUSTERS = 10
-"""If fewer clusters have something other than the worst possible value, or the best, percentiles of
-resamples are too narrow: measured in docs/explanation/uncertainty.md."""
+"""How many clusters must have something other than the worst possible value, and the best: with
+fewer, percentiles of resamples are too narrow: measured in docs/explanation/uncertainty.md."""
 
 
 class MeanIntervals(NamedTuple):
@@ -74,7 +74,7 @@ class IntervalEngine:
     """
 
     confidence: float = CONFIDENCE
-    """In (0, 1): the share of intervals that contain the truth."""
+    """The share of intervals that contain the truth, in (0, 1)."""
     resamples: int = RESAMPLES
     seed: int = SEED
 

@@ -28,7 +28,7 @@ SIGNIFICANCE = 1 - CONFIDENCE
 POWER = 0.8
 """The required power."""
 SIMULATED_BELOW = 400
-"""With fewer clusters, comparisons are simulated."""
+"""The number of clusters below which comparisons are simulated, not computed."""
 WORLDS = 10_000
 """Simulated comparisons: in 19 of 20 plans, the share of significant ones is exact to a point."""
 

@@ -132,9 +132,9 @@ class Span(NamedTuple):
     heading: float
     """Near its middle, in [0, 360)."""
     left: float
-    """To the left of ``heading``, at most 0."""
+    """Radians from ``heading`` to the left end, at most 0."""
     right: float
-    """To the right of ``heading``, at least 0."""
+    """Radians from ``heading`` to the right end, at least 0."""
     low: float
     """The lowest elevation."""
     high: float

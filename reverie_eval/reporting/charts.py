@@ -73,10 +73,10 @@ class Histogram:
     edges: FloatArray
     """Shape (n_bins + 1,): in percent for fractions, otherwise in the metric's unit."""
     share: Mapping[str, FloatArray]
-    """By submission, shape (n_bins,): percent of its values. A value on an edge counts in the bin
-    above it; on the last edge, in the bin below."""
+    """Percent of each submission's values in each bin, shape (n_bins,). A value on an edge counts
+    in the bin above it; on the last edge, in the bin below."""
     values: Mapping[str, FloatArray]
-    """By submission: all its values, in the metric's own unit."""
+    """All values of each submission, in the metric's own unit."""
     noun: str
     """What the values belong to: episodes or boxes."""
 

@@ -20,11 +20,11 @@ class ComparisonReport(Report):
     first: str
     """The name of the submission that the others are compared with."""
     submissions: dict[str, ScoreReport | RunsReport]
-    """By name, including the first."""
+    """The report of every submission, the first among them, by name."""
     intervals: dict[str, str]
     """How the intervals of the differences were computed, by the names of the others."""
     differences: dict[str, dict[str, Difference]]
-    """By the names of the others and the keys of the metrics."""
+    """The difference of each other submission from the first, by its name and the metric's key."""
     sentences: dict[str, str]
     """Whether each of the others is better, in a sentence about the primary metric."""
 

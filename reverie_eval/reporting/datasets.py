@@ -253,7 +253,7 @@ class _Quantity(NamedTuple):
     """What a column of histograms shows."""
 
     name: str
-    """As in ``DatasetDescription.paper``, if the paper gives its mean."""
+    """The quantity's name in ``DatasetDescription.paper``, if the paper gives its mean."""
     label: str
     noun: str
     """What each value belongs to."""

@@ -68,7 +68,7 @@ class Mark(NamedTuple):
     kind: Literal["start", "goal", "end", "stop", "stairs", "label"]
     point: FloatArray
     route: int = 0
-    """For a stop, the number of the submission, from 1."""
+    """The number of the submission whose stop this is, from 1; 0 for other marks."""
     text: str = ""
 
 
@@ -80,11 +80,11 @@ class Piece(NamedTuple):
     lines: Lines = _NO_LINES
     mark: Mark | None = None
     title: str = ""
-    """Its tooltip."""
+    """The tooltip of the piece."""
     viewpoint_id: str = ""
     """The viewpoint that it marks, if it marks one."""
     leg: tuple[int, int] | None = None
-    """For a move, the numbers of its route and of the move, from 1."""
+    """The numbers of the route and of the move in it, from 1; None if the piece is not a move."""
 
 
 class Layout:

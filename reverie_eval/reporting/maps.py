@@ -43,7 +43,7 @@ class Sign(NamedTuple):
     kind: SignKind
     meaning: str
     route: int = 0
-    """For a stop, the number of the submission, from 1."""
+    """The number of the submission whose stop this is, from 1; 0 for other marks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class Step:
     to_path_end: float
     """Metres along the graph to the end of the annotated path."""
     is_goal: bool
-    """Whether it is a goal viewpoint."""
+    """Whether the step ends at a goal viewpoint."""
     is_jump: bool
     """Whether no edge leads here from the previous step."""
     is_stop: bool

@@ -99,9 +99,9 @@ class RunsReport(Report):
     deviations: dict[str, float]
     """Standard deviations between the runs by metric key."""
     run_shares: dict[str, float]
-    """By metric key: the part of the mean's variance that more runs would reduce, in [0, 1]."""
+    """The part of each mean's variance that more runs would reduce, in [0, 1], by metric key."""
     runs: dict[str, ScoreReport]
-    """By name."""
+    """The report of each run, by its name."""
     notes: list[str] = []
     """What makes the intervals less certain than they look, such as only two runs, or copies."""
 
@@ -114,7 +114,7 @@ class ProblemReport(Report):
     code: str = Field(examples=["unknown-viewpoint"])
     """What kind of problem it is; stable, for programs."""
     where: str = Field(examples=["[3].trajectory[0]"])
-    """Its location in the submission: ``[3].trajectory[0]``."""
+    """The problem's location in the submission: ``[3].trajectory[0]``."""
     message: str = Field(examples=["there is no viewpoint 0c0f3d11 in this building"])
     """What was found, what was expected, and what to do."""
     split: SplitName | None = Field(None, exclude_if=lambda split: split is None)

@@ -61,7 +61,7 @@ class Candidate:
     object_id: int
     """Within the building."""
     name: _Noted[str] = _Noted("names")
-    """Its annotated category; empty if there is none."""
+    """The object's annotated category; empty if there is none."""
     boxes: _Noted[tuple[Box, ...]] = _Noted("boxes")
     """One for each view that shows it."""
     notes: Notes = field(repr=False, compare=False)
@@ -93,7 +93,7 @@ class Observation:
     instruction: _Noted[str] = _Noted("instruction")
     """Empty if the ground truth was compiled without instructions."""
     language: str
-    """Of the instruction, such as ``en-US``; empty in a task of one language."""
+    """The language of the instruction, such as ``en-US``; empty in a task of one language."""
     scan_id: str
     viewpoint_id: str
     heading: float
@@ -101,9 +101,9 @@ class Observation:
     elevation: float
     """Radians above the horizon."""
     neighbours: tuple[Neighbour, ...]
-    """In the order of the connectivity file."""
+    """The viewpoints to which one can move, in the order of the connectivity file."""
     candidates: tuple[Candidate, ...]
-    """By object id; empty if the environment was given no boxes."""
+    """The visible objects by object id; empty if the environment was given no boxes."""
     is_over: bool
     """Whether the agent ended the episode."""
     render: Callable[[], Array] = field(repr=False, compare=False)

@@ -54,7 +54,7 @@ class Surroundings:
 
     @property
     def has_objects(self) -> bool:
-        """Whether it is known where objects are visible."""
+        """Whether boxes or a solution say where objects are visible."""
         return self._boxes is not None or self._solution is not None
 
     def ways_from(self, viewpoint: int) -> Sequence[Way]:

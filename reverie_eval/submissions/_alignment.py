@@ -138,7 +138,7 @@ class _Looked(NamedTuple):
     viewpoint: IntArray
     """Shape (n_poses,): -1 for an unknown id."""
     is_unresolved: bool = False
-    """Whether it is open which episodes some of the records are for."""
+    """Whether some records' ids do not tell which episodes they are for."""
 
 
 def _look_up(predictions: Predictions, ground_truth: GroundTruth) -> _Looked:

@@ -60,7 +60,7 @@ class BoxAnswer(NamedTuple):
     is_cut: bool
     """Whether the box reached beyond the image."""
     uncut_xywh: tuple[float, float, float, float]
-    """The same before it was cut."""
+    """Left, top, width and height before the box was cut to the image."""
     fields: Mapping[str, Any]
     """The box, the view and the image size as the record gives them, as plain numbers."""
 

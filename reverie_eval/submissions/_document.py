@@ -1,4 +1,4 @@
-"""From JSON text to records with their locations, or why the text holds none.
+"""Reading JSON text: records with their locations, or why the text holds none.
 
 Text that is not quite JSON, and records within another structure, are read if they tell what was
 meant. What holds no records at all is told by its form alone.

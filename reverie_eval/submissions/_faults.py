@@ -374,7 +374,7 @@ class ReadingLog:
 
     @property
     def unknown_fields(self) -> int:
-        """At most how many different fields were found that the official form does not have."""
+        """An upper bound of how many fields were found that the official form does not have."""
         return len(self.ignored_fields) + len(self._faults)
 
     @property

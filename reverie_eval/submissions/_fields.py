@@ -92,7 +92,7 @@ class Fields:
 
     @cached_property
     def long_spellings(self) -> Sequence[str]:
-        """Those that are compared with other names.
+        """The spellings that are compared with other names.
 
         Short ones such as "bbox" and "path" resemble too much that has nothing to do with them.
         """

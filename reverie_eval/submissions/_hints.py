@@ -22,8 +22,8 @@ _LONGEST = 40
 """Letters of a field's name that are shown."""
 _MOST_FIELDS = 8
 _FEW = 0.25
-"""If a smaller share of the predicted objects is visible where the agents stop, the ids probably
-mean something else, or are in another order: agents choose among what they see."""
+"""The share of predicted objects that must be visible where the agents stop; below it, the ids
+probably mean something else, or are in another order: agents choose among what they see."""
 
 UNNAMED_ANSWERS = (
     "no record has predObjId or predBox; if one of these fields is the predicted object, rename it "

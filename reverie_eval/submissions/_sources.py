@@ -33,7 +33,7 @@ _PIECE = 1 << 20
 _JSON_BRACKETS = (("[", "]"), ("{", "}"))
 _ENDINGS = (".json", ".json.gz", ".zip")
 RECEIPT_ENDING = ".receipt.json"
-"""Of the receipts that are written beside submissions."""
+"""The ending of the names of receipts, which are written beside submissions."""
 _JSON_SUFFIX = re.compile(r"(?<=.)(\.json)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -49,7 +49,7 @@ _ZIP_ENTRY = b"PK\x01\x02"
 _MAX_ZIP_ENTRIES = 1000
 """Opening an archive takes a hundred times the 46 bytes of each entry in memory."""
 _MOST_DIGITS = 6
-"""Of mebibytes: a terabyte."""
+"""The most digits of a limit in mebibytes, which is a terabyte then."""
 _ENCRYPTED = 0x1
 _METHODS = (ZIP_STORED, ZIP_DEFLATED)
 """What zip programs use by default. Python unpacks the other methods in one step, ignoring the

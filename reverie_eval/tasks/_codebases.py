@@ -37,13 +37,13 @@ class CodebaseEvaluator(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     source: str
     """The file and lines in the repository; empty if it has no evaluator for the task."""
     executed: date | None = None
-    """When it was last run against this package's protocol; None if it was only read."""
+    """When the evaluator was last run against this package's protocol; None if it was only read."""
     differs: str = ""
-    """What it does otherwise, as sentences."""
+    """What the evaluator does otherwise than the protocol, as sentences."""
 
     @property
     def standing(self) -> str:
-        """Whether it was executed, and when."""
+        """Whether the evaluator was executed, and when."""
         return "read" if self.executed is None else f"executed {self.executed}"
 
 
@@ -75,15 +75,15 @@ class Codebase(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     commit: str
     """The commit that was executed or read."""
     also: Sequence[str] = ()
-    """Other names that it is known by."""
+    """Other names that the codebase is known by."""
     evaluator: Sequence[CodebaseEvaluator] = ()
-    """One for each task that it scores."""
+    """How the codebase scores, for each task that it does."""
     file: Sequence[CodebaseFile] = ()
-    """One for each form that it writes."""
+    """What the codebase writes, for each form of a file."""
 
     @property
     def names(self) -> Sequence[str]:
-        """Everything that it can be looked up by."""
+        """Everything that the codebase can be looked up by."""
         return [self.name, *self.also, self.repository, self.repository.partition("/")[2]]
 
 

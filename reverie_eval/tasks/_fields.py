@@ -21,7 +21,8 @@ class Field:
     spellings: tuple[str, ...] = ()
     """Names that mean the field and are reported as misspelt, in lower case and without marks."""
     type: Any
-    """What it holds in the official form, with a description for the published JSON Schema."""
+    """What the field holds in the official form, with a description for the published JSON
+    Schema."""
     default: Any = ...
     """What a record without the field means; by default the field is required."""
 

@@ -108,14 +108,14 @@ class Task:
     name: str
     """The name in options and signatures."""
     title: str
-    """The name in its paper."""
+    """The name of the benchmark in its paper."""
     citation: str
     paper: Paper | None = None
-    """The same in full; None if only the citation is known."""
+    """The paper to cite, in full; None if only the citation is known."""
     source: str
     """Where the annotations are published."""
     licence: str
-    """The terms under which they are published."""
+    """The terms under which the annotations are published."""
     unseen: str = ""
     """The files that were not available, so that reading them was tested only on made-up ones."""
     annotation: type[Annotation]
@@ -123,7 +123,7 @@ class Task:
     file_name: str
     """The published name of a split's annotation file, with ``{split}``."""
     folder: str
-    """Where these files are in a clone."""
+    """Where the annotation files are in a clone of the benchmark's repository."""
     published: Mapping[str, str] = field(default_factory=dict)
     """The split of each published file by its SHA-256, where these are known."""
     releases: Mapping[tuple[str, int, int], str] = field(default_factory=dict)
@@ -134,7 +134,7 @@ class Task:
     id_pattern: str
     """The form of episode ids, as a regular expression."""
     id_form: str
-    """The same in words."""
+    """The form of episode ids in words."""
     id_example: str
     id_parts: Sequence[str] = ()
     """What the parts of an id are, which underscores separate; empty if they are not told."""

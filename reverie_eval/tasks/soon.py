@@ -92,7 +92,7 @@ class _Walk(EpisodeAnnotation, frozen=True, kw_only=True):
 
     @property
     def further_paths(self) -> Mapping[str, Sequence[str]]:
-        """The path of this very start."""
+        """The path from this start, by name."""
         return {"own": self.item.path[self.start]}
 
     @property
@@ -102,7 +102,7 @@ class _Walk(EpisodeAnnotation, frozen=True, kw_only=True):
 
     @property
     def outlines(self) -> Sequence[Outline]:
-        """The target as it is seen from each of them."""
+        """The target as it is seen from each of the goal viewpoints."""
         return [box.outline for box in self.item.bboxes]
 
     @property

@@ -116,6 +116,28 @@ def test_a_name_means_one_thing(name: str, other_thing: str) -> None:
     assert found == []
 
 
+def docstrings(path: Path) -> Iterator[str]:
+    """Yield where each docstring of a file is, with its text: those of fields, too."""
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str(text))):
+                yield f"{path.relative_to(ROOT)}:{node.lineno} {text}"
+            case _:
+                pass
+
+
+def test_a_docstring_does_not_need_the_line_above_it() -> None:
+    needs = re.compile(
+        r":\d+ (?:Of|The same|What (?:it|they)|As (?:in|it|for)|Those|It|Its|They)\b"
+    )
+    roots = [*CODE.values()]
+    files = [path for root in roots for path in root.rglob("*.py")]
+    core = [path for path in files if not path.is_relative_to(ROOT / "reverie_eval" / "server")]
+    wire = {"organising.py", "service.py", "personal_data.py"}  # as the server's API says it
+    texts = [text for path in core if path.name not in wire for text in docstrings(path)]
+    assert [text for text in texts if needs.search(text.split("\n")[0])] == []
+
+
 def test_the_table_is_read() -> None:
     """An empty table would let every name pass."""
     assert frozenset({"place", "places"}) in {rule.words for rule in rules()}

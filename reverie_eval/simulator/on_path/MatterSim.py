@@ -130,7 +130,7 @@ class Candidate(NamedTuple):
     visible_pos: List[int]
     """The views that show it, 0 to 35."""
     bbox2d: List[List[int]]
-    """Its box in each of these views."""
+    """The box of the object in each view that shows it."""
 
 
 class SimState:
@@ -883,7 +883,7 @@ def _building(file: str) -> _Building:
 
 
 _FORMAT = 1
-"""Of the tables: another number when they have other fields."""
+"""The version of the kept tables: another number when they have other fields."""
 
 
 def _table(file: str) -> np.ndarray:

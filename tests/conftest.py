@@ -14,8 +14,9 @@ from hypothesis import settings
 
 from fixtures.demo_world import write_demo_world
 from fixtures.published import published_folder, unpack_dataset
-from reverie_eval import GroundTruth
+from reverie_eval import PROTOCOLS, GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
+from reverie_eval.tasks import find_task
 from reverie_eval_cli.main import main
 from tests.support.flat_world import Outcome, Run, write_flat
 from tests.support.sharing import shared_folder
@@ -110,6 +111,17 @@ def unavailable(reason: str) -> NoReturn:
     if os.environ.get(TEST_EVERYTHING):
         pytest.fail(f"{TEST_EVERYTHING} is set, but {reason}")
     pytest.skip(reason)
+
+
+@pytest.fixture
+def printed_protocols(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make ``all`` protocols those that printed tables show, so that a new one changes no table."""
+    names = (
+        *("official-v1", "paper", "paper-3m", "challenge-2022", "airbert", "duet", "scalevln"),
+        *("r2r-style", "navrag"),
+    )
+    protocols = [PROTOCOLS[name] for name in names]
+    monkeypatch.setitem(vars(find_task("reverie")), "protocols", protocols)
 
 
 @pytest.fixture(scope="session")

@@ -299,6 +299,7 @@ RGS: Mapping[str, Sequence[int]] = {
 """RGS by protocol: some need success, and one rejects ids written as text."""
 
 
+@pytest.mark.usefixtures("printed_protocols")
 def test_every_protocol_scores_boxes_and_candidates_together() -> None:
     submission, truth = submitted(MIXED)
     results = evaluate_protocols(submission, split=SPLIT, ground_truth=truth)

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from reverie_eval import CATALOGUE, GroundTruth, Scores, evaluate, evaluate_protocols
+from reverie_eval import CATALOGUE, PROTOCOLS, GroundTruth, Scores, evaluate, evaluate_protocols
 from reverie_eval.arrays import Array
 from reverie_eval.scoring import BOX_OUTCOMES, Protocol
 from reverie_eval.submissions import Submission
@@ -323,8 +323,8 @@ def _differences(
 ) -> Sequence[Difference]:
     """Compare every value under every protocol with the oracle's."""
     scored = evaluate_protocols(submission, split=SPLIT, ground_truth=ground_truth)
-    by_protocol = score(case.world, case.predictions)
-    assert [*scored] == [*by_protocol]
+    by_protocol = score(case.world, case.predictions, scored)
+    assert [*scored] == [*PROTOCOLS]
     differences = []
     for protocol, scores in scored.items():
         columns = {key: column.tolist() for key, column in scores.episodes.items()}

@@ -152,6 +152,7 @@ def test_aliases_are_not_protocols() -> None:
         "mapgpt": "navrag",
     }
     assert not REVERIE.aliases.keys() & PROTOCOLS.keys()
+    assert dict(REVERIE.hops_by_alias) == {"hamt": "first viewpoint"}
 
 
 def test_the_signature_has_the_protocol_not_its_alias() -> None:
@@ -171,8 +172,7 @@ def test_an_unknown_protocol(name: str, guess: str) -> None:
     with pytest.raises(rv.ProtocolError) as error:
         evaluate(GOOD, split=SPLIT, protocol=name)
     assert str(error.value) == (
-        f"unknown protocol {name!r}; {guess} one of: official-v1, paper, paper-3m, challenge-2022, "
-        "airbert, duet, scalevln, r2r-style, navrag, hamt, navillm, hm3d, mapgpt"
+        f"unknown protocol {name!r}; {guess} one of: {', '.join([*PROTOCOLS, *REVERIE.aliases])}"
     )
 
 

@@ -163,7 +163,7 @@ official-v1 reading:first-of-hop  13.60*   0.00*  20.00*   0.00*  40.00   31.67*
 ALL_PROTOCOLS = words("afar.json {split} {full} --protocol all")
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "printed_protocols")
 def test_all_protocols_side_by_side(run: Run) -> None:
     """Under ``paper`` grounding needs success, and one target is predicted at the wrong stop."""
     status, out, err = run(*ALL_PROTOCOLS)
@@ -171,7 +171,7 @@ def test_all_protocols_side_by_side(run: Run) -> None:
     assert out == ALL_TABLE.replace("SIGNATURES", "\n".join(map(signature, ALL)))
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "printed_protocols")
 def test_all_protocols_as_markdown(run: Run) -> None:
     status, out, _ = run(*ALL_PROTOCOLS, "--format", "markdown")
     assert (status, out.startswith(ALL_MARKDOWN)) == (0, True)
@@ -184,7 +184,7 @@ def test_all_protocols_as_markdown(run: Run) -> None:
     ]
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "printed_protocols")
 def test_all_protocols_as_latex(run: Run) -> None:
     status, out, _ = run(*ALL_PROTOCOLS, "--format", "latex")
     comments, begin, _ = out.partition(r"\begin")
@@ -196,7 +196,7 @@ def test_all_protocols_as_latex(run: Run) -> None:
     ]
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "printed_protocols")
 def test_all_protocols_as_csv(run: Run) -> None:
     status, out, _ = run(*ALL_PROTOCOLS, "--format", "csv")
     headings, *rows = csv.reader(io.StringIO(out))
@@ -206,7 +206,7 @@ def test_all_protocols_as_csv(run: Run) -> None:
     assert [row[column] for row in rows] == ["0.6", "0.4", "0.6", "0.6", "0.4", "", ""]
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "printed_protocols")
 def test_all_protocols_as_json(run: Run) -> None:
     """A list of the reports that each protocol gives on its own."""
     status, out, _ = run(*ALL_PROTOCOLS, "--format", "json")
@@ -262,7 +262,7 @@ def test_the_grounding_track_scores_answers_only(here: Path, run: Run) -> None:
     assert run(*words("submit.json {split} {full} --track grounding")) == outcome
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "printed_protocols")
 def test_the_grounding_track_under_all_protocols(run: Run) -> None:
     """With every agent at its goal, rules about the stop make no difference."""
     status, out, _ = run(*ALL_PROTOCOLS, *words("--track grounding --format csv"))

@@ -31,6 +31,7 @@ def timeless(text: str) -> str:
     return re.sub(r"\b([0-9a-f]{64}|[0-9a-f]{16})\b", "ID", text)
 
 
+@pytest.mark.usefixtures("printed_protocols")
 def test_scoring_a_first_file(laptop: Laptop) -> None:
     done = 0
     for (program, *words), shown in steps("score"):

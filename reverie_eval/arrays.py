@@ -71,6 +71,7 @@ def take_rows(rows: IntArray, offsets: IntArray) -> IntArray:
     lengths = np.diff(offsets)[rows]
     # How far each row moves from its index in the output to its index in the input.
     shift = offsets[rows] - offsets_of(lengths)[:-1]
+    # In place: no second array of this length is needed.
     taken = np.repeat(shift, lengths)
     taken += np.arange(len(taken))
     return taken
@@ -86,6 +87,7 @@ def find_sorted(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
     """
     if not keys.size:
         return np.zeros(len(wanted), dtype=np.int64), np.zeros(len(wanted), dtype=np.bool_)
+    # A key above all others would be searched behind the end; clipped, its index is safe to take.
     index = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
     return index, np.equal(keys[index], wanted).astype(np.bool_)
 
@@ -109,6 +111,7 @@ def difference(values: FloatArray, others: FloatArray) -> FloatArray:
     """
     changed = values - others
     magnitude = np.maximum(np.maximum(np.abs(values), np.abs(others)), 1.0)
+    # Relative to 1 at least, or two means near 0 would never be equal.
     changed[np.abs(changed) < ROUNDING * magnitude] = 0.0
     return changed
 
@@ -122,6 +125,7 @@ def with_object(index: IntArray, object_id: IntArray) -> IntArray:
     >>> with_object(np.array([0, 1]), np.array([7, 7]))
     array([         7, 4294967303])
     """
+    # The object is in the lower half, so the numbers sort by index first and by object second.
     return (index.astype(np.int64) << 32) | object_id
 
 

@@ -60,6 +60,7 @@ def _side(point: FloatArray, begin: FloatArray, end: FloatArray) -> FloatArray:
     edge, to_point = end - begin, point - begin
     first, second = edge[:, 0] * to_point[:, 1], edge[:, 1] * to_point[:, 0]
     side = np.sign(first - second)
+    # Fractions are slow, but hardly any point is so close to an edge.
     unsure = np.abs(first - second) <= _UNSURE * (np.abs(first) + np.abs(second))
     for row in np.flatnonzero(unsure).tolist():
         side[row] = _exact_side(*point[row], *begin[row], *end[row])
@@ -104,6 +105,7 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
 
     left, top, width, height = box_xywh.T.astype(np.float64)
     right, bottom = left + width, top + height
+    # In order around the box, which clipping needs.
     corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
     rays = rays_of(corners.transpose(2, 0, 1)) @ axes(camera) @ VIEW_AXES[view].transpose(0, 2, 1)
     # The homography is applied to corner rays, not pixels, so that those behind the view can be
@@ -132,6 +134,7 @@ def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray
 
     left, top, width, height = target_box_xywh.T.astype(np.float64)
     boxes = shapely.box(left, top, left + width, top + height)
+    # One call for all pairs: shapely's loop is in C.
     shared = shapely.area(shapely.intersection(polygons, boxes))
     return shared, shapely.area(polygons) + width * height
 

@@ -152,6 +152,7 @@ def axes(camera: FloatArray) -> FloatArray:
     >>> axes(np.array([[np.pi / 2, 0.0]])).round(6)[0].tolist()
     [[0.0, -1.0, 0.0], [-0.0, -0.0, 1.0], [1.0, 0.0, 0.0]]
     """
+    # Headings turn clockwise from +y, as a compass does and mathematics does not.
     sin_heading, sin_elevation = np.sin(camera).T
     cos_heading, cos_elevation = np.cos(camera).T
     zero = np.zeros(len(camera))
@@ -205,6 +206,7 @@ def pixels_of(points: FloatArray) -> FloatArray:
     >>> pixels_of(np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 1.0]])).round(3).tolist()
     [[320.0, 240.0], [735.692, 240.0]]
     """
+    # Pixels count downwards, and the frame's second axis points up.
     return np.asarray(CENTRE + FOCAL_LENGTH * points[..., :2] * (1, -1) / points[..., 2:])
 
 

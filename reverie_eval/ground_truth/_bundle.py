@@ -40,7 +40,7 @@ PUBLIC_ARRAYS: Mapping[str, str] = MappingProxyType(
         "edge": "b1",  # the same
     }
 )
-ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
+SOLUTION_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "path": "i4",  # annotated paths, end to end
         "path_offsets": "i8",  # (n_items + 1,)
@@ -57,7 +57,7 @@ TARGET_ARRAYS: Mapping[str, str] = MappingProxyType(
     }
 )
 """All of them are in a bundle with the solution, if its task has target objects."""
-OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
+OPTIONAL_SOLUTION_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
         "target_position": "f8",  # (n_items, 3) metres: the target's centre, inf if unknown
@@ -135,8 +135,9 @@ class Bundle:
         task: str = DEFAULT_TASK,
     ) -> Self:
         """Build a bundle from arrays, each converted to the type that the format defines."""
-        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **TARGET_ARRAYS, **OPTIONAL_ANSWER_ARRAYS}
+        formats = {**PUBLIC_ARRAYS, **SOLUTION_ARRAYS, **TARGET_ARRAYS, **OPTIONAL_SOLUTION_ARRAYS}
         formats |= {**GOAL_ARRAYS, **UNSCORED_ARRAYS}
+        # ``path/planner`` has the type of ``path``.
         typed = {
             name: frozen(array.astype(formats[name.partition("/")[0]]))
             for name, array in arrays.items()
@@ -147,12 +148,13 @@ class Bundle:
     @property
     def is_public(self) -> bool:
         """Whether the bundle has no solution."""
-        return not ANSWER_ARRAYS.keys() & self.arrays.keys()
+        return not SOLUTION_ARRAYS.keys() & self.arrays.keys()
 
     def public(self) -> Self:
         """Return the bundle without the solution."""
         known = [*PUBLIC_ARRAYS, *(UNSCORED_ARRAYS.keys() & self.arrays.keys())]
         arrays = {name: self.arrays[name] for name in known}
+        # A digest of private annotations would let anyone check a guess of them.
         sources = {"connectivity": self.header.sources["connectivity"]}
         texts = {name: text for name, text in self.texts.items() if name in PUBLIC_TEXTS}
         return self.build(
@@ -204,10 +206,12 @@ class Bundle:
                 f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` "
                 "creates one"
             ) from error
+        # What is taken out here is not scored, and so not a part of the fingerprint below.
         other_splits = take_prefixed(members, _OTHER_SPLIT)
         texts = take_prefixed(members, _TEXT)
         has_targets = _task_of(path, header).has_targets
-        needed = {*ANSWER_ARRAYS, *(TARGET_ARRAYS if has_targets else ())}
+        needed = {*SOLUTION_ARRAYS, *(TARGET_ARRAYS if has_targets else ())}
+        # All of the solution or none: half of one is neither a public bundle nor one that scores.
         is_complete = members.keys() >= PUBLIC_ARRAYS.keys() and (
             needed & members.keys() in (set(), needed)
         )
@@ -252,12 +256,14 @@ def fingerprint_of(arrays: Mapping[str, Array]) -> str:
         # Distances are hashed in single precision: C libraries differ in the last bit of some,
         # and the same dataset must have the same fingerprint on every machine.
         hashed = array.astype("f4") if name == "distance" else np.ascontiguousarray(array)
+        # Name, type and shape too: equal bytes of another shape are another array.
         digest.update(f"{name} {hashed.dtype.str} {hashed.shape}\n".encode())
         digest.update(hashed.data)
     return digest.hexdigest()
 
 
 def _read_header(path: Path, header: bytes) -> BundleHeader:
+    # The version is read alone first: a newer header may have fields that this one cannot read.
     version = msgspec.json.decode(header, type=_AnyHeader).format_version
     if version == FORMAT_VERSION:
         return msgspec.json.decode(header, type=BundleHeader)

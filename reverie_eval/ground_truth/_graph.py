@@ -92,13 +92,18 @@ class NavigationGraph:
         implements it, which the published evaluators use.
         """
         routes, shortest, done = {start: [start]}, {start: 0.0}, set[int]()
+        # The number of the discovery decides between equal lengths: the one that was found first
+        # wins, as in networkx. Without it, heapq would compare viewpoints.
         found, queue = count(1), [(0.0, 0, start)]
         while queue:
             length, _, here = heappop(queue)
+            # A viewpoint is queued again whenever a shorter way is found; the longer entries stay
+            # behind.
             if here in done:
                 continue
             done.add(here)
             for there, metres in self.neighbours(here).items():
+                # Strictly less: of equally short routes, the first that was found stays.
                 if length + metres < shortest.get(there, np.inf):
                     shortest[there] = length + metres
                     routes[there] = [*routes[here], there]

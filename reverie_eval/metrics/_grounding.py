@@ -248,6 +248,7 @@ def detection_success(point: FloatArray, outline: FloatArray) -> BoolArray:
     .. [1] ``evaluation_script/main.py`` lines 96-121 of ZhuFengdaaa/SOON-EvalAI-Starters at
        66f5e37; the comparison is that of ``shapely.Polygon.contains``.
     """
+    # The first of the five is the centre.
     return are_inside(point, outline[:, 1:])
 
 
@@ -261,6 +262,7 @@ def heading_error(point: FloatArray, outline: FloatArray) -> FloatArray:
     float array of shape (n_episodes,)
         Turns, at least 0, lower is better; NaN where there is no point, or the target is not seen.
     """
+    # Not wrapped around: the official script compares plain numbers, and digits must be its own.
     return np.abs(outline[:, 0, 0] - point[:, 0])
 
 
@@ -297,5 +299,6 @@ def point_error(
     >>> point_error(*errors, "detections")
     array([0.5, nan])
     """
+    # A plain distance of the two angles, without the cosine of the elevation.
     error = np.hypot(heading_error, elevation_error)
     return np.where(detected, error, np.nan) if point_errors == "detections" else error

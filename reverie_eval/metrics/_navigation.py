@@ -88,6 +88,7 @@ def oracle_success(visible: BoolArray, offsets: IntArray) -> BoolArray:
     >>> oracle_success(np.array([True, False, False]), np.array([0, 2, 3]))
     array([ True, False])
     """
+    # reduceat would take an empty row for its next element; reading guarantees a pose in each.
     return np.logical_or.reduceat(visible, offsets[:-1])
 
 
@@ -373,6 +374,8 @@ def cls(
     nearness = np.exp(-np.minimum.reduceat(distance, rows) / FIDELITY_DISTANCE)
     # bincount adds up node by node, as the published loop does; see `path_length`.
     coverage = np.bincount(episode, weights=nearness) / n_nodes
+    # A trajectory that covers little of the path is expected to be short, so length alone earns
+    # nothing.
     expected = coverage * annotated_length
     spread = expected + np.abs(expected - path_length)
     length_score = np.divide(expected, spread, out=np.ones_like(spread), where=spread > 0)

@@ -130,6 +130,7 @@ def _informative(values: FloatArray, cluster: IntArray, bounds: FloatArray) -> I
 
     For a rate, these are the clusters in which something succeeds, or in which something fails.
     """
+    # reduceat needs the episodes of a cluster side by side.
     order = np.argsort(cluster, kind="stable")
     _, first = np.unique(cluster[order], return_index=True)
     counts = []
@@ -186,10 +187,14 @@ class CrossedMeans:
         by_run = values.mean(axis=1)
         n_episodes, sizes = values.shape[1], size[0][:, None]
         deviation = np.stack(sums) - sizes * by_run[:, None]
+        # What the mean would lose without the cluster: clusters differ in size, so its share of the
+        # others counts.
         deviation /= n_episodes - sizes
         mean = weight @ by_run
         common = np.tensordot(weight, deviation, axes=1)
+        # A single run has no variance between runs, whatever it is divided by; 0 would make it NaN.
         freedom = max(len(values) - 1, 1)
+        # For equal weights this is 1 / (n (n - 1)), as in the variance of a mean of n runs.
         squares = (weight**2).sum() / freedom
         differing = ((deviation - deviation.mean(axis=0)) ** 2).sum(axis=(0, 1))
         return cls(
@@ -254,6 +259,8 @@ class CrossedMeans:
             (self.run_variance**2 / self.run_freedom).sum(axis=0),
         )
         of_clusters = -stdtrit(max(self.cluster_freedom, 1.0), tail)
+        # Without variance between runs, their freedom comes out as 0; so does their share, and any
+        # number will do.
         of_runs = -stdtrit(np.maximum(freedom, 1.0), tail)
         share = self.run_share**_SHARE_POWER
         return np.asarray(of_clusters + share * (of_runs - of_clusters))
@@ -277,6 +284,8 @@ class CrossedMeans:
         """
         half = self.critical((1 - confidence) / 2) * np.sqrt(self.variance)
         ends = _score_interval(self.mean, half, bounds)
+        # The rule of three in its exact form: of n clusters that all agree, up to this share may
+        # not.
         unseen = 1 - ((1 - confidence) / 2) ** (1 / (self.cluster_freedom + 1))
         is_same = (np.abs(self.mean) <= ROUNDING) & (bounds[0] < 0)
         room = np.where(np.isfinite(bounds) & ~is_same, bounds - self.mean, 0.0)
@@ -300,6 +309,8 @@ class CrossedMeans:
         wider = _divide(np.ones_like(size), 1 - relative**2)
         observed = _divide(size, np.sqrt(self.variance * wider))
         # A weighted sum of quantiles has no inverse by formula: search the logarithm.
+        # Its logarithm, because p-values of large differences are far below what a search in steps
+        # of p finds.
         low, high = np.full_like(size, np.log(np.finfo(np.float64).tiny)), np.zeros_like(size)
         for _ in range(_BISECTIONS):
             middle = (low + high) / 2

@@ -152,6 +152,7 @@ class Design:
 
     def episodes_needed(self, effect: float) -> int | None:
         """Return how many such episodes give ``POWER``; None if ten million do not."""
+        # Fewer episodes could all be in one cluster, which no test can compare.
         first = int(self.sizes.max()) + 1  # in two clusters, or more
 
         def find(useful: float) -> int | None:
@@ -181,6 +182,7 @@ class Design:
 
     def with_episodes(self, number: int) -> "Design":
         """Return the design of another number of such episodes, with clusters of the same sizes."""
+        # Shuffled, so that a design of fewer episodes has a random part of the clusters.
         shuffled = np.random.default_rng(SEED).permutation(self.sizes)
         ends = np.cumsum(np.tile(shuffled, -(-number // self.n_episodes)))
         ends = np.append(ends[ends < number], number)

@@ -92,6 +92,7 @@ def interval(means: FloatArray, n_clusters: int, *, confidence: float = CONFIDEN
        69(4), 2015, section 5.3: the expanded percentile interval.
     """
     freedom = n_clusters - 1
+    # The root undoes that resamples vary by n and not by n - 1.
     outermost = stdtrit(freedom, (1 - confidence) / 2) * np.sqrt(n_clusters / freedom)
     tail = float(ndtr(outermost))
     return np.quantile(means, [tail, 1 - tail], axis=0)
@@ -129,8 +130,11 @@ def randomisation_p(
     n_extreme = np.zeros(sums.shape[1], dtype=np.int64)
     for batch in _batches(resamples):
         sign = rng.integers(2, size=(batch.stop - batch.start, len(sums)), dtype=np.int8)
+        # A swap changes the sign of a cluster's sum; signs for all resamples at once are one
+        # product.
         swapped = (2.0 * sign - 1.0) @ sums
         n_extreme += (np.abs(swapped) >= extreme).sum(axis=0)
+    # The observed assignment is one of the possible ones, so no p-value is 0.
     return np.asarray((n_extreme + 1) / (resamples + 1))
 
 
@@ -152,6 +156,7 @@ def smallest_p(n_comparisons: int, n_clusters: int) -> float:
     Of all swaps of ``n_clusters`` clusters, two give the largest difference: none and all. Of the
     random swaps, at least one counts: the observed difference itself.
     """
+    # With few clusters the number of different swaps is the limit, with many the number drawn.
     uncorrected = max(2.0 ** (1 - n_clusters), 1 / (swaps_for(n_comparisons) + 1))
     return min(1.0, n_comparisons * uncorrected)
 

@@ -19,10 +19,10 @@ from fixtures.demo_world.episodes import Answer, episodes_of, submitted
 from reverie_eval import GroundTruth, GroundTruthError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES, GROUND_TRUTH_VARIABLE, Bundle, find_ground_truth
 from reverie_eval.ground_truth._bundle import (
-    ANSWER_ARRAYS,
-    OPTIONAL_ANSWER_ARRAYS,
+    OPTIONAL_SOLUTION_ARRAYS,
     PUBLIC_ARRAYS,
     PUBLIC_TEXTS,
+    SOLUTION_ARRAYS,
     TARGET_ARRAYS,
     UNSCORED_ARRAYS,
     pack_texts,
@@ -32,7 +32,7 @@ from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
 
 VAL_UNSEEN = DEMO_BUNDLES / "val_unseen.npz"
-PRIVATE = ANSWER_ARRAYS.keys() | TARGET_ARRAYS.keys() | OPTIONAL_ANSWER_ARRAYS.keys()
+PRIVATE = SOLUTION_ARRAYS.keys() | TARGET_ARRAYS.keys() | OPTIONAL_SOLUTION_ARRAYS.keys()
 """The names of everything that a public bundle leaves out."""
 
 

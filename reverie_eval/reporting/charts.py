@@ -108,6 +108,11 @@ class Histogram:
         unit = self.metric.suffix
         return f"{self.metric.name} ({unit})" if unit else self.metric.name
 
+    @property
+    def share_label(self) -> str:
+        """What the heights of the bars are."""
+        return f"share of {self.noun} (%)"
+
 
 @dataclass(frozen=True, eq=False)
 class Walks:
@@ -118,6 +123,8 @@ class Walks:
     walked: FloatArray
     """Metres."""
     is_success: BoolArray
+    labels = "shortest length (m)", "walked length (m)"
+    """What a chart has to the right and up."""
 
     @classmethod
     def of(cls, scores: Scores) -> Self:
@@ -125,6 +132,12 @@ class Walks:
         episodes = scores.episodes
         is_success = episodes["success"] > 0
         return cls(episodes["shortest_length"], episodes["path_length"], is_success)
+
+    @property
+    def parts(self) -> Sequence[tuple[str, str, BoolArray]]:
+        """The class of the dots, its meaning and its episodes; what is drawn last is on top."""
+        hits = self.is_success
+        return ("miss", "stopped elsewhere", ~hits), ("hit", "stopped at the goal", hits)
 
     @property
     def longest_shown(self) -> float:
@@ -155,7 +168,7 @@ def histogram_svg(histogram: Histogram, names: Sequence[str]) -> str:
         for number, name in enumerate(names, 1)
         if (share := histogram.share.get(name)) is not None
     ]
-    grid = axes.grid(histogram.label, f"share of {histogram.noun} (%)")
+    grid = axes.grid(histogram.label, histogram.share_label)
     return _chart(f"Distribution of {histogram.label}", [*grid, *drawn])
 
 
@@ -163,16 +176,14 @@ def walks_svg(walks: Walks) -> str:
     """Draw a dot for every episode: the walked length against the shortest length."""
     axes = _Axes(0.0, float(np.ceil(walks.shortest.max())) or 1.0, walks.longest_shown)
     dots = [
-        f'<path class="dot {kind}" d="{axes.dots(walks.shortest[part], walks.walked[part])}"/>'
-        for kind, part in (
-            ("miss", walks.is_shown & ~walks.is_success),
-            ("hit", walks.is_shown & walks.is_success),
-        )
+        f'<path class="dot {kind}" d="{axes.dots(walks.shortest[shown], walks.walked[shown])}"/>'
+        for kind, _, part in walks.parts
+        for shown in [part & walks.is_shown]
     ]
     ends = np.array([0.0, min(axes.high, axes.top)])
     x, y = axes.x(ends), axes.y(ends)
     line = f'<path class="diagonal" d="M{x[0]:.1f} {y[0]:.1f}L{x[1]:.1f} {y[1]:.1f}"/>'
-    grid = axes.grid("shortest length (m)", "walked length (m)")
+    grid = axes.grid(*walks.labels)
     return _chart("Walked length of every episode over the shortest length", [*grid, *dots, line])
 
 

@@ -64,6 +64,7 @@ STYLE: Any = MappingProxyType(
 
 _SHOWN_GROUPS = 15
 _COLOURS = (ORANGE, BLUE, GREEN, VERMILION, "#CC79A7", "#56B4E9")
+_DOTS = {"miss": GREY, "hit": BLUE}
 _TITLE_LETTERS, _TITLE_LINES = 60, 3
 
 
@@ -340,7 +341,7 @@ def _plot_histogram(histogram: Histogram, ax: "Axes | None") -> "Axes":
         if metric.unit == "count":
             use_round_ticks(axes)
         axes.set_xlabel(histogram.label)
-        axes.set_ylabel(f"share of {histogram.noun} (%)")
+        axes.set_ylabel(histogram.share_label)
         mean = metric.display(float(np.mean(values)))
         of = f"{len(values):,} {histogram.noun}"
         set_heading(axes, f"{metric.heading}: mean {mean} of {of}")
@@ -348,20 +349,17 @@ def _plot_histogram(histogram: Histogram, ax: "Axes | None") -> "Axes":
 
 
 def _plot_walks(walks: Walks, ax: "Axes | None") -> "Axes":
-    parts = (
-        ("stopped elsewhere", GREY, ~walks.is_success),
-        ("stopped at the goal", BLUE, walks.is_success),
-    )
+    x_label, y_label = walks.labels
     end = float(walks.shortest.max())
     with styled_axes(ax) as axes:
-        for label, colour, part in parts:
+        for kind, label, part in walks.parts:
             dots = walks.shortest[part], walks.walked[part]
-            axes.scatter(*dots, s=9, alpha=0.6, color=colour, label=label)
+            axes.scatter(*dots, s=9, alpha=0.6, color=_DOTS[kind], label=label)
         axes.plot([0, end], [0, end], color=INK, linestyle="--", linewidth=1.2, label="shortest")
         axes.set_xlim(left=0)
         axes.set_ylim(bottom=0)
-        axes.set_xlabel("shortest length (m)")
-        axes.set_ylabel("walked length (m)")
+        axes.set_xlabel(x_label)
+        axes.set_ylabel(y_label)
         _explain_beside(axes)
         set_heading(axes, f"a dot for each of {len(walks.walked):,} episodes")
     return axes

@@ -35,7 +35,7 @@ from reverie_eval.submissions import NO_POINT, join_items, official_point
 from reverie_eval.tasks import turns_of
 from reverie_eval.text import count_text
 
-Pose: TypeAlias = tuple[int, float, float]
+_Pose: TypeAlias = tuple[int, float, float]
 """Viewpoint, heading and elevation."""
 
 
@@ -44,7 +44,7 @@ class _Walk:
     """An episode so far."""
 
     row: int
-    poses: tuple[Pose, ...]
+    poses: tuple[_Pose, ...]
     answer: Mapping[str, Any] | None = None
     """The fields of the record; None while the episode goes on."""
 
@@ -84,6 +84,7 @@ class Environment:
     ) -> None:
         self._truth = ground_truth
         self.surroundings = Surroundings(ground_truth, boxes)
+        """What is asked, reachable and visible, as one source for all that show it."""
         self._pictures = pictures
         self._notes = Notes()
         self._walks: tuple[_Walk, ...] = ()
@@ -189,7 +190,7 @@ class Environment:
             case _:
                 raise ActionError(f"{action!r} is not an action, such as a Go, a Turn or a Stop")
 
-    def _pose_at(self, walk: _Walk, viewpoint_id: str) -> Pose:
+    def _pose_at(self, walk: _Walk, viewpoint_id: str) -> _Pose:
         """Return the pose of someone who came to a neighbour."""
         here, graph = walk.poses[-1][0], self._truth.graph
         for way in self.surroundings.ways_from(here):
@@ -218,7 +219,7 @@ class Environment:
                         "one of the observation's candidates"
                     )
                 return {"predObjId": int(object_id)}
-            case AnswerBox(Box(view, xywh)):
+            case AnswerBox(view, xywh):
                 _check_box(action, view, xywh)
                 return {"predBox": np.array(xywh).tolist(), "predView": int(view)}
             case Point(heading, elevation):

@@ -157,7 +157,9 @@ class Answer:
 class AnswerBox:
     """End the episode, and predict a box in one of the 36 views."""
 
-    box: Box
+    view: int
+    xywh: tuple[float, float, float, float]
+    """Left, top, width and height in pixels of the 640 x 480 view."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,6 @@ from reverie_eval.simulator._observation import (
     Action,
     Answer,
     AnswerBox,
-    Box,
     Go,
     Observation,
     Part,
@@ -163,7 +162,7 @@ class GymnasiumEnvironment(gymnasium.Env[Observed, Chosen]):
                 return Answer(seen.candidates[argument].object_id)
             case "answer box":
                 view, *xywh = argument.tolist()
-                return AnswerBox(Box(view, xywh))
+                return AnswerBox(view, tuple(xywh))
             case "point":
                 return Point(*argument.tolist())
             case _:

@@ -7,6 +7,7 @@ official form that does not change the meaning is read, and mentioned.
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 
 from reverie_eval.errors import Problem
@@ -49,48 +50,41 @@ class Fault:
         return self.what.format(example=show(example))
 
 
-JSON_LINES = Fault(
-    "not-json", "one JSON object after another instead of one list", "write a list of records"
+_not_json = partial(Fault, "not-json")
+_not_a_list = partial(Fault, "not-a-list")
+_wrong_type = partial(Fault, "wrong-type")
+_wrong_id = partial(Fault, "unknown-episode", convert=_CONVERT_FOR_SPLIT)
+_wrong_viewpoint = partial(Fault, "unknown-viewpoint", convert=_CONVERT_FOR_SPLIT)
+
+JSON_LINES = _not_json(
+    "one JSON object after another instead of one list", "write a list of records"
 )
-SEVERAL_LISTS = Fault("not-json", "several lists one after another", "write one list")
-ENCODED_TWICE = Fault(
-    "not-json",
-    "the JSON inside a string: it was encoded twice",
-    "use json.dump alone, without json.dumps",
+SEVERAL_LISTS = _not_json("several lists one after another", "write one list")
+ENCODED_TWICE = _not_json(
+    "the JSON inside a string: it was encoded twice", "use json.dump alone, without json.dumps"
 )
-TRAILING_TEXT = Fault("not-json", "text after the JSON: {example}", "remove it")
-PYTHON_LITERAL = Fault(
-    "not-json", "a list printed by Python instead of JSON", "write it with json.dump"
-)
-WRAPPED = Fault(
-    "not-a-list", "the records under the key {example}", "write only the list of records"
-)
-WRAPPED_LISTS = Fault(
-    "not-a-list",
+TRAILING_TEXT = _not_json("text after the JSON: {example}", "remove it")
+PYTHON_LITERAL = _not_json("a list printed by Python instead of JSON", "write it with json.dump")
+WRAPPED = _not_a_list("the records under the key {example}", "write only the list of records")
+WRAPPED_LISTS = _not_a_list(
     "lists of records under several keys, such as {example}",
     "write only the list of records of one split",
     _CONVERT_FOR_SPLIT,
 )
-NESTED_LISTS = Fault(
-    "not-a-list", "lists of records inside the list", "write one flat list of records"
-)
-TABLE = Fault(
-    "not-a-list",
+NESTED_LISTS = _not_a_list("lists of records inside the list", "write one flat list of records")
+TABLE = _not_a_list(
     "a table of columns instead of records",
     'write a list of records (pandas: to_json(orient="records"))',
 )
-KEYED_BY_ROW = Fault(
-    "not-a-list",
+KEYED_BY_ROW = _not_a_list(
     "records keyed by row numbers, such as {example}",
     'write a list of records (pandas: to_json(orient="records"))',
 )
-DECIMAL_IDS = Fault(
-    "wrong-type", "an object id written as a decimal, such as {example}", "write whole numbers"
+DECIMAL_IDS = _wrong_type(
+    "an object id written as a decimal, such as {example}", "write whole numbers"
 )
-DECIMAL_NUMBERS = Fault(
-    "wrong-type",
-    "the number of an episode written as a decimal, such as {example}",
-    "write whole numbers",
+DECIMAL_NUMBERS = _wrong_type(
+    "the number of an episode written as a decimal, such as {example}", "write whole numbers"
 )
 DISAGREEING_ANSWERS = Fault(
     "two-answers",
@@ -98,9 +92,7 @@ DISAGREEING_ANSWERS = Fault(
     "keep one of the keys",
     convert="",
 )
-NO_OBJECTS = Fault(
-    "wrong-type", "{example} for no object", "write -1 where the agent predicts no object"
-)
+NO_OBJECTS = _wrong_type("{example} for no object", "write -1 where the agent predicts no object")
 VIEWS_NOT_WHOLE = Fault(
     "wrong-view",
     "a view index that is not written as a whole number, such as {example}",
@@ -111,127 +103,77 @@ NULL_BOXES = Fault(
     "a null predBox and no object id",
     "write predObjId -1 where the agent predicts no object",
 )
-POSES_AS_OBJECTS = Fault(
-    "wrong-type", "poses written as objects, such as {example}", f"write lists {POSE_FORM}"
+POSES_AS_OBJECTS = _wrong_type(
+    "poses written as objects, such as {example}", f"write lists {POSE_FORM}"
 )
-ANGLES_AS_TEXT = Fault("wrong-type", "angles written as text, such as {example}", "write numbers")
-NULL_ANGLES = Fault(
-    "wrong-type",
-    "null for heading and elevation, such as {example}",
-    "write numbers, or [viewpoint_id] alone",
+ANGLES_AS_TEXT = _wrong_type("angles written as text, such as {example}", "write numbers")
+NULL_ANGLES = _wrong_type(
+    "null for heading and elevation, such as {example}", "write numbers, or [viewpoint_id] alone"
 )
-NUMBERS_AS_TEXT = Fault("wrong-type", "numbers written as text, such as {example}", "write numbers")
-PRINTED_VALUES = Fault(
-    "wrong-type",
+NUMBERS_AS_TEXT = _wrong_type("numbers written as text, such as {example}", "write numbers")
+PRINTED_VALUES = _wrong_type(
     "a tensor, an array or a list printed as text, such as {example}",
     "write its value, by .item() or .tolist()",
 )
-LISTED_VALUES = Fault(
-    "wrong-type", "a value in a list of one, such as {example}", "write the value alone"
+LISTED_VALUES = _wrong_type("a value in a list of one, such as {example}", "write the value alone")
+ARRAYS_OF_ONE = _wrong_type(
+    "a tensor or an array instead of its value, such as {example}", "use .item()", convert=""
 )
-ARRAYS_OF_ONE = Fault(
-    "wrong-type",
-    "a tensor or an array instead of its value, such as {example}",
-    "use .item()",
-    convert="",
+PADDED_VALUES = _wrong_type("spaces or a line end around a value, such as {example}", "remove them")
+NUMBERED_IDS = _wrong_type(
+    "a number for the id, such as {example}", "write the episode's id as text", convert=""
 )
-PADDED_VALUES = Fault(
-    "wrong-type", "spaces or a line end around a value, such as {example}", "remove them"
-)
-NUMBERED_IDS = Fault(
-    "wrong-type",
-    "a number for the id, such as {example}",
-    "write the episode's id as text",
-    convert="",
-)
-ITEMS_FOR_PATHS = Fault(
-    "wrong-type",
+ITEMS_FOR_PATHS = _wrong_type(
     "a trajectory that is an object with a path, as in SOON, such as {example}",
     "write the path itself, a list of poses",
 )
-SEVERAL_PATHS = Fault(
-    "wrong-type",
+SEVERAL_PATHS = _wrong_type(
     "several trajectories, such as {example}",
     "write one list of poses for each episode",
     convert="",
 )
-PATHS_FOR_ITEMS = Fault(
-    "wrong-type",
+PATHS_FOR_ITEMS = _wrong_type(
     "a trajectory that is a list of poses, such as {example}",
     "write a list of objects with path, obj_heading and obj_elevation, one for each start of the "
     "item",
     convert="",
 )
-FLAT_ITEMS = Fault(
-    "wrong-type",
+FLAT_ITEMS = _wrong_type(
     "a trajectory beside its point, such as {example}",
     "write a list of objects, each with its path and its point",
 )
-NUMBERED_VIEWPOINTS = Fault(
-    "wrong-type",
+NUMBERED_VIEWPOINTS = _wrong_type(
     "viewpoints given as numbers, such as {example}",
     "write the viewpoint ids of the connectivity files, not their positions in them",
     convert="",
 )
-PADDED_IDS = Fault(
-    "unknown-episode",
-    "spaces or a line end around the id, such as {example}",
-    "remove them",
-    _CONVERT_FOR_SPLIT,
+PADDED_IDS = _wrong_id("spaces or a line end around the id, such as {example}", "remove them")
+PRINTED_IDS = _wrong_id(
+    "an id printed as a tensor, an array or a list, such as {example}", "write the id alone"
 )
-PRINTED_IDS = Fault(
-    "unknown-episode",
-    "an id printed as a tensor, an array or a list, such as {example}",
-    "write the id alone",
-    _CONVERT_FOR_SPLIT,
-)
-PREFIXED_IDS = Fault(
-    "unknown-episode", "a prefix before the id, such as {example}", "remove it", _CONVERT_FOR_SPLIT
-)
-SUFFIXED_IDS = Fault(
-    "unknown-episode", "something after the id, such as {example}", "remove it", _CONVERT_FOR_SPLIT
-)
-REWRITTEN_IDS = Fault(
-    "unknown-episode",
+PREFIXED_IDS = _wrong_id("a prefix before the id, such as {example}", "remove it")
+SUFFIXED_IDS = _wrong_id("something after the id, such as {example}", "remove it")
+REWRITTEN_IDS = _wrong_id(
     "an id that is written otherwise, such as {example}",
     "write its numbers plainly, with underscores between them",
-    _CONVERT_FOR_SPLIT,
 )
-REORDERED_IDS = Fault(
-    "unknown-episode",
+REORDERED_IDS = _wrong_id(
     "the parts of the id in another order, such as {example}",
     "write them in the order of the annotations' ids",
-    _CONVERT_FOR_SPLIT,
 )
-IDS_FROM_ONE = Fault(
-    "unknown-episode",
-    "instructions numbered from 1, such as {example}",
-    "number them from 0",
-    _CONVERT_FOR_SPLIT,
+IDS_FROM_ONE = _wrong_id("instructions numbered from 1, such as {example}", "number them from 0")
+PADDED_VIEWPOINTS = _wrong_viewpoint(
+    "spaces or a line end around viewpoint ids, such as {example}", "remove them"
 )
-PADDED_VIEWPOINTS = Fault(
-    "unknown-viewpoint",
-    "spaces or a line end around viewpoint ids, such as {example}",
-    "remove them",
-    _CONVERT_FOR_SPLIT,
+PRINTED_VIEWPOINTS = _wrong_viewpoint(
+    "viewpoint ids printed as arrays or lists, such as {example}", "write the viewpoint ids alone"
 )
-PRINTED_VIEWPOINTS = Fault(
-    "unknown-viewpoint",
-    "viewpoint ids printed as arrays or lists, such as {example}",
-    "write the viewpoint ids alone",
-    _CONVERT_FOR_SPLIT,
-)
-SURROUNDED_VIEWPOINTS = Fault(
-    "unknown-viewpoint",
+SURROUNDED_VIEWPOINTS = _wrong_viewpoint(
     "viewpoint ids in capitals or with something beside them, such as {example}",
     "write the viewpoint ids alone",
-    _CONVERT_FOR_SPLIT,
 )
-VIEWPOINTS_WITH_SCANS = Fault(
-    "unknown-viewpoint",
-    "the scan before viewpoint ids, such as {example}",
-    "write the viewpoint ids alone",
-    _CONVERT_FOR_SPLIT,
+VIEWPOINTS_WITH_SCANS = _wrong_viewpoint(
+    "the scan before viewpoint ids, such as {example}", "write the viewpoint ids alone"
 )
 REPEATED_RECORDS = Fault(
     "duplicate-episode",

@@ -17,7 +17,7 @@ from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, Need, candidate_match
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.tasks import Protocol
-from reverie_eval.text import did_you_mean, first_few
+from reverie_eval.text import count_text, did_you_mean, first_few
 
 Track = Literal["full", "grounding"]
 """What the agent does: navigate and ground the object, or ground it from the goal."""
@@ -145,6 +145,18 @@ class EpisodeTable(Mapping[str, Array]):
         if key not in self._values:
             self._values[key] = CATALOGUE[key].compute(self)
         return self._values[key]
+
+
+def jump_notes(jumps: Array, protocol: Protocol | None = None) -> Sequence[str]:
+    """Count the moves between unconnected viewpoints, and say how a protocol treats them."""
+    if not jumps.any():
+        return ()
+    episodes = count_text(int((jumps > 0).sum()), "episode")
+    treatment = ""
+    if protocol is not None and protocol.rejects_jumps:
+        treatment = f"; {protocol.name}'s own evaluator stops at a jump"
+    jumps_text = count_text(int(jumps.sum()), "jump")
+    return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{treatment}",)
 
 
 OUTCOMES: Mapping[str, str] = MappingProxyType(

@@ -18,9 +18,9 @@ from reverie_eval import metrics
 from reverie_eval.arrays import Array, BoolArray
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.scoring._episode_table import Track, qualifier_of
+from reverie_eval.scoring._episode_table import Track, jump_notes, qualifier_of
 from reverie_eval.scoring._lookups import Lookups, find_jumps
-from reverie_eval.scoring._scores import Scores, jump_notes
+from reverie_eval.scoring._scores import Scores
 from reverie_eval.submissions import (
     Predictions,
     Submission,

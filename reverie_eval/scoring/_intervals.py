@@ -18,6 +18,7 @@ from reverie_eval.text import count_text, did_you_mean
 
 if TYPE_CHECKING:
     from reverie_eval.metrics.engine import IntervalEngine
+    from reverie_eval.schemas.report import IntervalReport
 
 Clustering = Literal["target", "scan"]
 """What dependent episodes share: the target, or the building. The target is the object; in a task
@@ -166,6 +167,19 @@ class Intervals(ClusterIntervals):
         )
         rare = f"; score method where few {self.cluster}s succeed or few fail"
         return drawn + rare * bool(self.by_score_method)
+
+    def to_report(self) -> "IntervalReport":
+        """Return what the score report says of the intervals."""
+        from reverie_eval.schemas.report import IntervalReport
+
+        return IntervalReport(
+            by=self.cluster,
+            clusters=self.n_clusters,
+            confidence=self.confidence,
+            resamples=self.resamples,
+            seed=self.seed,
+            intervals={key: (interval.low, interval.high) for key, interval in self.items()},
+        )
 
 
 def bounds_of(keys: Iterable[str], bounds: Callable[[Metric], tuple[float, float]]) -> FloatArray:

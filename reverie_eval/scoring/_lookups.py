@@ -7,7 +7,7 @@ the agent stops. It is wrong if that view does not show the target.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from reverie_eval.arrays import (
 from reverie_eval.geometry import HEIGHT, WIDTH, is_on_grid, polygon_overlap, snap, warp
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
 from reverie_eval.metrics import (
+    CATALOGUE,
     IOU_THRESHOLD,
     SUCCESS_DISTANCE,
     Overlap,
@@ -32,6 +33,10 @@ from reverie_eval.metrics import (
 )
 from reverie_eval.submissions import BoxAnswers, SubmissionColumns
 from reverie_eval.tasks import GoalRule
+from reverie_eval.text import count_text
+
+if TYPE_CHECKING:
+    from reverie_eval.schemas.report import BoxReport
 
 BOX_OUTCOMES = ("correct", "low IoU", "wrong view", "target not visible")
 """The outcomes of a predicted box."""
@@ -87,6 +92,31 @@ class BoxScores:
     def ambiguous_share(self) -> float:
         """Share of ambiguous views among those that show the target; 0 if there are none."""
         return float(self.is_ambiguous.sum() / max(self.is_in_view.sum(), 1))
+
+    @property
+    def note(self) -> str:
+        """What a reader of scores with boxes should know of them, a sentence."""
+        percent = CATALOGUE["iou"].display
+        misses = ", ".join(f"{count:,} {reason}" for reason, count in self.misses.items())
+        return (
+            f"{count_text(len(self), 'box', 'boxes')} predicted, {self.is_correct.sum():,} correct "
+            f"(misses: {misses}), mean IoU {percent(self.mean_iou)} %; a box around the whole "
+            f"image would be correct in {percent(self.whole_image_share)} %; "
+            f"{percent(self.ambiguous_share)} % of the views that show the target are ambiguous"
+        )
+
+    def to_report(self) -> "BoxReport":
+        """Return what the score report says of the boxes."""
+        from reverie_eval.schemas.report import BoxReport
+
+        return BoxReport(
+            answers=len(self),
+            correct=int(self.is_correct.sum()),
+            mean_iou=self.mean_iou,
+            whole_image=self.whole_image_share,
+            ambiguous_views=self.ambiguous_share,
+            misses=dict(self.misses),
+        )
 
     def __len__(self) -> int:
         return len(self.row)

@@ -24,6 +24,7 @@ from reverie_eval.scoring._episode_table import (
     EpisodeTable,
     FailureModes,
     failure_modes,
+    jump_notes,
     outcome_indices,
     track_of,
 )
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 
     from reverie_eval.analysis import Episode, Gallery, Grouped
     from reverie_eval.reporting.figures import Plots
-    from reverie_eval.schemas.report import BoxReport, IntervalReport, ScoreReport
+    from reverie_eval.schemas.report import ScoreReport
 
 _FINGERPRINT_SHOWN = 12
 _TASK = "task:"
@@ -215,7 +216,7 @@ class Scores(Mapping[str, float]):
         """What a reader of the scores should know, one sentence each."""
         jumps = self.episodes.get("jumps")
         return [
-            *([] if self.boxes is None else [_box_note(self.boxes)]),
+            *([] if self.boxes is None else [self.boxes.note]),
             *self.hints,
             *([] if jumps is None else jump_notes(jumps, self.protocol)),
             *_unscored_notes(self.ground_truth, self.protocol),
@@ -524,8 +525,8 @@ class Scores(Mapping[str, float]):
             version=__version__,
             episodes=len(self.instr_ids),
             scores=dict(self),
-            boxes=None if self.boxes is None else _box_report(self.boxes),
-            intervals=None if self.intervals is None else _interval_report(self.intervals),
+            boxes=None if self.boxes is None else self.boxes.to_report(),
+            intervals=None if self.intervals is None else self.intervals.to_report(),
             notes=list(self.notes),
         )
 
@@ -558,18 +559,6 @@ def _conditions(scores: Scores) -> Sequence[str]:
     return *of, scores.protocol.name, scores.qualifier
 
 
-def jump_notes(jumps: Array, protocol: Protocol | None = None) -> Sequence[str]:
-    """Count the moves between unconnected viewpoints, and say how a protocol treats them."""
-    if not jumps.any():
-        return ()
-    episodes = count_text(int((jumps > 0).sum()), "episode")
-    treatment = ""
-    if protocol is not None and protocol.rejects_jumps:
-        treatment = f"; {protocol.name}'s own evaluator stops at a jump"
-    jumps_text = count_text(int(jumps.sum()), "jump")
-    return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{treatment}",)
-
-
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
     """Return the signature of scores under a protocol and a ground truth, with this version."""
     task = truth.header.task
@@ -597,43 +586,6 @@ def task_of(signature: str) -> Task:
     first = signature.partition("|")[0]
     is_named = first.startswith(_TASK)
     return find_task(first.removeprefix(_TASK) if is_named else DEFAULT_TASK)
-
-
-def _box_report(boxes: BoxScores) -> "BoxReport":
-    from reverie_eval.schemas.report import BoxReport
-
-    return BoxReport(
-        answers=len(boxes),
-        correct=int(boxes.is_correct.sum()),
-        mean_iou=boxes.mean_iou,
-        whole_image=boxes.whole_image_share,
-        ambiguous_views=boxes.ambiguous_share,
-        misses=dict(boxes.misses),
-    )
-
-
-def _interval_report(intervals: Intervals) -> "IntervalReport":
-    from reverie_eval.schemas.report import IntervalReport
-
-    return IntervalReport(
-        by=intervals.cluster,
-        clusters=intervals.n_clusters,
-        confidence=intervals.confidence,
-        resamples=intervals.resamples,
-        seed=intervals.seed,
-        intervals={key: (interval.low, interval.high) for key, interval in intervals.items()},
-    )
-
-
-def _box_note(boxes: BoxScores) -> str:
-    percent = CATALOGUE["iou"].display
-    misses = ", ".join(f"{count:,} {reason}" for reason, count in boxes.misses.items())
-    return (
-        f"{count_text(len(boxes), 'box', 'boxes')} predicted, {boxes.is_correct.sum():,} correct "
-        f"(misses: {misses}), mean IoU {percent(boxes.mean_iou)} %; a box around the whole image "
-        f"would be correct in {percent(boxes.whole_image_share)} %; "
-        f"{percent(boxes.ambiguous_share)} % of the views that show the target are ambiguous"
-    )
 
 
 def _unscored_notes(truth: GroundTruth, protocol: Protocol) -> Iterator[str]:

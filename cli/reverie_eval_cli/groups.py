@@ -51,6 +51,7 @@ class LazyGroup(Group):
                 return None
             raise NoSuchCommand(cmd_name, possibilities=self._attributes, ctx=ctx)
         module, _, attribute = self._attributes[cmd_name].partition(":")
+        # Only the command that runs is imported: those of the server load a web framework.
         command: click.Command = getattr(
             importlib.import_module(f"{self._package}.{module}"), attribute
         )
@@ -76,6 +77,8 @@ class Program(LazyGroup):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put ``score`` before a file, or before one of its options."""
         if args and args[0] not in {*self._attributes, *_HELP, "help", "--version"}:
+            # ``sumbit`` is a slip of a command's name; ``submit.json`` and ``runs/1`` are files,
+            # there or not.
             looks_like_command = args[0].isidentifier() and not Path(args[0]).exists()
             if looks_like_command and not ctx.resilient_parsing:
                 message = f"{args[0]!r} is neither a command nor a file."

@@ -101,6 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _status(words: list[str]) -> int:
     """Run the command; print why it failed in a line, without a traceback."""
     try:
+        # A shell starts the program at each press of the tab key.
         if instruction := os.environ.get(COMPLETION_VARIABLE):
             from click.shell_completion import shell_complete
 
@@ -108,6 +109,7 @@ def _status(words: list[str]) -> int:
         with naming_missing_parts(), program.make_context(PROGRAM, words) as context:
             status: int | None = program.invoke(context)
             return status or 0
+    # Returned, not raised as SystemExit: tests call this function.
     except click.exceptions.Exit as finished:  # after --help and --version
         return finished.exit_code
     except click.ClickException as error:
@@ -117,6 +119,7 @@ def _status(words: list[str]) -> int:
         raise
     except (ReverieEvalError, OSError, MemoryError, KeyboardInterrupt) as error:
         print(f"{PROGRAM}: {_reason(error)}", file=sys.stderr)
+        # 1 says that the input is wrong, so scripts can tell it from a server that is down.
         return 1 if isinstance(error, RejectedError) else 2
 
 

@@ -126,6 +126,7 @@ def completing(
 
 @completing
 def _complete_split(context: click.Context) -> Iterable[str]:
+    # Completion parses what was typed so far; an option behind the cursor is not known yet.
     given = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
     return bundled_splits(Path(given) if given else None) or _SPLITS
 
@@ -224,6 +225,7 @@ def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
     """Add several options, in this order."""
 
     def decorate(command: Command) -> Command:
+        # Decorators apply from the inside, and the help lists options from the outside.
         for add in reversed(options):
             command = add(command)
         return command
@@ -239,6 +241,8 @@ def grouped(
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(command)
         def with_group(**values: Any) -> Any:
+            # click passes every option as an argument of its own; the fields of the dataclass say
+            # which are taken.
             own = {field.name: values.pop(field.name) for field in fields(group)}
             return command(**{name: group(**own)}, **values)
 

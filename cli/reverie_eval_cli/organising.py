@@ -82,6 +82,7 @@ class Folder:
         from reverie_eval.server.service.tokens import has_organiser
 
         with self.acting() as transaction:
+            # Only a change is worth a warning: a new server has no organiser yet.
             had_one = has_organiser(transaction.session, transaction.now)
             yield transaction
             if had_one and not has_organiser(transaction.session, transaction.now):
@@ -116,6 +117,7 @@ def after(days: int | None) -> datetime | None:
 def read_text(file: Path) -> str:
     """Return the text of a file to be imported, which has to be UTF-8."""
     try:
+        # Spreadsheets begin UTF-8 with a mark of byte order.
         return file.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ReverieEvalError(f"{file}: invalid UTF-8 from byte {error.start} on") from None

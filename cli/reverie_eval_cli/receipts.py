@@ -27,6 +27,8 @@ def check_receipt_path(given: str | None, sha256: str, split: str) -> None:
         )
     if path.exists():
         there = _fields_in(path)
+        # A receipt of this very file and split may be written again; anything else is somebody's
+        # file.
         if (there.get("sha256"), there.get("split")) != (sha256, split):
             raise ReverieEvalError(f"{given} already exists; choose another file for the receipt")
 
@@ -50,9 +52,11 @@ def _keep(receipt: "Envelope", candidates: Iterable[Path]) -> Path:
     path = Path()
     for path in candidates:
         try:
+            # "x" fails if the file exists: two commands at once cannot take one name.
             with path.open("x", encoding="utf-8") as file:
                 file.write(receipt.model_dump_json(indent=2) + "\n")
         except FileExistsError:
+            # The same submission sent again: its receipt is there already.
             if _envelope_in(path) == receipt:
                 return path
         else:

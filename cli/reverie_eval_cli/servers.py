@@ -32,6 +32,7 @@ class ServerOptions:
         from reverie_eval.client.logins import Logins
         from reverie_eval.client.sending import server_url
 
+        # An option is meant for this command, a variable for this shell, a login for this machine.
         named = self.named or os.environ.get(SERVER_VARIABLE) or Logins.load().latest
         if not named:
             raise ReverieEvalError(f"which server? Name it with --server URL or {SERVER_VARIABLE}")
@@ -47,6 +48,7 @@ class ServerOptions:
         """Return the token for the server; without one, an error says how to sign in."""
         from reverie_eval.client.logins import Logins
 
+        # The variable first: scripts and CI have no login, and must not fall back on a person's.
         token = os.environ.get(TOKEN_VARIABLE) or Logins.load().tokens.get(self.url)
         if not token:
             raise ReverieEvalError(

@@ -148,6 +148,7 @@ def is_hidden(view: IntArray, box_xywh: IntArray, distance: FloatArray) -> BoolA
     for index in np.unique(view):
         rows = np.flatnonzero(view == index)
         near, far = box_xywh[rows, :2], box_xywh[rows, :2] + box_xywh[rows, 2:]
+        # All pairs of a view at once: it has some dozens of boxes at most.
         contains = ((near[:, None] <= near) & (far[:, None] >= far)).all(axis=-1)
         is_nearer = distance[rows, None] < distance[rows]
         hidden[rows] = (contains & is_nearer).any(axis=0)
@@ -208,6 +209,7 @@ def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = 
     if absent:
         message = "there is no such folder"
         raise DatasetError([Problem("missing-input", str(folder), message) for folder in absent])
+    # Sorted, so that of two files of a scan the same one is named first on every machine.
     house_files = sorted(houses.rglob(f"*{_HOUSE}"))
     house_of = {path.stem: path for path in house_files}
     graph_of = find_graphs(connectivity)
@@ -329,6 +331,7 @@ def build_boxes(
 
 def _build_scan(scan: Scan, *, folder: Path, rules: BoxRules) -> ScanResult:
     """Build and write one scan; return an error, which is raised together with other scans'."""
+    # All files are read before any problem is raised, so that one attempt lists everything.
     house = _read_house(scan.house)
     reader = Reader()
     graphs = read_graphs(reader, {scan.scan_id: scan.connectivity})

@@ -36,6 +36,8 @@ class ScanGraph:
         label = np.arange(len(self.edge))
         while True:
             before = label.copy()
+            # The smallest label spreads by one edge in each round. ``minimum.at`` takes repeated
+            # indexes one after another, where an assignment would keep the last.
             np.minimum.at(label, end, before[start])
             if np.array_equal(label, before):
                 return label
@@ -78,6 +80,8 @@ def _shortest_routes(
     # Layers of edges: in each, at most one leads to each node.
     order = np.argsort(end, kind="stable")
     start, end, length = start[order], end[order], length[order]
+    # In a sorted column, an element's index less that of its first equal is its number among its
+    # equals.
     layer = np.arange(len(end)) - np.searchsorted(end, end)
     n_layers = layer.max(initial=-1) + 1
     previous = np.zeros((n_layers, n_nodes), dtype=np.int64)
@@ -92,6 +96,7 @@ def _shortest_routes(
         for nodes, last in zip(previous, last_length, strict=True):
             np.take(to_from, nodes, axis=0, out=route, mode="clip")  # "raise" copies once more
             route += last
+            # In place, so shorter routes of this round are already used by the next layer.
             np.minimum(to_from, route, out=to_from)
         if np.array_equal(to_from, before):
             return np.ascontiguousarray(to_from.T)
@@ -186,7 +191,9 @@ def _scan_graph(scan_id: str, viewpoints: Sequence[Viewpoint]) -> ScanGraph:
         scan_id,
         frozenset(v.image_id for v in viewpoints if not v.included),
         tuple(viewpoints[row].image_id for row in rows),
+        # Reshaped, because without viewpoints there is no second axis.
         np.array([viewpoints[row].position for row in rows]).reshape(-1, 3),
+        # A pose is the 4 x 4 matrix from the camera's frame to the scan's, row by row.
         np.array([viewpoints[row].pose for row in rows]).reshape(-1, 4, 4)[:, :3, :3],
         unobstructed[np.ix_(rows, rows)],
     )

@@ -252,6 +252,7 @@ class Solution:
         goal, offsets = self.goals()
         if self.goal_outline is None:
             raise GroundTruthError("this ground truth has no outlines of its targets")
+        # np.unique gives the first of equal keys; in a reversed column, that is the last.
         step = 1 if which == "first" else -1
         keys, row = np.unique(with_object(row_of(offsets), goal)[::step], return_index=True)
         index, is_seen = find_sorted(keys, with_object(item, viewpoint))

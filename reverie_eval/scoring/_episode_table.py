@@ -71,6 +71,7 @@ class EpisodeTable(Mapping[str, Array]):
     ) -> None:
         self.lookups = lookups.measured_by(protocol.goal)
         self.protocol = protocol
+        # Which metrics are scored is known before any is computed, so a table's keys cost nothing.
         self._keys = scored_metrics(
             protocol,
             track,

@@ -70,6 +70,7 @@ class BoxScores:
     def outcome(self) -> IntArray:
         """Shape (n_boxes,): index into ``BOX_OUTCOMES``."""
         conditions = [self.is_correct, self.is_in_view, self.is_visible]
+        # The first that holds decides, so the order is that of BOX_OUTCOMES.
         return np.asarray(np.select(conditions, [0, 1, 2], default=3))
 
     @property
@@ -91,6 +92,7 @@ class BoxScores:
     @property
     def ambiguous_share(self) -> float:
         """Share of ambiguous views among those that show the target; 0 if there are none."""
+        # Nothing is ambiguous where nothing is in view: 0 / 1.
         return float(self.is_ambiguous.sum() / max(self.is_in_view.sum(), 1))
 
     @property
@@ -235,8 +237,10 @@ class Lookups:
         goal, offsets = self._solution.goals()
         item = self.ground_truth.episodes.item
         count = np.diff(offsets)[item]
+        # Each stop is paired with all goals of its item; the smallest distance of the pairs counts.
         goals = goal[take_rows(item, offsets)]
         distance = self._graph.distance_between(np.repeat(viewpoint, count), goals)
+        # The compiler rejects an item without goals, so no row is empty.
         return np.minimum.reduceat(distance, offsets_of(count)[:-1])
 
     @cached_property
@@ -293,6 +297,7 @@ class _MovedGoals(Lookups):
     def __init__(self, given: Lookups) -> None:
         truth, submission = given.ground_truth, given.submission
         solution, stop = truth.require_solution(), submission.viewpoint[last_of(given.offsets)]
+        # The stop becomes the goal of the episode, of all its lengths and distances.
         is_seen = solution.is_goal(truth.episodes.item, stop)
         moved = replace(solution, goal=np.where(is_seen, stop, solution.goal))
         super().__init__(submission, replace(truth, solution=moved))
@@ -302,6 +307,7 @@ class _MovedGoals(Lookups):
     def oracle_distance(self) -> FloatArray:
         """Shape (n_poses,): metres to the goal from where the oracle of the episode stops."""
         before = self._given.goal_distance
+        # Of several poses that are as near, the official script takes the first.
         nearest = np.minimum.reduceat(before, self.offsets[:-1])[self._episode]
         candidate = np.flatnonzero(before == nearest)
         _, first = np.unique(self._episode[candidate], return_index=True)
@@ -353,6 +359,7 @@ def is_goal(
             return np.asarray(distance <= SUCCESS_DISTANCE)
         case "near the path's end" | "at most 3 m from the path's end":
             distance = ground_truth.graph.distance_between(viewpoint, solution.goal[episode])
+            # Exactly 3 m is a failure in R2R's script, and a success in R4R's and RxR's.
             near = np.less if rule == "near the path's end" else np.less_equal
             return np.asarray(near(distance, SUCCESS_DISTANCE))
         case "at a goal viewpoint":
@@ -414,6 +421,7 @@ def score_boxes(
 def _overlap(boxes: BoxAnswers, view: IntArray, target_xywh: IntArray) -> Overlap:
     """Return the overlap with the target's box; boxes from cameras off the grid are warped."""
     overlap = box_overlap(boxes.xywh, target_xywh)
+    # Nearly all boxes are in a view itself, and need neither shapely nor rounding.
     off_grid = np.flatnonzero(~is_on_grid(boxes.camera))
     if off_grid.size:
         polygons = warp(boxes.xywh[off_grid], boxes.camera[off_grid], view[off_grid])

@@ -155,6 +155,7 @@ def _look_up(predictions: Predictions, ground_truth: GroundTruth) -> _Looked:
     episode, viewpoint = _episodes_and_viewpoints(predictions, ground_truth)
     signs = predictions.signs
     has_its_form = not signs.numbered and signs.has_items == ground_truth.task.has_items
+    # Nearly always: recognition compares texts, one by one.
     if has_its_form and not ((episode == _UNKNOWN).any() or (viewpoint == _UNKNOWN).any()):
         return _Looked(predictions, episode, viewpoint)
     log = ReadingLog()
@@ -183,6 +184,7 @@ def _check_buildings(
     rows = np.flatnonzero((np.diff(predictions.offsets) > 0) & (episode != _UNKNOWN))
     begin = viewpoint[first[rows]]
     scan = ground_truth.graph.viewpoint_scan
+    # An unknown start is -1, and takes the scan of the last viewpoint; it is decided below.
     elsewhere = scan[begin] != scan[ground_truth.episodes.start[episode[rows]]]
     # The graph has the buildings of the split alone, so other viewpoints may be of another one.
     elsewhere[begin == _UNKNOWN] = [
@@ -190,6 +192,7 @@ def _check_buildings(
         for pose in first[rows[begin == _UNKNOWN]].tolist()
     ]
     count = int(elsewhere.sum())
+    # A few wrong starts are an agent's mistakes, and told one by one.
     if count > SHOWN_PROBLEMS and count > MOST * len(rows):
         found = problems.OTHER_BUILDINGS.of_file(
             count=count, total=len(rows), split=ground_truth.split
@@ -227,6 +230,7 @@ def _raise_problems(*groups: Iterable[Problem]) -> None:
 
 def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
     """Return the records in the order of the ground truth, those of some episodes alone."""
+    # Every episode that is scored occurs once by now, so this order is the alignment.
     order = np.argsort(episode)
     return order if rows is None else order[np.isin(episode[order], rows)]
 

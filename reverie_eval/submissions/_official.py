@@ -79,6 +79,7 @@ def decode_official(content: bytes, *, has_answers: bool = True) -> Predictions 
             parts = [read(decode(chunk), numbering) for chunk in _chunks(content)]
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue
+        # The numbering is one for all chunks, so the numbers of viewpoints can simply be joined.
         whole = _Part(*map(_joined, zip(*parts, strict=True)))
         # One colon for each field. If there are more, a record may have a field twice, which
         # msgspec accepts silently. An id with a colon looks the same here; the careful lane tells
@@ -158,6 +159,8 @@ def _chunks(content: bytes) -> Iterator[bytes]:
     """
     begin, opening = 0, b""
     while cut := _BETWEEN_RECORDS.search(content, begin + _CHUNK):
+        # The cut is between two braces: the list is closed behind the first and opened before the
+        # second.
         yield opening + content[begin : cut.start() + 1] + b"]"
         begin, opening = cut.end() - 1, b"["
     yield opening + content[begin:]
@@ -188,6 +191,7 @@ def _read_hops(records: Sequence[Any], numbering: Numbering) -> _Part:
     n_hops, hop_lengths = _lengths(trajectories), _lengths(hops)
     return _Part(
         instr_ids=[record.instr_id for record in records],
+        # Every trajectory has a hop, as its type says, so reduceat meets no empty row.
         lengths=np.add.reduceat(hop_lengths, offsets_of(n_hops)[:-1]),
         viewpoints=numbering.numbers(chain.from_iterable(hops)),
         **_answers(records),
@@ -263,6 +267,7 @@ def convert_official(submission: Records, *, has_answers: bool = True) -> Predic
         offsets=offsets,
         predicted_object=predicted_object,
         has_degrees=look_like_degrees(angle[offsets[1:] - 1]),
+        # Integers alone come this far: text takes the careful lane.
         answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
         has_leading_zeros=np.zeros(len(instr_ids), dtype=np.bool_),
         is_navigation_only=not has_answers,
@@ -307,6 +312,7 @@ def _plain_columns(submission: Any, fields: Sequence[str]) -> Sequence[Sequence[
     """
     if not (submission and have_types([submission], _LISTS) and have_types(submission, {dict})):
         return None
+    # Keys in another order are equal, and a missing or further one is not.
     if any(record.keys() != set(fields) for record in submission):
         return None
     columns = (list(map(itemgetter(field), submission)) for field in fields)

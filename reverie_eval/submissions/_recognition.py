@@ -67,6 +67,7 @@ def signs_of(given: _Records, named: _Records, task: Task) -> Signs:
     if not given:
         return Signs()
     keys = {frozenset(ID_KEYS.intersection(record)) for record in given}
+    # Only a field that all records have, and no other id field beside it, tells a task.
     (key,) = next(iter(keys)) if len(keys) == 1 and len(next(iter(keys))) == 1 else ("",)
     items = [record for record in named if is_item(record)]
     return Signs(
@@ -125,6 +126,8 @@ def recognise(
     # Results without answers begin alike in several tasks.
     tells_paths = signs.has_answers and task.has_targets
     is_ours = _knows(corrected.ids, known) or (tells_paths and _knows_paths(raw, ground_truth))
+    # Ids of the split count for more than any sign of another task: advice to score a file of this
+    # one elsewhere would lead its owner astray.
     if not (is_ours and _has_form_of(task, raw, signs)):
         other = _other_task(raw, signs, task)
         if other is not None:
@@ -136,6 +139,8 @@ def recognise(
     unknown, there = of_split.pop(None, []), {each for each in meant if each in known.own}
     numbered = [row for row in unknown if row in signs.numbered]
     strange = [row for row in unknown if row not in signs.numbered]
+    # An id became unreadable here, not before: it may be any of the episodes that seem to be
+    # missing.
     is_unresolved = completed.count(None) > ids.count(None)
     if not there and strange:  # then a few are ids of another split by chance
         strange = sorted([*strange, *(row for rows in of_split.values() for row in rows)])
@@ -155,6 +160,7 @@ def recognise(
     ):
         for row in rows:
             log.add_fault(fault, *locate(row), ids[row])
+            # Reported once for all; left in, each of them would be an unknown episode once more.
             meant[row] = None
     is_unresolved |= bool(raw) and not there
     return Recognition(meant, None, others, is_unresolved)
@@ -273,6 +279,7 @@ def _tasks_with_such_ids(raw: Sequence[str], task: Task) -> Sequence[Task]:
     # Of two tasks, the ids of one may all look like the other's: RxR's as R2R's, but not R2R's as
     # RxR's. The narrower form says more.
     narrow = [each for each in alike if not any(_is_wider(each, other) for other in alike)]
+    # An id that looks ours is no reason to advise another task, whatever else it looks like.
     return [] if task in narrow else narrow
 
 
@@ -316,6 +323,8 @@ def _find_parts(
     """Return the names of the parts that nearly all ids lack, and the episodes that each fits."""
     full = {each: _BETWEEN_PARTS.split(each) for each in ground_truth.episodes.index}
     names = _names_of_parts(ground_truth)
+    # In the order of the combinations: the parts that people leave out most often come first, and
+    # later ones must explain more.
     best, most = None, _NEARLY_ALL * len(given)
     for lacking in _combinations(len(names)):
         by_rest: defaultdict[str, list[str]] = defaultdict(list)
@@ -387,6 +396,7 @@ def _without_prefix(instr_id: str, known: Known) -> str:
     ----------
     .. [1] zd11024/NaviLLM a221f42, tasks/datasets/cvdn.py, load_data
     """
+    # From the left: the longest known ending is the id.
     ends = (instr_id[mark.end() :] for mark in _MARK.finditer(instr_id))
     return next((end for end in ends if end in known), instr_id)
 
@@ -394,6 +404,7 @@ def _without_prefix(instr_id: str, known: Known) -> str:
 def _without_suffix(instr_id: str, known: Known) -> str:
     item, mark, start = instr_id.partition(ITEM_MARK)
     ends = [found.start() for found in _MARK.finditer(item)]
+    # From the right: the longest known beginning is the id.
     cut = (f"{item[:end]}{mark}{start}" for end in reversed(ends))
     return next((each for each in cut if each in known), instr_id)
 
@@ -477,6 +488,8 @@ def _correct(
         # In a file whose instructions are counted from 1, most ids are known: of other episodes.
         is_right = known if fault is not faults.IDS_FROM_ONE else ()
         fixed = [each if each is None or each in is_right else correct(each, known) for each in ids]
+        # At least half must be explained: a cause that helps a few ids is a coincidence. If
+        # different ids became equal, predictions of different episodes would be taken for one.
         if 2 * count_unknown(fixed, known) <= unknown and len(set(fixed)) >= count:
             return Corrected(fixed, fault)
     return Corrected(ids)

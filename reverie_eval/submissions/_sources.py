@@ -81,6 +81,7 @@ def read_bytes(source: Source) -> bytes:
     TypeError
         If it is not a source.
     """
+    # Read for each submission, so that a notebook can change the variable.
     limit = _max_mebibytes() << 20
     content = source if isinstance(source, bytes) else _read(source, limit)
     return unpack(content, limit, MAX_MEBIBYTES_VARIABLE)
@@ -101,6 +102,7 @@ def _read(source: str | PathLike[str] | BinaryIO | TextIO, limit: int) -> bytes:
     if isinstance(source, str) and source == STANDARD_INPUT:
         if sys.stdin is None:  # closed by the shell: `<&-`
             raise OSError(errno.EBADF, "is closed", "standard input")
+        # One byte more than the limit, so that a file of just the limit is not too large.
         return sys.stdin.buffer.read(limit + 1)
     if isinstance(source, str | PathLike):
         return _read_file(source, limit)
@@ -179,6 +181,8 @@ def _unpack_zip(content: bytes, limit: int) -> bytes:
 def _read_pieces(read: Callable[[int], bytes], limit: int) -> bytes:
     """Return a file's content; one byte more than the limit tells that it is too large."""
     unpacked = io.BytesIO()
+    # Piece by piece: an archive may claim any size, and a bomb is unpacked no farther than the
+    # limit.
     while piece := read(min(_PIECE, limit + 1 - unpacked.tell())):
         unpacked.write(piece)
     return unpacked.getvalue()
@@ -193,6 +197,7 @@ def _only_file(archive: ZipFile) -> ZipInfo:
     (file,) = files
     if file.flag_bits & _ENCRYPTED:
         raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason="it is encrypted")])
+    # The others need modules that a Python may lack.
     if file.compress_type not in _METHODS:
         reason = "it is compressed in an unusual way"
         raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason=reason)])
@@ -202,6 +207,7 @@ def _only_file(archive: ZipFile) -> ZipInfo:
 def _is_system_file(member: ZipInfo) -> bool:
     """Whether this is a folder, or a file that the operating system added."""
     *folders, name = member.filename.split("/")
+    # macOS puts a hidden file beside each file of an archive.
     return not name or name.startswith(".") or "__MACOSX" in folders
 
 
@@ -237,6 +243,7 @@ def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
         As :func:`find_files`; or if a file is named twice, or not at all between two commas.
     """
     name, _, files = word.partition("=")
+    # A path may contain an equals sign, so what exists is never taken apart.
     if not files or not name or "/" in name or has_magic(name) or Path(word).exists():
         return None
     named = [files] if Path(files).exists() else files.split(",")
@@ -269,6 +276,7 @@ def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[s
     while True:
         for name in dict.fromkeys(chain.from_iterable(map(_files, names))):
             state = _state(name)
+            # Unchanged since the last look, and not the state that was yielded before.
             if state and state == seen.get(name) != yielded.get(name):
                 yielded[name] = state
                 yield name
@@ -320,6 +328,7 @@ def submission_names(submissions: Sequence[object]) -> Sequence[str]:
     named = [each for each in submissions if isinstance(each, (str, os.PathLike))]
     files = [Path(source_name(each)) for each in named]
     bare = [file.with_name(_JSON_SUFFIX.sub("", file.name)) for file in files]
+    # From short to long; the first in which no two are alike is taken.
     for names in ([file.name for file in bare], _differing_parts(bare), _differing_parts(files)):
         if len(set(names)) == len(submissions):
             return names
@@ -330,6 +339,7 @@ def _differing_parts(files: Sequence[Path]) -> Sequence[str]:
     """Return the paths without their common beginning and their common end."""
     parts = [list(file.parts) for file in files]
     for end in (0, -1):
+        # A part stays of each path, however alike they are.
         while len({each[end] for each in parts}) == 1 and min(map(len, parts)) > 1:
             for each in parts:
                 each.pop(end)

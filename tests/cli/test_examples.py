@@ -27,6 +27,7 @@ DAY = REPOSITORY / "docs" / "tutorials" / "day.ipynb"
 """The notebook whose outputs are kept, for readers who do not run it."""
 NOTEBOOKS = [DAY, *sorted(EXAMPLES.glob("*.ipynb"))]
 EPOCHS = ["mediocre", "drawn", "good"]
+PYENV = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
 MINUTES = 60
 
 Outputs: TypeAlias = Sequence[Mapping[str, Any]]
@@ -203,3 +204,45 @@ def test_wandb(folder: Path, expected: list[Mapping[str, float]]) -> None:
                 re.escape(json.dumps(value).removesuffix(".0").encode()),
             )
             assert re.search(written, content, re.DOTALL), name
+
+
+# Another Python, which has no package of ours.
+
+OLD = """
+import json, sys
+from score_from_old_python import evaluate
+
+with open(sys.argv[1]) as file:
+    records = json.load(file)
+print(json.dumps(evaluate(records, split="val_unseen", protocol="paper")))
+records[0]["trajectory"] = []
+try:
+    evaluate(records, split="val_unseen")
+except ValueError as rejected:
+    print(str(rejected).count("[0].trajectory: "))
+"""
+
+
+def old_python() -> str:
+    """Return a Python 3.8, or skip the test: few machines have one."""
+    for found in (*PYENV.glob("versions/3.8.*/bin/python"), shutil.which("python3.8")):
+        if found and not subprocess.run([found, "-c", ""], check=False, stderr=-1).returncode:
+            return str(found)
+    pytest.skip("there is no Python 3.8")
+
+
+def test_a_python_that_is_too_old_scores_by_the_command(folder: Path) -> None:
+    sample = SAMPLES / "good.json"
+    said = subprocess.check_output(
+        [old_python(), "-c", OLD, str(sample)],
+        cwd=folder,
+        env={
+            **os.environ,
+            "REVERIE_EVAL_COMMAND": str(Path(sys.executable).with_name("reverie-eval")),
+        },
+        text=True,
+    )
+    report, rejections = said.splitlines()
+    scores = rv.evaluate(sample, split="val_unseen", protocol="paper")
+    assert json.loads(report) == scores.to_report().model_dump(mode="json")
+    assert int(rejections) == 1

@@ -3,6 +3,7 @@
 Notebooks run in a kernel as Jupyter's does, every warning an error.
 """
 
+import ast
 import json
 import os
 import re
@@ -231,6 +232,11 @@ def old_python() -> str:
     pytest.skip("there is no Python 3.8")
 
 
+def test_what_runs_in_an_old_python_is_old_python() -> None:
+    code = (EXAMPLES / "score_from_old_python.py").read_text()
+    ast.parse(code, feature_version=(3, 6))
+
+
 def test_a_python_that_is_too_old_scores_by_the_command(folder: Path) -> None:
     sample = SAMPLES / "good.json"
     said = subprocess.check_output(
@@ -246,3 +252,20 @@ def test_a_python_that_is_too_old_scores_by_the_command(folder: Path) -> None:
     scores = rv.evaluate(sample, split="val_unseen", protocol="paper")
     assert json.loads(report) == scores.to_report().model_dump(mode="json")
     assert int(rejections) == 1
+
+
+def test_each_task_of_a_job_array_scores_a_file(folder: Path) -> None:
+    runs = folder / "runs"
+    runs.mkdir()
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    for name in ("good", "mediocre"):
+        shutil.copy(SAMPLES / f"{name}.json", runs)
+    for task, name in enumerate(("good", "mediocre")):
+        subprocess.run(
+            ["bash", "score_each.sbatch", "runs", "val_unseen"],
+            cwd=folder,
+            env={**os.environ, "PATH": path, "SLURM_ARRAY_TASK_ID": str(task)},
+            check=True,
+        )
+        scores = rv.evaluate(SAMPLES / f"{name}.json", split="val_unseen")
+        assert json.loads((runs / f"{name}.scores").read_text())["scores"] == scores.to_dict()

@@ -1,6 +1,5 @@
 """The code blocks of the library's pages run and print the output shown below them."""
 
-import ast
 import os
 import re
 import sys
@@ -87,12 +86,6 @@ def test_what_goes_on_from_scores_runs(page: str) -> None:
     names: dict[str, object] = {"rv": rv, "scores": evaluate("submit.json", split="val_unseen")}
     for block in blocks((REPOSITORY / "docs" / f"{page}.md").read_text()):
         exec(block.code, names)
-
-
-def test_what_runs_beside_an_old_python_is_old_python() -> None:
-    (code,) = (block.code for block in blocks(PAGES["training"]) if "subprocess" in block.code)
-    ast.parse(code, feature_version=(3, 6))
-    assert "capture_output" not in code  # of Python 3.7
 
 
 @every_page

@@ -65,6 +65,7 @@ def check_outputs(
     outputs: Iterable[str | Path | None], inputs: Iterable[str | Path | None]
 ) -> None:
     """Refuse to write over an input, or twice to the same file."""
+    # Resolved, so that links and ``./`` do not hide that two names are one file.
     taken = {Path(path).resolve() for path in inputs if path and Path(path).is_file()}
     for output in outputs:
         if not output or output == STANDARD_OUTPUT:
@@ -137,6 +138,7 @@ def submission_text(records: Sequence[Mapping[str, Any]]) -> str:
     """Return a submission with a record per line, to read and to compare line by line."""
     import json
 
+    # The json of the standard library writes floats as agents' own writers do.
     return "[\n" + ",\n".join(map(json.dumps, records)) + "\n]\n"
 
 

@@ -72,10 +72,13 @@ def compare(
     methods = _methods(submissions)
     files = [file for runs in methods.values() for file in runs]
     check_outputs([output, episodes], [*files, scoring.ground_truth, episodes_from])
+    # Somebody who names a folder has not chosen a first file.
     if baseline is None and len(methods) > len(submissions):
         baseline = BEST
     name_of = {runs[0]: name for name, runs in methods.items() if len(runs) == 1}
     evaluator = scoring.evaluator(scoring.find(episodes_from))
+    # Scored in one go, so that the problems of all files are listed together, then dealt out to
+    # their methods in order.
     scored = iter(score_each(files, evaluator))
     scores = {
         name: _scored(list(islice(scored, len(runs))), runs, cluster, confidence)
@@ -117,6 +120,7 @@ def report(
 
     submissions = [submission, *filter(None, [other])]
     check_outputs([output], [*submissions, scoring.ground_truth, episodes_from])
+    # A page of HTML would flood the terminal.
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
     evaluator = scoring.evaluator(scoring.find(episodes_from))

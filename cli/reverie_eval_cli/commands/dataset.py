@@ -57,6 +57,7 @@ def compile_bundle(
         raise click.UsageError(f"{split!r} is not a split's name; use letters, digits and _")
     files = DatasetFiles.find(split=split, task=task, **paths)
     bundle = compile_split(files, split, progress=with_progress)
+    # Before --public, which drops the digests that the notes are about.
     notes = list(origin_notes(bundle.header))
     if public:
         bundle = bundle.public()
@@ -76,6 +77,7 @@ def compile_bundle(
 def _bundle_file(output: str, bundle: Bundle) -> Path:
     """Return the file to write; a folder that is named with a slash is made."""
     path = Path(output)
+    # As with cp: a slash at the end says that a folder is meant, there or not.
     if output.endswith(os.sep):
         path.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
@@ -220,6 +222,7 @@ def boxes(
 
     if exclude and exclude_nothing:
         raise click.UsageError("give --exclude or --exclude-nothing, not both")
+    # An empty --exclude cannot be told from none, so leaving out nothing has an option of its own.
     excluded = frozenset(exclude) if exclude or exclude_nothing else EXCLUDED_NAMES
     found = find_scans(houses, connectivity, list(scans) or None)
     for each in found.notes():
@@ -245,6 +248,7 @@ def boxes(
 @contextmanager
 def _terminated_as_by_ctrl_c() -> Iterator[None]:
     """Let SIGTERM stop the work as Ctrl-C does, so that no draft and no worker is left behind."""
+    # The default action of SIGTERM ends Python at once, without any cleaning up.
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield

@@ -97,6 +97,7 @@ def export_every_eval_ever(
     evaluated = EvaluatedModel(developer, name, evaluator or developer)
     aggregate = every_eval_ever(scores.with_intervals(), evaluated, datetime.now(timezone.utc))
     folder = Path("data", collection(scores), developer, name)
+    # A name that no other file of the collection has.
     stem = str(uuid.uuid4())
     (output / folder).mkdir(parents=True, exist_ok=True)
     written = [folder / f"{stem}.json"]
@@ -120,6 +121,7 @@ def _write_instances(
     truth = scores.ground_truth
     records = convert(submission, split=truth.split, ground_truth=truth).records
     digest, rows = hashlib.sha256(), 0
+    # Line by line: a split has thousands of episodes, each with its trajectory.
     with open_output(str(root / name)) as file:
         for row in instance_results(scores, records, aggregate):
             line = f"{json.dumps(row)}\n"

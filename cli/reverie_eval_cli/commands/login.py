@@ -47,6 +47,7 @@ def login(*, server: ServerOptions) -> None:
 
 def _ask() -> str:
     try:
+        # Not echoed on a terminal, where it would stay to be read.
         if sys.stdin is not None and sys.stdin.isatty():
             text = getpass("token or invitation: ")
         else:
@@ -62,6 +63,7 @@ def _exchange(server: ServerOptions, secret: str) -> str:
     """Return a token as it is, and an invitation's token."""
     from reverie_eval.client import RefusedError
 
+    # As a token first, which uses nothing up: an invitation works once.
     with server.connect(secret) as client:
         try:
             client.me()

@@ -78,6 +78,7 @@ def plan(
     """
     from reverie_eval.metrics.power import Design
 
+    # Design refuses this too, in fractions and without the options' names.
     if effect > discordance:
         raise click.UsageError(
             f"the effect ({effect:g} points) is larger than the discordance ({discordance:g} %); "
@@ -88,6 +89,7 @@ def plan(
     truth = truth_options.find(episodes_from)
     design = Design.of(clusters_of(truth, cluster), discordance / 100, correlation)
     if run_deviation is not None:
+        # Options are in points and percent, as papers write rates; arithmetic is in fractions.
         design = replace(design, n_runs=runs or 1, run_deviation=run_deviation / 100)
     clusters = count_text(design.n_clusters, cluster)
     assumed = f"discordance {discordance:g} %, correlation {correlation:g}"

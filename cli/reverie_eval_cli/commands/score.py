@@ -111,6 +111,8 @@ class Wanted:
     @property
     def file(self) -> str | None:
         """The only file that is to be scored; None if there are several, or runs of a method."""
+        # A folder or a pattern is a ranking even if it has one file, so that its output has one
+        # form.
         first, *others = self.submissions
         is_one = not others and not find_runs(first) and find_files([first]) == [first]
         return first if is_one else None
@@ -183,6 +185,7 @@ def score(*, wanted: Wanted) -> int:
 
 
 def _way_of(wanted: Wanted) -> "_Way":
+    # First, because a folder that is watched may still be empty.
     if wanted.watch:
         return _WATCH
     if any(map(find_runs, wanted.submissions)):
@@ -257,6 +260,7 @@ def _print_scores(wanted: Wanted, score_by: Callable[[str, GroundTruth], Sequenc
 def rank_files(wanted: Wanted) -> int:
     """Print a ranking of files, and why others are not in it; return the exit status."""
     files, evaluator = find_files(wanted.submissions), wanted.evaluator
+    # Only the columns that are printed are computed in the processes and sent back.
     keys = _KEYS.get(wanted.layout, TABLE_KEYS)
     results = score_files(files, evaluator, jobs=wanted.jobs, keys=keys)
     scored = ScoredFiles.of(with_progress(results, "Scoring", len(files)))
@@ -294,6 +298,7 @@ def watch_for_files(wanted: Wanted) -> int:
     with suppress(KeyboardInterrupt):
         for file in watch_files(wanted.submissions, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
             try:
+                # Flushed line by line, for a log or a pipe that someone follows.
                 print(watch_line(file, evaluator(file), evaluator), flush=True)
             except (SubmissionError, OSError) as error:
                 print(_failure(file, error), file=sys.stderr)

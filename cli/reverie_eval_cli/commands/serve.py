@@ -62,6 +62,7 @@ def _make_demo() -> str:
 
     with database_errors():
         token = make_server(_DEMO, now=now(), actor=actor())
+    # Only its digest is stored.
     print(f"organiser's token, not shown again: {token}", flush=True)
     truth = find_ground_truth(_DEMO / "bundles", _SAMPLE_SPLIT)
     write_text(submission_text(run_agent("shortest", truth, 0)), str(_SAMPLE))

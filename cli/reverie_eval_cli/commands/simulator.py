@@ -29,6 +29,7 @@ def simulator(*, path: bool, folder: Path | None) -> None:
     """  # noqa: D301  # click keeps the lines of a paragraph that begins with it
     from reverie_eval.simulator import FOLDER
 
+    # Both or neither.
     if path == (folder is not None):
         raise click.UsageError("give either --path or --copy DIR")
     if folder is None:
@@ -37,6 +38,7 @@ def simulator(*, path: bool, folder: Path | None) -> None:
     content, copy = (FOLDER / "MatterSim.py").read_bytes(), folder / "MatterSim.py"
     if not folder.is_dir():
         raise ReverieEvalError(f"{folder} is not a folder; name the one of your project")
+    # A changed copy may be somebody's work.
     if copy.exists() and copy.read_bytes() != content:
         raise ReverieEvalError(f"{copy} exists and is another file; remove it first")
     copy.write_bytes(content)

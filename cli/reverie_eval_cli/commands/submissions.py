@@ -53,6 +53,7 @@ def validate_submission(
         checked = validate(submission, split=truth.split, ground_truth=truth, track=track)
     except SubmissionError as error:
         if layout == "text":
+            # Text is for people, and goes to standard error; JSON is the result that was asked for.
             raise RejectedSubmission(rejection(submission, error)) from None
         write_text(validation_json(truth.split, error.problems) + "\n", output)
         return 1
@@ -193,6 +194,7 @@ def write_samples(*, folder: Path) -> None:
     if folder.exists() and any(folder.iterdir()):
         raise click.UsageError(f"{folder} is not empty; name a new folder")
     with staged_folder(folder) as aside, ZipFile(DEMO_SAMPLES) as samples:
+        # Beside the folder first, which appears complete or not at all.
         samples.extractall(aside)
         names = samples.namelist()
     print(f"{folder}: {', '.join(names)}")

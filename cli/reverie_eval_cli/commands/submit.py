@@ -53,6 +53,7 @@ class MethodOptions:
         """Return the method; if it has no name, it gets the file's."""
         from reverie_eval.schemas.service import Method
 
+        # Standard input has no name to take.
         stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
         name = printable(stem)[:_LONGEST_NAME].strip() or "unnamed"
         return options.checked(Method, _option_of, **{"name": name, **self.given})
@@ -60,6 +61,8 @@ class MethodOptions:
     def changes(self, before: "Method", submission: str) -> Mapping[str, Any]:
         """Return the fields that were given and differ from what the server has."""
         given = self.method(submission).model_dump(include=set(self.given))
+        # A field that is the same already is not asked for: sending the file again stays without
+        # effect.
         return {field: value for field, value in given.items() if value != getattr(before, field)}
 
 
@@ -72,6 +75,7 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def with_method(**values: Any) -> Any:
+        # None is not declared; False is declared not to be so. The server keeps the difference.
         fields = {field: values.pop(field) for field in (*_TEXTS, *_FLAGS)}
         given = {field: value for field, value in fields.items() if value is not None}
         return command(method=MethodOptions(given), **values)
@@ -130,6 +134,7 @@ def submit(
     """
     from reverie_eval.submissions import read_bytes
 
+    # Everything that can be wrong on this side is looked at before anything is sent.
     token, name = server.token(), name_on_server(task, split)
     described = method.method(submission)  # wrong options are reported before anything is sent
     try:
@@ -161,6 +166,7 @@ def submit(
         print(final.model_dump_json(indent=2, ensure_ascii=True))
     else:
         _show(final, server.url, kept)
+    # The result is there in any case; only the exit status says that something beside it failed.
     return 0 if kept and changed else 2
 
 
@@ -185,6 +191,8 @@ def _check(client: "Client", split: "SplitReport", own_name: str, content: bytes
         truth = find_ground_truth(None, own_name, split.task)
     except (ReverieEvalError, OSError):
         truth = None
+    # The fingerprint tells whether the bundle here is the server's: another version would find
+    # other problems.
     if truth and truth.fingerprint in (split.fingerprint, split.public_fingerprint):
         validate(content, split=own_name, ground_truth=truth, track=split.track)
     else:
@@ -229,6 +237,7 @@ def _change(client: "Client", accepted: "Accepted", asked: Mapping[str, Any]) ->
         undone = "published" if "published" in asked else "changed"
         _warn(f"scored, but not {undone}: {error}; {_AGAIN} with the same options")
         return None
+    # What the upload ignored because the file was known is no longer ignored once it is changed.
     ignored = [name for name in accepted.ignored if name not in asked.get("method", ())]
     return accepted.model_copy(update={"submission": submission, "ignored": ignored})
 

@@ -64,6 +64,7 @@ def verify(
                 f"{receipt} is genuine, but this version cannot read which file it is for; update "
                 "reverie-eval"
             )
+        # Unpacked, as the server hashed it: a file and its gzip are the same submission.
         if hashlib.sha256(read_bytes(submission)).hexdigest() != scored:
             print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
             return 1
@@ -84,9 +85,11 @@ def _keys(server: ServerOptions, file: Path | None) -> "tuple[Sequence[KeyReport
         with server.connect() as client:
             return client.keys(), client.url
     content = file.read_bytes()
+    # A file of keys is what the API lists, as JSON, or one key as PEM.
     if not content.lstrip().startswith(b"["):
         return content.decode(errors="replace"), str(file)
     try:
+        # A newer server may say more about its keys.
         return TypeAdapter(list[KeyReport]).validate_json(content, extra="ignore"), str(file)
     except ValidationError:
         raise ReverieEvalError(f"{file} is not a list of keys from /api/v1/keys") from None

@@ -46,6 +46,7 @@ def init(*, folder: Folder, tasks: Sequence[str]) -> None:
 
     with database_errors():
         token = make_server(folder.path, now=now(), actor=actor(), tasks=tasks)
+    # To be copied into a shell, whatever the folder is called.
     quoted = shlex.quote(str(folder))
     print(f"{folder}: a server, for now with the demo world as its ground truth")
     print(f"organiser's token, not shown again: {token}")
@@ -80,6 +81,7 @@ def doctor(*, folder: Folder) -> int:
     """
     from reverie_eval.server.operations.doctor import examine, tell_of_faults
 
+    # All findings, before anyone is told: one message, not one for each.
     findings = list(examine(folder.path, with_progress))
     tell_of_faults(folder.path, findings, actor())
     return show_findings(findings)

@@ -37,6 +37,7 @@ def inspect(*, folder: Folder, submission_id: str, layout: str, output: str | No
     from reverie_eval.server.operations.inspection import inspect as inspected
 
     submission, scores = inspected(folder.settings, submission_id, actor=actor())
+    # On standard error, so that a file or a pipe has the values alone.
     note(f"{submission.method.name} by {submission.team}, {scores.signature}")
     with open_output(output or STANDARD_OUTPUT, mode=_OWNER_ONLY) as file:
         match layout:

@@ -169,6 +169,7 @@ def remove(*, folder: Folder, numbers: Sequence[int]) -> None:
     from reverie_eval.server.service.reported import remove_reported
 
     with folder.acting() as transaction:
+        # A number that is given twice is removed once, and not an error the second time.
         for number in dict.fromkeys(numbers):
             remove_reported(transaction, number)
     print(f"{count_text(len(set(numbers)), 'reported result')} removed")

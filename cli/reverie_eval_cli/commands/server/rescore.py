@@ -96,6 +96,7 @@ def _print(changes: Sequence[ResultChange], task: Task) -> None:
 
 
 def _print_board(changes: Sequence[ResultChange], task: Task) -> None:
+    # A result without answers has no RGSPL: the metric is one that any of the results has.
     metric = task.primary_metric(set().union(*(c.before.keys() | c.after.keys() for c in changes)))
     rows = [
         (

@@ -53,6 +53,7 @@ def submit(
         EmailedFile, split=split, team=team, person=person, received_at=received, publish=publish
     )
     chosen = list(map(Path, find_files([str(files)])))
+    # All are described before the first is scored, so that a wrong option leaves nothing half done.
     described = [method.method(str(path)) for path in chosen]
     failed = False
     with folder.open() as state:
@@ -62,6 +63,8 @@ def submit(
                     actor(), file, path.name, path.read_bytes(), each
                 )
             except RequestError as refusal:
+                # Without a text for the sender, the refusal is about the command, not about the
+                # file.
                 if refusal.reply is None:
                     raise
                 failed, reply = True, refusal.reply

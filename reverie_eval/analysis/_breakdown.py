@@ -132,6 +132,7 @@ def _by_visibility(scores: Scores) -> Sequence[str]:
     seen = with_object(scan[solution.candidate_viewpoint], solution.candidate_object)
     objects, counts = np.unique(seen, return_counts=True)
     targets = with_object(scan[truth.episodes.start], solution.target_object)
+    # Every target is among the objects: the compiler rejects one that is not visible at its goal.
     return _VIEWPOINTS.of(counts[np.searchsorted(objects, targets)])
 
 
@@ -265,6 +266,7 @@ def _groups(scores: Scores, by: "Grouped") -> "pd.Series[Any]":
         groups = pd.Series(known.reindex(index).array, name=by.name or "group")
         return groups.astype("category")
     grouping = find_grouping(by)
+    # An episode with a wider language has a row for each: explode repeats its index.
     narrow = pd.Series(grouping.groups(scores), name=by)
     groups = narrow.map(lambda group: [*grouping.wider(group), group]).explode()
     # The largest group first; equally large ones by name.
@@ -293,6 +295,7 @@ def _interval_columns(
     bounds = bounds_of(map(str, values), attrgetter("bounds"))
     ends = np.full((len(groups), 2, table.shape[1]), np.nan)
     for group, rows in enumerate(groups):
+        # Of fewer clusters, an interval would say more about its method than about the group.
         if len(np.unique(cluster[rows])) >= FEW_CLUSTERS:
             ends[group] = engine.of_means(table[rows], cluster[rows], bounds).ends
     return {

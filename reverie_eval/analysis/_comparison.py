@@ -203,7 +203,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # The two can disagree when clusters are few; then nothing is claimed.
         found = self[name][self.primary(name).key]
         interval, confidence = found.interval, self.intervals[name].confidence
+        # By the bounds that are shown, so that a reader comes to the same conclusion.
         excludes_zero = interval.low > 0 or interval.high < 0
+        # p < 1 - confidence, without a subtraction that turns 1 - 0.95 into more than 0.05.
         return excludes_zero and found.p_value + confidence < 1
 
     def verdict(self, name: str) -> Verdict:
@@ -289,6 +291,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         frame = pd.DataFrame(values, index=index)
         frame.attrs["units"] = dict.fromkeys(values, CATALOGUE[key].unit)
         first = values[self.first]
+        # Differences as they are counted, up to rounding, not those of the last bit.
         differs = np.any([difference(each, first) != 0 for each in values.values()], axis=0)
         return frame[differs]
 

@@ -105,6 +105,7 @@ def nearest_earlier(codes: IntArray) -> tuple[IntArray, IntArray]:
     nearest, changed = np.full(len(codes), -1), np.full(len(codes), -1)
     for row in range(1, len(codes)):
         differing = np.count_nonzero(codes[:row] != codes[row], axis=1)
+        # argmin takes the first of several, which is the earliest file.
         nearest[row] = np.argmin(differing)
         changed[row] = differing[nearest[row]]
     return nearest, changed
@@ -148,11 +149,13 @@ def spread_of_changes(codes: IntArray, cluster: IntArray) -> Spread | None:
         return None
     parts = []
     for group in range(_GROUPS):
+        # Every tenth file, so that each group spans the whole history.
         kept = np.arange(files) % _GROUPS != group
         part = _dispersion(codes[kept], cluster)
         if part is not None:
             # Dispersion beyond 1 grows with the number of files.
             parts.append(1 + (part.value - 1) * (files - 1) / (kept.sum() - 1))
+    # The jackknife's variance: (g - 1) / g times the sum of squares.
     over_files = np.sqrt((len(parts) - 1) * np.var(parts)) if parts else 0.0
     error = float(np.hypot(whole.standard_error, over_files))
     return Spread(files, whole.value, error, float(norm.cdf((whole.value - HONEST_SPREAD) / error)))
@@ -167,6 +170,8 @@ def _dispersion(codes: IntArray, cluster: IntArray) -> Estimate | None:
     changes, of = changes[:, is_changed], cluster[is_changed]
     count, share = changes.sum(axis=0), changes.mean(axis=1)
     clusters, index = np.unique(of, return_inverse=True)
+    # The standard error is never less than that of counts without any structure: few changes would
+    # otherwise look certain.
     least = float(np.sqrt(2 / len(clusters)))  # of independent counts
     mean = float(count.mean())
     if mean < 1 + _ALMOST:  # no episode has changed twice
@@ -196,6 +201,8 @@ def _usual_variance(share: FloatArray) -> float:
         """Return how much more is changed than counted, if that is the share that is counted."""
         return float(1 - np.prod(1 - counted * share) - counted)
 
+    # Episodes that no file changed are not counted, so the shares refer to the others; the share of
+    # episodes that are counted solves an equation with itself.
     counted = 1.0 if surplus(1.0) >= 0 else float(brentq(surplus, 1e-9, 1.0))
     probability = counted * share
     square = (probability * (1 - probability)).sum() + probability.sum() ** 2
@@ -225,6 +232,7 @@ def gap_between(values: FloatArray, is_first: BoolArray, cluster: IntArray) -> E
         chosen = values[part]
         _, index = np.unique(cluster[part], return_inverse=True)
         means.append(chosen.mean())
+        # Deviations are summed by cluster first: episodes of one cluster go together.
         sums = np.bincount(index, chosen - chosen.mean())
         variance += (sums**2).sum() / len(chosen) ** 2
     return Estimate(float(means[0] - means[1]), float(np.sqrt(variance)))
@@ -260,6 +268,7 @@ def most_similar(codes: IntArray, group: IntArray, number: int) -> Likeness | No
         row_of, column_of = np.zeros(len(groups), int), np.zeros(len(groups), int)
         for row in range(begin, end):
             equal = np.count_nonzero(codes[later:] == codes[row], axis=1) / codes.shape[1]
+            # The files of a group follow one another, so one call finds the best of each group.
             in_group = np.maximum.reduceat(equal, first[own + 1 :] - later)
             is_better = in_group > highest[own + 1 :]
             for other in np.flatnonzero(is_better) + own + 1:

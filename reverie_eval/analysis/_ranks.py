@@ -51,6 +51,7 @@ def covariance_of_means(sums: FloatArray, sizes: FloatArray) -> FloatArray:
        ratio estimate, for clusters of unequal sizes.
     """
     n_clusters, n_episodes = len(sizes), sizes.sum()
+    # What a cluster has beyond its share: clusters of other sizes have other sums at the same rate.
     residual = sums - np.outer(sizes, sums.sum(axis=0) / n_episodes)
     covariance: FloatArray = residual.T @ residual / n_episodes**2
     return covariance * n_clusters / (n_clusters - 1)
@@ -104,6 +105,7 @@ def rank_intervals(
     squares = variance[:, None] + variance - 2 * covariance
     # Results with the same value in every episode differ by nothing, up to rounding.
     is_same = squares <= np.finfo(np.float64).eps * (variance[:, None] + variance)
+    # An infinite error makes every difference 0, so equal results are never apart.
     error = np.where(is_same, np.inf, np.sqrt(np.maximum(squares, 0)))
     difference = (costs - costs[:, None]) / error
     drawn = _draw(covariance, engine)
@@ -123,6 +125,7 @@ def rank_intervals(
 
 def _draw(covariance: FloatArray, engine: "IntervalEngine") -> FloatArray:
     """Draw normal errors of all means together, shape (n_results, resamples)."""
+    # Not Cholesky: the covariance of results that are sums of each other is singular.
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     rng = np.random.default_rng(engine.seed)
@@ -142,6 +145,7 @@ def _bound(
     largest = np.zeros(drawn.shape[1])
     for first, others in enumerate(is_open):
         if others.any():
+            # Row by row: all pairs at once would take nearly a gigabyte for a hundred results.
             difference = drawn[others] - drawn[first]
             difference /= error[first, others, None]
             np.maximum(largest, np.abs(difference, out=difference).max(axis=0), out=largest)

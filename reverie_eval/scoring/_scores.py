@@ -276,6 +276,7 @@ class Scores(Mapping[str, float]):
         }
         found = {}
         for name, read in columns.items():
+            # A column that cannot be read is left out, so that a table has what there is.
             with suppress(GroundTruthError, ProtocolError):
                 found[name] = read()
         return found
@@ -311,6 +312,7 @@ class Scores(Mapping[str, float]):
         # Importing scipy would double the start-up time of commands that show no intervals.
         from reverie_eval.metrics.engine import IntervalEngine
 
+        # How many episodes a partial mean is over varies too, which these intervals leave out.
         whole = {key: self.episodes[key] for key in self if not CATALOGUE[key].is_partial}
         intervals = Intervals.of_several(
             {"": whole},
@@ -332,6 +334,7 @@ class Scores(Mapping[str, float]):
         """
         truth = self.ground_truth.subset(instr_ids)
         index = self.ground_truth.episodes.index
+        # In the order of the subset, which is that of the ground truth.
         rows = np.array([index[instr_id] for instr_id in truth.episodes.instr_ids])
         return self.of(
             Lookups(self.require_submission().take(rows), truth),
@@ -390,6 +393,7 @@ class Scores(Mapping[str, float]):
             protocol=self.protocol.name,
             qualifier=self.qualifier,
             fingerprint=self.ground_truth.fingerprint,
+            # The ids themselves: the digest of a subset cannot be turned back into its episodes.
             subset=tuple(self.instr_ids) if self.ground_truth.subset_digest else None,
             hints=tuple(self.hints),
             intervals=settings or None,
@@ -546,6 +550,7 @@ def _check_parts(parts: Sequence[Scores]) -> Scores:
                 f"these scores are not of one split under one protocol: {first.signature} and "
                 f"{part.signature}"
             )
+    # Whether answers are scored is a property of the whole table, not of a row.
     kinds = {part.require_submission().is_navigation_only for part in parts}
     if len(kinds) > 1:
         raise ProtocolError("some of these scores have answers and others have none")
@@ -563,6 +568,7 @@ def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
     """Return the signature of scores under a protocol and a ground truth, with this version."""
     task = truth.header.task
     parts = [
+        # REVERIE's signatures do not name it: they are older than the other tasks.
         *([] if task == DEFAULT_TASK else [f"{_TASK}{task}"]),
         f"split:{truth.split}",
         f"protocol:{protocol.name}",

@@ -99,6 +99,7 @@ def read_answer(
     ``trajectory`` is None if trajectories are not read.
     """
     answers = _answers_of(record, log)
+    # A box comes first: a -1 beside it only says that no object is predicted.
     if record.get(BOX_KEY) is not None:
         for key, value in answers.items():
             if not is_abstention(value):
@@ -148,8 +149,10 @@ def _is_nothing(value: Any) -> bool:
 
 def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog) -> Answer:
     meant, fault = (value, None) if is_abstention(value) else unwrap(value)
+    # pandas writes NaN for a missing number, and text columns then have "nan".
     if not is_abstention(meant) and _is_nothing(meant):
         meant, fault = None, faults.NO_OBJECTS
+    # pandas makes 7.0 of 7 in a column in which a value is missing.
     if (isinstance(meant, float) and meant.is_integer()) or _is_decimal_text(meant):
         meant, fault = int(float(meant)), fault or faults.DECIMAL_IDS
     is_text = _is_digits(meant)
@@ -204,6 +207,7 @@ def _read_box(
     top, bottom = box[1] * y_scale, (box[1] + box[3]) * y_scale
     x, x_end = _clamp(left, WIDTH), _clamp(right, WIDTH)
     y, y_end = _clamp(top, HEIGHT), _clamp(bottom, HEIGHT)
+    # By rounding, a box as wide as its scaled image may end beyond 640.
     is_cut = max(x - left, right - x_end, y - top, bottom - y_end) > _SLACK
     is_outside = x_end <= x or y_end <= y
     log.differences["scaled boxes"] += size != (WIDTH, HEIGHT)
@@ -232,6 +236,7 @@ def _read_camera(
         return None
     stop = None if trajectory is None else trajectory.stop
     if stop is not None and stop.heading is not None and stop.elevation is not None:
+        # Beyond straight up or down, a camera is upside down.
         if abs(stop.elevation) <= _STRAIGHT_UP:
             return float(stop.heading), float(stop.elevation)
         found = problems.UPSIDE_DOWN.of_pose(location, stop.location[:1], elevation=stop.elevation)
@@ -353,6 +358,7 @@ def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
         (is_outside, problems.BOXES_OUTSIDE),
         (is_tiny & ~is_outside, problems.TINY_BOXES),
     ):
+        # One box outside is a miss; most of them outside are fractions, or pixels of another image.
         if is_wrong.mean() > MOST:
             yield problem.of_file(count=int(is_wrong.sum()), total=len(is_wrong))
 

@@ -156,6 +156,7 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog, *, has_lines: 
         if len(values) == 1 and not text[error.pos :].startswith(_BRACKETS):
             log.add_whole_file_fault(faults.TRAILING_TEXT, rest[:_SHOWN_TEXT])
             return values[0]
+        # The later one is where the reader has to look: everything before it was read.
         error = later_error
     where = f"line {error.lineno}, column {error.colno}"
     if error.pos >= len(text.rstrip()) or error.msg.startswith("Unterminated string"):
@@ -285,6 +286,8 @@ def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
 
 def _take_held(document: Mapping[str, Any], log: ReadingLog) -> Any:
     """Return the records that an object holds under some of its keys, if it tells which."""
+    # One key with records is a wrapper around them; of two, neither is known to be the one that is
+    # meant.
     held = {key: value for key, value in document.items() if _holds_records(value)}
     within = [value for value in document.values() if _has_records_within(value)]
     if len(within) == 1 and not held:
@@ -400,6 +403,7 @@ def rows_of_table(document: Mapping[str, Any]) -> Sequence[Mapping[str, Any]] | 
         return None
     if all(isinstance(column, Mapping) for column in columns):
         keys = columns[0].keys()
+        # As pandas writes columns: by row labels, which must be the same in all of them.
         if all(column.keys() == keys for column in columns):
             return [{name: column[key] for name, column in document.items()} for key in keys]
     if all(is_list(column) and len(column) == len(columns[0]) for column in columns):
@@ -443,6 +447,7 @@ def _check_viewpoints(document: Any) -> None:
         records = list(document) if is_list(document) else []
     walks = [walk for walk in map(_walk_of, records) if walk is not None]
     found = [walk for walk in walks if all(map(_is_position, walk))]
+    # Whole numbers may be viewpoints by their index.
     has_fractions = any(map(_has_fractions, found))
     if found and has_fractions and len(found) > MOST * len(walks):
         problem = problems.POSITIONS.of_file(

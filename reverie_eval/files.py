@@ -34,6 +34,7 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
         with path.open("wb") as file:
             yield file
         return
+    # In the same folder, because renaming is atomic within a file system only.
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         try:
@@ -50,6 +51,7 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
             yield file
         draft.replace(path)
     finally:
+        # After a rename there is no draft any more; after an error there may be.
         draft.unlink(missing_ok=True)
 
 
@@ -70,6 +72,7 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
         staging = Path(hidden, "new")
         staging.mkdir()
         yield staging
+        # A folder with files cannot be replaced by a rename, so the old one steps aside first.
         if target.exists():
             target.rename(Path(hidden, "old"))
         staging.rename(target)

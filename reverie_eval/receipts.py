@@ -102,6 +102,7 @@ def verify(envelope: Envelope, public_pem: str) -> str:
             "server, or was changed"
         )
     try:
+        # The bytes as they came: a new field, or another order, would be another signature.
         signed = pre_authentication(envelope.payload_type, _bytes_in(envelope))
         key.verify(base64.b64decode(signature.sig, validate=True), signed)
     except (InvalidSignature, ValueError):
@@ -133,6 +134,7 @@ def verify_by_history(envelope: Envelope, keys: Sequence[KeyReport]) -> KeyRepor
         was used before.
     """
     named = envelope.key_ids
+    # The latest first: of two keys that are named, the one in use.
     key = next((each for each in reversed(keys) if each.key_id in named), None)
     if key is None:
         raise NotGenuineError(
@@ -158,6 +160,7 @@ def read(envelope: Envelope) -> Reading:
     kind, fields = _open(envelope)
     if kind is None:
         return Reading(None, fields, is_complete=False)
+    # Read strictly first: only then is it known that nothing was left out.
     for extra in ("forbid", "ignore"):
         with suppress(ValidationError):
             content = kind.model_validate(fields, extra=extra)
@@ -226,6 +229,8 @@ def _statement(receipt: Receipt) -> Mapping[str, Any]:
     differently.
     """
     predicate = receipt.model_dump(mode="json", exclude={"sha256"})
+    # repr has the fewest digits that give the same float again; Decimal writes them without an
+    # exponent.
     scores = {key: f"{Decimal(repr(value)):f}" for key, value in receipt.scores.items()}
     return {
         "_type": _STATEMENT_TYPE,
@@ -255,6 +260,7 @@ def public_pem_of(key: Ed25519PublicKey) -> str:
 
 def key_id_of(public_pem: str) -> str:
     """Return the first hexadecimal digits of the key's SHA-256."""
+    # Stripped, because editors and shells add or drop the last line break.
     return hashlib.sha256(public_pem.strip().encode()).hexdigest()[:_KEY_ID_LENGTH]
 
 

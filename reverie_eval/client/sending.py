@@ -164,10 +164,12 @@ class Sender:
                 self.server + API + call.route,
                 params=call.query,
                 content=call.chunks() if call.body else None,
+                # Chunks have no length; with this one, a server can refuse before it has read them.
                 headers={**call.headers, "Content-Length": str(len(call.body))},
             )
         except httpx.RequestError as error:
             unreachable = UnreachableError(f"{self.server}: {reason_of(error)}")
+            # Waiting three minutes for a mistyped address helps nobody.
             if isinstance(error, _NOT_CONNECTED) and not self._has_replied:
                 raise unreachable from error
             raise _TemporaryError(unreachable) from error
@@ -259,6 +261,7 @@ def failure(response: httpx.Response, server: str) -> ReverieEvalError:
     """Return the error to raise for a reply that is not a success."""
     status = f"{response.status_code} {response.reason_phrase}".rstrip()
     location = response.headers.get("location")
+    # Not followed: a redirect may lead to another host, which would get the token.
     if location is not None:
         target = printable(str(response.url.join(location)).partition(API)[0].rstrip("/"))
         return NotAServerError(f"{server} redirects to {target}; if that is right, use that URL")

@@ -84,6 +84,7 @@ class Boxes:
     @cached_property
     def sightings(self) -> tuple[IntArray, IntArray]:
         """The objects that are visible somewhere, ascending, and how many viewpoints see each."""
+        # An object is listed at most once at a viewpoint, so entries count viewpoints.
         return np.unique(self.scan_object[self.is_visible], return_counts=True)
 
     @cached_property

@@ -58,6 +58,7 @@ def compile_split(
     (annotations,), boxes, centres = content.splits, content.boxes, content.centres
     graph, items = content.graphs.ground_truth(), annotations.items
     arrays = graph.to_arrays() | _episode_arrays(items, graph)
+    # Texts are no part of the fingerprint: no score depends on them.
     texts = {"instruction": [text.strip() for item in items for text in item.texts]}
     if any(item.language for item in items):
         texts["language"] = [item.language for item in items for _ in item.texts]
@@ -154,8 +155,10 @@ def _candidates(boxes: Boxes, graph: NavigationGraph) -> tuple[IntArray, dict[st
     """
     indices = [graph.index.get(key.viewpoint_id, -1) for key in boxes.viewpoints]
     viewpoint = np.array(indices, np.int64)[boxes.viewpoint]
+    # lexsort takes its last key first. Lookups rely on this order, and search without sorting.
     by_viewpoint = np.lexsort((boxes.object_id, viewpoint))
     entry = by_viewpoint[(boxes.is_visible & (viewpoint >= 0))[by_viewpoint]]
+    # Entries that are not candidates, invisible or at viewpoints that are not included, stay -1.
     candidate_of = np.full(len(boxes.entries), -1)
     candidate_of[entry] = np.arange(len(entry))
     candidate = candidate_of[boxes.box_entry]

@@ -122,6 +122,8 @@ class DatasetFiles:
         ]
         if problems or not connectivity:
             raise DatasetError(problems)
+        # All that are there, not only the one that is needed: ids of other splits are recognised in
+        # submissions.
         splits = _annotations(data, annotations, split, of_task)
         boxes = boxes if of_task.has_targets else None
         return cls(splits, boxes, connectivity, object_positions, of_task)

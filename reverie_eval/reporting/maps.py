@@ -151,6 +151,7 @@ class EpisodeMap:
             return np.array([index[each] for each in viewpoint_ids], dtype=np.int64)
 
         position = graph.viewpoint_position[rows]
+        # Above the diagonal, so that each pair is drawn once.
         start, end = np.triu_indices(len(rows), k=1)
         is_edge = graph.has_edge(rows[start], rows[end])
         return cls(
@@ -274,6 +275,7 @@ class EpisodeMap:
         """Return a route step by step."""
         legs = route.legs
         viewpoints = np.array([route.viewpoint[0], *legs[:, 1]])
+        # A jump counts at the length of the shortest path, as in the scores.
         lengths = self.graph.distance_between(*self.graph_row[legs].T)
         is_goal = np.isin(viewpoints, self.goal_viewpoints)
         columns = zip(
@@ -352,10 +354,12 @@ def find_storeys(height: FloatArray) -> IntArray:
     >>> find_storeys(np.array([1.5, 1.5, 1.6, 2.9, 4.3, 4.3, 4.4]))
     array([0, 0, 0, 0, 1, 1, 1])
     """
+    # Cameras stand at one height above each floor, so a height that many of them share is a floor.
     sharing = (np.abs(height[:, None] - height) <= _FLOOR_TOLERANCE).sum(axis=1)
     floors: list[float] = []
     for row in np.argsort(-sharing, kind="stable").tolist():
         is_apart = all(abs(height[row] - floor) >= _LEAST_STOREY_HEIGHT for floor in floors)
+        # The most common height is a floor, even if only one viewpoint has it.
         if is_apart and (sharing[row] >= _LEAST_VIEWPOINTS or not floors):
             floors.append(float(height[row]))
     storey: IntArray = np.abs(height[:, None] - np.sort(floors)).argmin(axis=1)

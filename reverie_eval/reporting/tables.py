@@ -114,6 +114,7 @@ class Table:
             r"\end{tabular}",
         ]
         if self.caption:
+            # Several groups of columns are wider than one of a page's two columns.
             name = "table*" if len(self.groups) > 1 else "table"
             caption = rf"\caption{{{latex_text(self.caption)}}}"
             begin, end = rf"\begin{{{name}}}", rf"\end{{{name}}}"
@@ -241,6 +242,7 @@ class Printout:
 def _aligned(column: Sequence[str], *, is_text: bool) -> Sequence[str]:
     """Pad a heading and its cells to one width; decimal points stay in line despite marks."""
     heading, *cells = column
+    # A mark takes a column of its own, or the points of the numbers beside it would be out of line.
     is_marked = not is_text and any(cell.endswith(MARK) for cell in cells)
     if is_marked:
         cells = [cell if cell.endswith(MARK) else f"{cell} " for cell in cells]

@@ -148,6 +148,8 @@ def evaluate_protocols(
     # A missing row would look like an omission of ours, so every table says why.
     left_out = [f"left out: {reason}" for reason in reasons.values() if reason]
     prepared: dict[object, PreparedSubmission] = {}
+    # Protocols that score the same episodes by the same paths share one aligned submission, and its
+    # look-ups.
     for protocol in protocols:
         if protocol.basis not in prepared:
             aligned = PreparedSubmission.of(predictions, truth.scored_by(protocol), track)

@@ -132,9 +132,9 @@ class Span(NamedTuple):
     heading: float
     """Near its middle, in [0, 360)."""
     left: float
-    """Radians from ``heading`` to the left end, at most 0."""
+    """Degrees from ``heading`` to the left end, at most 0."""
     right: float
-    """Radians from ``heading`` to the right end, at least 0."""
+    """Degrees from ``heading`` to the right end, at least 0."""
     low: float
     """The lowest elevation."""
     high: float
@@ -142,7 +142,7 @@ class Span(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """The heading of its middle, in [0, 360)."""
+        """The heading of the middle of the span, in [0, 360)."""
         return (self.heading + (self.left + self.right) / 2) % 360
 
 

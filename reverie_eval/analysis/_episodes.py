@@ -242,6 +242,9 @@ def _goal_viewpoints(protocol: Protocol, truth: GroundTruth, row: int) -> IntArr
     return viewpoints[is_goal(protocol.goal, truth, episodes, viewpoints)]
 
 
+# Which episodes to look at.
+
+
 _N_EXAMPLES = 3
 """Episodes of each kind; readers learn more from different routes than from more of them."""
 

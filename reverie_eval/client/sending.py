@@ -60,6 +60,9 @@ class QuotaSpentError(RefusedError):
         super().__init__(document, f"no submissions left; {when}. Nothing was scored")
 
 
+# Requests.
+
+
 Progress = Callable[[int, int], None]
 """Called with the number of bytes sent so far and in total."""
 Notice = Callable[[str], None]
@@ -299,6 +302,9 @@ def _error_in(document: ProblemDocument) -> ReverieEvalError:
             return QuotaSpentError(document)
         case _:
             return RefusedError(document)
+
+
+# Addresses.
 
 
 API = "/api/v1"

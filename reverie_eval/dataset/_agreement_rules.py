@@ -144,6 +144,9 @@ def distance_spreads(distances: Distances) -> list[Spread]:
     ]
 
 
+# Neighbouring views.
+
+
 _AGREEMENT = 0.15
 """Degrees: about one pixel in the middle of a view."""
 _ENOUGH = 20

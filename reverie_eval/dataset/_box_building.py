@@ -27,6 +27,7 @@ from reverie_eval.geometry import boxes_in_views
 from reverie_eval.processes import map_in_processes
 from reverie_eval.text import count_text, first_few
 
+_HOUSE = ".house"
 Occlusion = Literal["none", "paper"]
 """``none`` keeps every box; ``paper`` removes those that :func:`is_hidden` finds."""
 
@@ -155,7 +156,7 @@ def is_hidden(view: IntArray, box_xywh: IntArray, distance: FloatArray) -> BoolA
     return hidden
 
 
-_HOUSE = ".house"
+# The files of many scans.
 
 
 @dataclass(frozen=True, slots=True)

@@ -181,6 +181,9 @@ def _split_of(path: Path, task: Task) -> str:
     return path.name.removeprefix(before).removesuffix(after).removesuffix(path.suffix)
 
 
+# What is in them.
+
+
 Centres = Mapping[str, Mapping[str, Position]]
 """Centres of objects by scan and object id, metres."""
 

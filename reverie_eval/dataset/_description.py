@@ -198,6 +198,9 @@ def of_targets(
     return lambda split: None if split.targets is None else measure(split.targets)
 
 
+# The paper's numbers.
+
+
 Measure = Callable[[SplitDescription], float | None]
 """Returns one number of a description; None if the items have no targets."""
 
@@ -265,6 +268,9 @@ def compare_with_paper(
             here = measure(describe(covered)) if covered else None
             comparisons.append(PaperComparison(quantity, splits, covered, here, number))
     return comparisons
+
+
+# A dataset.
 
 
 @dataclass(frozen=True, eq=False)

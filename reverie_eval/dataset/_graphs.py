@@ -204,6 +204,9 @@ def _flatten_blocks(blocks: Sequence[Array]) -> Array:
     return np.concatenate([np.zeros(0, dtype=np.bool_), *(block.ravel() for block in blocks)])
 
 
+# Rules.
+
+
 FILE_RULES: Sequence[Rule[Reader]] = (
     info("files", "files read", lambda reader: Count(reader.n_files)),
     error(

@@ -34,7 +34,7 @@ _GZIP_MAGIC = b"\x1f\x8b"
 _LINES = ".jsonl"
 
 
-def has_lines(name: str) -> bool:
+def _has_lines(name: str) -> bool:
     """Whether a file of this name has a JSON object on each line."""
     return _LINES in name
 
@@ -104,7 +104,7 @@ class Reader:
             return fields
 
         # The standard library's parser is slower than others, but shows every repeated key.
-        if not has_lines(name):
+        if not _has_lines(name):
             return json.loads(content, object_pairs_hook=build_object)
         lines = content.splitlines()
         return [json.loads(line, object_pairs_hook=build_object) for line in lines if line.strip()]
@@ -121,6 +121,9 @@ def _path(location: tuple[int | str, ...]) -> str:
     """Write a location as a path into the file: ``[3].objId``."""
     parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
     return "".join(parts).lstrip(".")
+
+
+# Records.
 
 
 FARTHEST = 1e6

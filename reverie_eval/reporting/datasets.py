@@ -145,6 +145,9 @@ def _shown(found: Count) -> Sequence[str]:
     return [*examples, f"and {more:,} more"] if more else examples
 
 
+# Contents.
+
+
 _SOURCE = "paper: Qi et al., REVERIE, CVPR 2020, section 3"
 _GROUPS: Mapping[tuple[str, ...], str] = MappingProxyType(
     {
@@ -241,6 +244,9 @@ _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], st
     (_RANGE, PATH_LENGTH, _range),
 )
 """The rows of the table of splits: label, value, and how it is shown."""
+
+
+# Figures.
 
 
 _FORMATS = ("svg", "png")

@@ -68,47 +68,6 @@ _DOTS = {"miss": GREY, "hit": BLUE}
 _TITLE_LETTERS, _TITLE_LINES = 60, 3
 
 
-def _mark(shape: object, size: float, face: str, edge: str, width: float) -> dict[str, Any]:
-    return {
-        "marker": shape,
-        "markersize": size,
-        "markerfacecolor": face,
-        "markeredgecolor": edge,
-        "markeredgewidth": width,
-        "linestyle": "none",
-    }
-
-
-_LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
-    {
-        "edge": {"color": GREY, "linewidth": 0.8},
-        "viewpoint": _mark("o", 3.5, GREY, GREY, 1),
-        "elsewhere": {"alpha": 0.35},
-        "annotated": {"color": GREEN, "alpha": 0.3, "linewidth": 9},
-        "annotated off-level": {"linestyle": "--", "linewidth": 4.5},
-        "route": {
-            "color": INK,
-            "linewidth": 2,
-            "solid_capstyle": "round",
-            "dash_capstyle": "round",
-        },
-        "route off-level": {"linestyle": "--"},
-        "route jump": {"linestyle": ":"},
-        "sight": {"color": INK, "alpha": 0.2, "linewidth": 0},
-        "start": _mark("o", 6, "white", INK, 2),
-        "goal": _mark("o", 12, "white", GREEN, 2),
-        "end": _mark("*", 12, GREEN, "white", 0.8),
-        "stop": _mark("s", 6, INK, "white", 1),
-        "stairs": _mark(STAIRS, 9, "none", INK, 1.5),
-        "route-1": {"color": BLUE},
-        "route-2": {"color": VERMILION},
-        "stop route-1": {"markerfacecolor": BLUE},
-        "stop route-2": {"markerfacecolor": VERMILION},
-    }
-)
-"""The style sheet of maps, as in ``map.css``: an entry applies to lines with all its classes."""
-
-
 @dataclass(frozen=True)
 class Plots:
     """Figures of a submission's scores, drawn on ``ax`` or, if it is not given, on new Axes.
@@ -370,6 +329,50 @@ def _explain_beside(axes: "Axes") -> None:
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
+# Maps.
+
+
+def _mark(shape: object, size: float, face: str, edge: str, width: float) -> dict[str, Any]:
+    return {
+        "marker": shape,
+        "markersize": size,
+        "markerfacecolor": face,
+        "markeredgecolor": edge,
+        "markeredgewidth": width,
+        "linestyle": "none",
+    }
+
+
+_LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
+    {
+        "edge": {"color": GREY, "linewidth": 0.8},
+        "viewpoint": _mark("o", 3.5, GREY, GREY, 1),
+        "elsewhere": {"alpha": 0.35},
+        "annotated": {"color": GREEN, "alpha": 0.3, "linewidth": 9},
+        "annotated off-level": {"linestyle": "--", "linewidth": 4.5},
+        "route": {
+            "color": INK,
+            "linewidth": 2,
+            "solid_capstyle": "round",
+            "dash_capstyle": "round",
+        },
+        "route off-level": {"linestyle": "--"},
+        "route jump": {"linestyle": ":"},
+        "sight": {"color": INK, "alpha": 0.2, "linewidth": 0},
+        "start": _mark("o", 6, "white", INK, 2),
+        "goal": _mark("o", 12, "white", GREEN, 2),
+        "end": _mark("*", 12, GREEN, "white", 0.8),
+        "stop": _mark("s", 6, INK, "white", 1),
+        "stairs": _mark(STAIRS, 9, "none", INK, 1.5),
+        "route-1": {"color": BLUE},
+        "route-2": {"color": VERMILION},
+        "stop route-1": {"markerfacecolor": BLUE},
+        "stop route-2": {"markerfacecolor": VERMILION},
+    }
+)
+"""The style sheet of maps, as in ``map.css``: an entry applies to lines with all its classes."""
+
+
 def draw_map(episode_map: EpisodeMap, axes: "Axes") -> None:
     """Draw a map with its key below."""
     layout = Layout(episode_map)
@@ -446,6 +449,9 @@ def _key_entry(sign: Sign) -> "Line2D":
     if sign.kind == "sight":
         look |= {"linewidth": 9}
     return Line2D([], [], label=sign.meaning, **look)
+
+
+# Style.
 
 
 def split_colour(split: str) -> str:

@@ -281,6 +281,9 @@ def _name(scores: Scores) -> str:
 _COLUMNS = ("success", "oracle_success", "spl", "path_length", "rgs", "rgspl")
 
 
+# Methods side by side.
+
+
 def results_table(results: Mapping[str, Scored | Sequence[Scored]]) -> Table:
     r"""Return the results of several methods as a table, the best of each column in bold.
 
@@ -426,6 +429,9 @@ def _caption(every: Sequence[Scored], metrics: Sequence[Metric]) -> str:
         f"reverie-eval {parts[0]['version']}, protocol {protocol}; "
         f"data: {', '.join(data.values())}."
     )
+
+
+# A line for each file, and a row for each episode.
 
 
 def watch_heading(evaluator: Evaluator) -> str:

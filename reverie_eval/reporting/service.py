@@ -202,6 +202,9 @@ def _description(row: LeaderboardRow, flags: Mapping[str, str]) -> str:
     return f"{team}: {method} ({', '.join(about)})"
 
 
+# Replies to a submission.
+
+
 _DAY = timedelta(days=1)
 WINDOW_LENGTHS: Mapping[WindowName, str] = MappingProxyType(
     {
@@ -321,6 +324,9 @@ def snapshot_lines(snapshot: Snapshot) -> Iterator[str]:
         rank, score = cell_of(row.rank), metric_cell(metric, row.scores) if metric else MISSING
         yield printable(f"  {rank:>3}  {score:>6}  {row.method.name}, {row.team or 'anonymous'}")
     yield printable(board.signature)
+
+
+# Evidence, for organisers.
 
 
 def teams_table(teams: Iterable[TeamEvidence]) -> Table:

@@ -77,7 +77,7 @@ class Program(LazyGroup):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put ``score`` before a file, or before one of its options."""
         if args and args[0] not in {*self._attributes, *_HELP, "help", "--version"}:
-            # ``sumbit`` is a slip of a command's name; ``submit.json`` and ``runs/1`` are files,
+            # ``submits`` is a slip of a command's name; ``submit.json`` and ``runs/1`` are files,
             # there or not.
             looks_like_command = args[0].isidentifier() and not Path(args[0]).exists()
             if looks_like_command and not ctx.resilient_parsing:

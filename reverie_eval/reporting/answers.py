@@ -130,7 +130,7 @@ class Span(NamedTuple):
     """The part of a panorama that something takes up, in degrees."""
 
     heading: float
-    """Near its middle, in [0, 360)."""
+    """In [0, 360), near the middle of the span."""
     left: float
     """Degrees from ``heading`` to the left end, at most 0."""
     right: float
@@ -168,6 +168,8 @@ def box_span(xywh: Array, camera: FloatArray) -> Span:
     directions = np.concatenate([directions_of(*each) for each in zip(xywh, camera, strict=True)])
     heading, elevation = np.rad2deg(angles_of(directions)).T
     middle = np.rad2deg(angles_of(directions[: 4 * _POINTS].mean(axis=0)))[0]
+    # Headings are compared with the middle of the first box, or a box across heading 0 would seem
+    # to take up the whole panorama.
     offset = np.mod(heading - middle + 180, 360) - 180
     return Span(
         heading=float(middle % 360),
@@ -204,6 +206,7 @@ def directions_of(xywh: Array, camera: FloatArray) -> FloatArray:
 
 def angles_of(direction: FloatArray) -> FloatArray:
     """Return heading and elevation, radians, of directions of shape (..., 3) in the world."""
+    # As in MatterSim: heading 0 looks along y, and turning right it grows towards x.
     x, y, z = np.moveaxis(direction, -1, 0)
     return np.stack([np.arctan2(x, y), np.arctan2(z, np.hypot(x, y))], axis=-1)
 
@@ -227,6 +230,7 @@ def _best_view(seen: VisibleObject, target: VisibleObject | None) -> int:
 def _best_last(seen: VisibleObject, *preferred: BoolArray) -> IntArray:
     """Order an object's boxes: uncut ones come after cut ones, large ones after small ones."""
     area = seen.xywh[:, 2].astype(np.int64) * seen.xywh[:, 3]
+    # The last key counts most.
     return np.lexsort((area, _is_whole(seen), *preferred))
 
 

@@ -92,6 +92,7 @@ class Plots:
         with styled_axes(ax) as axes:
             axes.barh(list(funnel), list(funnel.values()), height=0.7, color=BLUE)
             for row, count in enumerate(funnel.values()):
+                # Text stands in long bars and beside short ones.
                 has_room = count > total / 2
                 axes.annotate(
                     f"{count:,}  ({100 * count / total:.1f} %)",
@@ -224,6 +225,7 @@ def plot_curve(
             ends = [
                 _shown(key, np.array([each[key].low, each[key].high])) for each in intervals if each
             ]
+            # A band with gaps would look as if it covered the steps between.
             if len(ends) == len(steps):
                 label = f"{intervals[0].label} interval" if intervals[0] else ""
                 axes.fill_between(steps, *np.transpose(ends), color=colour, alpha=0.2, label=label)
@@ -390,6 +392,7 @@ def draw_map(episode_map: EpisodeMap, axes: "Axes") -> None:
     axes.plot([12, 12 + bar * layout.frame.scale], [HEIGHT - 12] * 2, color=INK, linewidth=1.5)
     axes.text(12, HEIGHT - 17, f"{bar} m", fontsize="small")
     axes.set_xlim(0, WIDTH)
+    # The layout is that of the SVG map, whose y grows downwards.
     axes.set_ylim(HEIGHT, 0)
     axes.set_aspect("equal")
     axes.set_xticks([])

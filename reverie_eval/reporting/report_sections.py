@@ -178,6 +178,7 @@ def funnel_rows(scores: Submissions) -> Sequence[CountRow]:
     funnels = [each.failure_modes.funnel for each in scores.values()]
     stages = list(funnels[0])
     first, rows = stages[0], []
+    # The first stage is all episodes, and compared with itself.
     for stage, previous in zip(stages, [first, *stages], strict=False):
         shares = []
         for funnel in funnels:
@@ -203,6 +204,7 @@ def outcome_changes(first: Scores, other: Scores) -> Sequence[Sequence[int]]:
     index = {outcome: row for row, outcome in enumerate(BEST_OUTCOME_FIRST)}
     table = np.zeros((len(index), len(index)), dtype=np.int64)
     rows = [index[outcome] for outcome in first.outcomes]
+    # `table[rows, columns] += 1` would count a pair that occurs several times once.
     np.add.at(table, (rows, [index[outcome] for outcome in other.outcomes]), 1)
     counts: list[list[int]] = table.tolist()
     return counts
@@ -254,7 +256,9 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
     is_share = primary.unit == "fraction"
     columns = [primary.key, f"{primary.key}_low", f"{primary.key}_high"]
     scale = 100 if is_share else 1
+    # `reindex` adds columns of NaN where the scores have no intervals.
     tables = [(scale * frame.reindex(columns=columns)).to_numpy() for frame in frames]
+    # Lengths have no natural end: the longest bar is full. At least 1, which 0 can be divided by.
     full = 100.0 if is_share else max(float(np.nanmax(np.concatenate(tables))), 1.0)
     bars: list[Mapping[str, Bar]] = [
         {

@@ -203,6 +203,7 @@ def _csv(
 
     A cell is empty where a value is missing.
     """
+    # They are gone through once for each row.
     keys = list(keys)
     cells = [
         [*before, *(str(values.get(key, "")) for key in keys), *after]

@@ -106,7 +106,7 @@ def leaderboard_table(board: Leaderboard) -> Table:
 
 
 def narrow_leaderboard_table(board: Leaderboard) -> Table:
-    """Return the same table with all text in the last column, which can be wrapped."""
+    """Return a leaderboard with all text in the last column, which can be wrapped."""
     metrics, flags = _metrics(board), _flags(board)
     headings = ["rank", *(m.heading for m in metrics), "team: method"]
     rows = [
@@ -185,6 +185,7 @@ def _row_notes(row: LeaderboardRow, flags: Mapping[str, str]) -> Sequence[str]:
     """
     standing = [] if row.standing == "ranked" else [_STANDINGS[row.standing]]
     standing = [text.format(dataset=printable(row.dataset)) for text in standing]
+    # "disqualified" is a verdict and a standing; it is said once.
     verdicts = [review.verdict for review in row.reviews if review.verdict not in standing]
     method = row.method.model_dump()
     declared = [words for flag, words in flags.items() if method[flag]]

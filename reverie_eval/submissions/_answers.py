@@ -202,6 +202,7 @@ def _read_box(
         **({} if record.get(VIEW_KEY) is None else {VIEW_KEY: _whole_view(record[VIEW_KEY])}),
         **({} if record.get(IMAGE_SIZE_KEY) is None else {IMAGE_SIZE_KEY: list(size)}),
     }
+    # Each side has a scale of its own: models that take squares distort an image of 640 x 480.
     x_scale, y_scale = WIDTH / size[0], HEIGHT / size[1]
     left, right = box[0] * x_scale, (box[0] + box[2]) * x_scale
     top, bottom = box[1] * y_scale, (box[1] + box[3]) * y_scale
@@ -211,6 +212,7 @@ def _read_box(
     is_cut = max(x - left, right - x_end, y - top, bottom - y_end) > _SLACK
     is_outside = x_end <= x or y_end <= y
     log.differences["scaled boxes"] += size != (WIDTH, HEIGHT)
+    # Matterport's views are wider than tall, so this is probably [height, width], as numpy has it.
     log.differences["upright images"] += size[0] < size[1]
     log.differences["cut boxes"] += is_cut and not is_outside
     log.differences["boxes outside"] += is_outside
@@ -364,6 +366,7 @@ def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
 
 
 def box_columns(answers: Sequence[Answer], stop_angles: FloatArray) -> BoxAnswers:
+    """Return the boxes among answers as columns; ``stop_angles`` has a row for every answer."""
     boxes = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
     return BoxAnswers(
         row=np.array(list(boxes), dtype=np.int64),

@@ -129,6 +129,7 @@ def convert(
 
 def _problems_of(records: Sequence[Mapping[str, Any]], truth: GroundTruth) -> Sequence[Problem]:
     try:
+        # What was written is read again, as by whoever will score it.
         align(read_predictions(records, truth.task), truth)
     except SubmissionError as error:
         return error.problems

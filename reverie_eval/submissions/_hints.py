@@ -156,6 +156,7 @@ def reading_hints(
     """
     if len(boxes.row) < _ENOUGH:
         return
+    # Spread over the file, whose records may be sorted by building.
     sample = np.unique(np.linspace(0, len(boxes.row) - 1, _SAMPLE).astype(np.int64))
     boxes, viewpoint = boxes.take(sample), viewpoint[sample]
     given = boxes.uncut_xywh, snap(boxes.camera)
@@ -177,6 +178,7 @@ def _share_of_fits(drawn: _Drawn, viewpoint: IntArray, annotated: CandidateBoxes
     """Return the share of boxes that would be correct for some object in their view."""
     xywh, view = drawn
     index, row = annotated.pair_with_all(viewpoint, view)
+    # Corners read as [x, y, width, height], or the other way round, may give sides below 0.
     has_area = (xywh[index, 2:] > 0).all(axis=1)
     index, row = index[has_area], row[has_area]
     fits = box_match(xywh[index], annotated.xywh[row])
@@ -193,6 +195,7 @@ def _other_readings(xywh: FloatArray, view: IntArray) -> Mapping[str, _Drawn]:
         "x measured from the right edge": (WIDTH - x - width, y, width, height),
         "y measured from the lower edge": (x, HEIGHT - y - height, width, height),
     }
+    # What vision models scale images to; some language models give boxes in thousandths of a side.
     for side in (224, 336, 384, 1000):
         scaled = xywh * np.array([WIDTH, HEIGHT, WIDTH, HEIGHT]) / side
         boxes[f"boxes of {side} x {side} images"] = tuple(scaled.T)

@@ -43,6 +43,8 @@ class Numbering(dict[str | None, int]):
         """Return ids of viewpoints as the columns of :class:`Predictions` that hold them."""
         numbering = cls()
         number = numbering.numbers(ids)
+        # A dictionary keeps the order in which ids were added, so each id is at the index of its
+        # number.
         return {"viewpoint": number, "distinct_ids": list(numbering)}
 
 
@@ -127,6 +129,7 @@ class SubmissionColumns:
     def abstained(self) -> BoolArray:
         """Shape (n,): whether the answer predicts neither an object nor a box."""
         abstained = np.equal(self.predicted_object, ABSTAINED)
+        # An answer with a box has the object id -1.
         abstained[self.boxes.row] = False
         return abstained
 
@@ -227,6 +230,7 @@ class Predictions(SubmissionColumns):
 
     def content(self, record: int) -> Content:
         """Return what a record predicts, for comparison with another record."""
+        # Compared as lists and bytes: of arrays, `==` gives an array, and NaN does not equal NaN.
         begin, end = self.offsets[record : record + 2]
         box = slice(*np.searchsorted(self.boxes.row, [record, record + 1]))
         return (
@@ -265,5 +269,7 @@ def look_like_degrees(stop_angles: FloatArray) -> bool:
 
     ``stop_angles`` has shape (n_records, 2), with NaN where the file gives none.
     """
+    # NaN exceeds nothing. Sums of turns in radians may exceed a full turn too, but not most of
+    # them.
     exceeding = (np.abs(stop_angles) > 2 * np.pi).any(axis=1).sum()
     return bool(exceeding > MOST * len(stop_angles))

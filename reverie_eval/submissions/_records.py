@@ -165,6 +165,7 @@ def read_records(
 
 
 def _check_problem_count(log: ReadingLog) -> None:
+    # Asked after each record: a file of another kind would give a problem for each of its values.
     if len(log.problems) > problems.MAX_PROBLEMS:
         raise SubmissionError(problems.limit_problems(log.all_problems()))
 
@@ -179,6 +180,7 @@ def _with_known_fields(
     """Return a record with its misspelt fields under the names that they must mean."""
     if record.keys() <= fields.all:
         return record
+    # The key is the record's id, so a field that resembles one may be a note of the codebase's.
     if location.key is not None:
         optional = {*optional, fields.id.name}
     few = log.unknown_fields + len(record) <= MAX_COMPARED
@@ -216,6 +218,7 @@ def _with_id(
     if isinstance(meant, float) and meant.is_integer() and task.has_numbers:
         log.add_fault(faults.DECIMAL_NUMBERS, location, f".{INSTR_ID_KEY}", given)
         meant = int(meant)
+    # Someone kept the parts of "4332_0" as [4332, 0].
     if is_list(meant) and meant and all(map(is_integer, meant)):
         log.add_fault(faults.REWRITTEN_IDS, location, f".{INSTR_ID_KEY}", given)
         meant = "_".join(map(str, meant))
@@ -258,6 +261,7 @@ def read_carefully(
     walks = [record.trajectory for record in records]
     lengths = np.fromiter((len(walk.locations) for walk in walks), np.int64, len(walks))
     answers = [record.answer or Answer(ABSTAINED) for record in records]
+    # The shape is said for a file without records, of which numpy makes shape (0,).
     stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
     boxes = box_columns(answers, stop_angles)
     log.problems.extend(box_scale_problems(boxes))

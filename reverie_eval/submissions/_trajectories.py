@@ -343,6 +343,7 @@ def take_path(
     fault = faults.ITEMS_FOR_PATHS if len(trajectories) == 1 else faults.SEVERAL_PATHS
     log.add_fault(fault, location, f".{TRAJECTORY_KEY}", given)
     rest = {name: value for name, value in first.items() if name != key}
+    # What the record itself says, such as its answer, comes before what is in its trajectory.
     return {**rest, **record, TRAJECTORY_KEY: first[key]}
 
 
@@ -350,6 +351,7 @@ def split_items(
     records: Iterable[tuple[RecordLocation, Mapping[str, Any]]], log: ReadingLog
 ) -> Iterator[tuple[RecordLocation, Mapping[str, Any]]]:
     """Yield a record for each trajectory of an item; those with an id of their own as they are."""
+    # Counted over the whole file, because an item's trajectories may be in several records.
     count: Counter[object] = Counter()
     for location, record in records:
         given = record.get(INSTR_ID_KEY, location.key)
@@ -417,6 +419,7 @@ def join_items(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     items: dict[str, list[Mapping[str, Any]]] = {}
     for record in records:
+        # SOON's own files have the ids of items as numbers.
         item, _, _ = record[INSTR_ID_KEY].partition(ITEM_MARK)
         rest = {key: value for key, value in record.items() if key in POINT_KEYS}
         items.setdefault(item, []).append({PATH_KEY: record[TRAJECTORY_KEY], **rest})

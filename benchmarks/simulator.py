@@ -4,7 +4,7 @@
 buildings, as training code does, and reads every attribute that such code reads. The original took
 0.13 ms a state on another machine, where it took 9.9 s to read the buildings. They are read twice
 here: from the connectivity files, and from the tables that were kept of them. Pictures are
-rendered from a skybox of noise.
+rendered from a skybox of noise. The Random agent walks val_unseen in an ``Environment``.
 Needs the published files (see ``fixtures/published.py``).
 """
 
@@ -22,6 +22,9 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fixtures.published import published_folder, unpack_dataset
+from reverie_eval import GroundTruth
+from reverie_eval.agents import run_agent
+from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.simulator import MatterSim
 
 EACH = 10
@@ -50,9 +53,11 @@ def main() -> int:
         times = [read(graphs, scans) for _ in range(2)]
         states, seconds = sweep(graphs, scans)
         milliseconds = picture(graphs, scans[0], Path(temporary))
+        walked, walking = walk(Path(temporary, "reverie-v1"))
     microseconds = 1e6 * seconds / states
     print(f"a state: {microseconds:.1f} us of {states:,}, where the original took {ORIGINAL}")
     print(f"the {len(scans)} buildings: {times[0]:.2f} s at first, {1000 * times[1]:.0f} ms later")
+    print(f"a step in an environment: {1e6 * walking / walked:.1f} us of {walked:,}")
     print(f"a picture: {milliseconds:.0f} ms of a processor, at most {PICTURE}")
     is_slow = (
         milliseconds > PICTURE
@@ -108,6 +113,17 @@ def sweep(graphs: Path, scans: list[str]) -> tuple[int, float]:
                 look(sim)
             states += 36
     return states, time.perf_counter() - began
+
+
+def walk(dataset: Path) -> tuple[int, float]:
+    """Return the steps that the Random agent takes through val_unseen, and the seconds for them."""
+    truth = GroundTruth.from_bundle(
+        compile_split(DatasetFiles.find(dataset, split="val_unseen"), "val_unseen")
+    )
+    began = time.perf_counter()
+    records = run_agent("random", truth)
+    seconds = time.perf_counter() - began
+    return sum(len(record["trajectory"]) for record in records), seconds
 
 
 def picture(graphs: Path, scan: str, folder: Path) -> float:

@@ -64,6 +64,11 @@ class Environment:
     pictures : path, optional
         The folder of the scans with their skyboxes, as ``MatterSim.setDatasetPath`` takes it.
 
+    Raises
+    ------
+    ValueError
+        If ``boxes`` cannot be read.
+
     Examples
     --------
     >>> from reverie_eval.ground_truth import DEMO_BUNDLES

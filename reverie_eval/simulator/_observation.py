@@ -120,7 +120,9 @@ class Observation:
         Raises
         ------
         ReverieEvalError
-            If the environment was given no pictures, or there is none of this viewpoint.
+            If the environment was given no pictures.
+        ValueError
+            If there is no skybox of this viewpoint.
         """
         self.notes.add("pictures")
         return self.render()

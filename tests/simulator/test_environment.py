@@ -415,6 +415,19 @@ def test_pictures_are_those_of_the_simulator(
     assert (image == simulator.getState()[0].rgb[..., ::-1]).all()
 
 
+def test_a_viewpoint_without_a_skybox_is_named(truth: GroundTruth, tmp_path: Path) -> None:
+    seen = Environment(truth, pictures=tmp_path).reset("7_5_0")
+    with pytest.raises(
+        ValueError, match=r"Could not open skybox RGB files at: .*hall_skybox_small"
+    ):
+        seen.image()
+
+
+def test_boxes_that_cannot_be_read_are_named(truth: GroundTruth, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"Could not open objects at: .*BBoxes"):
+        Environment(truth, boxes=tmp_path / "BBoxes.json")
+
+
 def test_pictures_need_the_directions_of_cameras(truth: GroundTruth, tmp_path: Path) -> None:
     old = replace(truth, graph=replace(truth.graph, viewpoint_rotation=None))
     with pytest.raises(GroundTruthError, match="no directions of cameras; compile it again"):

@@ -138,6 +138,11 @@ def test_a_file_that_has_no_objects_is_named(
         MatterSim.Simulator().setObjectsPath(str(tmp_path / name))
 
 
+def test_a_folder_of_something_else_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"it has no file of a viewpoint's objects$"):
+        MatterSim.Objects(str(tmp_path))
+
+
 def test_a_public_bundle_has_no_objects(tmp_path: Path) -> None:
     np.savez(tmp_path / "public.npz", viewpoint_id=np.array(["here"]))
     with pytest.raises(ValueError, match=r"public\.npz: it is not a bundle with the solution$"):

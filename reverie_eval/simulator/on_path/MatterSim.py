@@ -988,7 +988,10 @@ class Objects:
         self._path = path
         self._records: Dict[str, Any] = {}
         self._is_folder = os.path.isdir(path)
-        if not self._is_folder:
+        if self._is_folder:
+            if not any(name.endswith(".json") for name in os.listdir(path)):
+                raise ValueError(f"MatterSim: {path}: it has no file of a viewpoint's objects")
+        else:
             read = _bundled_objects if path.endswith(".npz") else _read_objects
             self._records = read(path)
 

@@ -72,6 +72,7 @@ class Neighbour:
     """A viewpoint to which the agent can go."""
 
     viewpoint_id: str
+    """Where it leads."""
     relative_heading: _Noted[float] = _Noted("geometry")
     """Radians to the right of the agent's heading, in [-pi, pi]."""
     relative_elevation: _Noted[float] = _Noted("geometry")
@@ -95,7 +96,9 @@ class Observation:
     language: str
     """The language of the instruction, such as ``en-US``; empty in a task of one language."""
     scan_id: str
+    """The building."""
     viewpoint_id: str
+    """The place in it where the agent is."""
     heading: float
     """Radians from the building's y axis towards its x axis, in [0, 2 pi)."""
     elevation: float
@@ -133,6 +136,7 @@ class Go:
     """Go to a neighbour, and face the direction of travel."""
 
     viewpoint_id: str
+    """Of the neighbour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +144,9 @@ class Turn:
     """Face a direction, in radians as the observation has it; the last pose has it then."""
 
     heading: float
+    """Radians; any number of turns."""
     elevation: float = 0.0
+    """Radians, in [-pi / 2, pi / 2]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +159,7 @@ class Answer:
     """End the episode, and predict an object."""
 
     object_id: int
+    """Of one of the candidates, if the environment was given boxes; else of any object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +167,7 @@ class AnswerBox:
     """End the episode, and predict a box in one of the 36 views."""
 
     view: int
+    """0 to 35."""
     xywh: tuple[float, float, float, float]
     """Left, top, width and height in pixels of the 640 x 480 view."""
 

@@ -15,7 +15,7 @@ from reverie_eval.submissions._alignment import (
 )
 from reverie_eval.submissions._answers import NO_POINT, official_point
 from reverie_eval.submissions._conversion import Conversion, convert
-from reverie_eval.submissions._document import are_records, check_value_count
+from reverie_eval.submissions._document import are_records
 from reverie_eval.submissions._hints import answer_hints, submission_hints
 from reverie_eval.submissions._official import submission_schema
 from reverie_eval.submissions._predictions import (
@@ -34,6 +34,7 @@ from reverie_eval.submissions._sources import (
     RECEIPT_ENDING,
     Source,
     check_names,
+    check_value_count,
     find_files,
     find_runs,
     read_bytes,

@@ -223,7 +223,7 @@ def _with_ids(
 
 def _raise_problems(*groups: Iterable[Problem]) -> None:
     # The groups are generators: nothing is searched for beyond the limit.
-    found = problems.limit_problems(chain.from_iterable(groups))
+    found = faults.limit_problems(chain.from_iterable(groups))
     if found:
         raise SubmissionError(found)
 

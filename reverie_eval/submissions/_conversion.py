@@ -12,19 +12,14 @@ from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._alignment import align
 from reverie_eval.submissions._answers import Answer, has_answer, official_point
-from reverie_eval.submissions._document import (
-    are_records,
-    is_python_literal,
-    parse_document,
-    parse_python_literal,
-)
+from reverie_eval.submissions._document import are_records, parse_document, parse_python_literal
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import ANSWER_KEYS
 from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from reverie_eval.submissions._predictions import Signs, Submission
 from reverie_eval.submissions._recognition import fix_viewpoint_ids, recognise, recognise_task
 from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
-from reverie_eval.submissions._sources import read_bytes
+from reverie_eval.submissions._sources import is_python_literal, read_bytes
 from reverie_eval.submissions._trajectories import join_items
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import count_text
@@ -114,7 +109,7 @@ def convert(
         )
     written = _without_repeats(records, log, of_task)
     if log.has_unfixable:
-        raise SubmissionError(problems.limit_problems(log.all_problems()))
+        raise SubmissionError(faults.limit_problems(log.all_problems()))
     converted = join_items(written) if of_task.has_items else written
     return Conversion(
         records=converted,

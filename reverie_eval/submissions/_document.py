@@ -26,6 +26,7 @@ from reverie_eval.submissions._fields import (
 )
 from reverie_eval.submissions._predictions import MOST, Records, Submission
 from reverie_eval.submissions._problems import RecordLocation
+from reverie_eval.submissions._sources import check_kind, check_value_count
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 
@@ -34,30 +35,12 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypeIs
 
+
 MAX_VALUES = 30_000_000
 """Enough for a thousand poses in each of the 6,292 episodes of test: 25 million values."""
 MAX_RECORDS = 200_000
 """Nearly twenty times the largest split, the 10,290 episodes of train."""
 
-_NOT_JSON = {
-    b"PK\x03\x04": "a zip archive within another",
-    b"\xfd7zXZ": "an xz archive",
-    b"BZh": "a bzip2 archive",
-    b"7z\xbc\xaf": "a 7z archive",
-    b"Rar!": "a rar archive",
-    b"(\xb5/\xfd": "a Zstandard archive",
-    b"\x1f\x8b": "packed twice",
-    b"\x80": "a Python pickle",
-    b"\x93NUMPY": "a numpy array",
-    b"\x89HDF": "an HDF5 file",
-    b"version https://git-lfs": "a git-lfs pointer, not the file itself",
-    b"<": "a web page",
-}
-"""What people send instead of a result file, by its first bytes."""
-_TAR_MARK = b"ustar"
-_TAR_MARK_AT = 257
-"""The offset of that mark."""
-_PYTHON_LITERAL = re.compile(rb"[\s\[{(]+'")
 _BRACKETS = ("[", "{")
 _SHOWN_TEXT = 60
 _SPACE = re.compile(r"\s*")
@@ -83,7 +66,7 @@ def parse_document(content: bytes, log: ReadingLog, *, has_lines: bool = False) 
     Text that is not quite JSON, but tells what was meant, is parsed and noted as a fault, and other
     text is refused. With ``has_lines``, one object after another is not a fault.
     """
-    _check_kind(content)
+    check_kind(content)
     check_value_count(content, MAX_VALUES)
     try:
         return _decoded_twice(_parse_json(content, log, has_lines=has_lines), log)
@@ -96,24 +79,6 @@ def parse_document(content: bytes, log: ReadingLog, *, has_lines: bool = False) 
     except ValueError:  # Python refuses to convert thousands of digits
         problem = problems.HUGE_NUMBER.of_file()
     raise SubmissionError([problem])
-
-
-def _check_kind(content: bytes) -> None:
-    for beginning, kind in _NOT_JSON.items():
-        if content.startswith(beginning):
-            raise SubmissionError([problems.ANOTHER_KIND.of_file(kind=kind)])
-    if content.startswith(_TAR_MARK, _TAR_MARK_AT):
-        raise SubmissionError([problems.ANOTHER_KIND.of_file(kind="a tar archive")])
-    if not content.strip():
-        raise SubmissionError([problems.ANOTHER_KIND.of_file(kind="empty")])
-    if is_python_literal(content):
-        fault = faults.PYTHON_LITERAL
-        raise SubmissionError([fault.problem(1, problems.WHOLE_FILE, (), None)])
-
-
-def is_python_literal(content: bytes) -> bool:
-    """Whether this is what Python prints for a list or a dictionary, which is not JSON."""
-    return _PYTHON_LITERAL.match(content) is not None
 
 
 def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
@@ -209,17 +174,6 @@ def check_record_count(count: int) -> None:
     """Refuse more records than any split could need."""
     if count > MAX_RECORDS:
         raise SubmissionError([problems.TOO_MANY_RECORDS.of_file(limit=MAX_RECORDS)])
-
-
-def check_value_count(content: bytes, limit: int) -> None:
-    """Refuse JSON text that would take gigabytes once it is parsed."""
-    if len(content) <= limit:
-        return  # nearly always: counting takes as long as a third of parsing
-    # Every value but the first follows a comma or the beginning of a list or an object. Counting
-    # these bytes is an upper bound that takes milliseconds and no memory.
-    count = sum(map(content.count, (b"[", b"{", b",")))
-    if count > limit:
-        raise SubmissionError([problems.TOO_MANY_VALUES.of_file(found=count, limit=limit)])
 
 
 def _build_object(fields: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -4,16 +4,24 @@ A mistake with one cause is reported once, however many records have it. A diffe
 official form that does not change the meaning is read, and mentioned.
 """
 
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import islice
+from sys import maxsize
 from types import MappingProxyType
 
-from reverie_eval.errors import Problem
+from reverie_eval.errors import SHOWN_PROBLEMS, Problem
 from reverie_eval.geometry import FAR_OFF
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._problems import POSE_FORM, WHOLE_FILE, RecordLocation, show
+from reverie_eval.submissions._problems import (
+    POSE_FORM,
+    WHOLE_FILE,
+    RecordLocation,
+    show,
+)
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 
@@ -219,6 +227,50 @@ def records_of_other_splits(others: Sequence[str], found: int, expected: int, sp
         "remove these records",
         _CONVERT_FOR_SPLIT,
     )
+
+
+MAX_PROBLEMS = 10_000
+"""Checking stops after this many problems; fixing these nearly always fixes the rest."""
+_ANY_INDEX = re.compile(r"""^\["[^"]*"\]|\[\d+\]""")
+"""The numbers of records and poses in the location of a problem, and the keys of records."""
+_OF_FIELDS = (
+    *("wrong-type", "missing-field", "not-finite", "empty-trajectory", "empty-box", "wrong-view"),
+    *("two-answers", "wrong-camera", "unknown-viewpoint", "other-scan", "wrong-start"),
+    *("unreachable", "duplicate-episode"),
+)
+"""The codes of problems with one field of one record."""
+
+
+def limit_problems(given: Iterable[Problem]) -> Sequence[Problem]:
+    """Return all problems, or the first of them and one that says that there are more.
+
+    A mistake that more records share than fit a screen is one problem.
+    """
+    first = list(islice(given, MAX_PROBLEMS + 1))
+    if len(first) <= MAX_PROBLEMS:
+        return _join_alike(first)
+    # Problems are sorted by position: the largest possible one comes last.
+    last = replace(problems.TOO_MANY_PROBLEMS.of_file(limit=MAX_PROBLEMS), position=(maxsize,))
+    return [*_join_alike(first[:-1]), last]
+
+
+def _join_alike(given: Iterable[Problem]) -> Sequence[Problem]:
+    """Return problems with one for each field that many records have wrong in the same way.
+
+    Where values differ, so do the messages, though the mistake is one.
+    """
+    alike: dict[tuple[str, str], list[Problem]] = {}
+    for problem in given:
+        field = _ANY_INDEX.sub("", problem.where) or problem.message
+        alike.setdefault((problem.code, field), []).append(problem)
+    return [each for found in alike.values() for each in _joined(found)]
+
+
+def _joined(found: Sequence[Problem]) -> Sequence[Problem]:
+    if len(found) <= SHOWN_PROBLEMS or found[0].code not in _OF_FIELDS:
+        return found
+    first = min(found, key=lambda problem: problem.position)
+    return [replace(first, message=f"{first.message} ({len(found) - 1:,} more like it)")]
 
 
 DIFFERENCES: Mapping[str, str] = MappingProxyType(

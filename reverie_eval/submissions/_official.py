@@ -39,8 +39,6 @@ _HOPS = Annotated[list[list[str]], Meta(min_length=1)]
 _OBJECT_AS_TEXT = Annotated[
     str, Meta(pattern=rf"^(0|[1-9][0-9]{{0,{len(str(LARGEST_OBJECT_ID)) - 1}}})\Z")
 ]
-
-
 _LISTS = frozenset({list, tuple})
 _NUMBERS = frozenset({float, int, np.float64, np.float32})
 _INTEGERS = frozenset({int, np.int64, np.int32})

@@ -6,24 +6,18 @@ many records share are in ``_faults``.
 """
 
 import math
-import re
 import reprlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from string import Formatter
-from sys import maxsize
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
-from reverie_eval.errors import SHOWN_PROBLEMS, Problem
+from reverie_eval.errors import Problem
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
-
-MAX_PROBLEMS = 10_000
-"""Checking stops after this many problems; fixing these nearly always fixes the rest."""
 
 WHOLE_FILE = "file"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
@@ -392,48 +386,6 @@ def id_form(task: Task) -> str:
     if task.id_example.isdecimal():
         return f"the number of the episode: {task.id_example}"
     return f'the episode\'s id as text: "{task.id_example}"'
-
-
-_ANY_INDEX = re.compile(r"""^\["[^"]*"\]|\[\d+\]""")
-"""The numbers of records and poses in the location of a problem, and the keys of records."""
-_OF_FIELDS = (
-    *("wrong-type", "missing-field", "not-finite", "empty-trajectory", "empty-box", "wrong-view"),
-    *("two-answers", "wrong-camera", "unknown-viewpoint", "other-scan", "wrong-start"),
-    *("unreachable", "duplicate-episode"),
-)
-"""The codes of problems with one field of one record."""
-
-
-def limit_problems(problems: Iterable[Problem]) -> Sequence[Problem]:
-    """Return all problems, or the first of them and one that says that there are more.
-
-    A mistake that more records share than fit a screen is one problem.
-    """
-    first = list(islice(problems, MAX_PROBLEMS + 1))
-    if len(first) <= MAX_PROBLEMS:
-        return _join_alike(first)
-    # Problems are sorted by position: the largest possible one comes last.
-    last = replace(TOO_MANY_PROBLEMS.of_file(limit=MAX_PROBLEMS), position=(maxsize,))
-    return [*_join_alike(first[:-1]), last]
-
-
-def _join_alike(problems: Iterable[Problem]) -> Sequence[Problem]:
-    """Return problems with one for each field that many records have wrong in the same way.
-
-    Where values differ, so do the messages, though the mistake is one.
-    """
-    alike: dict[tuple[str, str], list[Problem]] = {}
-    for problem in problems:
-        field = _ANY_INDEX.sub("", problem.where) or problem.message
-        alike.setdefault((problem.code, field), []).append(problem)
-    return [each for found in alike.values() for each in _joined(found)]
-
-
-def _joined(found: Sequence[Problem]) -> Sequence[Problem]:
-    if len(found) <= SHOWN_PROBLEMS or found[0].code not in _OF_FIELDS:
-        return found
-    first = min(found, key=lambda problem: problem.position)
-    return [replace(first, message=f"{first.message} ({len(found) - 1:,} more like it)")]
 
 
 class _Short(reprlib.Repr):

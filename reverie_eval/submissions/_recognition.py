@@ -22,12 +22,10 @@ from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._answers import predicts
 from reverie_eval.submissions._faults import Fault, ReadingLog
-from reverie_eval.submissions._fields import ID_KEYS, id_key_of, is_integer, unwrap
+from reverie_eval.submissions._fields import unwrap
 from reverie_eval.submissions._predictions import Signs
 from reverie_eval.submissions._problems import RecordLocation
-from reverie_eval.submissions._trajectories import has_point, is_item
 from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK, ITEM_MARK, Task, find_task
 
 Ids: TypeAlias = Sequence[str | None]
@@ -58,35 +56,6 @@ _NEARLY_ALL = 0.9
 _BETWEEN_PARTS = re.compile("[_-]")
 _NUMBER_ID = re.compile(r"[\d#]+")
 """An id that tells nothing of its task."""
-
-_Records: TypeAlias = Sequence[Mapping[str, Any]]
-
-
-def signs_of(given: _Records, named: _Records, task: Task) -> Signs:
-    """Return what the form of records says, as given and with their fields renamed."""
-    if not given:
-        return Signs()
-    keys = {frozenset(ID_KEYS.intersection(record)) for record in given}
-    # Only a field that all records have, and no other id field beside it, tells a task.
-    (key,) = next(iter(keys)) if len(keys) == 1 and len(next(iter(keys))) == 1 else ("",)
-    items = [record for record in named if is_item(record)]
-    return Signs(
-        id_key=key,
-        has_items=len(items) == len(named),
-        has_points=any(map(has_point, items)),
-        has_answers=task.has_targets and any(map(predicts, named)),
-        numbered=frozenset() if task.has_numbers else _numbered(named, task),
-    )
-
-
-def _numbered(records: _Records, task: Task) -> frozenset[int]:
-    """Return the rows of records whose ids are numbers."""
-    ids = [record.get(id_key_of(record, task)) for record in records]
-    return frozenset(
-        row
-        for row, each in enumerate(ids)
-        if not isinstance(each, str) and is_integer(unwrap(each)[0])
-    )
 
 
 @dataclass(frozen=True)

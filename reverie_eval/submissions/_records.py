@@ -26,12 +26,14 @@ from reverie_eval.submissions._answers import (
     box_scale_problems,
     disagree,
     has_answer,
+    predicts,
     read_answer,
     read_point,
 )
 from reverie_eval.submissions._document import are_records, locate_records, parse_document
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import (
+    ID_KEYS,
     INSTR_ID_KEY,
     MAX_COMPARED,
     PART_OF_ITEM,
@@ -54,10 +56,10 @@ from reverie_eval.submissions._predictions import (
     look_like_degrees,
 )
 from reverie_eval.submissions._problems import RecordLocation
-from reverie_eval.submissions._recognition import signs_of
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._trajectories import (
     Trajectory,
+    has_point,
     is_item,
     read_trajectory,
     split_items,
@@ -164,10 +166,39 @@ def read_records(
     return read, signs
 
 
+def signs_of(
+    given: Sequence[Mapping[str, Any]], named: Sequence[Mapping[str, Any]], task: Task
+) -> Signs:
+    """Return what the form of records says, as given and with their fields renamed."""
+    if not given:
+        return Signs()
+    keys = {frozenset(ID_KEYS.intersection(record)) for record in given}
+    # Only a field that all records have, and no other id field beside it, tells a task.
+    (key,) = next(iter(keys)) if len(keys) == 1 and len(next(iter(keys))) == 1 else ("",)
+    items = [record for record in named if is_item(record)]
+    return Signs(
+        id_key=key,
+        has_items=len(items) == len(named),
+        has_points=any(map(has_point, items)),
+        has_answers=task.has_targets and any(map(predicts, named)),
+        numbered=frozenset() if task.has_numbers else _numbered(named, task),
+    )
+
+
+def _numbered(records: Sequence[Mapping[str, Any]], task: Task) -> frozenset[int]:
+    """Return the rows of records whose ids are numbers."""
+    ids = [record.get(id_key_of(record, task)) for record in records]
+    return frozenset(
+        row
+        for row, each in enumerate(ids)
+        if not isinstance(each, str) and is_integer(unwrap(each)[0])
+    )
+
+
 def _check_problem_count(log: ReadingLog) -> None:
     # Asked after each record: a file of another kind would give a problem for each of its values.
-    if len(log.problems) > problems.MAX_PROBLEMS:
-        raise SubmissionError(problems.limit_problems(log.all_problems()))
+    if len(log.problems) > faults.MAX_PROBLEMS:
+        raise SubmissionError(faults.limit_problems(log.all_problems()))
 
 
 def _with_known_fields(

@@ -1,4 +1,4 @@
-"""Where submissions come from (a path, an open file, standard input), and their names."""
+"""Where submissions come from, what their bytes are, and how they are named."""
 
 import errno
 import io
@@ -15,6 +15,7 @@ from typing import BinaryIO, TextIO, TypeAlias
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from reverie_eval.errors import ProtocolError, SubmissionError
+from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._problems import show
 from reverie_eval.text import count_text, first_few
@@ -209,6 +210,57 @@ def _is_system_file(member: ZipInfo) -> bool:
     *folders, name = member.filename.split("/")
     # macOS puts a hidden file beside each file of an archive.
     return not name or name.startswith(".") or "__MACOSX" in folders
+
+
+_NOT_JSON = {
+    b"PK\x03\x04": "a zip archive within another",
+    b"\xfd7zXZ": "an xz archive",
+    b"BZh": "a bzip2 archive",
+    b"7z\xbc\xaf": "a 7z archive",
+    b"Rar!": "a rar archive",
+    b"(\xb5/\xfd": "a Zstandard archive",
+    b"\x1f\x8b": "packed twice",
+    b"\x80": "a Python pickle",
+    b"\x93NUMPY": "a numpy array",
+    b"\x89HDF": "an HDF5 file",
+    b"version https://git-lfs": "a git-lfs pointer, not the file itself",
+    b"<": "a web page",
+}
+"""What people send instead of a result file, by its first bytes."""
+_TAR_MARK = b"ustar"
+_TAR_MARK_AT = 257
+"""The offset of that mark."""
+_PYTHON_LITERAL = re.compile(rb"[\s\[{(]+'")
+
+
+def check_kind(content: bytes) -> None:
+    """Refuse what is not JSON at all, and say what it is."""
+    for beginning, kind in _NOT_JSON.items():
+        if content.startswith(beginning):
+            raise SubmissionError([problems.ANOTHER_KIND.of_file(kind=kind)])
+    if content.startswith(_TAR_MARK, _TAR_MARK_AT):
+        raise SubmissionError([problems.ANOTHER_KIND.of_file(kind="a tar archive")])
+    if not content.strip():
+        raise SubmissionError([problems.ANOTHER_KIND.of_file(kind="empty")])
+    if is_python_literal(content):
+        fault = faults.PYTHON_LITERAL
+        raise SubmissionError([fault.problem(1, problems.WHOLE_FILE, (), None)])
+
+
+def is_python_literal(content: bytes) -> bool:
+    """Whether this is what Python prints for a list or a dictionary, which is not JSON."""
+    return _PYTHON_LITERAL.match(content) is not None
+
+
+def check_value_count(content: bytes, limit: int) -> None:
+    """Refuse JSON text that would take gigabytes once it is parsed."""
+    if len(content) <= limit:
+        return  # nearly always: counting takes as long as a third of parsing
+    # Every value but the first follows a comma or the beginning of a list or an object. Counting
+    # these bytes is an upper bound that takes milliseconds and no memory.
+    count = sum(map(content.count, (b"[", b"{", b",")))
+    if count > limit:
+        raise SubmissionError([problems.TOO_MANY_VALUES.of_file(found=count, limit=limit)])
 
 
 def find_files(names: Sequence[str]) -> list[str]:

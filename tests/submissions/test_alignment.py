@@ -304,7 +304,7 @@ def test_a_submission_for_another_item(demo: GroundTruth) -> None:
 def test_checking_stops_after_too_many_problems(
     farm: GroundTruth, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("reverie_eval.submissions._problems.MAX_PROBLEMS", 3)
+    monkeypatch.setattr("reverie_eval.submissions._faults.MAX_PROBLEMS", 3)
     submission = [record("7_1_0", "hall", *["nowhere"] * 5), SECOND, THIRD]
     found = problems_of(submission, farm)
     assert [problem.where for problem in found] == [

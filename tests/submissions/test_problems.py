@@ -425,8 +425,8 @@ def test_a_mistake_that_many_records_share_is_one_problem() -> None:
         for row in range(SHOWN_PROBLEMS + 1)
     ]
     others = [wrong_type(RecordLocation(2), 7, problems.TRAJECTORY_FORM, "trajectory")]
-    assert problems.limit_problems([*found[1:], *others]) == [*found[1:], *others]
-    joined, *rest = problems.limit_problems([*reversed(found), *others])
+    assert faults.limit_problems([*found[1:], *others]) == [*found[1:], *others]
+    joined, *rest = faults.limit_problems([*reversed(found), *others])
     assert rest == others
     assert (joined.where, joined.code) == ("[0].predObjId", "wrong-type")
     assert joined.message == f"{found[0].message} (20 more like it)"
@@ -437,16 +437,16 @@ def test_the_same_field_of_records_by_their_ids_is_one_place() -> None:
         problems.MISSING_FIELD.of_record(RecordLocation(row, f"{row}_1_0"), field="trajectory")
         for row in range(SHOWN_PROBLEMS + 1)
     ]
-    (joined,) = problems.limit_problems(found)
+    (joined,) = faults.limit_problems(found)
     assert str(joined) == '["0_1_0"]: has no trajectory; add it (20 more like it)'
 
 
 def test_problems_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(problems, "MAX_PROBLEMS", 2)
+    monkeypatch.setattr(faults, "MAX_PROBLEMS", 2)
     found = [problems.MISSING_FIELD.of_record(RecordLocation(row), field="a") for row in range(5)]
-    assert problems.limit_problems(iter(found[:2])) == found[:2]
+    assert faults.limit_problems(iter(found[:2])) == found[:2]
     further = iter(found)
-    *first, last = problems.limit_problems(further)
+    *first, last = faults.limit_problems(further)
     assert first == found[:2]
     assert next(further) is found[3]  # nothing is searched for beyond the limit
     assert (last.code, last.where, last.position) == ("too-many-problems", "file", (maxsize,))

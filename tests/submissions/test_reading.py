@@ -22,9 +22,10 @@ from reverie_eval.submissions import (
     Submission,
     read_predictions,
 )
-from reverie_eval.submissions._document import check_value_count, rows_of_table
+from reverie_eval.submissions._document import rows_of_table
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._records import read_carefully
+from reverie_eval.submissions._sources import check_value_count
 from reverie_eval.tasks import find_task
 from tests.support.json_records import (
     Columns,
@@ -678,7 +679,7 @@ def test_a_trajectory_longer_than_any_agent_walks(
 
 
 def test_reading_stops_after_too_many_problems(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reverie_eval.submissions._problems.MAX_PROBLEMS", 3)
+    monkeypatch.setattr("reverie_eval.submissions._faults.MAX_PROBLEMS", 3)
     poses = b'[{"instr_id": "1_0", "predObjId": 1, "trajectory": [{}, {}, {}, {}, {}]}, {}]'
     for content, places in (
         (b"[1, 2, 3, 4, 5, 6]", ["[0]", "[1]", "[2]", "file"]),

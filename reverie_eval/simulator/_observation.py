@@ -72,7 +72,7 @@ class Neighbour:
     """A viewpoint to which the agent can go."""
 
     viewpoint_id: str
-    """Where it leads."""
+    """The viewpoint."""
     relative_heading: _Noted[float] = _Noted("geometry")
     """Radians to the right of the agent's heading, in [-pi, pi]."""
     relative_elevation: _Noted[float] = _Noted("geometry")
@@ -136,7 +136,7 @@ class Go:
     """Go to a neighbour, and face the direction of travel."""
 
     viewpoint_id: str
-    """Of the neighbour."""
+    """The neighbour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,7 @@ class Answer:
     """End the episode, and predict an object."""
 
     object_id: int
-    """Of one of the candidates, if the environment was given boxes; else of any object."""
+    """The object: one of the candidates, if the environment was given boxes."""
 
 
 @dataclass(frozen=True, slots=True)

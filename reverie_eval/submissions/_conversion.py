@@ -124,7 +124,7 @@ def convert(
 
 def _problems_of(records: Sequence[Mapping[str, Any]], truth: GroundTruth) -> Sequence[Problem]:
     try:
-        # What was written is read again, as by whoever will score it.
+        # What was written is read again, as by anyone who scores it.
         align(read_predictions(records, truth.task), truth)
     except SubmissionError as error:
         return error.problems

@@ -137,7 +137,7 @@ IMPORTED = """
 import sys
 own = set(sys.modules)
 import reverie_eval
-names = {name.partition(".")[0] for name in sys.modules.keys() - own}
+names = {name.partition(".")[0] for name in sys.modules.keys() - own if "cython" not in name}
 alias = "__mp_main__"  # multiprocessing's name of the main module
 print(sorted(names - sys.stdlib_module_names - {alias, "typing_extensions"}))
 """

@@ -56,7 +56,7 @@ def test_standard_errors_equal_scipys_on_cluster_sums() -> None:
         return np.asarray(sums.sum(axis) / sizes.sum(axis))
 
     theirs = scipy.stats.bootstrap(
-        (sums, sizes), mean, paired=True, vectorized=True, n_resamples=9000, rng=6
+        (sums, sizes), mean, paired=True, vectorized=True, n_resamples=9000, random_state=6
     )
     ours = bootstrap_means(values[:, None], cluster)
     assert ours.std() == pytest.approx(theirs.standard_error, rel=0.03)

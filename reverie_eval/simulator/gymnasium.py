@@ -51,20 +51,7 @@ _PART_OF: Mapping[str, Part] = MappingProxyType(
         "image": "pictures",
     }
 )
-"""The part of an observation that each key belongs to; without others, there is no agent."""
-
-_DIRECTION = spaces.Box(
-    np.array([0.0, -np.pi / 2]), np.array([2 * np.pi, np.pi / 2]), dtype=np.float64
-)
-"""Heading and elevation."""
-_BOX = spaces.Box(
-    np.zeros(5, np.int64), np.array([N_VIEWS - 1, WIDTH, HEIGHT, WIDTH, HEIGHT]), dtype=np.int64
-)
-"""View, left, top, width and height."""
-_GEOMETRY = spaces.Box(
-    np.array([-np.pi, -np.pi, 0.0]), np.array([np.pi, np.pi, np.inf]), dtype=np.float64
-)
-"""Relative heading and elevation, and distance."""
+"""The part of observations that a key belongs to; those without one are always there."""
 
 
 class GymnasiumEnvironment(gymnasium.Env[Observed, Chosen]):
@@ -114,13 +101,12 @@ class GymnasiumEnvironment(gymnasium.Env[Observed, Chosen]):
         }
         if truth.task.has_targets:
             arguments["answer"] = spaces.Discrete(max(map(len, visible)) or 1)
-            arguments["answer box"] = _BOX
+            arguments["answer box"] = _boxes()
         if truth.task.has_items:
-            arguments["point"] = _DIRECTION
+            arguments["point"] = _directions()
         self.actions = tuple(arguments)
         """What the first number of an action stands for."""
         self.action_space = spaces.OneOf(arguments.values())
-
         names = [it.name for candidates in visible for it in candidates]
         self.observation_space = _observation_space(truth, surroundings, names, parts)
 
@@ -178,22 +164,44 @@ def _observation_space(
         )
 
     viewpoint_id = _texts(truth.graph.viewpoint_ids)
-    neighbour = given(viewpoint_id=viewpoint_id, geometry=_GEOMETRY, view=spaces.Discrete(N_VIEWS))
+    neighbour = given(
+        viewpoint_id=viewpoint_id, geometry=_geometry(), view=spaces.Discrete(N_VIEWS)
+    )
     candidate = given(
         object_id=spaces.Discrete(LARGEST_OBJECT_ID + 1),
         name=_texts(names),
-        boxes=spaces.Sequence(_BOX),
+        boxes=spaces.Sequence(_boxes()),
     )
     return given(
         instruction=_texts(surroundings.instructions),
         language=_texts(surroundings.languages),
         scan_id=_texts(truth.graph.scan_ids),
         viewpoint_id=viewpoint_id,
-        direction=_DIRECTION,
+        direction=_directions(),
         neighbours=spaces.Sequence(neighbour),
         candidates=spaces.Sequence(candidate),
         image=spaces.Box(0, 255, (HEIGHT, WIDTH, 3), np.uint8),
     )
+
+
+# Each environment has spaces of its own, because a space draws its samples one after another.
+
+
+def _directions() -> spaces.Box:
+    """Return the space of headings and elevations."""
+    return spaces.Box(np.array([0, -np.pi / 2]), np.array([2 * np.pi, np.pi / 2]), dtype=np.float64)
+
+
+def _boxes() -> spaces.Box:
+    """Return the space of boxes: view, left, top, width and height."""
+    highest = np.array([N_VIEWS - 1, WIDTH, HEIGHT, WIDTH, HEIGHT])
+    return spaces.Box(np.zeros(5, np.int64), highest, dtype=np.int64)
+
+
+def _geometry() -> spaces.Box:
+    """Return the space of relative headings and elevations, and distances."""
+    highest = np.array([np.pi, np.pi, np.inf])
+    return spaces.Box(np.array([-np.pi, -np.pi, 0]), highest, dtype=np.float64)
 
 
 def _texts(texts: Sequence[str]) -> spaces.Text:

@@ -53,6 +53,16 @@ def test_two_copies_of_one_seed_are_equal_at_each_step(name: str) -> None:
     assert done > 25
 
 
+@every_id
+def test_two_copies_draw_the_same_actions_in_turns(name: str) -> None:
+    spaces = [gymnasium.make(name).action_space for _ in range(2)]
+    for space in spaces:
+        space.seed(3)
+    for _ in range(20):
+        one, other = (space.sample() for space in spaces)
+        assert data_equivalence(one, other)
+
+
 def inner(name: str, **given: Any) -> GymnasiumEnvironment:
     made = gymnasium.make(name, **given).unwrapped
     assert isinstance(made, GymnasiumEnvironment)

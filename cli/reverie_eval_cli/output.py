@@ -129,7 +129,7 @@ def show_table(*layouts: "Table", output: str | None = None) -> None:
 def show_printout(printout: "Printout", layout: str, output: str | None) -> None:
     """Write a result in one of its formats."""
     if layout == "table":
-        show_table(printout.table, *printout.narrower, output=output)
+        show_table(*printout.layouts, output=output)
     else:
         show(lambda: printout.text(layout), output)
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
 from reverie_eval.metrics import Metric
@@ -48,17 +49,16 @@ _WON = (
 
 def comparison_printout(comparison: Comparison) -> Printout:
     """Return a comparison in each format; papers get the scores, with the differences as notes."""
-    table = comparison_table(comparison)
 
     def paper() -> Table:
-        notes = [*sentences(comparison), *table.notes]
+        notes = [*sentences(comparison), *comparison_table(comparison).notes]
         return replace(results_table(comparison.scores), notes=notes)
 
     return Printout(
-        table,
+        lambda: comparison_table(comparison),
         lambda: comparison.to_report().model_dump_json(indent=2),
         lambda: comparison.to_pandas().to_csv().removesuffix("\n"),
-        [_ranked_table(comparison, is_narrow=True)] if len(comparison) > 1 else [],
+        partial(_ranked_table, comparison, is_narrow=True) if len(comparison) > 1 else None,
         papers={"markdown": paper, "latex": paper},
     )
 

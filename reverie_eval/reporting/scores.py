@@ -35,7 +35,6 @@ _Row = tuple[str, Callable[[Metric], float], Callable[[Metric, float], str]]
 
 def scores_printout(results: Sequence[Scores]) -> Printout:
     """Return a submission's scores by one or several protocols in each format."""
-    table = score_table(results)
 
     def as_json() -> str:
         reports = [scores.to_report().model_dump_json(indent=2) for scores in results]
@@ -47,7 +46,9 @@ def scores_printout(results: Sequence[Scores]) -> Printout:
         columns = [*keys, *bounds] if results[0].intervals else keys
         return _csv([], columns, (([], it.to_dict(), [it.signature]) for it in results))
 
-    return Printout(table, as_json, as_csv, [table.stacked()])
+    return Printout(
+        lambda: score_table(results), as_json, as_csv, lambda: score_table(results).stacked()
+    )
 
 
 def score_table(results: Sequence[Scores]) -> Table:
@@ -79,22 +80,7 @@ def score_table(results: Sequence[Scores]) -> Table:
 
 
 def ranking_printout(scored: ScoredFiles) -> Printout:
-    """Return a ranking in each format: a row per file, best first.
-
-    In the table, a file is named by the part of its path that identifies it.
-    """
-    first = next(iter(scored.values()))
-    names = dict(zip(scored, submission_names(list(scored)), strict=True))
-    table = table_of_scores(
-        first,
-        ["rank", "file"],
-        scored.metrics,
-        [
-            [cell_of(rank), names[file], *metric_cells(scored.metrics, scored[file])]
-            for file, rank in scored.ranks.items()
-        ],
-        notes=list(_notes_of_files(scored, names)),
-    )
+    """Return a ranking in each format: a row per file, best first."""
 
     def as_json() -> str:
         reports = [
@@ -108,9 +94,25 @@ def ranking_printout(scored: ScoredFiles) -> Printout:
             ([file, scores.split, scores.protocol.name], scores, [scores.signature])
             for file, scores in scored.items()
         )
-        return _csv(["file", "split", "protocol"], first.ground_truth.task.metrics, rows)
+        keys = next(iter(scored.values())).ground_truth.task.metrics
+        return _csv(["file", "split", "protocol"], keys, rows)
 
-    return Printout(table, as_json, as_csv)
+    return Printout(lambda: ranking_table(scored), as_json, as_csv)
+
+
+def ranking_table(scored: ScoredFiles) -> Table:
+    """Return a row per file, best first, named by the part of its path that identifies it."""
+    names = dict(zip(scored, submission_names(list(scored)), strict=True))
+    return table_of_scores(
+        next(iter(scored.values())),
+        ["rank", "file"],
+        scored.metrics,
+        [
+            [cell_of(rank), names[file], *metric_cells(scored.metrics, scored[file])]
+            for file, rank in scored.ranks.items()
+        ],
+        notes=list(_notes_of_files(scored, names)),
+    )
 
 
 def runs_printout(name: str, runs: Runs) -> Printout:
@@ -128,7 +130,7 @@ def runs_printout(name: str, runs: Runs) -> Printout:
         return _csv(["run"], keys, rows, ["signature", "caution"])
 
     return Printout(
-        runs_table(runs),
+        lambda: runs_table(runs),
         lambda: runs.to_report().model_dump_json(indent=2),
         as_csv,
         papers={"latex": lambda: results_table({name: runs})},

@@ -217,25 +217,30 @@ FORMATS = ("table", "json", "csv", "markdown", "latex")
 class Printout:
     """A result in each of the ``FORMATS``; those that are not asked for are not written."""
 
-    table: Table
+    table: Callable[[], Table]
     json: Callable[[], str]
     csv: Callable[[], str]
-    narrower: Sequence[Table] = ()
-    """Other layouts of the table, for narrower terminals."""
+    narrow: Callable[[], Table] | None = None
+    """The table for a narrow terminal, if there is another."""
     papers: Mapping[str, Callable[[], Table]] = field(default_factory=dict)
     """The table as papers show it, by the formats that have another one than people."""
+
+    @property
+    def layouts(self) -> Sequence[Table]:
+        """The layouts of the table, the widest first."""
+        return [self.table(), *([] if self.narrow is None else [self.narrow()])]
 
     def text(self, layout: str) -> str:
         """Return the result in one of the formats."""
         match layout:
             case "table":
-                return self.table.to_text()
+                return self.table().to_text()
             case "json":
                 return self.json()
             case "csv":
                 return self.csv()
             case _:
-                table = self.papers.get(layout, lambda: self.table)()
+                table = self.papers.get(layout, self.table)()
                 return table.to_markdown() if layout == "markdown" else table.to_latex()
 
 

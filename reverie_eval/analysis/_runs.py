@@ -189,6 +189,7 @@ class Runs(Mapping[str, float]):
 
     def deviation(self, key: str) -> float:
         """Return the standard deviation of a metric between the runs, in its own unit."""
+        # The runs are a sample of those that other seeds would give: n - 1.
         return float(np.std([each[key] for each in self.runs.values()], ddof=1))
 
     @property
@@ -208,7 +209,7 @@ class Runs(Mapping[str, float]):
 
     @property
     def protocol(self) -> Protocol:
-        """The rules they were scored by."""
+        """The protocol that scored the runs."""
         return self._first.protocol
 
     @property
@@ -293,6 +294,7 @@ def equal_runs(runs: Mapping[str, Scores]) -> Sequence[Sequence[str]]:
 def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
     """Return the metrics that all have for all episodes, in the order of the CATALOGUE."""
     first, *others = scores
+    # A mean over runs needs a value of each run for the same episodes.
     whole = [key for key in first if not CATALOGUE[key].is_partial]
     return [key for key in whole if all(key in each for each in others)]
 

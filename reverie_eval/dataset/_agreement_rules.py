@@ -85,6 +85,7 @@ class Distances:
         return offsets
 
     def _centre(self, scan_id: str, object_id: int) -> Position | None:
+        # Keys of objects in JSON are text.
         return self.centres.get(scan_id, {}).get(str(object_id))
 
 
@@ -222,6 +223,7 @@ def neighbours(boxes: Boxes, views: IntArray) -> Array:
     ``views``, shape (n, 2), has the views that make a pair. Boxes that touch a border are left out:
     such a box may be cut, and its edge is not the object's.
     """
+    # Views out of range have a rule of their own; as an index, -1 would be the last view.
     is_view = np.isin(boxes.box_view, _ROWS)
     usable = np.flatnonzero(is_view & ~touches_border(boxes.box_xywh).any(axis=1))
     box_in = np.full((len(boxes.entries), N_VIEWS), -1)

@@ -173,6 +173,7 @@ def _hidden_names(boxes: Boxes) -> Count:
     names = [record.name for _, _, record in boxes.entries]
     listed, visible = Counter(names), Counter(names[row] for row in boxes.visible.tolist())
     often = {name: visible[name] / count for name, count in listed.items() if count >= _OFTEN}
+    # The most hidden come first, and those of equal shares in the order of their names.
     hidden = sorted((share, name) for name, share in often.items() if share < 1 / 2)
     examples = [
         f"{category_text(name)}: {listed[name] - visible[name]} of {listed[name]}"

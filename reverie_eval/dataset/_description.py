@@ -361,6 +361,8 @@ def _notes(splits: Mapping[str, SplitDescription]) -> Sequence[str]:
 
 def _item_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[ItemFacts]:
     """Yield what each item adds to the description of its split."""
+    # The same object is listed at several viewpoints; annotated targets have the scan and the id
+    # alone.
     names = {
         (boxes.viewpoints[viewpoint].scan_id, object_id): category_text(record.name)
         for viewpoint, object_id, record in boxes.entries
@@ -374,6 +376,7 @@ def _item_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[
         if item.target is not None:
             goal = viewpoints_of(item)[-1]
             entry = boxes.entry_at.get((goal, item.target))
+            # DUET's single file leaves out viewpoints without objects.
             goal_objects, goal_boxes = visible_at.get(goal, (0, 0))
             path = np.array([graph.index[viewpoint_id] for viewpoint_id in item.reference])
             target = TargetFacts(

@@ -268,6 +268,7 @@ def _integer(
     try:
         number = int(word)
     except ValueError:
+        # Out of range, and thereby reported below.
         number = least - 1
     if number < least or (most is not None and number > most):
         limit = "" if most is None else f" of at most {most:,}"

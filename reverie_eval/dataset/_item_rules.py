@@ -28,6 +28,7 @@ def _without_solution(items: Items) -> Count:
 
 def _without_graph(items: Items) -> Count:
     graphs = items.graphs
+    # An unreadable file is reported by a rule of its own.
     with_file = graphs.scans.keys() | graphs.unreadable
     return _count_items(items.split.items, lambda item: item.scan not in with_file)
 

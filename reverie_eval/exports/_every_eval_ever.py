@@ -105,6 +105,7 @@ def instance_results(
             "split, or the aggregate alone"
         )
     id_key = scores.ground_truth.task.id_field.name
+    # Some tasks have numbers for ids; in scores they are text.
     raw = {str(record[id_key]): json.dumps(record) for record in records}
     shared = {
         "schema_version": SCHEMA_VERSION,
@@ -198,6 +199,7 @@ def _source(scores: Scores) -> Mapping[str, Any]:
         "fingerprint": truth.fingerprint,
     }
     name = {"dataset_name": truth.header.dataset, "additional_details": details}
+    # The demo world is made up, and nowhere to be fetched.
     if truth.is_demo:
         return {**name, "source_type": "other"}
     return {**name, "source_type": "url", "url": [f"https://{truth.task.source}"]}

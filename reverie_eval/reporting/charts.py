@@ -38,13 +38,14 @@ def bin_edges(values: FloatArray, most: int) -> FloatArray:
     >>> bin_edges(np.array([3.2, 5.0]), 3)
     array([3., 4., 5., 6.])
     """
+    # The end is above the largest value, also where that is a whole number.
     first, last = np.floor(values.min()), np.floor(values.max()) + 1
     width = next(width for width in round_numbers() if (last - first) / width <= most)
     return np.arange(np.floor(first / width) * width, last + width, width)
 
 
 def count_edges(counts: FloatArray, most: int) -> FloatArray:
-    """Divide a range of counts in the same way; a bin of a single count is centred on it.
+    """Divide a range of counts as :func:`bin_edges` does; bins of a single count are centred on it.
 
     >>> count_edges(np.array([3.0, 5.0]), 3), count_edges(np.array([3.0, 5.0]), 2)
     (array([2.5, 3.5, 4.5, 5.5]), array([2., 4., 6.]))
@@ -221,6 +222,7 @@ class _Axes:
     def bars(self, edges: FloatArray, share: FloatArray) -> str:
         """Draw the first submission's bars, with a gap between them."""
         bottom = HEIGHT - _BOTTOM
+        # Half a unit on either side makes the gap.
         spans = zip(self.x(edges[:-1]) + 0.5, self.x(edges[1:]) - 0.5, self.y(share), strict=True)
         bars = (f"M{x:.1f} {bottom}V{top:.1f}H{end:.1f}V{bottom}z" for x, end, top in spans)
         return f'<path class="mark series-1" d="{"".join(bars)}"/>'

@@ -83,6 +83,7 @@ def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
     """
     primary = _ranking_metric(comparison)
     shown = [primary] if is_narrow else _headline(comparison)
+    # Those without the metric come last; `sorted` keeps the order of equal scores.
     ranked = sorted(
         comparison.scores.items(), key=lambda each: -each[1].get(primary.key, -math.inf)
     )
@@ -209,6 +210,7 @@ def _won_and_lost(metric: Metric, found: Difference) -> str:
 def signed(metric: Metric, value: float) -> str:
     """Format a difference with its sign; one that rounds to 0 has none."""
     text = metric.display(value)
+    # Asked of the text: a small difference may be shown as 0.00.
     return text if float(text) <= 0 else f"+{text}"
 
 

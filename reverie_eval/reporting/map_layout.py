@@ -173,6 +173,8 @@ class Layout:
         off_level = self._map.is_off_level(shown.legs).tolist()
         number = route.number
         for leg, (ends, arrow) in enumerate(zip(lanes, arrows(lanes), strict=True)):
+            # Lanes of legs in different directions do not meet: the line also goes from one to the
+            # next.
             goes_on = leg > 0 and not is_jump[leg - 1] and not is_jump[leg]
             way_of = " jump" if is_jump[leg] else " off-level" if off_level[leg] else ""
             way = np.vstack([lanes[leg - 1][1:], ends]) if goes_on else ends
@@ -243,7 +245,9 @@ class Frame:
         """Return the ends of a route's legs, shape (n_legs, 2, 2), moved aside for other routes."""
         ends = self.points(episode_map.position[route.legs])
         along = ends[:, 1] - ends[:, 0]
+        # Between viewpoints one above the other, a leg has no length on the page.
         length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
+        # A quarter turn clockwise, as y grows downwards.
         to_the_right = np.stack([-along[:, 1], along[:, 0]], axis=-1) / length
         return ends + _LANE * (route.number - 0.5) * to_the_right[:, None]
 

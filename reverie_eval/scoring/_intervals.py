@@ -133,9 +133,12 @@ class Intervals(ClusterIntervals):
         found: dict[str, Self] = {}
         for start in range(0, len(tables), _TABLES_AT_ONCE):
             names = list(tables)[start : start + _TABLES_AT_ONCE]
+            # All tables side by side, so that each resample of the clusters is drawn once for all
+            # of them.
             keys = [key for name in names for key in tables[name]]
             table = np.column_stack([each for name in names for each in tables[name].values()])
             ends, is_scored = engine.of_means(table, cluster, bounds_of(keys, bounds))
+            # An iterator, of which each table takes as many as it has metrics.
             rows = zip(keys, map(Interval, *ends.tolist()), is_scored.tolist(), strict=True)
             for name in names:
                 of_table = list(islice(rows, len(tables[name])))
@@ -159,6 +162,7 @@ class Intervals(ClusterIntervals):
     @property
     def procedure(self) -> str:
         """How the intervals were computed, so that they can be reproduced."""
+        # Then no interval is from resamples, so neither their number nor the seed matters.
         if self and len(self.by_score_method) == len(self):
             return f"{self.label} intervals: score method, over {self.clusters_text}"
         drawn = (
@@ -211,6 +215,7 @@ def clusters_of(truth: GroundTruth, cluster: Clustering) -> IntArray:
         return scan
     solution = truth.require_solution()
     if truth.task.has_targets:
+        # Object ids are unique within a scan only.
         return with_object(scan, solution.target_object)
     has_regions = solution.goal_viewpoint is not None
     return solution.goal_region[truth.episodes.item] if has_regions else solution.goal

@@ -3,15 +3,14 @@
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
 from os import PathLike, fspath
 from typing import Any, TypeAlias, overload
 
 import numpy as np
 
-from reverie_eval.arrays import LARGEST_OBJECT_ID, Array
-from reverie_eval.errors import ActionError, GroundTruthError, ReverieEvalError
-from reverie_eval.geometry import FIELD_OF_VIEW, HEIGHT, N_VIEWS, WIDTH
+from reverie_eval.arrays import LARGEST_OBJECT_ID
+from reverie_eval.errors import ActionError
+from reverie_eval.geometry import N_VIEWS
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.simulator._observation import (
@@ -25,12 +24,12 @@ from reverie_eval.simulator._observation import (
     Notes,
     Observation,
     Part,
+    Picture,
     Point,
     Stop,
     Turn,
 )
 from reverie_eval.simulator._surroundings import Surroundings
-from reverie_eval.simulator.on_path.MatterSim import _Renderer
 from reverie_eval.submissions import NO_POINT, join_items, official_point
 from reverie_eval.tasks import turns_of
 from reverie_eval.text import count_text
@@ -263,7 +262,7 @@ class Environment:
             ),
             candidates=self._candidates_at(viewpoint),
             is_over=walk.answer is not None,
-            render=partial(self._render, *walk.poses[-1]),
+            picture=self._picture(*walk.poses[-1]),
             notes=self._notes,
         )
 
@@ -286,27 +285,14 @@ class Environment:
             )
         return seen
 
-    # Pictures.
-
-    def _render(self, viewpoint: int, heading: float, elevation: float) -> Array:
-        graph = self._truth.graph
-        if self._pictures is None:
-            raise ReverieEvalError("no pictures here; Environment(..., pictures=folder) has them")
-        if graph.viewpoint_rotation is None:
-            raise GroundTruthError(
-                "this ground truth has no directions of cameras; compile it again with this version"
-            )
-        name = f"{graph.viewpoint_ids[viewpoint]}_skybox_small.jpg"
-        path = (
-            f"{fspath(self._pictures)}/{graph.scan_of(viewpoint)}/matterport_skybox_images/{name}"
-        )
-        rotation = graph.viewpoint_rotation[viewpoint]
-        blue_first = self._renderer.colours(path, self._renderer.look(rotation, heading, elevation))
-        return blue_first[..., ::-1]
-
-    @cached_property
-    def _renderer(self) -> _Renderer:
-        return _Renderer(WIDTH, HEIGHT, FIELD_OF_VIEW)
+    def _picture(self, viewpoint: int, heading: float, elevation: float) -> Picture:
+        graph, skybox = self._truth.graph, None
+        if self._pictures is not None:
+            folder = f"{fspath(self._pictures)}/{graph.scan_of(viewpoint)}/matterport_skybox_images"
+            skybox = f"{folder}/{graph.viewpoint_ids[viewpoint]}_skybox_small.jpg"
+        rotations = graph.viewpoint_rotation
+        rotation = None if rotations is None else rotations[viewpoint]
+        return Picture(skybox, rotation, heading, elevation)
 
 
 def _check_direction(action: Action, heading: float, elevation: float) -> None:

@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import FrozenInstanceError, replace
 from itertools import islice
@@ -179,6 +180,16 @@ def test_other_answers_show_the_same(truth: GroundTruth) -> None:
     elsewhere = World(WORLD.scans, [Item("7_5", "house", ["hall", "north"], 7, instructions=2)])
     observed = [walked(Environment(it), "7_5_0") for it in (truth, ground_truth_of(elsewhere))]
     assert observed[0] == observed[1]
+
+
+def test_an_observation_leads_to_nothing_else() -> None:
+    """What has a reference to the solution would be copied with it, and could be asked."""
+    environment = Environment(demo_of("reverie"))
+    seen = environment.reset(environment.episodes[0])
+    packed = pickle.dumps(seen)
+    assert pickle.loads(packed) == seen
+    assert len(packed) < 20_000
+    assert b"GroundTruth" not in packed
 
 
 def test_an_observation_has_no_id_of_the_episode() -> None:

@@ -45,9 +45,16 @@ _NOTHING = ("nan", "null")
 _MOST_DIGITS = len(str(LARGEST_OBJECT_ID))
 _SLACK = 1e-6
 """Pixels by which rounding alone may push a scaled box beyond the image."""
+ENOUGH_BOXES = 20
+"""Fewer boxes say nothing about how they were meant."""
+_TINY = 2
+"""Pixels: fractions of an image reach no farther, as sides or as corners."""
+
 Camera: TypeAlias = tuple[float, float]
 """Heading and elevation, radians."""
-
+Point: TypeAlias = tuple[float, float]
+"""Heading and elevation in turns; NaN for none."""
+NO_POINT: Point = (np.nan, np.nan)
 _VIEW_CAMERAS: Sequence[Camera] = list(map(tuple, view_angles(np.arange(N_VIEWS)).tolist()))
 
 
@@ -304,11 +311,6 @@ def _clamp(edge: float, size: int) -> float:
     return min(max(edge, 0.0), float(size))
 
 
-Point: TypeAlias = tuple[float, float]
-"""Heading and elevation in turns; NaN for none."""
-NO_POINT: Point = (np.nan, np.nan)
-
-
 def read_point(location: RecordLocation, record: Mapping[str, Any], log: ReadingLog) -> Point:
     """Read a trajectory's point; an unreadable one is reported and becomes none."""
     values: list[float | None] = []
@@ -344,15 +346,9 @@ def official_point(point: Point) -> Mapping[str, float | None]:
     return dict(zip(POINT_KEYS, values, strict=True))
 
 
-_ENOUGH = 20
-"""Fewer boxes say nothing about how they were meant."""
-_TINY = 2
-"""Pixels: fractions of an image reach no farther, as sides or as corners."""
-
-
 def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
     """Yield a problem if most boxes cannot match anything, so that their scale must be wrong."""
-    if len(boxes.row) < _ENOUGH:
+    if len(boxes.row) < ENOUGH_BOXES:
         return
     is_outside = (boxes.xywh[:, 2:] == 0).any(axis=1)
     is_tiny = (boxes.uncut_xywh[:, 2:] <= _TINY).all(axis=1)

@@ -14,7 +14,7 @@ from reverie_eval.arrays import FloatArray, IntArray, last_of
 from reverie_eval.geometry import HEIGHT, N_HEADINGS, WIDTH, snap
 from reverie_eval.ground_truth import CandidateBoxes, GroundTruth
 from reverie_eval.metrics import ABSTAINED, box_match
-from reverie_eval.submissions._answers import _ENOUGH
+from reverie_eval.submissions._answers import ENOUGH_BOXES
 from reverie_eval.submissions._predictions import MOST, BoxAnswers, Predictions, SubmissionColumns
 from reverie_eval.text import first_few, printable
 
@@ -128,7 +128,7 @@ def box_hints(boxes: BoxAnswers) -> Iterator[str]:
             'the image, add "predImageSize": [1, 1]; predBox is [x, y, width, height], not two '
             "corners"
         )
-    elif len(boxes.row) >= _ENOUGH and max(right.max(), lower.max()) <= _SMALL_IMAGE:
+    elif len(boxes.row) >= ENOUGH_BOXES and max(right.max(), lower.max()) <= _SMALL_IMAGE:
         yield (
             f"no box reaches beyond {max(right.max(), lower.max()):.0f} pixels of an image of "
             f"{WIDTH} x {HEIGHT}; if the images were smaller, give their size in predImageSize"
@@ -139,7 +139,7 @@ def box_hints(boxes: BoxAnswers) -> Iterator[str]:
             "corners, in an image of 640 x 480 unless predImageSize says otherwise"
         )
     views = set(snap(boxes.camera).tolist())
-    if len(boxes.row) >= _ENOUGH and len(views) == 1:
+    if len(boxes.row) >= ENOUGH_BOXES and len(views) == 1:
         yield (
             f"all {len(boxes.row):,} boxes are in view {views.pop()}; predView is the view that "
             "the box is in, and without it the last pose has to look there"
@@ -154,7 +154,7 @@ def reading_hints(
     ``viewpoint``, shape (n_boxes,), is where the agents stop. Which of the annotated objects are
     targets is not looked at.
     """
-    if len(boxes.row) < _ENOUGH:
+    if len(boxes.row) < ENOUGH_BOXES:
         return
     # Spread over the file, whose records may be sorted by building.
     sample = np.unique(np.linspace(0, len(boxes.row) - 1, _SAMPLE).astype(np.int64))

@@ -1,4 +1,20 @@
-"""Scores for people and programs: tables, charts, maps, reports."""
+"""Scores for people and programs: tables, charts, maps, reports.
+
+Code imports the modules by name, so that scoring a file loads neither pydantic nor matplotlib:
+
+====================  ==========================================================
+tables                one Table, its formats, and how terminals show it
+scores, comparisons   scores, rankings, runs and differences in every format
+service               what an evaluation server replies
+datasets              the faults and contents of a dataset
+charts, figures       distributions as SVG; all figures with matplotlib
+maps                  an episode from above, as data
+map_layout, map_svg   what is on a map and where; maps as SVG
+answers, answer_svg   what is visible where an agent answered; its pictures
+skyboxes              photographs for these pictures
+report                the HTML report; report_sections has its words and numbers
+====================  ==========================================================
+"""
 
 from typing import TYPE_CHECKING, Any
 

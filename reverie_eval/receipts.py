@@ -22,12 +22,9 @@ from datetime import datetime
 from decimal import Decimal
 from typing import Any, NamedTuple, TypeAlias
 
-from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_public_key
 from pydantic import AwareDatetime, TypeAdapter, ValidationError
 
-from reverie_eval.errors import ReverieEvalError
+from reverie_eval.errors import ReverieEvalError, naming_missing_parts
 from reverie_eval.schemas.service import (
     SIGNED_VERSION,
     Envelope,
@@ -36,6 +33,15 @@ from reverie_eval.schemas.service import (
     Snapshot,
 )
 from reverie_eval.text import printable
+
+with naming_missing_parts():
+    from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+    from cryptography.hazmat.primitives.serialization import (
+        Encoding,
+        PublicFormat,
+        load_pem_public_key,
+    )
 
 RECEIPT_TYPE = "application/vnd.in-toto+json"
 """The type of a receipt's bytes: an in-toto statement."""

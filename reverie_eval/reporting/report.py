@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from reverie_eval.analysis import (
     Comparison,
     Episode,
@@ -18,7 +16,7 @@ from reverie_eval.analysis import (
     near_misses,
     with_different_routes,
 )
-from reverie_eval.errors import ProtocolError
+from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting import report_sections as sections
 from reverie_eval.reporting.answer_svg import ANSWER_STYLE, answer_svg
@@ -30,6 +28,9 @@ from reverie_eval.reporting.resources import as_markup, text_of
 from reverie_eval.scoring import FEW_CLUSTERS, OUTCOMES, Clustering, Intervals, Scores
 from reverie_eval.submissions import check_names
 from reverie_eval.text import count_text
+
+with naming_missing_parts():
+    from jinja2 import Environment, PackageLoader, StrictUndefined
 
 if TYPE_CHECKING:
     from markupsafe import Markup

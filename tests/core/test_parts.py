@@ -89,6 +89,33 @@ for words in commands:
 """
 
 
+IN_PYTHON = {
+    "scores.to_pandas()": "a data frame needs: pip install 'reverie-eval[report]'",
+    "scores.breakdown('scan')": "a data frame needs: pip install 'reverie-eval[report]'",
+    "scores.plot.funnel()": "figures need: pip install 'reverie-eval[report]'",
+    "scores.with_intervals()": STATISTICS,
+    "rv.compare(scores, scores)": STATISTICS,
+    "import reverie_eval.client": CALLS,
+    "import reverie_eval.receipts": "receipts need: pip install 'reverie-eval[client]'",
+    "import reverie_eval.server": THE_SERVER,
+    "scores._repr_html_()": "",
+    "scores.episode(scores.instr_ids[0])._repr_html_()": "",  # without photographs
+}
+PYTHON = """
+import json, sys
+blocked, file, calls = json.loads(sys.argv[1])
+sys.modules.update((name, None) for name in blocked if name not in sys.modules)
+import reverie_eval as rv
+scores = rv.evaluate(file, split="val_unseen")
+for call in calls:
+    try:
+        exec(call)
+        print()
+    except rv.ReverieEvalError as error:
+        print(error)
+"""
+
+
 def installed_with(package: str) -> Iterator[str]:
     """Yield the package and everything that it needs here, without extras."""
     yield canonicalize_name(package)
@@ -100,18 +127,21 @@ def installed_with(package: str) -> Iterator[str]:
 BASE = frozenset(installed_with("reverie-eval"))
 
 
+BLOCKED = [
+    name
+    for name, packages in packages_distributions().items()
+    if BASE.isdisjoint(map(canonicalize_name, packages))
+]
+"""What can be imported here that the base does not install."""
+
+
 @pytest.fixture(scope="module")
 def outcomes(demo_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Outcomes:
     """Run all commands in a process that can import nothing else."""
-    blocked = [
-        name
-        for name, packages in packages_distributions().items()
-        if BASE.isdisjoint(map(canonicalize_name, packages))
-    ]
     every = [*WORKING, *MISSING]
     commands = [[str(demo_world) if word == "DATASET" else word for word in each] for each in every]
     said = subprocess.check_output(
-        [sys.executable, "-c", PROGRAM, json.dumps([blocked, commands])],
+        [sys.executable, "-c", PROGRAM, json.dumps([BLOCKED, commands])],
         cwd=tmp_path_factory.mktemp("base"),
         text=True,
     )
@@ -139,6 +169,12 @@ def test_a_command_that_needs_no_part(outcomes: Outcomes, words: Words) -> None:
 @pytest.mark.parametrize("words", MISSING, ids=_named)
 def test_a_missing_part_is_a_line(outcomes: Outcomes, words: Words) -> None:
     assert outcomes[words] == (2, "", f"reverie-eval: {MISSING[words]}\n")
+
+
+def test_python_says_what_is_missing_too() -> None:
+    given = json.dumps([BLOCKED, GOOD, list(IN_PYTHON)])
+    said = subprocess.check_output([sys.executable, "-c", PYTHON, given], text=True)
+    assert said.splitlines() == list(IN_PYTHON.values())
 
 
 def test_every_command_is_run() -> None:

@@ -15,7 +15,7 @@ SECONDS_FOR_HEADERS = 10
 SECONDS_FOR_REPLY = 60
 """Time for a reply, or a piece of a file, to leave the server."""
 BYTES_OF_HEADERS = 16 << 10
-"""Of a request's first line and headers together."""
+"""The most bytes of a request's first line and headers together."""
 
 
 class TimeoutProtocol(HttpToolsProtocol):

@@ -33,7 +33,7 @@ class Job:
     """Something that is done at the start of the server, and then at intervals."""
 
     name: str
-    """What it is called in reports, metrics and the log."""
+    """The name of the job in reports, metrics and the log."""
     work: Callable[[], object]
     """Does it; raises an exception if that failed."""
     seconds: float | None

@@ -47,7 +47,7 @@ from reverie_eval.text import did_you_mean
 PER_PAGE = 60
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
 PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
-"""Of a split's own leaderboard, and of the further ones."""
+"""The URL paths of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5
 _BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)
 """When a feed without items was updated: Atom requires a time."""

@@ -81,7 +81,7 @@ class AnswerPicture:
     """A picture of what is visible from a viewpoint."""
 
     name: str
-    """Of the submission; empty if only the target is shown."""
+    """The name of the submission; empty if only the target is shown."""
     picture: Markup
     caption: str
 

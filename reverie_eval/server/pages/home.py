@@ -49,7 +49,7 @@ class Leaders:
     """By agent, what it scores; empty if there are results, the solution is private, or the agents
     have not walked yet since the server started."""
     scale: Scale
-    """Of the bars of intervals."""
+    """The scale of the bars of intervals."""
 
     @property
     def columns(self) -> Sequence[Metric]:

@@ -116,9 +116,9 @@ class Site:
     contact: str
     links: Mapping[str, str]
     address: str
-    """Of the server, from its settings; may be empty."""
+    """The address of the server, from its settings; may be empty."""
     url: str
-    """Of the page, without its query."""
+    """The address of the page, without its query."""
     preview: str
     """The address of the picture for links to the site."""
     copied_at: datetime | None

@@ -137,7 +137,7 @@ class LeaderboardStanding:
     count: int
     """All results with a rank, itself included."""
     best: float
-    """Of the others, or itself if there are none."""
+    """The best value of the others, or its own if there are none."""
 
 
 def _standing(

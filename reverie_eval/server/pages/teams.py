@@ -44,7 +44,7 @@ class TaskSubmissions:
     """The team's submissions to the splits of a task, which have the same columns."""
 
     title: str
-    """Of the task; empty if it is not installed any more."""
+    """The title of the task; empty if it is not installed any more."""
     columns: Sequence[Metric]
     primary: str
     submissions: Sequence[SubmissionReport]

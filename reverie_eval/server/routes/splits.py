@@ -48,7 +48,7 @@ router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 SplitName = Annotated[str, Path(examples=["test"])]
 FurtherName = Annotated[str, Path(examples=["grounding"])]
 _SORTABLE = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
-"""Of all tasks; a leaderboard has those of its own."""
+"""The metrics of all tasks; a leaderboard has those of its own."""
 SortedBy = Annotated[str | None, Query(json_schema_extra={"enum": _SORTABLE})]
 
 _CSV = (

@@ -20,10 +20,10 @@ class Announcement(NamedTuple):
 
     kind: Kind
     number: int
-    """Of a snapshot, its number; of others, their id."""
+    """The number of a snapshot, or the id of anything else."""
     text: str
     at: datetime
-    """Of a snapshot, the time of the copy."""
+    """When it was announced; for a snapshot, the time of the copy."""
 
 
 def announcements(

@@ -177,7 +177,7 @@ class EntriesCache:
         self._cached: dict[str, BoardEntries] = {}
         """By the path of the leaderboard."""
         self._counts: tuple[int, _Counts] = (0, {})
-        """As of an entry of the audit log."""
+        """The number of the last entry of the audit log that they include, and the counts."""
         self._lock = Lock()
         """Makes concurrent requests read the entries only once."""
 

@@ -57,7 +57,7 @@ class FileRow(NamedTuple):
     place: int
     """Its index among the rows of the file."""
     where: str
-    """The same for people: ``line 5``, ``[3]`` or ``methods.Walker.test``."""
+    """The row for people: ``line 5``, ``[3]`` or ``methods.Walker.test``."""
     about: Mapping[str, Any]
     """Everything else in the row, by field."""
     scores: Mapping[str, float]

@@ -77,8 +77,8 @@ class Database:
             url, pool_pre_ping=True, hide_parameters=True, json_deserializer=_read_json
         )
         self._write_lock = Lock()
-        """Of this process's writers. SQLite waits by polling, less and less often, so the writer
-        that waited longest would come last."""
+        """Held by this process's writer. SQLite waits by polling, less and less often, so the
+        writer that waited longest would come last."""
         self._opened: tuple[int, int] | None = None
         """What tells SQLite's file from another one in its place, since it was opened."""
         # Every transaction of SQLite is a snapshot.

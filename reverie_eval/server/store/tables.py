@@ -125,7 +125,7 @@ class Team(Base):
     name_key: Mapped[str] = mapped_column(
         String(64), unique=True, default=lambda row: name_key(row.get_current_parameters()["name"])
     )
-    """Of its name, by :func:`name_key`: no other team may have a name that looks the same."""
+    """By :func:`name_key`: no other team may have a name that looks the same."""
     created_at: Mapped[datetime]
     merged_at: Mapped[datetime | None]
     merged_into_id: Mapped[int | None] = mapped_column(ForeignKey("team.id"))
@@ -236,7 +236,7 @@ class Submission(Base):
     team_id: Mapped[int] = mapped_column(ForeignKey("team.id"))
     person_id: Mapped[int] = mapped_column(ForeignKey("person.id"))
     sha256: Mapped[str] = mapped_column(String(64))
-    """Of the unpacked submission, which is stored under it."""
+    """The digest of the unpacked submission, which is stored under it."""
     size: Mapped[int]
     received_at: Mapped[datetime]
     """When its last byte arrived; or the e-mail with it, which may be long before it was scored."""
@@ -305,7 +305,7 @@ class Fingerprint(Base):
     split: Mapped[str] = mapped_column(String(64), primary_key=True)
     sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
     basis: Mapped[str] = mapped_column(String(100))
-    """What it was computed with: of others, the numbers mean something else."""
+    """What the numbers of the fingerprint depend on; with another, they mean something else."""
     content: Mapped[bytes]
 
 

@@ -45,7 +45,7 @@ _CHANGES: Mapping[str, schedules.Change] = {
     "close": schedules.close,
     "reset": schedules.reset,
 }
-"""Of the buttons on the page."""
+"""The functions of the buttons on the page."""
 
 
 @forms.shown_at(router, QUOTAS, "quotas.html")

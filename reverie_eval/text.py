@@ -77,7 +77,8 @@ def printable(text: str) -> str:
 def time_text(instant: datetime) -> str:
     """Format a time to the second: in local time, and in UTC if that is different.
 
-    >>> time_text(datetime(2027, 6, 1, 21, 59, 59, 999_999, tzinfo=UTC)).count("21:59:59 UTC")
+    >>> instant = datetime(2027, 6, 1, 21, 59, 59, 999_999, tzinfo=timezone.utc)
+    >>> time_text(instant).count("21:59:59 UTC")
     1
     """
     whole = instant.replace(microsecond=0)
@@ -88,7 +89,7 @@ def time_text(instant: datetime) -> str:
 def earliest_time_text(instant: datetime) -> str:
     """Format the earliest time at which something is possible: as :func:`time_text`, rounded up.
 
-    >>> instant = datetime(2027, 6, 1, 21, 59, 59, 1, tzinfo=UTC)
+    >>> instant = datetime(2027, 6, 1, 21, 59, 59, 1, tzinfo=timezone.utc)
     >>> earliest_time_text(instant).count("2027-06-01 22:00:00 UTC")
     1
     """

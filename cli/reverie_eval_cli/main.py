@@ -40,10 +40,10 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "simulator": "simulator:simulator",
             },
             "Send to an evaluation server": {
-                "login": "login:login",
+                "login": "evaluation_server:login",
                 "submit": "submit:submit",
-                "leaderboard": "leaderboard:leaderboard",
-                "verify": "verify:verify",
+                "leaderboard": "evaluation_server:leaderboard",
+                "verify": "evaluation_server:verify",
             },
             "Prepare ground truth": {
                 "compile": "dataset:compile_bundle",

@@ -8,7 +8,7 @@ import click
 from reverie_eval.schemas.organising import NewSchedule, NewSnapshot, NoticeReport
 from reverie_eval.schemas.service import ReleaseScores, Schedule
 from reverie_eval_cli import options
-from reverie_eval_cli.commands.server.notice import notice_text
+from reverie_eval_cli.commands.server.announcements import notice_text
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
 

@@ -1,22 +1,156 @@
-"""``reverie-eval verify RECEIPT``: check that a result is what a server signed."""
+"""``reverie-eval login``, ``leaderboard`` and ``verify``: use an evaluation server.
+
+A token comes from the keyboard, unseen, or from standard input; never as an argument, which
+everybody on a machine can read.
+"""
 
 import hashlib
+import os
 import sys
+from getpass import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from reverie_eval import ReverieEvalError
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.schemas.wire import TOKEN_VARIABLE
+from reverie_eval.tasks import name_on_server
 from reverie_eval.text import printable
 from reverie_eval_cli import options
-from reverie_eval_cli.servers import ServerOptions, server_options
+from reverie_eval_cli.output import note, show
+from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from reverie_eval.client import RefusedError
     from reverie_eval.receipts import Reading
     from reverie_eval.schemas.service import Envelope, KeyReport
+
+
+@click.command()
+@server_options
+def login(*, server: ServerOptions) -> None:
+    """Sign in to a server with a token or an invitation.
+
+    The token, or an invitation to exchange for one, is read from the keyboard or from standard
+    input.
+    """
+    from reverie_eval.client.logins import Logins
+    from reverie_eval.text import printable
+
+    logins = Logins.load()
+    logins.save()  # an invitation works once: see first that its token can be kept
+    server.connect().close()  # and that it can be sent safely
+    token = _exchange(server, _ask())
+    file = logins.with_token(server.url, token).save()
+    with server.connect(token) as client:
+        print_banner(client)
+        me = client.me()
+    who = printable(f"{me.person} of {me.team} ({me.role})")
+    print(f"signed in to {client.url} as {who}; token kept in {file}")
+    if TOKEN_VARIABLE in os.environ:
+        note(f"{TOKEN_VARIABLE} is set, and takes precedence over the login")
+
+
+def _ask() -> str:
+    try:
+        # Not echoed on a terminal, where it would stay to be read.
+        if sys.stdin is not None and sys.stdin.isatty():
+            text = getpass("token or invitation: ")
+        else:
+            text = sys.stdin.readline() if sys.stdin is not None else ""
+    except EOFError:
+        text = ""
+    if not text.strip():
+        raise ReverieEvalError("no token given")
+    return text.strip()
+
+
+def _exchange(server: ServerOptions, secret: str) -> str:
+    """Return a token as it is, and an invitation's token."""
+    from reverie_eval.client import RefusedError
+
+    # As a token first, which uses nothing up: an invitation works once.
+    with server.connect(secret) as client:
+        try:
+            client.me()
+        except RefusedError as error:
+            as_token = _reason_if_unknown(error)
+        else:
+            return secret
+    with server.connect() as client:
+        try:
+            return client.accept(secret).token
+        except RefusedError as error:
+            as_invitation = _reason_if_unknown(error)
+            raise ReverieEvalError(
+                f"{client.url} refuses this, as a token ({as_token}) and as an invitation "
+                f"({as_invitation})"
+            ) from None
+
+
+def _reason_if_unknown(error: "RefusedError") -> str:
+    """Return why a token or an invitation is not known; any other refusal is raised."""
+    if error.document.code != "not-signed-in":
+        raise error
+    return str(error)
+
+
+_RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
+
+
+@click.command()
+@server_options
+@click.option("--split", help="Whose leaderboard.  [default: the server's first split]")
+@options.server_task
+@click.option("--board", default="", metavar="NAME", help="A further leaderboard of the split.")
+@click.option(
+    "--metric",
+    type=options.Choice(_RANKED),
+    metavar="KEY",
+    help=f"Rank by this metric: {', '.join(_RANKED)}.  [default: the leaderboard's primary one]",
+)
+@options.layout("table", "json", "csv")
+@options.output("the leaderboard")
+def leaderboard(
+    *,
+    server: ServerOptions,
+    split: str | None,
+    task: str,
+    board: str,
+    metric: str | None,
+    layout: str,
+    output: str | None,
+) -> None:
+    """Show a server's leaderboard."""
+    from reverie_eval.reporting.service import leaderboard_text, print_leaderboard
+    from reverie_eval.text import printable
+
+    with server.connect() as client:
+        print_banner(client)
+        if not split:
+            splits = client.splits()
+            if not splits:
+                raise ReverieEvalError(f"{client.url} has no split that accepts submissions")
+            name = splits[0].name
+        else:
+            name = name_on_server(task, split)
+        if layout == "csv":
+            lines = client.leaderboard_csv(name, metric, board=board).splitlines()
+            show(lambda: "\n".join(map(printable, lines)), output)
+            return
+        found = client.leaderboard(name, metric, board=board)
+    if layout == "json":
+        show(lambda: found.model_dump_json(indent=2, ensure_ascii=True), output)
+    else:
+        show(
+            lambda: leaderboard_text(found),
+            output,
+            lambda console: print_leaderboard(console, found),
+        )
 
 
 @click.command()

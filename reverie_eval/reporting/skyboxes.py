@@ -3,12 +3,12 @@
 The environment variable ``REVERIE_EVAL_PANORAMAS`` names the folder of the scans, as
 Matterport3DSimulator lays it out. A panorama there is a skybox: the six faces of a cube around the
 camera, side by side in one file [1]_. Photographs that cannot be used are left out, and the log
-says why. Without the variable, only the demo world has pictures, those drawn of it.
+says why. Without the variable, only the demo world has pictures, those drawn of it. Pixels are
+blended as in the simulator's own pictures.
 
 References
 ----------
-.. [1] ``scripts/downsize_skybox.py``, ``loadCubemapImages`` in ``NavGraph.cpp`` and ``renderScene``
-   in ``MatterSim.cpp`` of peteanderson80/Matterport3DSimulator.
+.. [1] ``scripts/downsize_skybox.py`` of peteanderson80/Matterport3DSimulator.
 """
 
 import logging
@@ -22,18 +22,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reverie_eval.arrays import Array, FloatArray
+from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import MissingPartError, naming_missing_parts
 from reverie_eval.geometry import HEIGHT, VIEW_AXES, WIDTH, rays_of
 from reverie_eval.ground_truth import DEMO_BUNDLES, NavigationGraph
+from reverie_eval.simulator import colours_of_skybox
 
 PANORAMAS_VARIABLE = "REVERIE_EVAL_PANORAMAS"
 """The environment variable that names the folder of the scans."""
 DEMO_PANORAMAS = DEMO_BUNDLES / "panoramas"
 """The skyboxes of the demo world, by scan and viewpoint."""
 _FACES = 6
-_FACE_OF_AXIS = np.array([(2, 4), (0, 5), (1, 3)])
-"""The faces in the positive and the negative direction of each axis of the cube map [1]_."""
 _SHRINK = 0.625
 """Pixels of a photograph for each pixel of a view."""
 _QUALITY = 70
@@ -117,7 +116,7 @@ def _data_url(
     if width != _FACES * size:
         raise ValueError(f"{width} x {size} pixels, expected six squares")
     camera = np.frombuffer(rotation).reshape(3, 3)
-    pixels = faces[pixels_of_skybox(directions(*shown) @ camera, size)]
+    pixels = colours_of_skybox(faces, directions(*shown) @ camera)
     written = BytesIO()
     Image.fromarray(pixels).save(written, "JPEG", quality=_QUALITY)
     return f"data:image/jpeg;base64,{b64encode(written.getvalue()).decode()}"
@@ -142,35 +141,6 @@ def find_skybox(graph: NavigationGraph, viewpoint_id: str) -> Skybox | None:
         warn_once("the bundle has no directions of cameras for photographs; compile it again")
         return None
     return Skybox(path, rotation[viewpoint].astype(np.float64))
-
-
-def pixels_of_skybox(direction: FloatArray, size: int) -> tuple[Array, Array]:
-    """Return the row and the column of the pixel that shows each direction.
-
-    The simulator looks a direction up in an OpenGL cube map whose axes are opposite to those of
-    the camera [1]_.
-
-    Parameters
-    ----------
-    direction : float array of shape (..., 3)
-        In the frame of the skybox's camera: right, down, forward.
-    size : int
-        Pixels of a face from edge to edge.
-
-    References
-    ----------
-    .. [1] The OpenGL specification, version 2.1, section 3.8.6, "Cube Map Texture Selection".
-    """
-    x, y, z = np.moveaxis(-direction, -1, 0)
-    axis = np.abs(direction).argmax(axis=-1)
-    along = np.choose(axis, [x, y, z])
-    side = np.where(along >= 0, 1, -1)
-    across = np.choose(axis, [-side * z, x, side * x])
-    down = np.choose(axis, [-y, side * z, -y])
-    pixel = (np.stack([down, across]) / np.abs(along) + 1) / 2 * size
-    row, column = np.clip(pixel.astype(np.int64), 0, size - 1)
-    face = _FACE_OF_AXIS[axis, (side < 0).astype(np.int64)]
-    return row, column + face * size
 
 
 @cache

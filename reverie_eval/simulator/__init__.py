@@ -23,6 +23,7 @@ from reverie_eval.simulator._observation import (
     Stop,
     Turn,
 )
+from reverie_eval.simulator._pictures import colours_of_skybox
 from reverie_eval.simulator.on_path import MatterSim
 
 FOLDER = Path(__file__).parent / "on_path"
@@ -45,5 +46,6 @@ __all__ = [
     "Point",
     "Stop",
     "Turn",
+    "colours_of_skybox",
     "run_episode",
 ]

@@ -24,11 +24,11 @@ from reverie_eval.simulator._observation import (
     Notes,
     Observation,
     Part,
-    Picture,
     Point,
     Stop,
     Turn,
 )
+from reverie_eval.simulator._pictures import Picture
 from reverie_eval.simulator._surroundings import Surroundings
 from reverie_eval.submissions import NO_POINT, join_items, official_point
 from reverie_eval.tasks import turns_of

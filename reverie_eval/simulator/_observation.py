@@ -1,13 +1,10 @@
 """What an agent observes, and what it can do."""
 
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar, overload
 
-from reverie_eval.arrays import Array, FloatArray
-from reverie_eval.errors import GroundTruthError, ReverieEvalError
-from reverie_eval.geometry import FIELD_OF_VIEW, HEIGHT, WIDTH
-from reverie_eval.simulator.on_path.MatterSim import _Renderer
+from reverie_eval.arrays import Array
+from reverie_eval.simulator._pictures import Picture
 
 Part: TypeAlias = Literal["instruction", "geometry", "names", "boxes", "pictures"]
 """A part of an observation of which it is noted whether the agent read it."""
@@ -85,36 +82,6 @@ class Neighbour:
     view: _Noted[int] = _Noted("geometry")
     """The view of the 36 in which it appears nearest to the centre."""
     notes: Notes = field(repr=False, compare=False)
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture that is rendered when an agent asks for it."""
-
-    skybox: str | None
-    """The file; None if the environment was given no pictures."""
-    rotation: FloatArray | None
-    """Shape (3, 3), from the skybox's frame to the building's; None in old bundles."""
-    heading: float
-    """Radians."""
-    elevation: float
-    """Radians."""
-
-    def render(self) -> Array:
-        """Return the picture, or raise what :meth:`Observation.image` raises."""
-        if self.skybox is None:
-            raise ReverieEvalError("no pictures here; Environment(..., pictures=folder) has them")
-        if self.rotation is None:
-            raise GroundTruthError(
-                "this ground truth has no directions of cameras; compile it again with this version"
-            )
-        sight = _renderer().look(self.rotation, self.heading, self.elevation)
-        return _renderer().colours(self.skybox, sight)[..., ::-1]  # not blue first
-
-
-@cache
-def _renderer() -> _Renderer:
-    return _Renderer(WIDTH, HEIGHT, FIELD_OF_VIEW)
 
 
 @dataclass(frozen=True, kw_only=True)

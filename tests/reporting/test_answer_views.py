@@ -153,7 +153,8 @@ def test_a_box_is_shown_in_its_view(outcome: str, said: str, drawn: rv.Scores) -
     assert view.view == episode.predicted_box.view
     assert re.search(said, view.caption)
     assert [each.tag for each in boxes_of(answer_svg(view), "answer")] == ["polygon", "rect"]
-    assert ("IoU" in answer_svg(view)) == (outcome in ("correct", "low IoU"))
+    drawing = re.sub('href="data:[^"]*"', "", answer_svg(view))  # a photograph may spell anything
+    assert ("IoU" in drawing) == (outcome in ("correct", "low IoU"))
 
 
 def test_the_view_shows_answer_and_target_if_any_does(scores: rv.Scores) -> None:

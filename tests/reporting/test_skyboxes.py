@@ -22,9 +22,9 @@ from reverie_eval.reporting.skyboxes import (
     PANORAMAS_VARIABLE,
     Skybox,
     find_skybox,
-    pixels_of_skybox,
     warn_once,
 )
+from reverie_eval.simulator import colours_of_skybox
 from tests.conftest import SAMPLES
 
 BEDROOM = "1196_0_0"
@@ -80,11 +80,15 @@ def drawn(episode: Episode) -> bytes:
 
 @pytest.mark.parametrize("face", range(6))
 def test_faces_are_where_the_simulator_has_them(face: int) -> None:
+    """Each pixel of the strip has its face, row and column as its colour."""
+    number, row, column = np.meshgrid(range(6), range(100), range(100), indexing="ij")
+    strip = np.concatenate(np.stack([number, row, column], axis=-1).astype(np.uint8), axis=1)
     forward, right, lower = np.array(FACES[face], dtype=float)
-    around = np.array([forward, forward + 0.9 * right, forward + 0.9 * lower])
-    row, column = pixels_of_skybox(around, 100)
-    assert row.tolist() == [50, 50, 95]
-    assert (column - 100 * face).tolist() == [50, 95, 50]
+    around = np.array([[forward, forward + 0.9 * right], [forward, forward + 0.9 * lower]])
+    shown = colours_of_skybox(strip, around).astype(int)
+    expected = [[[face, 50, 50], [face, 50, 95]], [[face, 50, 50], [face, 95, 50]]]
+    assert np.abs(shown - expected).max() <= 1
+    assert (shown[..., 0] == face).all()
 
 
 def test_objects_are_where_their_boxes_are(episode: Episode, skybox: Skybox) -> None:

@@ -718,41 +718,11 @@ class _Renderer:
             (right * self._right + (up * self._upwards - forwards)).ravel()
             for right, up, forwards in view.dot(rotation).T.astype(np.float32)
         )
-        along_x, along_y, along_z = np.abs(x), np.abs(y), np.abs(z)
-        face = np.where(z > 0, _FRONT, _BACK).astype(np.int32)
-        across, down, depth = np.where(z > 0, x, -x), -y, along_z
-        (side,) = np.nonzero((along_x >= along_y) & (along_x >= along_z))
-        is_right = x[side] > 0
-        face[side] = np.where(is_right, _RIGHT, _LEFT)
-        across[side] = np.where(is_right, -z[side], z[side])
-        depth[side] = along_x[side]
-        (level,) = np.nonzero((along_y >= along_z) & (along_y > along_x))
-        is_up = y[level] > 0
-        face[level] = np.where(is_up, _UP, _DOWN)
-        across[level] = x[level]
-        down[level] = np.where(is_up, z[level], -z[level])
-        depth[level] = along_y[level]
-        return _Sight(face, across / depth, down / depth)
+        return _sight_of(x, y, z)
 
     def colours(self, file: str, sight: _Sight) -> np.ndarray:
-        """Return a view in colours, blended from neighbours within a face."""
-        packed = self._strip(file, "RGB")
-        size = len(packed)
-        column, right = _pixels(sight.across, size)
-        row, lower = _pixels(sight.down, size)
-        index = (row * 6 + sight.face) * size + column
-        left, upper = np.uint64(_STEPS) - right, np.uint64(_STEPS) - lower
-        pixels = packed.ravel()
-        above = pixels.take(index) * left + pixels.take(index + 1) * right
-        index += 6 * size
-        below = pixels.take(index) * left + pixels.take(index + 1) * right
-        blended = above * upper + below * lower
-        blended += np.uint64(sum(1 << (_BITS - 1 + lane) for lane in _LANES))  # to round
-        view = np.empty((*self._shape, 3), np.uint8)
-        for channel, lane in enumerate(reversed(_LANES)):
-            shifted = blended >> np.uint64(_BITS + lane)
-            view[..., channel] = shifted.astype(np.uint8).reshape(self._shape)
-        return view
+        """Return a view in colours, blue first."""
+        return _blended(self._strip(file, "RGB"), sight).reshape(*self._shape, 3)
 
     def depths(self, file: str, sight: _Sight) -> np.ndarray:
         """Return a view in depth along the camera's axis: skyboxes have it along each ray."""
@@ -796,12 +766,54 @@ class _Renderer:
                     + ("beside each other" if len(parts) == 1 else "of one size")
                 )
         strip = np.concatenate(parts, axis=1)
-        if mode == "I":
-            return strip
-        packed = np.zeros(strip.shape[:2], np.uint64)
-        for channel, lane in enumerate(_LANES):
-            packed |= strip[..., channel].astype(np.uint64) << np.uint64(lane)
-        return packed
+        return strip if mode == "I" else _packed(strip)
+
+
+def _sight_of(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> _Sight:
+    """Return where in a skybox the rays are that have these coordinates in the cube map."""
+    along_x, along_y, along_z = np.abs(x), np.abs(y), np.abs(z)
+    face = np.where(z > 0, _FRONT, _BACK).astype(np.int32)
+    across, down, depth = np.where(z > 0, x, -x), -y, along_z
+    (side,) = np.nonzero((along_x >= along_y) & (along_x >= along_z))
+    is_right = x[side] > 0
+    face[side] = np.where(is_right, _RIGHT, _LEFT)
+    across[side] = np.where(is_right, -z[side], z[side])
+    depth[side] = along_x[side]
+    (level,) = np.nonzero((along_y >= along_z) & (along_y > along_x))
+    is_up = y[level] > 0
+    face[level] = np.where(is_up, _UP, _DOWN)
+    across[level] = x[level]
+    down[level] = np.where(is_up, z[level], -z[level])
+    depth[level] = along_y[level]
+    return _Sight(face, across / depth, down / depth)
+
+
+def _packed(strip: np.ndarray) -> np.ndarray:
+    """Return the three colours of each pixel in one number, so that one product blends all."""
+    packed = np.zeros(strip.shape[:2], np.uint64)
+    for channel, lane in enumerate(_LANES):
+        packed |= strip[..., channel].astype(np.uint64) << np.uint64(lane)
+    return packed
+
+
+def _blended(packed: np.ndarray, sight: _Sight) -> np.ndarray:
+    """Return the colours of rays, blue first, shape (n, 3), blended from neighbours in a face."""
+    size = len(packed)
+    column, right = _pixels(sight.across, size)
+    row, lower = _pixels(sight.down, size)
+    index = (row * 6 + sight.face) * size + column
+    left, upper = np.uint64(_STEPS) - right, np.uint64(_STEPS) - lower
+    pixels = packed.ravel()
+    above = pixels.take(index) * left + pixels.take(index + 1) * right
+    index += 6 * size
+    below = pixels.take(index) * left + pixels.take(index + 1) * right
+    blended = above * upper + below * lower
+    blended += np.uint64(sum(1 << (_BITS - 1 + lane) for lane in _LANES))  # to round
+    colours = np.empty((len(blended), 3), np.uint8)
+    for channel, lane in enumerate(reversed(_LANES)):
+        shifted = blended >> np.uint64(_BITS + lane)
+        colours[:, channel] = shifted.astype(np.uint8)
+    return colours
 
 
 def _turned(axis: int, angle: float) -> np.ndarray:

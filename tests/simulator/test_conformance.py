@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from reverie_eval import GroundTruth
-from reverie_eval.agents import AGENTS
+from reverie_eval.agents import BUILT_IN, Episode
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.simulator import (
     Action,
@@ -31,10 +31,32 @@ def test_the_environment_passes_with_every_bundle(path: Any) -> None:
     check_environment(lambda: Environment(truth))
 
 
-@pytest.mark.parametrize("name", AGENTS)
-def test_the_reference_agents_pass_and_read_nothing(name: str, demo: GroundTruth) -> None:
-    make, first = AGENTS[name], demo.subset(demo.episodes.instr_ids[:1])
-    assert check_agent(lambda: make(demo, 0, random.Random(0)), Environment(first)) == set()
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        pytest.param("stop", [], id="stop"),
+        pytest.param("shortest", [], id="shortest"),
+        pytest.param("random", [], id="random"),
+        pytest.param("nearest-first", ["geometry"], id="nearest-first"),
+        pytest.param("word-match", ["geometry", "instruction", "names"], id="word-match"),
+    ],
+)
+def test_agents_pass_and_read_no_more_than_they_say(
+    name: str, read: list[str], demo: GroundTruth
+) -> None:
+    first = demo.subset(demo.episodes.instr_ids[:1])
+
+    def begun() -> Callable[[Observation], Action]:
+        agent = BUILT_IN[name]()
+        agent.start(Episode(first, 0, random.Random(0)))
+        return agent.act
+
+    assert sorted(check_agent(begun, Environment(first))) == read
+
+
+def test_every_agent_is_checked() -> None:
+    (mark,) = test_agents_pass_and_read_no_more_than_they_say.pytestmark  # type: ignore[attr-defined]
+    assert {each.values[0] for each in mark.args[1]} == set(BUILT_IN)
 
 
 def altered(truth: GroundTruth, alter: Callable[[Observation], Observation]) -> Any:

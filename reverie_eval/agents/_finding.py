@@ -1,0 +1,177 @@
+"""Agents by name: those of this package, those that others install, and the user's own."""
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+from reverie_eval.agents._episode import Agent, Episode
+from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
+from reverie_eval.agents._reference import AGENTS
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.simulator import Action, Observation
+from reverie_eval.text import did_you_mean
+from reverie_eval.version import __version__
+
+ENTRY_POINTS = "reverie_eval.agents"
+"""The group of entry points by which packages offer agents of their own."""
+
+BUILT_IN: Mapping[str, type[Agent]] = MappingProxyType(
+    {**AGENTS, "nearest-first": NearestFirstAgent, "word-match": WordMatchAgent}
+)
+"""The agents of this package, by name."""
+
+_DEFAULT_NAME = "Agent"
+_DIGEST_SHOWN = 12
+
+
+@dataclass(frozen=True)
+class AgentSource:
+    """Where to find an agent, and its options: enough to make one in another process.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``BUILT_IN``, an entry point, ``module:Name``, ``file.py:Name``, or ``file.py``,
+        whose agent is called ``Agent``. What is named is a class with the methods of
+        :class:`Agent`, or a function that takes an observation and returns an action.
+    options : mapping, optional
+        Arguments of the class, or further ones of the function.
+    """
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def make(self) -> Agent:
+        """Return a new agent.
+
+        Raises
+        ------
+        ReverieEvalError
+            If there is no such agent, it is neither a class nor a function of this kind, or it
+            does not have such options.
+        """
+        found = self._find()
+        _check_options(self.name, found, self.options)
+        if not isinstance(found, type):
+            return _Function(partial(found, **self.options))
+        with _naming(f"{self.name} cannot be made"):
+            made: Any = found(**self.options)
+        if not (callable(getattr(made, "start", None)) and callable(getattr(made, "act", None))):
+            raise ReverieEvalError(
+                f"{self.name} is not an agent; its class needs start(episode) and act(observation)"
+            )
+        agent: Agent = made
+        return agent
+
+    @property
+    def title(self) -> str:
+        """The name without the folder of a file."""
+        file, mark, name = self.name.rpartition(".py")
+        return f"{Path(file).name}{mark}{name}"
+
+    @property
+    def version(self) -> str:
+        """The class's ``version``, or else a digest of the file that defines the agent.
+
+        Raises ReverieEvalError as :meth:`make` does, but makes no agent.
+        """
+        found = self._find()
+        _check_options(self.name, found, self.options)
+        given = __version__ if self.name in BUILT_IN else getattr(found, "version", "")
+        if given:
+            return str(given)
+        source = inspect.getsourcefile(found)
+        content = Path(source).read_bytes() if source else b""
+        return hashlib.sha256(content).hexdigest()[:_DIGEST_SHOWN]
+
+    def _find(self) -> Callable[..., Any]:
+        if self.name in BUILT_IN:
+            return BUILT_IN[self.name]
+        found: Any
+        module_name, _, name = self.name.rpartition(":")
+        if self.name.endswith(".py"):
+            module_name, name = self.name, _DEFAULT_NAME
+        if module_name:
+            found = getattr(_import(module_name), name, None)
+        else:
+            offered = entry_points(group=ENTRY_POINTS, name=self.name)
+            found = next((each.load() for each in offered), None)
+        if not callable(found):
+            raise ReverieEvalError(self._unknown(module_name, name))
+        is_found: Callable[..., Any] = found
+        return is_found
+
+    def _unknown(self, module_name: str, name: str) -> str:
+        if module_name:
+            return f"{module_name} has no class or function {name!r}"
+        return (
+            f"there is no agent {self.name!r}{did_you_mean(self.name, BUILT_IN)}, a file.py, or "
+            "module:Class"
+        )
+
+
+class _Function:
+    """An agent that is a function, which remembers nothing."""
+
+    def __init__(self, act: Callable[[Observation], Action]) -> None:
+        self.act = act
+
+    def start(self, episode: Episode) -> None:
+        """Do nothing."""
+
+
+def _check_options(name: str, found: Callable[..., Any], options: Mapping[str, Any]) -> None:
+    given = [] if isinstance(found, type) else [None]  # a function is given the observation, too
+    try:
+        signature = inspect.signature(found)
+    except ValueError:  # some classes written in C have none
+        return
+    try:
+        signature.bind(*given, **options)
+    except TypeError as error:
+        names = ", ".join([*signature.parameters][len(given) :]) or "none"
+        raise ReverieEvalError(f"{name}: {error}; its options: {names}") from None
+
+
+def _import(name: str) -> ModuleType:
+    """Import a module by its name or from its file; both may import what lies beside them."""
+    is_file = name.endswith(".py")
+    file = Path(name).resolve()
+    folder = str(file.parent if is_file else Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    with _naming(f"{name} cannot be imported"):
+        return _import_file(file) if is_file else importlib.import_module(name)
+
+
+def _import_file(file: Path) -> ModuleType:
+    name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:_DIGEST_SHOWN]}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, file)
+        module = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
+        sys.modules[name] = module  # dataclasses look for the module of a class there
+        try:
+            spec.loader.exec_module(module)  # type: ignore[union-attr]
+        except BaseException:
+            del sys.modules[name]
+            raise
+    return sys.modules[name]
+
+
+@contextmanager
+def _naming(what: str) -> Iterator[None]:
+    """Say what failed in somebody else's code."""
+    try:
+        yield
+    except Exception as error:
+        raise ReverieEvalError(f"{what}: {type(error).__name__}: {error}") from error

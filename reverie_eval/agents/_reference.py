@@ -1,0 +1,90 @@
+"""The reference agents of REVERIE's paper that need no training: Stop, Shortest and Random.
+
+They are baselines of Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real
+Indoor Environments", CVPR 2020, section 5.
+"""
+
+import random
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+from reverie_eval.agents._episode import Agent, Episode
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.simulator import Action, Answer, Environment, Go, Observation, Stop, run_episode
+
+MAX_RANDOM_STEPS = 10
+
+Record: TypeAlias = dict[str, Any]
+
+
+class StopAgent:
+    """Stays at the start and predicts no object."""
+
+    def start(self, episode: Episode) -> None:
+        """Do nothing."""
+
+    def act(self, seen: Observation) -> Action:  # noqa: ARG002
+        """Stop."""
+        return Stop()
+
+
+class ShortestAgent:
+    """Follows the shortest route to the goal and predicts the target object."""
+
+    def start(self, episode: Episode) -> None:
+        """Read the solution. Raises GroundTruthError if the bundle is public."""
+        route, answer = episode.solution()
+        self._ahead = iter([*map(Go, route), answer])
+
+    def act(self, seen: Observation) -> Action:  # noqa: ARG002
+        """Go on along the route."""
+        return next(self._ahead)
+
+
+class RandomAgent:
+    """Walks up to ten random steps and predicts a random object visible at the end."""
+
+    def start(self, episode: Episode) -> None:
+        """Draw the number of steps."""
+        self._rng = episode.rng
+        self._steps = self._rng.randint(0, MAX_RANDOM_STEPS)
+
+    def act(self, seen: Observation) -> Action:
+        """Go to any neighbour, or predict any object."""
+        if seen.neighbours and self._steps:
+            self._steps -= 1
+            return Go(self._rng.choice(seen.neighbours).viewpoint_id)
+        return Answer(self._rng.choice(seen.candidates).object_id) if seen.candidates else Stop()
+
+
+AGENTS: Mapping[str, type[Agent]] = MappingProxyType(
+    {"shortest": ShortestAgent, "random": RandomAgent, "stop": StopAgent}
+)
+"""The reference agents of the paper, by name."""
+
+
+def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Record]:
+    """Run an agent on every episode of a split and return its submission.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``AGENTS``.
+    ground_truth : GroundTruth
+        A bundle with the solution.
+    seed : int
+        Seed for the agent's random choices; the same seed gives the same submission.
+
+    Raises
+    ------
+    GroundTruthError
+        If the bundle is public.
+    """
+    ground_truth.require_solution()
+    environment, rng = Environment(ground_truth), random.Random(seed)  # noqa: S311
+    agent = AGENTS[name]()
+    for row, instr_id in enumerate(environment.episodes):
+        agent.start(Episode(ground_truth, row, rng))
+        run_episode(environment, agent.act, instr_id)
+    return environment.submission()

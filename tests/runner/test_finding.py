@@ -1,0 +1,129 @@
+"""Agents are found by name, as a file, in a module and by entry point, and say what is wrong."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from reverie_eval import ReverieEvalError, __version__
+from reverie_eval.agents import BUILT_IN, AgentSource
+from reverie_eval.simulator import Environment, Stop
+from tests.support.oracle import Item, Scan, Viewpoint, World
+from tests.support.worlds import ground_truth_of
+
+WORLD = World(
+    {"house": Scan({"hall": Viewpoint((0.0, 0.0, 1.5), views={5: [12]})}, frozenset())},
+    [Item("7_5", "house", ["hall"], 5)],
+)
+AGENTS = """
+from dataclasses import dataclass
+from beside import ANSWER
+from reverie_eval.simulator import Answer, Stop
+
+@dataclass
+class Agent:
+    answer: int = ANSWER
+    def start(self, episode): pass
+    def act(self, seen): return Answer(self.answer)
+
+class Other(Agent):
+    version = "of mine"
+
+class NoAgent:
+    def act(self, seen): return Stop()
+
+class Failing(Agent):
+    def __init__(self): raise KeyError("MY_KEY")
+
+def function(seen, answer=6): return Answer(answer)
+
+NUMBER = 7
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "modules", {**sys.modules})
+    (tmp_path / "beside.py").write_text("ANSWER = 5")
+    agents = tmp_path / "my_agents.py"
+    agents.write_text(AGENTS)
+    return agents
+
+
+def answer_of(source: AgentSource) -> object:
+    seen = Environment(ground_truth_of(WORLD)).reset("7_5_0")
+    return getattr(source.make().act(seen), "object_id", None)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "answer"),
+    [
+        pytest.param("my_agents.py", {}, 5, id="file"),
+        pytest.param("./my_agents.py:Agent", {"answer": 3}, 3, id="class in a file"),
+        pytest.param("my_agents.py:function", {}, 6, id="function in a file"),
+        pytest.param("my_agents:function", {"answer": 4}, 4, id="function in a module"),
+        pytest.param("my_agents:Other", {}, 5, id="class in a module"),
+        pytest.param("theirs", {"answer": 2}, 2, id="entry point"),
+        pytest.param("stop", {}, None, id="ours"),
+    ],
+)
+def test_an_agent_is_found(
+    name: str, options: dict[str, int], answer: int | None, file: Path
+) -> None:
+    metadata = file.parent / "theirs-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[reverie_eval.agents]\ntheirs = my_agents:Agent\n")
+    sys.path.insert(0, str(file.parent))
+    assert answer_of(AgentSource(name, options)) == answer
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        pytest.param("shortes", {}, "did you mean shortest?", id="misspelt"),
+        pytest.param("none.py", {}, "none.py cannot be imported: FileNotFoundError", id="no file"),
+        pytest.param("none:Agent", {}, "No module named 'none'", id="no module"),
+        pytest.param("my_agents.py:A", {}, "has no class or function 'A'", id="not in the file"),
+        pytest.param("my_agents:NUMBER", {}, "has no class or function", id="a number"),
+        pytest.param("my_agents:NoAgent", {}, "needs start(episode) and act(", id="no start"),
+        pytest.param("my_agents:Agent", {"x": 1}, "its options: answer", id="unknown option"),
+        pytest.param("my_agents:function", {"x": 1}, "its options: answer", id="of a function"),
+        pytest.param("stop", {"x": 1}, "its options: none", id="no options"),
+        pytest.param("my_agents:Failing", {}, "cannot be made: KeyError: 'MY_KEY'", id="failing"),
+        pytest.param("broken.py", {}, "cannot be imported: NameError", id="broken"),
+        pytest.param("needy.py", {}, "cannot be imported: ModuleNotFoundError", id="needy"),
+    ],
+)
+def test_what_is_not_an_agent_is_named(
+    name: str, options: dict[str, int], message: str, file: Path
+) -> None:
+    file.with_name("broken.py").write_text("nothing")
+    file.with_name("needy.py").write_text("import not_installed_here")
+    with pytest.raises(ReverieEvalError) as caught:
+        AgentSource(name, options).make()
+    assert message in str(caught.value)
+
+
+def test_a_version_is_given_or_that_of_the_file(file: Path) -> None:
+    source = AgentSource(str(file))
+    before = source.version
+    assert AgentSource(f"{file}:function").version == before
+    file.write_text(f"{AGENTS}\n# changed")
+    assert source.version != before
+    assert AgentSource(f"{file}:Other").version == "of mine"
+    assert {AgentSource(name).version for name in BUILT_IN} == {__version__}
+
+
+def test_a_title_has_no_folder() -> None:
+    names = ["/home/me/agent.py", "/home/me/agent.py:Mine", "module:Mine", "stop"]
+    titles = [AgentSource(name).title for name in names]
+    assert titles == ["agent.py", "agent.py:Mine", "module:Mine", "stop"]
+
+
+def test_a_function_keeps_nothing(file: Path) -> None:
+    agent = AgentSource("my_agents:function").make()
+    agent.start(None)  # type: ignore[arg-type]
+    assert agent.act(None) != Stop()  # type: ignore[arg-type]

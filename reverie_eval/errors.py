@@ -8,6 +8,7 @@ ReverieEvalError
     GroundTruthError        the bundle is missing, damaged, or lacks what is needed
     ProtocolError           the protocol, or another option of scoring, is invalid
     ActionError             the agent cannot do this where it is
+    RunError                a run cannot begin, go on, or end in a submission
     MissingPartError        a part of the package is not installed
 """
 
@@ -71,6 +72,10 @@ class ProtocolError(ReverieEvalError):
 
 class ActionError(ReverieEvalError):
     """The agent cannot do this where it is."""
+
+
+class RunError(ReverieEvalError):
+    """A run cannot begin, go on, or end in a submission."""
 
 
 class MissingPartError(ReverieEvalError, ImportError):

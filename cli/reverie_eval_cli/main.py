@@ -36,8 +36,9 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "agent": "submissions:agent",
                 "export": "export:export",
             },
-            "Train an agent": {
+            "Train and run an agent": {
                 "simulator": "simulator:simulator",
+                "run": "run:run_agent",
             },
             "Send to an evaluation server": {
                 "login": "evaluation_server:login",

@@ -2,9 +2,11 @@
 
 import io
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
@@ -134,14 +136,6 @@ def show_printout(printout: "Printout", layout: str, output: str | None) -> None
         show(lambda: printout.text(layout), output)
 
 
-def submission_text(records: Sequence[Mapping[str, Any]]) -> str:
-    """Return a submission with a record per line, to read and to compare line by line."""
-    import json
-
-    # The json of the standard library writes floats as agents' own writers do.
-    return "[\n" + ",\n".join(map(json.dumps, records)) + "\n]\n"
-
-
 def note(text: str) -> None:
     """Print a note to standard error."""
     print(f"note: {text}", file=sys.stderr)
@@ -155,6 +149,39 @@ def with_progress(items: Iterable[T], description: str, total: int | None = None
     from rich.progress import track
 
     return track(items, description, total, console=Console(stderr=True), transient=True)
+
+
+@contextmanager
+def episode_bar(total: int, done: int) -> Iterator[Callable[[], None]]:
+    """Show a progress bar of episodes on a terminal; yield the function that counts one more."""
+    if not _is_rich(sys.stderr):
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    began = time.monotonic()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total, completed=done, rate="")
+        finished = count(1)
+
+        def advance() -> None:
+            rate = next(finished) / (time.monotonic() - began)
+            bar.update(task, advance=1, rate=f"{rate:.2g} a second")
+
+        yield advance
 
 
 @contextmanager

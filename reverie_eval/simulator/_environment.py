@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, overload
 import numpy as np
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
-from reverie_eval.errors import ActionError
+from reverie_eval.errors import ActionError, ReverieEvalError
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
@@ -103,8 +103,12 @@ class Environment:
 
     @property
     def parts_read(self) -> frozenset[Part]:
-        """The parts of observations that were read so far, in any episode."""
+        """The parts of observations that were read so far, or since :meth:`forget_parts_read`."""
         return frozenset(self._notes)
+
+    def forget_parts_read(self) -> None:
+        """Forget which parts were read, to note those of another episode."""
+        self._notes.clear()
 
     @overload
     def reset(self, episode: str) -> Observation: ...
@@ -156,19 +160,31 @@ class Environment:
 
     def submission(self) -> list[dict[str, Any]]:
         """Return the official record of each episode that ended, as it was walked last."""
-        task = self._truth.task
-        records = [
-            {
-                **task.official_id(self.episodes[walk.row]),
-                "trajectory": [
-                    [self._truth.graph.viewpoint_ids[viewpoint], heading, elevation]
-                    for viewpoint, heading, elevation in walk.poses
-                ],
-                **(walk.answer or {}),
-            }
-            for _, walk in sorted(self._ended.items())
-        ]
-        return join_items(records) if task.has_items else records
+        records = [self._record(self._ended[row]) for row in sorted(self._ended)]
+        return join_items(records) if self._truth.task.has_items else records
+
+    def record(self, episode: str) -> dict[str, Any]:
+        """Return the record of an episode that ended; of SOON's items, one start has it alone.
+
+        Raises
+        ------
+        ReverieEvalError
+            If the split has no such episode, or it did not end.
+        """
+        walk = self._ended.get(self._truth.row_of(episode))
+        if walk is None:
+            raise ReverieEvalError(f"{episode} did not end; it has no record yet")
+        return self._record(walk)
+
+    def _record(self, walk: _Walk) -> dict[str, Any]:
+        return {
+            **self._truth.task.official_id(self.episodes[walk.row]),
+            "trajectory": [
+                [self._truth.graph.viewpoint_ids[viewpoint], heading, elevation]
+                for viewpoint, heading, elevation in walk.poses
+            ],
+            **(walk.answer or {}),
+        }
 
     # Actions.
 

@@ -43,7 +43,7 @@ from reverie_eval.submissions._sources import (
     unpack,
     watch_files,
 )
-from reverie_eval.submissions._trajectories import join_items
+from reverie_eval.submissions._trajectories import join_items, submission_text
 
 __all__ = [
     "MAX_MEBIBYTES_VARIABLE",
@@ -80,6 +80,7 @@ __all__ = [
     "submission_hints",
     "submission_names",
     "submission_schema",
+    "submission_text",
     "unpack",
     "watch_files",
 ]

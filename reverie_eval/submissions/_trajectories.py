@@ -10,6 +10,7 @@ the item in the order of the annotations. They are read as records of their own,
 ``12#0``, ``12#1`` and so on.
 """
 
+import json
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -409,6 +410,12 @@ def _flat(location: RecordLocation, trajectory: object, log: ReadingLog) -> Mapp
     if path not in (PATH_KEY, None):
         log.add_fault(faults.misspelt(path, PATH_KEY), location, "", path)
     return {TRAJECTORY_KEY if key == path else key: it for key, it in trajectory.items()}
+
+
+def submission_text(records: Sequence[Mapping[str, Any]]) -> str:
+    """Return a submission with a record per line, to read and to compare line by line."""
+    # The json of the standard library writes floats as agents' own writers do.
+    return "[\n" + ",\n".join(map(json.dumps, records)) + "\n]\n"
 
 
 def join_items(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -38,6 +38,7 @@ WORKING: Sequence[Words] = [
     ("subset", "--split", "val_unseen", "--n", "10"),
     ("convert", *SCORED, "-o", "converted.json"),
     ("agent", "shortest", "--split", "val_unseen", "-o", "walked.json"),
+    ("run", "word-match", "--split", "val_unseen", "-o", "run"),
     ("simulator", "--path"),
     ("compile", "DATASET", "--split", "val_unseen", "-o", "bundle.npz"),
     ("lint", "DATASET"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from reverie_eval_cli import options
-from reverie_eval_cli.output import note, submission_text, write_text
+from reverie_eval_cli.output import note, write_text
 
 _DEMO = Path("reverie-eval-server")
 _SAMPLE = _DEMO / "sample.json"
@@ -58,6 +58,7 @@ def _make_demo() -> str:
     from reverie_eval.ground_truth import find_ground_truth
     from reverie_eval.server.operations.checks import database_errors
     from reverie_eval.server.operations.folder import make_server
+    from reverie_eval.submissions import submission_text
     from reverie_eval_cli.organising import actor, now
 
     with database_errors():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from reverie_eval import Problem, SubmissionError, Validation, validate
-from reverie_eval.submissions import source_name
+from reverie_eval.submissions import source_name, submission_text
 from reverie_eval_cli import options
 from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import (
@@ -18,7 +18,6 @@ from reverie_eval_cli.output import (
     naming,
     rejection,
     show,
-    submission_text,
     write_text,
 )
 

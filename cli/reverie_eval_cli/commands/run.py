@@ -1,0 +1,196 @@
+"""``reverie-eval run AGENT --split SPLIT -o FOLDER``: from an agent to a scored submission."""
+
+import gc
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from reverie_eval import GroundTruth, ReverieEvalError, evaluate
+from reverie_eval.agents import AgentSource
+from reverie_eval.reporting.scores import scores_printout
+from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
+from reverie_eval.text import count_text
+from reverie_eval_cli import options
+from reverie_eval_cli.options import TruthOptions
+from reverie_eval_cli.output import episode_bar, note, show_printout
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_DEFAULTS = Limits()
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How an agent is run."""
+
+    option: tuple[str, ...]
+    options_from: Path | None
+    boxes: Path | None
+    pictures: Path | None
+    seed: int
+    max_steps: int
+    max_seconds: float | None
+
+    def plan(self, agent: str, truth: GroundTruth) -> Plan:
+        """Return what is to be run."""
+        return Plan(
+            agent=AgentSource(agent, self.agent_options()),
+            ground_truth=truth,
+            boxes=self.boxes,
+            pictures=self.pictures,
+            seed=self.seed,
+            limits=Limits(steps=self.max_steps, seconds=self.max_seconds),
+        )
+
+    def agent_options(self) -> Mapping[str, Any]:
+        """Return the agent's options: those of the file, and then those of the command line."""
+        given = {} if self.options_from is None else _read_toml(self.options_from)
+        return {**given, **dict(map(_read_option, self.option))}
+
+
+def _read_toml(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text("utf-8"))
+    except ValueError as error:
+        raise ReverieEvalError(f"{file}: {error}") from None
+
+
+def _read_option(text: str) -> tuple[str, Any]:
+    """Read NAME=VALUE: the value is one of TOML, or else text."""
+    name, mark, value = text.partition("=")
+    if not mark:
+        raise click.UsageError(f"--option {text}: expected NAME=VALUE")
+    try:
+        return name, tomllib.loads(f"value = {value}")["value"]
+    except ValueError:
+        return name, value
+
+
+@click.command("run")
+@click.argument("agent")
+@options.truth
+@options.new_path("FOLDER", "The run's folder: a new one, or one to go on with.")
+@options.episodes_from
+@options.grouped(
+    "run_options",
+    RunOptions,
+    click.option(
+        "--option",
+        metavar="NAME=VALUE",
+        multiple=True,
+        help="An option of the agent; may be repeated.",
+    ),
+    click.option(
+        "--options-from", metavar="FILE", type=options.PATH, help="Options of the agent, as TOML."
+    ),
+    click.option(
+        "--boxes",
+        metavar="PATH",
+        type=options.PATH,
+        help="Where objects are visible: the BBox folder, BBoxes.json, or a bundle with the "
+        "solution.  [default: the bundle]",
+    ),
+    click.option(
+        "--pictures",
+        metavar="FOLDER",
+        type=options.PATH,
+        help="The folder of the scans with their skyboxes.",
+    ),
+    options.with_default("--seed", type=int, default=0, help="Seed of the agent's random choices."),
+    options.with_default(
+        "--max-steps",
+        metavar="N",
+        type=options.Number(min=1),
+        default=_DEFAULTS.steps,
+        help="Actions after which an episode is stopped.",
+    ),
+    click.option(
+        "--max-seconds",
+        metavar="S",
+        type=options.Decimal(0, min_open=True),
+        help="Seconds after which an episode is stopped, once an action has ended.",
+    ),
+)
+@options.with_default(
+    "--jobs", metavar="N", type=options.Number(min=1), default=1, help="Number of processes."
+)
+@click.option(
+    "--fill-missing",
+    is_flag=True,
+    help="Run nothing more: write the submission, with a stop at the start for each episode that "
+    "has no answer.",
+)
+def run_agent(
+    *,
+    agent: str,
+    truth_options: TruthOptions,
+    output: Path,
+    episodes_from: Path | None,
+    run_options: RunOptions,
+    jobs: int,
+    fill_missing: bool,
+) -> None:
+    """Run an agent on a split, and score it.
+
+    AGENT is a file.py with a class `Agent`, file.py:Name, module:Name, the name of an agent that a
+    package offers, or one of ours: shortest, random, stop, nearest-first or word-match.
+
+    The same command goes on with a run that was killed or stopped. FOLDER gets submission.json,
+    run.json, episodes.jsonl and steps.jsonl.
+    """
+    gc.enable()  # off in this command, which pays off in short lives only
+    truth = truth_options.find(episodes_from)
+    plan = run_options.plan(agent, truth)
+    with episode_bar(len(truth.episodes.instr_ids), _done_in(output)) as advance:
+
+        def show(progress: Progress) -> None:
+            if progress.wait is None:
+                advance()
+            else:
+                attempt = progress.attempt
+                note(f"{attempt.episode}: {attempt.reason}; again in {progress.wait:g} s")
+
+        totals = run(plan, output, jobs=jobs, fill_missing=fill_missing, on_progress=show)
+    for line in _outcome(totals):
+        note(line)
+    _print_scores(output / SUBMISSION, truth, totals)
+
+
+def _done_in(folder: Path) -> int:
+    """Return how many episodes of a run are done, to begin counting there."""
+    try:
+        return sum(attempt.record is not None for attempt in read_attempts(folder))
+    except FileNotFoundError:
+        return 0
+
+
+def _outcome(totals: Totals) -> Iterable[str]:
+    states = {"answered": totals.answered, "stopped": totals.stopped, "failed": totals.failed}
+    ended = ", ".join(f"{number:,} {state}" for state, number in states.items() if number)
+    steps = count_text(totals.steps, "step")
+    yield f"{ended}; {count_text(totals.attempts, 'attempt')}, {steps}, {totals.seconds:,.1f} s"
+    yield f"read: {', '.join(totals.read) or 'nothing'}"
+    tokens = (totals.input_tokens, totals.output_tokens)
+    if tokens != (None, None):
+        money = "unknown" if totals.money is None else f"${totals.money:,.2f}"
+        sent, back = (0 if each is None else each for each in tokens)
+        yield f"{sent:,} tokens in, {back:,} out, cost {money}"
+
+
+def _print_scores(submission: Path, truth: GroundTruth, totals: Totals) -> None:
+    if truth.solution is None:
+        print(submission)
+        return
+    scores = evaluate(submission, split=truth.split, ground_truth=truth)
+    if totals.filled:
+        filled = count_text(totals.filled, "episode")
+        hint = f"{filled} without an answer of the agent, filled with a stop at the start"
+        scores = replace(scores, hints=[*scores.hints, hint])
+    show_printout(scores_printout([scores]), "table", None)

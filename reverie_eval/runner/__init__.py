@@ -1,0 +1,43 @@
+"""Runs: an agent walks the episodes of a split, and what it does is kept until it is scored.
+
+A run's folder has what :class:`Identity` says in ``run.json``, a line for each :class:`Attempt` in
+``episodes.jsonl``, one for each :class:`Step` in ``steps.jsonl``, and the submission.
+"""
+
+from reverie_eval.errors import RunError
+from reverie_eval.runner._failures import FAILED_IN_A_ROW, TREATMENTS, WAITS, TransientError
+from reverie_eval.runner._folder import SUBMISSION, read_attempts, read_steps
+from reverie_eval.runner._records import (
+    SCHEMA_VERSION,
+    Attempt,
+    Circumstance,
+    Identity,
+    Limits,
+    RunCard,
+    Step,
+    Totals,
+)
+from reverie_eval.runner._run import Progress, run
+from reverie_eval.runner._walking import Plan
+
+__all__ = [
+    "FAILED_IN_A_ROW",
+    "SCHEMA_VERSION",
+    "SUBMISSION",
+    "TREATMENTS",
+    "WAITS",
+    "Attempt",
+    "Circumstance",
+    "Identity",
+    "Limits",
+    "Plan",
+    "Progress",
+    "RunCard",
+    "RunError",
+    "Step",
+    "Totals",
+    "TransientError",
+    "read_attempts",
+    "read_steps",
+    "run",
+]

@@ -1,0 +1,221 @@
+"""The folder of a run: what is appended as episodes are run, and how it is read to go on."""
+
+import fcntl
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+from typing_extensions import Self
+
+from reverie_eval.errors import RunError
+from reverie_eval.files import staged_file
+from reverie_eval.runner._records import (
+    ANSWERED,
+    SCHEMA_VERSION,
+    Attempt,
+    Circumstance,
+    Identity,
+    RunCard,
+    Step,
+    Totals,
+    encode,
+    total_usage,
+)
+
+EPISODES = "episodes.jsonl"
+STEPS = "steps.jsonl"
+CARD = "run.json"
+SUBMISSION = "submission.json"
+
+Row = TypeVar("Row", bound=msgspec.Struct)
+
+
+class RunFolder:
+    """The files of a run, which one process has at a time.
+
+    Attempts and steps are appended and never changed; what is on disk is what counts. Steps are
+    written as they are made, so that what an attempt cost is known even if it was interrupted.
+
+    Parameters
+    ----------
+    path : Path
+        A new folder, or one of a run with the same identity.
+    identity : Identity
+    circumstance : Circumstance
+
+    Raises
+    ------
+    RunError
+        If another process is running here, the folder has something else in it, or its run has
+        another identity.
+    """
+
+    def __init__(self, path: Path, identity: Identity, circumstance: Circumstance) -> None:
+        self.path = path
+        self._identity = identity
+        path.mkdir(parents=True, exist_ok=True)
+        self._open = [os.open(path, os.O_RDONLY)]
+        try:
+            self._begin(circumstance)
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self, circumstance: Circumstance) -> None:
+        (folder,) = self._open
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RunError(f"{self.path}: another process is running there") from None
+        card = self._read_card()
+        self._circumstances = [*(card.circumstances if card else ()), circumstance]
+        if card is None:
+            if any(not each.name.startswith(".") for each in self.path.iterdir()):
+                raise RunError(f"{self.path} is not empty and has no {CARD}; choose a new folder")
+            self.write_card()  # before the others, so that a folder with those always has it
+        self._episodes, self._steps = (self._append_to(name) for name in (EPISODES, STEPS))
+        self.attempts = list(_read(self._path(EPISODES), Attempt))
+        unfinished = self._unfinished_steps()
+        if card:
+            if self.attempts or unfinished:
+                self._check_identity(card.identity)
+            self.write_card()
+        os.fsync(folder)
+        for steps in unfinished.values():
+            self.add(_interrupted(steps))
+
+    def _path(self, name: str) -> Path:
+        return self.path / name
+
+    def _append_to(self, name: str) -> int:
+        path = self._path(name)
+        self._open.append(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666))
+        with path.open("r+b") as file:  # a line that was cut off is not a record
+            file.truncate(sum(len(line) for line in file if line.endswith(b"\n")))
+        return self._open[-1]
+
+    def _read_card(self) -> RunCard | None:
+        try:
+            content = self._path(CARD).read_bytes()
+        except FileNotFoundError:
+            return None
+        try:
+            version = msgspec.json.decode(content, type=_Version).schema_version
+            if version == SCHEMA_VERSION:
+                return msgspec.json.decode(content, type=RunCard)
+        except msgspec.DecodeError as error:
+            raise RunError(f"{self._path(CARD)} is not the card of a run: {error}") from None
+        raise RunError(
+            f"{self._path(CARD)} has version {version} of the schema, and this is version "
+            f"{SCHEMA_VERSION}; use the release that began the run"
+        )
+
+    def _check_identity(self, begun: Identity) -> None:
+        # As it will be read: a tuple is a list then.
+        mine = msgspec.json.decode(encode(self._identity), type=Identity)
+        differences = list(mine.differences(begun))
+        if differences:
+            raise RunError(
+                f"{self.path} has another run: {'; '.join(differences)}. Go on as it was begun, or "
+                "choose a new folder"
+            )
+
+    def _unfinished_steps(self) -> Mapping[tuple[str, int], list[Step]]:
+        """Return the steps of attempts that did not end, because the run did."""
+        ended = {(each.episode, each.attempt) for each in self.attempts}
+        found: dict[tuple[str, int], list[Step]] = {}
+        for step in _read(self._path(STEPS), Step):
+            key = step.episode, step.attempt
+            if key not in ended:
+                found.setdefault(key, []).append(step)
+        return found
+
+    @property
+    def answered(self) -> Mapping[str, Attempt]:
+        """The attempt that counts, for each episode that has one."""
+        return {each.episode: each for each in self.attempts if each.state in ANSWERED}
+
+    def add(self, row: Step | Attempt) -> None:
+        """Append a step, or the end of an attempt; that is on disk when this returns."""
+        if isinstance(row, Step):
+            _write(self._steps, encode(row))
+            return
+        os.fsync(self._steps)
+        _write(self._episodes, encode(row))
+        os.fsync(self._episodes)
+        self.attempts.append(row)
+
+    def write_card(self, totals: Totals | None = None) -> None:
+        """Write the run's card, with what came of it if it ended."""
+        card = RunCard(
+            schema_version=SCHEMA_VERSION,
+            identity=self._identity,
+            circumstances=self._circumstances,
+            totals=totals,
+        )
+        self.write(CARD, msgspec.json.format(encode(card)) + b"\n")
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file that appears complete or not at all."""
+        with staged_file(self._path(name)) as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def close(self) -> None:
+        """Leave the folder to others."""
+        while self._open:
+            os.close(self._open.pop())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class _Version(msgspec.Struct):
+    schema_version: int
+
+
+def _interrupted(steps: list[Step]) -> Attempt:
+    """Return an attempt that did not end, with what it cost."""
+    return Attempt(
+        episode=steps[0].episode,
+        attempt=steps[0].attempt,
+        state="interrupted",
+        steps=len(steps),
+        seconds=sum(each.seconds for each in steps),
+        **asdict(total_usage(steps)),
+    )
+
+
+def read_steps(folder: Path | str) -> Iterator[Step]:
+    """Yield all steps of a run, in the order in which they were made."""
+    return _read(Path(folder, STEPS), Step)
+
+
+def read_attempts(folder: Path | str) -> Iterator[Attempt]:
+    """Yield all attempts of a run, in the order in which they ended."""
+    return _read(Path(folder, EPISODES), Attempt)
+
+
+def _read(path: Path, kind: type[Row]) -> Iterator[Row]:
+    decoder = msgspec.json.Decoder(kind)
+    with path.open("rb") as file:
+        for number, line in enumerate(file, 1):
+            if not line.endswith(b"\n"):  # a run is writing it
+                return
+            try:
+                yield decoder.decode(line)
+            except msgspec.DecodeError as error:
+                raise RunError(f"{path}, line {number}: {error}") from None
+
+
+def _write(descriptor: int, content: bytes) -> None:
+    """Write all of it: one call may write a part only."""
+    while content:
+        content = content[os.write(descriptor, content) :]

@@ -1,0 +1,218 @@
+"""The records of a run: its identity, its circumstances, and what is logged of each episode."""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, Literal
+
+import msgspec
+
+from reverie_eval.agents import Usage
+
+SCHEMA_VERSION = 1
+"""The version of the files in a run's folder."""
+
+State = Literal["answered", "stopped", "failed", "interrupted"]
+"""How an attempt ended: the agent ended the episode; it was stopped, as by a limit; it raised an
+error that is not an answer; or the whole run ended before it did."""
+
+ANSWERED: frozenset[State] = frozenset({"answered", "stopped"})
+"""The states of attempts whose record is a part of the submission."""
+
+
+class Limits(msgspec.Struct, frozen=True, kw_only=True):
+    """Where an episode is stopped, if the agent does not end it."""
+
+    steps: int = 200
+    """Actions."""
+    seconds: float | None = None
+    """Looked at between two actions: an action that has begun is not interrupted."""
+
+
+class Identity(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that can change an answer. A run that goes on has the same identity."""
+
+    task: str
+    split: str
+    fingerprint: str
+    """SHA-256 of the ground truth."""
+    episodes: str
+    """``all``, or the digest of a declared subset, as in signatures."""
+    agent: str
+    agent_version: str
+    options: Mapping[str, Any]
+    seed: int
+    limits: Limits
+    boxes: str
+    """Where the objects are from: ``solution``, ``none``, or a digest of the files."""
+    pictures: bool
+    """Whether there were pictures to look at."""
+    reverie_eval: str
+    """The version that showed the observations."""
+
+    def differences(self, other: "Identity") -> Iterable[str]:
+        """Yield a line for each field that another identity has a different value in."""
+        for name in self.__struct_fields__:
+            mine, its = getattr(self, name), getattr(other, name)
+            if mine != its:
+                yield f"{name} was {_shown(its)}, and is {_shown(mine)} now"
+
+
+class Circumstance(msgspec.Struct, frozen=True, kw_only=True):
+    """What cannot change an answer. It is noted each time that a run is started, never compared."""
+
+    started: str
+    """ISO 8601, in UTC."""
+    jobs: int
+    ground_truth: str
+    """The path of the bundle."""
+    boxes: str | None
+    pictures: str | None
+    python: str
+    platform: str
+
+
+class Step(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of ``steps.jsonl``: an action of an agent."""
+
+    episode: str
+    attempt: int
+    """Counted from 1."""
+    step: int
+    """Counted from 1."""
+    viewpoint_id: str
+    """Where the agent was when it chose the action; with the next two, and the identity of the run,
+    this determines all that it could observe."""
+    heading: float
+    """Radians."""
+    elevation: float
+    """Radians."""
+    action: str
+    """``Go``, ``Turn``, ``Stop``, ``Answer``, ``AnswerBox`` or ``Point``."""
+    arguments: Any
+    """The fields of the action."""
+    seconds: float
+    """How long the agent took to choose."""
+    input_tokens: int | None = None
+    cached_tokens: int | None = None
+    output_tokens: int | None = None
+    reasoning_tokens: int | None = None
+    money: float | None = None
+    """US dollars."""
+    notes: Mapping[str, Any] = {}
+    """Whatever else the agent logged."""
+
+
+class Attempt(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of ``episodes.jsonl``: an attempt at an episode, the last of which is its summary."""
+
+    episode: str
+    attempt: int
+    """Counted from 1."""
+    state: State
+    reason: str = ""
+    """Which limit it was, or which error; empty if the agent ended the episode."""
+    steps: int
+    seconds: float
+    """All of the attempt, also what the environment took."""
+    input_tokens: int | None = None
+    cached_tokens: int | None = None
+    output_tokens: int | None = None
+    reasoning_tokens: int | None = None
+    money: float | None = None
+    """US dollars; null if a step has tokens but no price."""
+    read: tuple[str, ...] = ()
+    """The parts of observations that the agent read, and ``solution`` if it asked for that."""
+    is_retried: bool = False
+    """Whether the error is one after which the episode is tried again."""
+    traceback: str = ""
+    record: Mapping[str, Any] | None = None
+    """The episode's record in the submission; null if it has none."""
+
+
+class Totals(msgspec.Struct, frozen=True, kw_only=True):
+    """The outcome of a run. Each episode is one of the first four."""
+
+    answered: int
+    stopped: int
+    failed: int
+    missing: int
+    filled: int
+    """Failed and missing episodes that the submission has a stop at the start for."""
+    attempts: int
+    """All of them, also those that failed or were interrupted; and so are the figures below."""
+    steps: int
+    seconds: float
+    """Added up over processes."""
+    input_tokens: int | None
+    cached_tokens: int | None
+    output_tokens: int | None
+    reasoning_tokens: int | None
+    money: float | None
+    read: tuple[str, ...]
+    """The parts of observations that the agent read in any attempt, and ``solution``."""
+
+    @classmethod
+    def of(cls, attempts: Sequence[Attempt], episodes: Collection[str], filled: int) -> "Totals":
+        """Add up the attempts of a run."""
+        states = Counter({each.episode: each.state for each in attempts}.values())
+        done = {state: states[state] for state in ("answered", "stopped", "failed")}
+        return cls(
+            **done,
+            missing=len(episodes) - sum(done.values()),
+            filled=filled,
+            attempts=len(attempts),
+            steps=sum(each.steps for each in attempts),
+            seconds=sum(each.seconds for each in attempts),
+            read=tuple(sorted({part for each in attempts for part in each.read})),
+            **asdict(total_usage(attempts)),
+        )
+
+
+class RunCard(msgspec.Struct, frozen=True, kw_only=True):
+    """The file ``run.json``."""
+
+    schema_version: int
+    identity: Identity
+    circumstances: Sequence[Circumstance]
+    """One for each time that the run was started."""
+    totals: Totals | None
+    """Null while the run goes on."""
+
+
+def total_usage(rows: Iterable[Step | Attempt]) -> Usage:
+    """Add up what was used; what no row knows stays unknown.
+
+    Money is unknown as soon as one row has tokens without a price: a sum without them would be too
+    small.
+    """
+    rows = list(rows)
+    totals: dict[str, Any] = {}
+    for name in Usage.__dataclass_fields__:
+        known = [value for row in rows if (value := getattr(row, name)) is not None]
+        totals[name] = sum(known) if known else None
+    has_unknown = any(
+        row.money is None and (row.input_tokens, row.output_tokens) != (None, None) for row in rows
+    )
+    if has_unknown:
+        totals["money"] = None
+    return Usage(**totals)
+
+
+def encode(row: msgspec.Struct) -> bytes:
+    """Return a record as a line of JSON."""
+    return _ENCODER.encode(row) + b"\n"
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as one of Python."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+
+
+_ENCODER = msgspec.json.Encoder(enc_hook=_plain)
+
+
+def _shown(value: object) -> str:
+    return repr(msgspec.to_builtins(value))

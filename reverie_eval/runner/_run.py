@@ -1,0 +1,193 @@
+"""A run: from an agent to a submission, in a folder that survives whatever ends it."""
+
+import hashlib
+import os
+import platform
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from reverie_eval.errors import RunError
+from reverie_eval.runner._failures import FAILED_IN_A_ROW, WAITS
+from reverie_eval.runner._folder import EPISODES, SUBMISSION, RunFolder
+from reverie_eval.runner._records import ANSWERED, Attempt, Circumstance, Identity, Totals
+from reverie_eval.runner._walking import Job, Plan
+from reverie_eval.runner._workers import walk_here, walk_in_processes
+from reverie_eval.simulator import Environment, Stop
+from reverie_eval.submissions import join_items, submission_text
+from reverie_eval.text import count_text, first_few
+from reverie_eval.version import __version__
+
+
+class Progress(NamedTuple):
+    """Something that was done in a run."""
+
+    attempt: Attempt
+    wait: float | None
+    """Seconds until the episode is tried again; None if it is not."""
+
+
+def run(
+    plan: Plan,
+    folder: Path,
+    *,
+    jobs: int = 1,
+    fill_missing: bool = False,
+    on_progress: Callable[[Progress], None] = lambda _: None,
+) -> Totals:
+    """Run the episodes that are left, and write the submission.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        A new folder, or one of a run that was ended before its time: that goes on.
+    jobs : int
+        Number of processes; with one, it is this one.
+    fill_missing : bool
+        Run nothing, and write a submission with a stop at the start, without an answer, for each
+        episode that has no answer yet.
+    on_progress : callable
+        Is called after each attempt.
+
+    Raises
+    ------
+    RunError
+        If the folder has another run in it, an error stopped the run, or episodes are left without
+        an answer.
+    ReverieEvalError
+        If there is no such agent.
+    """
+    episodes = plan.ground_truth.episodes.instr_ids
+    with RunFolder(folder, _identity(plan), _circumstance(plan, jobs)) as files:
+        queue = _Queue([] if fill_missing else episodes, files)
+        try:
+            queue.work_off(plan, min(jobs, len(queue.waiting)), on_progress)
+        finally:
+            left = [each for each in episodes if each not in files.answered]
+            filled = len(left) if fill_missing else 0
+            totals = Totals.of(files.attempts, episodes, filled)
+            files.write_card(totals)
+        if left and not fill_missing:
+            raise RunError(
+                f"{count_text(len(left), 'episode')} of {len(episodes):,} failed, such as "
+                f"{first_few(left)} ({folder / EPISODES}); the same command tries them again, and "
+                "--fill-missing writes the submission with a stop at the start for each"
+            )
+        files.write(SUBMISSION, submission_text(_records(plan, files)).encode())
+    return totals
+
+
+class _Queue:
+    """The attempts that are to be made."""
+
+    def __init__(self, episodes: Sequence[str], files: RunFolder) -> None:
+        self._files = files
+        begun = Counter(each.episode for each in files.attempts)
+        done = files.answered
+        self.waiting = deque(Job(each, begun[each] + 1) for each in episodes if each not in done)
+        self._retried: Counter[str] = Counter()
+        self._in_a_row = 0
+        self._stopped = ""
+
+    def work_off(self, plan: Plan, jobs: int, on_progress: Callable[[Progress], None]) -> None:
+        """Make the attempts; raise RunError if an error stops the run."""
+        if jobs > 1:
+            rows = walk_in_processes(plan, self._take, jobs)
+        else:
+            rows = walk_here(plan, self._take)
+        with closing(rows):
+            for row in rows:
+                self._files.add(row)
+                if isinstance(row, Attempt):
+                    on_progress(Progress(row, self._decide(row)))
+        if self._stopped:
+            raise RunError(f"the run stopped: {self._stopped}")
+
+    def _take(self) -> Job | None:
+        return self.waiting.popleft() if self.waiting else None
+
+    def _decide(self, attempt: Attempt) -> float | None:
+        """Return the seconds after which an episode is tried again; None if it is not."""
+        if attempt.state in ANSWERED:
+            self._in_a_row = 0
+            return None
+        if not attempt.is_retried:
+            self._stop(f"{attempt.episode}: {attempt.reason}")
+            return None
+        waits = WAITS[self._retried[attempt.episode] :]
+        if waits and not self._stopped:
+            self._retried[attempt.episode] += 1
+            self.waiting.appendleft(Job(attempt.episode, attempt.attempt + 1, waits[0]))
+            return waits[0]
+        self._in_a_row += 1
+        if self._in_a_row == FAILED_IN_A_ROW:
+            self._stop(f"{FAILED_IN_A_ROW} episodes in a row failed, the last by {attempt.reason}")
+        return None
+
+    def _stop(self, reason: str) -> None:
+        """Let the episodes that are being run end, and begin no other."""
+        self._stopped = self._stopped or reason
+        self.waiting.clear()
+
+
+def _records(plan: Plan, files: RunFolder) -> Sequence[dict[str, Any]]:
+    """Return the submission's records in the order of the split, missing ones filled."""
+    environment = plan.environment()
+    answered = files.answered
+    records = [
+        dict(answered[each].record or {}) if each in answered else _stop_at(environment, each)
+        for each in environment.episodes
+    ]
+    return join_items(records) if plan.ground_truth.task.has_items else records
+
+
+def _stop_at(environment: Environment, episode: str) -> dict[str, Any]:
+    environment.reset(episode)
+    environment.step(Stop())
+    return environment.record(episode)
+
+
+def _identity(plan: Plan) -> Identity:
+    truth = plan.ground_truth
+    return Identity(
+        task=truth.task.name,
+        split=truth.split,
+        fingerprint=truth.fingerprint,
+        episodes=truth.subset_digest or "all",
+        agent=plan.agent.title,
+        agent_version=plan.agent.version,
+        options=plan.agent.options,
+        seed=plan.seed,
+        limits=plan.limits,
+        boxes=_source_of_boxes(plan),
+        pictures=plan.pictures is not None,
+        reverie_eval=__version__,
+    )
+
+
+def _source_of_boxes(plan: Plan) -> str:
+    if plan.boxes is None:
+        return "none" if plan.ground_truth.solution is None else "solution"
+    path, digest = Path(plan.boxes), hashlib.sha256()
+    if path.is_dir():  # thousands of files: their names and sizes tell releases from each other
+        for each in sorted(os.scandir(path), key=lambda entry: entry.name):
+            digest.update(f"{each.name} {each.stat().st_size}\n".encode())
+    else:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _circumstance(plan: Plan, jobs: int) -> Circumstance:
+    return Circumstance(
+        started=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        jobs=jobs,
+        ground_truth=plan.ground_truth.origin,
+        boxes=None if plan.boxes is None else str(plan.boxes),
+        pictures=None if plan.pictures is None else str(plan.pictures),
+        python=platform.python_version(),
+        platform=platform.platform(),
+    )

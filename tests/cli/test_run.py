@@ -1,0 +1,154 @@
+"""``reverie-eval run``: from an agent to a table, at the command line."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from reverie_eval.agents import BUILT_IN
+from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval_cli.commands.run import run_agent
+from tests.conftest import REPOSITORY
+from tests.support.flat_world import Run
+from tests.support.worlds import SPLIT
+
+PAGE = (REPOSITORY / "docs" / "how-to" / "run.md").read_text("utf-8")
+(AGENT,) = re.findall(r"```python\n(.+?)\n```", PAGE, re.DOTALL)
+(TABLE,) = re.findall(r"prints\n\n```\n(.+?)\n```", PAGE, re.DOTALL)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_agent.py").write_text(AGENT)
+    return tmp_path
+
+
+def test_the_agent_of_the_page_runs_and_scores_what_the_page_says(folder: Path, run: Run) -> None:
+    (words,) = re.findall(r"^reverie-eval (run .*)$", PAGE, re.MULTILINE)
+    status, out, err = run(*words.split())
+    assert (status, out.strip()) == (0, TABLE)
+    assert len(AGENT.splitlines()) <= 30
+    assert "84 answered; 84 attempts" in err
+    assert "read: instruction, names" in err
+    written = {each.name for each in (folder / "runs" / "mine").iterdir()}
+    assert written == {"episodes.jsonl", "run.json", "steps.jsonl", "submission.json"}
+    assert all(f"`{name}`" in PAGE for name in written)
+    again = run(*words.split())
+    assert (again.status, again.out) == (0, out)
+
+
+def test_the_submission_scores_as_every_other(folder: Path, run: Run) -> None:
+    ran = run("run", "random", "--split", SPLIT, "-o", "random")
+    assert run("random/submission.json", "--split", SPLIT) == (0, ran.out, "")
+
+
+def test_the_steps_are_read_in_one_line(folder: Path, run: Run) -> None:
+    import pandas as pd
+
+    run("run", "my_agent.py", "--split", SPLIT, "-o", "runs/mine")
+    (call,) = re.findall(r"`pandas\.(read_json\(.*?\))`", PAGE)
+    steps = eval(f"pd.{call}", {"pd": pd})
+    assert set(steps["action"]) >= {"Go", "Answer"}
+    assert steps["notes"].str["new"].max() > 0
+
+
+def test_options_are_of_a_file_and_of_the_command(folder: Path, run: Run) -> None:
+    (folder / "agent.py").write_text(
+        "class Agent:\n"
+        "    def __init__(self, a, b, c): print(repr((a, b, c)))\n"
+        "    def start(self, episode): pass\n"
+        "    def act(self, seen):\n"
+        "        from reverie_eval.simulator import Stop\n"
+        "        return Stop()\n"
+    )
+    (folder / "options.toml").write_text('a = 1\nb = [2, "x"]\n')
+    options = ["--options-from", "options.toml", "--option", "a=0.5", "--option", "c=so be it"]
+    outcome = run("run", "agent.py", "--split", SPLIT, "-o", "run", *options)
+    assert outcome.out.splitlines()[0] == "(0.5, [2, 'x'], 'so be it')"
+    identity = json.loads((folder / "run" / "run.json").read_text())["identity"]
+    assert identity["options"] == {"a": 0.5, "b": [2, "x"], "c": "so be it"}
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "message"),
+    [
+        pytest.param(["--option", "a"], 2, "--option a: expected NAME=VALUE", id="no value"),
+        pytest.param(["--option", "a=1"], 2, "its options: patience", id="unknown option"),
+        pytest.param(["--options-from", "my_agent.py"], 2, "my_agent.py: ", id="not TOML"),
+        pytest.param(["--max-steps", "0"], 2, "0 is not in the range x>=1", id="no step"),
+        pytest.param(["--episodes-from", "none"], 2, "none: No such file", id="no list"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_is_run(
+    words: list[str], status: int, message: str, folder: Path, run: Run
+) -> None:
+    outcome = run("run", "my_agent.py", "--split", SPLIT, "-o", "run", *words)
+    assert outcome.status == status
+    assert message in outcome.err
+    assert not (folder / "run").exists()
+
+
+def test_some_episodes_can_be_chosen(folder: Path, run: Run) -> None:
+    run("subset", "--split", SPLIT, "--n", "7", "-o", "list")
+    outcome = run(
+        "run", "stop", "--split", SPLIT, "--episodes-from", "list", "-o", "run", "--max-steps", "1"
+    )
+    assert "|subset:" in outcome.out
+    submission = json.loads((folder / "run" / "submission.json").read_text())
+    assert {it["instr_id"] for it in submission} == set((folder / "list").read_text().split())
+
+
+def test_a_public_bundle_ends_at_the_submission(folder: Path, run: Run) -> None:
+    Bundle.load(DEMO_BUNDLES / f"{SPLIT}.npz").public().save(Path("public.npz"))
+    words = ["--split", SPLIT, "--ground-truth", "public.npz"]
+    outcome = run("run", "nearest-first", *words, "-o", "run")
+    assert outcome[:2] == (0, "run/submission.json\n")
+    assert run("validate", "run/submission.json", *words).status == 0
+    refused = run("run", "shortest", *words, "-o", "other")
+    assert "is a public bundle" in refused.err
+    assert refused.status == 2
+
+
+def test_a_failed_episode_is_filled_on_request_and_the_table_says_so(
+    folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("reverie_eval.runner._run.WAITS", (0.0,))
+    (folder / "agent.py").write_text(
+        "from reverie_eval.agents import StopAgent\n"
+        "from reverie_eval.runner import TransientError\n"
+        "class Agent(StopAgent):\n"
+        "    begun = 0\n"
+        "    def start(self, episode):\n"
+        "        Agent.begun += 1\n"
+        "        if Agent.begun in (3, 4): raise TransientError('busy')\n"
+    )
+    words = ["run", "agent.py", "--split", SPLIT, "-o", "run"]
+    failed = run(*words)
+    assert (failed.status, failed.out) == (2, "")
+    assert re.search(
+        r"note: \w+: TransientError: busy \(agent.py, line 7\); again in 0 s", failed.err
+    )
+    assert "1 episode of 84 failed" in failed.err
+    filled = run(*words, "--fill-missing")
+    assert filled.status == 0
+    assert "83 answered, 1 failed; 85 attempts" in filled.err
+    hint = "1 episode without an answer of the agent, filled with a stop at the start"
+    assert f"note: {hint}" in filled.out
+    assert run(*words)[:2] == (0, filled.out.replace(f"note: {hint}\n", ""))  # it was tried again
+
+
+def test_the_help_lists_our_agents() -> None:
+    assert all(name in (run_agent.help or "") for name in BUILT_IN)
+    assert all(f"`{name}`" in PAGE for name in BUILT_IN)
+
+
+def test_a_terminal_shows_progress(
+    folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("reverie_eval_cli.output._is_rich", lambda _: True)
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    outcome = run("run", "stop", "--split", SPLIT, "-o", "run")
+    assert "84/84" in outcome.err
+    assert "a second" in outcome.err

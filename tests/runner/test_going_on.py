@@ -1,0 +1,126 @@
+"""A run goes on where it ended, with the same identity alone."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from reverie_eval import GroundTruth, ReverieEvalError
+from reverie_eval.agents import AgentSource
+from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.runner import Identity, Limits, RunError, run
+from reverie_eval.simulator import Observation, Stop
+from tests.support.runs import EPISODES, WORLD, Home, Scripted, scripted, stop, to_the_end
+from tests.support.worlds import ground_truth_of
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
+    return scripted(tmp_path, monkeypatch)
+
+
+CHANGES: Mapping[str, Mapping[str, Any]] = {
+    "task": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "r2r" / "val_unseen.npz")},
+    "split": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "val_seen.npz")},
+    "fingerprint": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "val_unseen.npz")},
+    "episodes": {"ground_truth": ground_truth_of(WORLD).subset(EPISODES[:2])},
+    "agent": {"agent": AgentSource("stop")},
+    "agent_version": {"agent": AgentSource("stop")},
+    "options": {"agent": AgentSource("nearest-first", {"viewpoints": 3})},
+    "seed": {"seed": 1},
+    "limits": {"limits": Limits(steps=7)},
+    "boxes": {"boxes": DEMO_BUNDLES / "val_unseen.npz"},
+    "pictures": {"pictures": Path("pictures")},
+    "reverie_eval": {},
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_another_identity_is_refused_by_name(
+    name: str, home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home.run(stop)
+    before = {each.name: each.read_bytes() for each in home.folder.iterdir()}
+    if name == "reverie_eval":
+        monkeypatch.setattr("reverie_eval.runner._run.__version__", "9.9")
+    with pytest.raises(RunError, match=rf"has another run: .*\b{name} was .+, and is .+ now"):
+        home.run(stop, **CHANGES[name])
+    assert {each.name: each.read_bytes() for each in home.folder.iterdir()} == before
+
+
+def test_every_field_of_an_identity_is_compared() -> None:
+    assert set(CHANGES) == set(Identity.__struct_fields__)
+
+
+def test_another_circumstance_is_noted(home: Home) -> None:
+    home.run(stop)
+    assert run(home.plan, home.folder, jobs=3).attempts == 4
+    assert [each.jobs for each in home.card.circumstances] == [1, 3]
+
+
+def test_a_run_that_has_not_begun_can_become_another(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after a first command with a wrong option."""
+    unready = type("Unready", (Scripted,), {"start": None})
+    monkeypatch.setattr(sys.modules["scripted"], "Unready", unready, raising=False)
+    with pytest.raises(ReverieEvalError, match="needs start"):
+        home.run(stop, agent=AgentSource("scripted:Unready"))
+    home.run(stop)
+    assert home.card.identity.agent == "scripted:Agent"
+
+
+def test_a_line_that_was_cut_off_is_left_out(home: Home) -> None:
+    home.run(to_the_end)
+    whole = home.folder.joinpath("submission.json").read_bytes()
+    for name in ("episodes.jsonl", "steps.jsonl"):
+        file = home.folder / name
+        lines = file.read_bytes().splitlines(keepends=True)
+        file.write_bytes(b"".join(lines[:-1]) + lines[-1][:-5])
+    assert len(home.attempts) == 3
+    home.run(to_the_end)
+    assert home.folder.joinpath("submission.json").read_bytes() == whole
+    last = [(each.attempt, each.state, each.steps) for each in home.attempts[3:]]
+    assert last == [(1, "interrupted", 2), (2, "answered", 3)]
+
+
+def test_a_damaged_line_is_named(home: Home) -> None:
+    home.run(stop)
+    file = home.folder / "episodes.jsonl"
+    file.write_bytes(file.read_bytes().replace(b'"attempt":1', b'"attempt":x', 1))
+    with pytest.raises(RunError, match=r"episodes\.jsonl, line 1: "):
+        home.run(stop)
+
+
+def test_two_processes_cannot_run_in_one_folder(home: Home) -> None:
+    def act(seen: Observation, agent: Scripted) -> Any:
+        with pytest.raises(RunError, match="another process is running there"):
+            run(home.plan, home.folder)
+        return Stop()
+
+    assert home.run(act).answered == 4
+
+
+def test_a_folder_with_something_else_is_left_alone(home: Home) -> None:
+    home.folder.mkdir()
+    (home.folder / "thesis.tex").touch()
+    with pytest.raises(RunError, match=r"is not empty and has no run\.json"):
+        home.run(stop)
+    assert [each.name for each in home.folder.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        pytest.param(b'{"schema_version": 2}', "has version 2 of the schema", id="newer"),
+        pytest.param(b'{"schema_version": 1}', "is not the card of a run", id="incomplete"),
+        pytest.param(b"[]", "is not the card of a run", id="something else"),
+    ],
+)
+def test_a_card_that_cannot_be_read_is_named(content: bytes, message: str, home: Home) -> None:
+    home.folder.mkdir()
+    (home.folder / "run.json").write_bytes(content)
+    with pytest.raises(RunError, match=message):
+        home.run(stop)

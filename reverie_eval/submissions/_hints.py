@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from reverie_eval.arrays import FloatArray, IntArray, last_of
-from reverie_eval.geometry import HEIGHT, N_HEADINGS, WIDTH, snap
+from reverie_eval.geometry import HEIGHT, N_HEADINGS, N_VIEWS, WIDTH, snap
 from reverie_eval.ground_truth import CandidateBoxes, GroundTruth
 from reverie_eval.metrics import ABSTAINED, box_match
 from reverie_eval.submissions._answers import ENOUGH_BOXES
@@ -201,11 +201,11 @@ def _other_readings(xywh: FloatArray, view: IntArray) -> Mapping[str, _Drawn]:
         boxes[f"boxes of {side} x {side} images"] = tuple(scaled.T)
     row, column = np.divmod(view, N_HEADINGS)
     views = {
-        "views counted from 1": (row, (column - 1) % N_HEADINGS),
-        "views one too low": (row, (column + 1) % N_HEADINGS),
-        "views whose first row looks up": (2 - row, column),
+        "views counted from 1": (view - 1) % N_VIEWS,
+        "views one too low": (view + 1) % N_VIEWS,
+        "views whose first row looks up": (2 - row) * N_HEADINGS + column,
     }
     return {
         **{what: (np.column_stack(each), view) for what, each in boxes.items()},
-        **{what: (xywh, above * N_HEADINGS + along) for what, (above, along) in views.items()},
+        **{what: (xywh, other) for what, other in views.items()},
     }

@@ -125,6 +125,7 @@ def _episode_arrays(items: Sequence[Annotation], graph: NavigationGraph) -> dict
         "instr_id": np.array([id_ for item in items for id_ in item.instr_ids], dtype=np.str_),
         "episode_task": np.repeat(np.arange(len(items)), [len(item.instr_ids) for item in items]),
         "task_start": np.array([graph.index[item.reference[0]] for item in items]),
+        "task_heading": np.array([item.start_heading for item in items]),
     }
 
 

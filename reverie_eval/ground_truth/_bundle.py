@@ -76,6 +76,7 @@ arrays like ``path/planner`` and ``path_offsets/planner``, of the types of ``pat
 UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "viewpoint_rotation": "f4",  # (n_viewpoints, 3, 3) from the camera's frame to the scan's
+        "task_heading": "f8",  # (n_items,) radians: where the agent looks at the start
     }
 )
 """Optional public arrays that no score depends on; they are not part of the fingerprint."""

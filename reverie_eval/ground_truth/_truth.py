@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.arrays import Array, IntArray, offsets_of
+from reverie_eval.arrays import Array, FloatArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
@@ -44,6 +44,8 @@ class Episodes:
     items has a path of its own, and so an index of its own here."""
     start: IntArray
     """The viewpoint where each episode starts."""
+    heading: FloatArray
+    """The heading at which each episode starts, in radians; 0 if the bundle has none."""
     # Unpacked when needed: scoring does not read them.
     packed_instructions: Array | None = None
     packed_languages: Array | None = None
@@ -53,7 +55,8 @@ class Episodes:
     def take(self, rows: IntArray) -> "Episodes":
         """Return some of the episodes."""
         instr_ids = tuple(self.instr_ids[row] for row in rows)
-        return Episodes(instr_ids, self.item[rows], self.start[rows], taken_from=(self, rows))
+        public = self.item[rows], self.start[rows], self.heading[rows]
+        return Episodes(instr_ids, *public, taken_from=(self, rows))
 
     @cached_property
     def instructions(self) -> tuple[str, ...]:
@@ -133,6 +136,7 @@ class GroundTruth:
         """Build the ground truth from a bundle's arrays."""
         arrays = bundle.arrays
         item = arrays["episode_task"]
+        heading = arrays.get("task_heading", np.zeros(len(arrays["task_start"])))
         return cls(
             header=bundle.header,
             graph=NavigationGraph.from_arrays(arrays),
@@ -140,6 +144,7 @@ class GroundTruth:
                 instr_ids=tuple(arrays["instr_id"].tolist()),
                 item=item,
                 start=arrays["task_start"][item],
+                heading=heading[item],
                 packed_instructions=bundle.texts.get("instruction"),
                 packed_languages=bundle.texts.get("language"),
             ),

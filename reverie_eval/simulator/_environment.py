@@ -190,7 +190,8 @@ class Environment:
 
     def _begun(self, instr_id: str) -> _Walk:
         row = self._truth.row_of(instr_id)
-        return _Walk(row, ((int(self._truth.episodes.start[row]), 0.0, 0.0),))
+        start = int(self._truth.episodes.start[row]), float(self._truth.episodes.heading[row]), 0.0
+        return _Walk(row, (start,))
 
     def _after(self, walk: _Walk, action: Action | None) -> _Walk:
         """Return an episode after an action."""

@@ -59,6 +59,11 @@ class Annotation(Struct, frozen=True, kw_only=True):
         return ""
 
     @property
+    def start_heading(self) -> float:
+        """Where the agent looks at the start, in radians; 0, north, where the task does not say."""
+        return 0.0
+
+    @property
     def reference(self) -> Sequence[str]:
         """The annotated path by which the task's default protocol scores, the start first."""
         raise NotImplementedError
@@ -106,6 +111,12 @@ class PathAnnotation(Annotation, frozen=True, kw_only=True):
 
     path: AnnotatedPath
     instructions: Annotated[list[str], Meta(min_length=1)]
+    heading: float = 0.0
+
+    @property
+    def start_heading(self) -> float:
+        """The published heading."""
+        return self.heading
 
     @property
     def texts(self) -> Sequence[str]:

@@ -14,6 +14,7 @@ from reverie_eval.tasks._task import TO_REGION, Protocol, Task
 
 class _Start(Struct, frozen=True):
     pano: ViewpointId
+    heading: float = 0.0
 
 
 class _Message(Struct, frozen=True):
@@ -46,6 +47,11 @@ class NdhAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
         """What is looked for, and the dialog, a message a line."""
         said = [f"{each.role}: {each.message}" for each in self.dialog_history]
         return ["\n".join([f"target: {self.searched}", *said])]
+
+    @property
+    def start_heading(self) -> float:
+        """The heading at which the dialog ended."""
+        return self.start_pano.heading
 
     @property
     def reference(self) -> Sequence[str]:

@@ -18,6 +18,7 @@ class RxRAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
     path_id: Annotated[int, Meta(ge=0)] | None = None
     """Absent from a public test file."""
     path: AnnotatedPath
+    heading: float = 0.0
     instruction: str
     language_tag: Literal["en-IN", "en-US", "hi-IN", "te-IN"] = field(name="language")
 
@@ -36,6 +37,11 @@ class RxRAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
     def language(self) -> str:
         """The language of the instruction, such as ``en-US``."""
         return self.language_tag
+
+    @property
+    def start_heading(self) -> float:
+        """The published heading."""
+        return self.heading
 
     @property
     def reference(self) -> Sequence[str]:

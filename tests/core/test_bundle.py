@@ -263,7 +263,7 @@ def test_a_public_bundle_has_exactly_these_arrays() -> None:
         "edge",
     }
     assert not PRIVATE & PUBLIC_ARRAYS.keys()
-    assert set(UNSCORED_ARRAYS) == {"viewpoint_rotation"}
+    assert set(UNSCORED_ARRAYS) == {"viewpoint_rotation", "task_heading"}
     assert set(PUBLIC_TEXTS) == {"instruction", "language"}
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fixtures.demo_world.world import demo_world
 from reverie_eval import GroundTruth, GroundTruthError, ReverieEvalError, validate
 from reverie_eval.geometry import view_angles
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle, Episodes
@@ -97,6 +98,15 @@ def test_neighbours_are_relative_to_where_the_agent_looks(environment: Environme
     assert east.relative_heading == 0.0
     assert east.relative_elevation == pytest.approx(up - 0.5)
     assert (east.distance, east.view) == (5.0, 24 + 3)
+
+
+@pytest.mark.parametrize("task", ["reverie", "r2r", "rxr", "ndh", "soon"])
+def test_an_episode_begins_at_the_published_heading(task: str) -> None:
+    """In SOON, which publishes none, facing north. R4R's records have the fields of R2R's."""
+    truth = public_of(task)
+    environment, item = Environment(truth), demo_world().items["val_unseen"][0]
+    seen = environment.reset(environment.episodes[0])
+    assert (seen.heading, seen.elevation) == (0.0 if task == "soon" else item.heading, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -452,7 +462,7 @@ def test_neighbours_appear_in_the_views_of_a_sweep_on_the_original(
     """Up to 10 micrometres: the original rounds positions to float32."""
     truth = GroundTruth.load(published_bundles / "val_seen.npz")
     ids = truth.graph.viewpoint_ids
-    everywhere = Episodes(ids, np.arange(len(ids)), np.arange(len(ids)))
+    everywhere = Episodes(ids, np.arange(len(ids)), np.arange(len(ids)), np.zeros(len(ids)))
     environment = Environment(replace(truth, episodes=everywhere))
     compared = 0
     for scan, ix, found in islice(expected(), None if is_evidence() else 300):

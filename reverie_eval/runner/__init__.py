@@ -18,10 +18,12 @@ from reverie_eval.runner._records import (
     Totals,
 )
 from reverie_eval.runner._run import Progress, run
+from reverie_eval.runner._schema import RUN_SCHEMAS, run_schema
 from reverie_eval.runner._walking import Plan
 
 __all__ = [
     "FAILED_IN_A_ROW",
+    "RUN_SCHEMAS",
     "SCHEMA_VERSION",
     "SUBMISSION",
     "TREATMENTS",
@@ -40,4 +42,5 @@ __all__ = [
     "read_attempts",
     "read_steps",
     "run",
+    "run_schema",
 ]

@@ -165,6 +165,10 @@ class RunFolder:
             file.flush()
             os.fsync(file.fileno())
 
+    def remove(self, name: str) -> None:
+        """Remove a file that is written again in the end."""
+        self._path(name).unlink(missing_ok=True)
+
     def close(self) -> None:
         """Leave the folder to others."""
         while self._open:

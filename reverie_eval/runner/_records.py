@@ -24,25 +24,32 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """Where an episode is stopped, if the agent does not end it."""
 
     steps: int = 200
-    """Actions."""
+    """Actions in an episode, at most."""
     seconds: float | None = None
-    """Looked at between two actions: an action that has begun is not interrupted."""
+    """Seconds of an episode, looked at between two actions: none that has begun is interrupted."""
 
 
 class Identity(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that can change an answer. A run that goes on has the same identity."""
 
     task: str
+    """The benchmark, such as ``reverie``."""
     split: str
+    """The split, such as ``val_unseen``."""
     fingerprint: str
     """SHA-256 of the ground truth."""
     episodes: str
     """``all``, or the digest of a declared subset, as in signatures."""
     agent: str
+    """The agent's name, or its file without the folder."""
     agent_version: str
+    """The class's ``version``, or a digest of the file that defines it."""
     options: Mapping[str, Any]
+    """The agent's options."""
     seed: int
+    """Seed from which, with its id, each episode has a seed of its own."""
     limits: Limits
+    """Where an episode is stopped."""
     boxes: str
     """Where the objects are from: ``solution``, ``none``, or a digest of the files."""
     pictures: bool
@@ -64,22 +71,28 @@ class Circumstance(msgspec.Struct, frozen=True, kw_only=True):
     started: str
     """ISO 8601, in UTC."""
     jobs: int
+    """Number of processes."""
     ground_truth: str
     """The path of the bundle."""
     boxes: str | None
+    """The path of the boxes; null for those of the bundle."""
     pictures: str | None
+    """The folder of the pictures, if there is one."""
     python: str
+    """Version of Python."""
     platform: str
+    """Operating system and processor."""
 
 
 class Step(msgspec.Struct, frozen=True, kw_only=True):
     """A line of ``steps.jsonl``: an action of an agent."""
 
     episode: str
+    """The episode's id."""
     attempt: int
-    """Counted from 1."""
+    """Counted from 1, for each episode."""
     step: int
-    """Counted from 1."""
+    """Counted from 1, in each attempt."""
     viewpoint_id: str
     """Where the agent was when it chose the action; with the next two, and the identity of the run,
     this determines all that it could observe."""
@@ -88,17 +101,22 @@ class Step(msgspec.Struct, frozen=True, kw_only=True):
     elevation: float
     """Radians."""
     action: str
-    """``Go``, ``Turn``, ``Stop``, ``Answer``, ``AnswerBox`` or ``Point``."""
+    """``Go``, ``Turn``, ``Stop``, ``Answer``, ``AnswerBox`` or ``Point``; empty if the agent failed
+    to choose one."""
     arguments: Any
     """The fields of the action."""
     seconds: float
     """How long the agent took to choose."""
     input_tokens: int | None = None
+    """All that were sent to a model, cached ones included; null if there is no such number."""
     cached_tokens: int | None = None
+    """Tokens sent that the endpoint had in a cache."""
     output_tokens: int | None = None
+    """All that came back, those of reasoning included."""
     reasoning_tokens: int | None = None
+    """Tokens that came back as reasoning."""
     money: float | None = None
-    """US dollars."""
+    """US dollars; null if unknown, 0 if it was free."""
     notes: Mapping[str, Any] = {}
     """Whatever else the agent logged."""
 
@@ -107,18 +125,25 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True):
     """A line of ``episodes.jsonl``: an attempt at an episode, the last of which is its summary."""
 
     episode: str
+    """The episode's id."""
     attempt: int
-    """Counted from 1."""
+    """Counted from 1, for each episode."""
     state: State
+    """``answered``, ``stopped``, ``failed`` or ``interrupted``."""
     reason: str = ""
     """Which limit it was, or which error; empty if the agent ended the episode."""
     steps: int
+    """Number of its steps."""
     seconds: float
     """All of the attempt, also what the environment took."""
     input_tokens: int | None = None
+    """All that were sent to a model, cached ones included; null if there is no such number."""
     cached_tokens: int | None = None
+    """Tokens sent that the endpoint had in a cache."""
     output_tokens: int | None = None
+    """All that came back, those of reasoning included."""
     reasoning_tokens: int | None = None
+    """Tokens that came back as reasoning."""
     money: float | None = None
     """US dollars; null if a step has tokens but no price."""
     read: tuple[str, ...] = ()
@@ -126,6 +151,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True):
     is_retried: bool = False
     """Whether the error is one after which the episode is tried again."""
     traceback: str = ""
+    """Where the error was raised, as Python prints it."""
     record: Mapping[str, Any] | None = None
     """The episode's record in the submission; null if it has none."""
 
@@ -134,21 +160,31 @@ class Totals(msgspec.Struct, frozen=True, kw_only=True):
     """The outcome of a run. Each episode is one of the first four."""
 
     answered: int
+    """Episodes that the agent ended."""
     stopped: int
+    """Episodes that were ended for it, without an answer."""
     failed: int
+    """Episodes whose last attempt ended in an error."""
     missing: int
+    """Episodes that were not begun, or interrupted."""
     filled: int
     """Failed and missing episodes that the submission has a stop at the start for."""
     attempts: int
     """All of them, also those that failed or were interrupted; and so are the figures below."""
     steps: int
+    """Number of all steps."""
     seconds: float
-    """Added up over processes."""
+    """Seconds of all attempts, added up over processes."""
     input_tokens: int | None
+    """All that were sent to a model, cached ones included; null if there is no such number."""
     cached_tokens: int | None
+    """Tokens sent that the endpoint had in a cache."""
     output_tokens: int | None
+    """All that came back, those of reasoning included."""
     reasoning_tokens: int | None
+    """Tokens that came back as reasoning."""
     money: float | None
+    """US dollars; null if a step has tokens but no price."""
     read: tuple[str, ...]
     """The parts of observations that the agent read in any attempt, and ``solution``."""
 
@@ -173,7 +209,9 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
     """The file ``run.json``."""
 
     schema_version: int
+    """The version of the files in the folder."""
     identity: Identity
+    """Everything that can change an answer."""
     circumstances: Sequence[Circumstance]
     """One for each time that the run was started."""
     totals: Totals | None

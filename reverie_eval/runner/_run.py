@@ -64,6 +64,8 @@ def run(
     episodes = plan.ground_truth.episodes.instr_ids
     with RunFolder(folder, _identity(plan), _circumstance(plan, jobs)) as files:
         queue = _Queue([] if fill_missing else episodes, files)
+        if queue.waiting:  # an earlier one may have been filled
+            files.remove(SUBMISSION)
         try:
             queue.work_off(plan, min(jobs, len(queue.waiting)), on_progress)
         finally:

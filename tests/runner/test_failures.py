@@ -105,6 +105,9 @@ def test_an_episode_fails_after_its_last_attempt_and_others_go_on(home: Home) ->
     assert len(home.script.begun) == begun  # nothing was run
     assert (totals.failed, totals.missing, totals.filled) == (1, 0, 1)
     assert home.submission["7_5_1"] == STAYED
+    with pytest.raises(RunError, match="1 episode of 4 failed"):
+        home.run(raising(TimeoutError("late"), starts=range(100)))
+    assert not (home.folder / "submission.json").exists()  # it was the filled one
 
 
 def test_an_endpoint_that_is_gone_stops_the_run(home: Home) -> None:

@@ -19,7 +19,7 @@ from tests.support.amounts import amount, is_evidence, tell
 from tests.support.ledgers import PAUSE, run_with_ledger
 
 KILLS = amount(in_suite=2)
-EPISODES = min(84, 12 + 2 * KILLS)
+EPISODES = min(198, 12 + 4 * KILLS)
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -32,13 +32,14 @@ run_with_ledger(*map(Path, sys.argv[1:3]), *map(int, sys.argv[3:]))
 @pytest.mark.parametrize("jobs", [1, 4 if is_evidence() else 2])
 def test_a_run_that_is_killed_goes_on(jobs: int, tmp_path: Path) -> None:
     rng, ledger = random.Random(jobs), tmp_path / "ledger"
-    killed = tmp_path / "killed"
+    killed, hits = tmp_path / "killed", 0
     words = [sys.executable, "-c", PROGRAM, *map(str, (ledger, killed, EPISODES, jobs))]
     for _ in range(KILLS):
         with subprocess.Popen(words, cwd=REPOSITORY) as process:
-            wait_for_steps(killed / "steps.jsonl", rng.randint(1, 12), process)
+            wait_for_steps(killed / "steps.jsonl", rng.randint(1, 6 + 6 * jobs), process)
             time.sleep(rng.uniform(0, 2 * PAUSE))
             process.send_signal(signal.SIGKILL)
+        hits += process.returncode == -signal.SIGKILL
     run_with_ledger(ledger, killed, EPISODES)
 
     alone = tmp_path / "alone"
@@ -52,13 +53,14 @@ def test_a_run_that_is_killed_goes_on(jobs: int, tmp_path: Path) -> None:
     assert len(answered) == EPISODES
     last = {each.episode: each.attempt for each in attempts}
     assert all(step.attempt <= last[step.episode] for step in steps)
+    assert hits == KILLS
     interrupted = sum(each.state == "interrupted" for each in attempts)
     assert interrupted <= KILLS * jobs
     # What was paid is on record, but for the action that each process had just begun.
     paid = len(ledger.read_text().splitlines()) - len(list(read_steps(alone)))
     assert 0 <= paid - len(steps) <= KILLS * jobs
     assert sum(each.money or 0 for each in attempts) == pytest.approx(0.25 * len(steps))
-    tell(**{f"with {jobs} processes": f"{KILLS} kills, {interrupted} episodes interrupted"})
+    tell(**{f"with {jobs} processes": f"{hits} kills, {interrupted} episodes interrupted"})
 
 
 def wait_for_steps(log: Path, more: int, process: subprocess.Popen[bytes]) -> None:

@@ -13,7 +13,7 @@ import pytest
 from reverie_eval import GroundTruth
 from reverie_eval.agents import AgentSource, run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
-from reverie_eval.runner import Limits, Plan, read_steps, run
+from reverie_eval.runner import Limits, Plan, read_steps, run, run_schema
 from reverie_eval.simulator import Answer, Environment, Go, Observation, Stop, Turn
 from tests.support.runs import EPISODES, Home, Scripted, scripted, stop, to_the_end
 
@@ -218,3 +218,14 @@ def test_a_public_bundle_is_enough(tmp_path: Path) -> None:
     assert texts[0] == texts[1]
     environment = Environment(public)
     assert environment.reset(environment.episodes[0]).candidates == ()
+
+
+def test_lines_are_of_the_published_schemas(home: Home) -> None:
+    from jsonschema import validate
+
+    home.run(to_the_end)
+    files = {"run-step": "steps.jsonl", "run-episode": "episodes.jsonl"}
+    for name, file in files.items():
+        for line in (home.folder / file).read_text().splitlines():
+            validate(json.loads(line), run_schema(name))
+    validate(json.loads((home.folder / "run.json").read_text()), run_schema("run-card"))

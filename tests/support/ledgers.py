@@ -37,7 +37,7 @@ class Agent(RandomAgent):
 
 
 def run_with_ledger(ledger: Path, folder: Path, episodes: int, jobs: int = 1) -> None:
-    """Run some episodes of the demo world."""
-    truth = GroundTruth.load(DEMO_BUNDLES / "val_unseen.npz")
+    """Run some episodes of the longest split of the demo world."""
+    truth = GroundTruth.load(DEMO_BUNDLES / "r4r" / "train.npz")
     agent = AgentSource("tests.support.ledgers:Agent", {"ledger": str(ledger)})
     run(Plan(agent, truth.subset(truth.episodes.instr_ids[:episodes])), folder, jobs=jobs)

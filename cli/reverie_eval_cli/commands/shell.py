@@ -16,6 +16,9 @@ SCHEMAS = (
     "comparison-report",
     "lint-report",
     "dataset-description",
+    "run-card",
+    "run-episode",
+    "run-step",
 )
 
 
@@ -23,7 +26,7 @@ SCHEMAS = (
 @click.argument("name", type=options.Choice(SCHEMAS))
 @options.output("the schema")
 def schema(*, name: str, output: str | None) -> None:
-    """Print the JSON Schema of a submission or a report."""
+    """Print the JSON Schema of a submission, a report, or a line in a run's folder."""
     show(lambda: json.dumps(_schema(name), indent=2), output)
 
 
@@ -32,11 +35,14 @@ def _schema(name: str) -> dict[str, Any]:
 
     from reverie_eval.dataset import DatasetDescription, LintReport
     from reverie_eval.reporting.comparisons import ComparisonReport
+    from reverie_eval.runner import RUN_SCHEMAS, run_schema
     from reverie_eval.schemas.report import RunsReport, ScoreReport, ValidationReport
     from reverie_eval.submissions import submission_schema
 
     if name == "submission":
         return submission_schema()
+    if name in RUN_SCHEMAS:
+        return run_schema(name)
     adapters: dict[str, TypeAdapter[Any]] = {
         "score-report": TypeAdapter(ScoreReport),
         "runs-report": TypeAdapter(RunsReport),

@@ -37,7 +37,9 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     split: str
     """The split, such as ``val_unseen``."""
     fingerprint: str
-    """SHA-256 of the ground truth."""
+    """SHA-256 of all that scores depend on."""
+    shown: str
+    """SHA-256 of what else is shown: instructions, names, headings at the start."""
     episodes: str
     """``all``, or the digest of a declared subset, as in signatures."""
     agent: str

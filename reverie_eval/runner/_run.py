@@ -159,6 +159,7 @@ def _identity(plan: Plan) -> Identity:
         task=truth.task.name,
         split=truth.split,
         fingerprint=truth.fingerprint,
+        shown=Environment(truth).surroundings.unscored_digest,
         episodes=truth.subset_digest or "all",
         agent=plan.agent.title,
         agent_version=plan.agent.version,

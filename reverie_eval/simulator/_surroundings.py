@@ -1,5 +1,7 @@
 """What is asked in the episodes of a split, and what is reachable and visible from viewpoints."""
 
+import hashlib
+import json
 import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -51,6 +53,20 @@ class Surroundings:
     def languages(self) -> Sequence[str]:
         """The language of each instruction; empty in a task of one language."""
         return self._episodes.languages or [""] * len(self._episodes.instr_ids)
+
+    @property
+    def unscored_digest(self) -> str:
+        """SHA-256 of what is shown of a bundle and missing in its fingerprint: no score needs it.
+
+        These are instructions, languages, headings at the start, names of objects, and the
+        directions of cameras.
+        """
+        texts = self.instructions, self.languages, self._categories
+        digest = hashlib.sha256(json.dumps([list(each) for each in texts]).encode())
+        digest.update(self._episodes.heading.tobytes())
+        if self._graph.viewpoint_rotation is not None:
+            digest.update(self._graph.viewpoint_rotation.tobytes())
+        return digest.hexdigest()
 
     @property
     def has_objects(self) -> bool:

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,16 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
     return scripted(tmp_path, monkeypatch)
 
 
+def with_another_heading() -> GroundTruth:
+    truth = ground_truth_of(WORLD)
+    return replace(truth, episodes=replace(truth.episodes, heading=truth.episodes.heading + 1))
+
+
 CHANGES: Mapping[str, Mapping[str, Any]] = {
     "task": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "r2r" / "val_unseen.npz")},
     "split": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "val_seen.npz")},
     "fingerprint": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "val_unseen.npz")},
+    "shown": {"ground_truth": with_another_heading()},
     "episodes": {"ground_truth": ground_truth_of(WORLD).subset(EPISODES[:2])},
     "agent": {"agent": AgentSource("stop")},
     "agent_version": {"agent": AgentSource("stop")},

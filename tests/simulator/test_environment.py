@@ -19,6 +19,7 @@ from fixtures.demo_world.world import demo_world
 from reverie_eval import GroundTruth, GroundTruthError, ReverieEvalError, validate
 from reverie_eval.geometry import view_angles
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle, Episodes
+from reverie_eval.ground_truth._bundle import pack_texts
 from reverie_eval.simulator import (
     Action,
     ActionError,
@@ -498,3 +499,18 @@ def test_an_agent_may_end_with_its_last_action(environment: Environment) -> None
     assert run_episode(environment, lambda _: next(actions), "7_5_0", most=2).is_over
     (record,) = environment.submission()
     assert record["predObjId"] == 7
+
+
+@pytest.mark.parametrize("name", ["packed_instructions", "packed_languages", "heading"])
+def test_a_digest_has_what_is_shown_and_not_in_the_fingerprint(name: str) -> None:
+    truth = demo_of("rxr")
+    episodes = truth.episodes
+    other: dict[str, Any] = {
+        "packed_instructions": pack_texts(episodes.instructions[::-1]),
+        "packed_languages": pack_texts(episodes.languages[::-1]),
+        "heading": episodes.heading + 1,
+    }
+    changed = replace(truth, episodes=replace(episodes, **{name: other[name]}))
+    digests = {Environment(each).surroundings.unscored_digest for each in (truth, changed)}
+    assert len(digests) == 2
+    assert truth.fingerprint == changed.fingerprint

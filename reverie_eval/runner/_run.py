@@ -69,7 +69,8 @@ def run(
         try:
             queue.work_off(plan, min(jobs, len(queue.waiting)), on_progress)
         finally:
-            left = [each for each in episodes if each not in files.answered]
+            answered = files.answered
+            left = [each for each in episodes if each not in answered]
             filled = len(left) if fill_missing else 0
             totals = Totals.of(files.attempts, episodes, filled)
             files.write_card(totals)

@@ -15,6 +15,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.submissions._official import decode_official
 from tests.support.flat_world import Run
 from tests.support.oracle import Item, Scan, Viewpoint, World
+from tests.support.serving import with_arrays
 from tests.support.worlds import SPLIT, ground_truth_of
 
 COMMAND = Path(sys.executable).with_name("reverie-eval")
@@ -77,6 +78,13 @@ def test_shortest_takes_the_shorter_way_round() -> None:
 
 
 # Random.
+
+
+def test_shortest_predicts_nothing_if_the_target_is_not_visible() -> None:
+    whole = Bundle.load(DEMO_BUNDLES / "val_unseen.npz")
+    target = np.full_like(whole.arrays["task_target"], 10**6)
+    records = run_agent("shortest", GroundTruth.from_bundle(with_arrays(whole, task_target=target)))
+    assert {record["predObjId"] for record in records} == {-1}
 
 
 def test_random_repeats_itself_with_the_same_seed(truth: GroundTruth) -> None:

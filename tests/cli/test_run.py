@@ -39,6 +39,22 @@ def test_the_agent_of_the_page_runs_and_scores_what_the_page_says(folder: Path, 
     assert (again.status, again.out) == (0, out)
 
 
+def test_why_episodes_were_stopped_is_said(folder: Path, run: Run) -> None:
+    code = "from reverie_eval.simulator import Go\n\ndef lost(seen):\n    return Go('nowhere')\n"
+    (folder / "lost.py").write_text(code)
+    status, _, err = run("run", "lost.py:lost", "--split", SPLIT, "-o", "lost")
+    assert status == 0
+    assert re.search(r"\d+ of the 84 stopped: ActionError: 'nowhere' is not a neighbour of", err)
+
+
+def test_who_interrupts_a_run_is_told_how_it_goes_on(folder: Path, run: Run) -> None:
+    code = "def agent(seen):\n    raise KeyboardInterrupt\n"
+    (folder / "agent.py").write_text(code)
+    status, _, err = run("run", "agent.py:agent", "--split", SPLIT, "-o", "cut")
+    assert status == 2
+    assert "note: the same command goes on with this run" in err
+
+
 def test_the_submission_scores_as_every_other(folder: Path, run: Run) -> None:
     ran = run("run", "random", "--split", SPLIT, "-o", "random")
     assert run("random/submission.json", "--split", SPLIT) == (0, ran.out, "")

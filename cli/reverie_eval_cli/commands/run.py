@@ -2,6 +2,7 @@
 
 import gc
 import sys
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -157,8 +158,12 @@ def run_agent(
                 attempt = progress.attempt
                 note(f"{attempt.episode}: {attempt.reason}; again in {progress.wait:g} s")
 
-        totals = run(plan, output, jobs=jobs, fill_missing=fill_missing, on_progress=show)
-    for line in _outcome(totals):
+        try:
+            totals = run(plan, output, jobs=jobs, fill_missing=fill_missing, on_progress=show)
+        except KeyboardInterrupt:
+            note("the same command goes on with this run")
+            raise
+    for line in (*_outcome(totals), *_reasons(output)):
         note(line)
     _print_scores(output / SUBMISSION, truth, totals)
 
@@ -182,6 +187,13 @@ def _outcome(totals: Totals) -> Iterable[str]:
         money = "unknown" if totals.money is None else f"${totals.money:,.2f}"
         sent, back = (0 if each is None else each for each in tokens)
         yield f"{sent:,} tokens in, {back:,} out, cost {money}"
+
+
+def _reasons(folder: Path) -> Iterable[str]:
+    """Say why most of the episodes ended that the agent did not end."""
+    stopped = [each.reason for each in read_attempts(folder) if each.state == "stopped"]
+    for reason, number in Counter(stopped).most_common(1):
+        yield f"{number:,} of the {len(stopped):,} stopped: {reason}"
 
 
 def _print_scores(submission: Path, truth: GroundTruth, totals: Totals) -> None:

@@ -20,7 +20,6 @@ from reverie_eval.agents._reference import AGENTS
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Observation
 from reverie_eval.text import did_you_mean
-from reverie_eval.version import __version__
 
 ENTRY_POINTS = "reverie_eval.agents"
 """The group of entry points by which packages offer agents of their own."""
@@ -81,16 +80,18 @@ class AgentSource:
 
     @property
     def version(self) -> str:
-        """The class's ``version``, or else a digest of the file that defines the agent.
+        """The ``version`` of the class, or of the function; empty if it has none.
 
         Raises ReverieEvalError as :meth:`make` does, but makes no agent.
         """
         found = self._find()
         _check_options(self.name, found, self.options)
-        given = __version__ if self.name in BUILT_IN else getattr(found, "version", "")
-        if given:
-            return str(given)
-        source = inspect.getsourcefile(found)
+        return str(getattr(found, "version", ""))
+
+    @property
+    def digest(self) -> str:
+        """A digest of the file that defines the agent."""
+        source = inspect.getsourcefile(self._find())
         content = Path(source).read_bytes() if source else b""
         return hashlib.sha256(content).hexdigest()[:_DIGEST_SHOWN]
 

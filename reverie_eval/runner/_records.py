@@ -45,7 +45,9 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     agent: str
     """The agent's name, or its file without the folder."""
     agent_version: str
-    """The class's ``version``, or a digest of the file that defines it."""
+    """The class's ``version``; empty if it has none."""
+    agent_digest: str
+    """A digest of the file that defines the agent."""
     options: Mapping[str, Any]
     """The agent's options."""
     seed: int

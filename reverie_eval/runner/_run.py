@@ -164,6 +164,7 @@ def _identity(plan: Plan) -> Identity:
         episodes=truth.subset_digest or "all",
         agent=plan.agent.title,
         agent_version=plan.agent.version,
+        agent_digest=plan.agent.digest,
         options=plan.agent.options,
         seed=plan.seed,
         limits=plan.limits,

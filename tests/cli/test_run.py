@@ -37,6 +37,17 @@ def test_the_agent_of_the_page_runs_and_scores_what_the_page_says(folder: Path, 
     assert all(f"`{name}`" in PAGE for name in written)
     again = run(*words.split())
     assert (again.status, again.out) == (0, out)
+    assert "nothing was left to run" not in err
+    assert "nothing was left to run" in again.err
+
+
+def test_an_edited_agent_does_not_pass_for_the_one_that_ran(folder: Path, run: Run) -> None:
+    words = ["run", "my_agent.py", "--split", SPLIT, "-o", "run"]
+    run(*words)
+    (folder / "my_agent.py").write_text(AGENT.replace("patience=15", "patience=1"))
+    edited = run(*words)
+    assert (edited.status, edited.out) == (2, "")
+    assert "agent_digest was " in edited.err
 
 
 def test_why_episodes_were_stopped_is_said(folder: Path, run: Run) -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval import ReverieEvalError, __version__
-from reverie_eval.agents import BUILT_IN, AgentSource
+from reverie_eval import ReverieEvalError
+from reverie_eval.agents import AgentSource
 from reverie_eval.simulator import Environment, Stop
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import ground_truth_of
@@ -107,14 +107,13 @@ def test_what_is_not_an_agent_is_named(
     assert message in str(caught.value)
 
 
-def test_a_version_is_given_or_that_of_the_file(file: Path) -> None:
-    source = AgentSource(str(file))
-    before = source.version
-    assert AgentSource(f"{file}:function").version == before
+def test_a_version_is_given_and_a_digest_is_of_the_file(file: Path) -> None:
+    sources = [AgentSource(f"{file}:{name}") for name in ("Agent", "Other", "function")]
+    assert [each.version for each in sources] == ["", "of mine", ""]
+    (before,) = {each.digest for each in sources}
     file.write_text(f"{AGENTS}\n# changed")
-    assert source.version != before
-    assert AgentSource(f"{file}:Other").version == "of mine"
-    assert {AgentSource(name).version for name in BUILT_IN} == {__version__}
+    (after,) = {each.digest for each in sources}
+    assert after != before
 
 
 def test_a_title_has_no_folder() -> None:

@@ -35,6 +35,7 @@ CHANGES: Mapping[str, Mapping[str, Any]] = {
     "episodes": {"ground_truth": ground_truth_of(WORLD).subset(EPISODES[:2])},
     "agent": {"agent": AgentSource("stop")},
     "agent_version": {"agent": AgentSource("stop")},
+    "agent_digest": {"agent": AgentSource("stop")},
     "options": {"agent": AgentSource("nearest-first", {"viewpoints": 3})},
     "seed": {"seed": 1},
     "limits": {"limits": Limits(steps=7)},

@@ -149,7 +149,8 @@ def run_agent(
     gc.enable()  # off in this command, which pays off in short lives only
     truth = truth_options.find(episodes_from)
     plan = run_options.plan(agent, truth)
-    with episode_bar(len(truth.episodes.instr_ids), _done_in(output)) as advance:
+    episodes, done = len(truth.episodes.instr_ids), _done_in(output)
+    with episode_bar(episodes, done) as advance:
 
         def show(progress: Progress) -> None:
             if progress.wait is None:
@@ -163,6 +164,8 @@ def run_agent(
         except KeyboardInterrupt:
             note("the same command goes on with this run")
             raise
+    if done == episodes:
+        note("nothing was left to run")
     for line in (*_outcome(totals), *_reasons(output)):
         note(line)
     _print_scores(output / SUBMISSION, truth, totals)

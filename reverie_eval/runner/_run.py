@@ -59,10 +59,12 @@ def run(
         If the folder has another run in it, an error stopped the run, or episodes are left without
         an answer.
     ReverieEvalError
-        If there is no such agent.
+        If there is no such agent, or there are no such boxes or pictures.
     """
     episodes = plan.ground_truth.episodes.instr_ids
-    with RunFolder(folder, _identity(plan), _circumstance(plan, jobs)) as files:
+    environment = plan.environment()  # says what is wrong before there is a folder
+    identity = _identity(plan, environment)
+    with RunFolder(folder, identity, _circumstance(plan, jobs)) as files:
         queue = _Queue([] if fill_missing else episodes, files)
         if queue.waiting:  # an earlier one may have been filled
             files.remove(SUBMISSION)
@@ -80,7 +82,7 @@ def run(
                 f"{first_few(left)} ({folder / EPISODES}); the same command tries them again, and "
                 "--fill-missing writes the submission with a stop at the start for each"
             )
-        files.write(SUBMISSION, submission_text(_records(plan, files)).encode())
+        files.write(SUBMISSION, submission_text(_records(plan, environment, files)).encode())
     return totals
 
 
@@ -137,9 +139,8 @@ class _Queue:
         self.waiting.clear()
 
 
-def _records(plan: Plan, files: RunFolder) -> Sequence[dict[str, Any]]:
+def _records(plan: Plan, environment: Environment, files: RunFolder) -> Sequence[dict[str, Any]]:
     """Return the submission's records in the order of the split, missing ones filled."""
-    environment = plan.environment()
     answered = files.answered
     records = [
         dict(answered[each].record or {}) if each in answered else _stop_at(environment, each)
@@ -154,13 +155,13 @@ def _stop_at(environment: Environment, episode: str) -> dict[str, Any]:
     return environment.record(episode)
 
 
-def _identity(plan: Plan) -> Identity:
+def _identity(plan: Plan, environment: Environment) -> Identity:
     truth = plan.ground_truth
     return Identity(
         task=truth.task.name,
         split=truth.split,
         fingerprint=truth.fingerprint,
-        shown=Environment(truth).surroundings.unscored_digest,
+        shown=environment.surroundings.unscored_digest,
         episodes=truth.subset_digest or "all",
         agent=plan.agent.title,
         agent_version=plan.agent.version,

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
+from pathlib import Path
 from typing import Any, TypeAlias, overload
 
 import numpy as np
@@ -65,8 +66,8 @@ class Environment:
 
     Raises
     ------
-    ValueError
-        If ``boxes`` cannot be read.
+    ReverieEvalError
+        If ``boxes`` cannot be read, or ``pictures`` is not a folder.
 
     Examples
     --------
@@ -86,6 +87,8 @@ class Environment:
         boxes: str | PathLike[str] | None = None,
         pictures: str | PathLike[str] | None = None,
     ) -> None:
+        if pictures is not None and not Path(pictures).is_dir():
+            raise ReverieEvalError(f"{fspath(pictures)}: there is no such folder of pictures")
         self._truth = ground_truth
         self.surroundings = Surroundings(ground_truth, boxes)
         """What is asked, reachable and visible, as one source for all that show it."""

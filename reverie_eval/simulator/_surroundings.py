@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reverie_eval.errors import GroundTruthError
+from reverie_eval.errors import GroundTruthError, ReverieEvalError
 from reverie_eval.geometry import snap
-from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.simulator.on_path import MatterSim
 from reverie_eval.text import category_text
 
@@ -38,7 +38,7 @@ class Surroundings:
         self._episodes = ground_truth.episodes
         self._graph = ground_truth.graph
         self._solution = ground_truth.solution
-        self._boxes = None if boxes is None else MatterSim.Objects(fspath(boxes))
+        self._boxes = None if boxes is None else _read_boxes(boxes, self._graph)
         self._ways: dict[int, Sequence[Way]] = {}
 
     @cached_property
@@ -119,3 +119,14 @@ class Surroundings:
             return self._solution.candidate_categories if self._solution else ()
         except GroundTruthError:  # compiled without them
             return ()
+
+
+def _read_boxes(boxes: str | PathLike[str], graph: NavigationGraph) -> MatterSim.Objects:
+    try:
+        objects = MatterSim.Objects(fspath(boxes))
+        viewpoints = enumerate(graph.viewpoint_ids)
+        if any(objects.visible_from(graph.scan_of(row), name) for row, name in viewpoints):
+            return objects
+    except ValueError as error:
+        raise ReverieEvalError(str(error).removeprefix("MatterSim: ")) from None
+    raise ReverieEvalError(f"{fspath(boxes)}: no viewpoint of the split has an object in it")

@@ -105,6 +105,10 @@ def test_options_are_of_a_file_and_of_the_command(folder: Path, run: Run) -> Non
         pytest.param(["--option", "a=1"], 2, "its options: patience", id="unknown option"),
         pytest.param(["--options-from", "my_agent.py"], 2, "my_agent.py: ", id="not TOML"),
         pytest.param(["--max-steps", "0"], 2, "0 is not in the range x>=1", id="no step"),
+        pytest.param(["--boxes", "my_agent.py"], 2, "my_agent.py: Expecting", id="no boxes"),
+        pytest.param(["--boxes", ".", "--jobs", "2"], 2, "no file of a", id="folder without boxes"),
+        pytest.param(["--boxes", "none"], 2, "Could not open objects at: none", id="no file"),
+        pytest.param(["--pictures", "none"], 2, "none: there is no such folder", id="no folder"),
         pytest.param(["--episodes-from", "none"], 2, "none: No such file", id="no list"),
     ],
 )

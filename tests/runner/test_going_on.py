@@ -27,6 +27,7 @@ def with_another_heading() -> GroundTruth:
     return replace(truth, episodes=replace(truth.episodes, heading=truth.episodes.heading + 1))
 
 
+BOXES = '{"house_hall": {"8": {"visible_pos": [12], "bbox2d": [[1, 2, 3, 4]]}}}'
 CHANGES: Mapping[str, Mapping[str, Any]] = {
     "task": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "r2r" / "val_unseen.npz")},
     "split": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "val_seen.npz")},
@@ -39,16 +40,19 @@ CHANGES: Mapping[str, Mapping[str, Any]] = {
     "options": {"agent": AgentSource("nearest-first", {"viewpoints": 3})},
     "seed": {"seed": 1},
     "limits": {"limits": Limits(steps=7)},
-    "boxes": {"boxes": DEMO_BUNDLES / "val_unseen.npz"},
-    "pictures": {"pictures": Path("pictures")},
+    "boxes": {"boxes": "boxes.json"},
+    "pictures": {"pictures": "pictures"},
     "reverie_eval": {},
 }
 
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_another_identity_is_refused_by_name(
-    name: str, home: Home, monkeypatch: pytest.MonkeyPatch
+    name: str, home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("boxes.json").write_text(BOXES)
+    Path("pictures").mkdir()
     home.run(stop)
     before = {each.name: each.read_bytes() for each in home.folder.iterdir()}
     if name == "reverie_eval":

@@ -445,9 +445,29 @@ def test_a_viewpoint_without_a_skybox_is_named(truth: GroundTruth, tmp_path: Pat
         seen.image()
 
 
-def test_boxes_that_cannot_be_read_are_named(truth: GroundTruth, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"Could not open objects at: .*BBoxes"):
-        Environment(truth, boxes=tmp_path / "BBoxes.json")
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        pytest.param("none", None, "Could not open objects at: {}", id="no such path"),
+        pytest.param("", None, "{}: it has no file of a viewpoint's objects", id="other folder"),
+        pytest.param("agent.py", "class Agent: ...", "{}: Expecting value", id="no JSON"),
+        pytest.param("run.json", "{}", "{}: no viewpoint of the split", id="other JSON"),
+    ],
+)
+def test_boxes_that_cannot_be_read_are_named(
+    name: str, content: str | None, message: str, truth: GroundTruth, tmp_path: Path
+) -> None:
+    boxes = tmp_path / name
+    if content is not None:
+        boxes.write_text(content)
+    with pytest.raises(ReverieEvalError) as caught:
+        Environment(truth, boxes=boxes)
+    assert str(caught.value).startswith(message.format(boxes))
+
+
+def test_a_folder_of_pictures_that_is_missing_is_named(truth: GroundTruth) -> None:
+    with pytest.raises(ReverieEvalError, match=r"^nope: there is no such folder of pictures$"):
+        Environment(truth, pictures="nope")
 
 
 def test_pictures_need_the_directions_of_cameras(truth: GroundTruth, tmp_path: Path) -> None:

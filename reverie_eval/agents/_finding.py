@@ -174,5 +174,5 @@ def _naming(what: str) -> Iterator[None]:
     """Say what failed in somebody else's code."""
     try:
         yield
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ReverieEvalError(f"{what}: {type(error).__name__}: {error}") from error

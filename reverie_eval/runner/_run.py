@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from reverie_eval.errors import RunError
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, WAITS
-from reverie_eval.runner._folder import EPISODES, SUBMISSION, RunFolder
+from reverie_eval.runner._folder import EPISODES, SUBMISSION, RunFolder, read_attempts
 from reverie_eval.runner._records import ANSWERED, Attempt, Circumstance, Identity, Totals
 from reverie_eval.runner._walking import Job, Plan
 from reverie_eval.runner._workers import walk_here, walk_in_processes
@@ -56,12 +56,14 @@ def run(
     Raises
     ------
     RunError
-        If the folder has another run in it, an error stopped the run, or episodes are left without
-        an answer.
+        If the folder has another run in it, or none that could be filled, an error stopped the run,
+        or episodes are left without an answer.
     ReverieEvalError
         If there is no such agent, or there are no such boxes or pictures.
     """
     episodes = plan.ground_truth.episodes.instr_ids
+    if fill_missing and not _has_attempts(folder):
+        raise RunError(f"{folder} has no run to fill; run it first, without --fill-missing")
     environment = plan.environment()  # says what is wrong before there is a folder
     identity = _identity(plan, environment)
     with RunFolder(folder, identity, _circumstance(plan, jobs)) as files:
@@ -84,6 +86,13 @@ def run(
             )
         files.write(SUBMISSION, submission_text(_records(plan, environment, files)).encode())
     return totals
+
+
+def _has_attempts(folder: Path) -> bool:
+    try:
+        return next(read_attempts(folder), None) is not None
+    except FileNotFoundError:
+        return False
 
 
 class _Queue:

@@ -64,7 +64,8 @@ class Walker:
                 yield walk.note(action)
                 walk.do(action)
             state: State = "stopped" if walk.reason else "answered"
-        except Exception as error:  # noqa: BLE001  # the table says what is done about which
+        # The table says what is done about which; an agent's `sys.exit` must not pass for an end.
+        except (Exception, SystemExit) as error:  # noqa: BLE001
             if unfinished := walk.note_failed():
                 yield unfinished
             treatment = treatment_of(error)
@@ -165,7 +166,7 @@ class _Walk:
         )
 
 
-def _shown(error: Exception) -> str:
+def _shown(error: BaseException) -> str:
     """Return an error in a line, with where it was raised."""
     *_, last = traceback.extract_tb(error.__traceback__)
     return f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"

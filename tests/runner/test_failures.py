@@ -24,7 +24,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
     return scripted(tmp_path, monkeypatch)
 
 
-def raising(error: Exception, starts: Container[int]) -> Act:
+def raising(error: BaseException, starts: Container[int]) -> Act:
     """Return the behaviour of an agent that pays, fails after some of its starts, and stops."""
 
     def act(seen: Observation, agent: Scripted) -> Any:
@@ -75,6 +75,12 @@ def test_an_unknown_error_stops_the_run_and_the_same_command_goes_on(home: Home)
     assert len(home.card.circumstances) == 2
 
 
+def test_an_agent_that_exits_stops_the_run(home: Home) -> None:
+    with pytest.raises(RunError, match=r"stopped: 7_5_1: SystemExit: 3 \(test_failures.py, "):
+        home.run(raising(SystemExit(3), starts=[2]))
+    assert [each.state for each in home.attempts] == ["answered", "failed"]
+
+
 def test_an_error_that_passes_is_tried_again(home: Home) -> None:
     totals = home.run(raising(ConnectionResetError("reset"), starts=[2, 3]))
     assert [(each.attempt, each.state) for each in home.attempts if each.episode == "7_5_1"] == [
@@ -108,6 +114,12 @@ def test_an_episode_fails_after_its_last_attempt_and_others_go_on(home: Home) ->
     with pytest.raises(RunError, match="1 episode of 4 failed"):
         home.run(raising(TimeoutError("late"), starts=range(100)))
     assert not (home.folder / "submission.json").exists()  # it was the filled one
+
+
+def test_only_a_run_can_be_filled(home: Home) -> None:
+    with pytest.raises(RunError, match="run has no run to fill; run it first, without --fill-miss"):
+        home.run(stop, fill_missing=True)
+    assert not home.folder.exists()
 
 
 def test_an_endpoint_that_is_gone_stops_the_run(home: Home) -> None:

@@ -94,6 +94,7 @@ def test_an_agent_is_found(
         pytest.param("stop", {"x": 1}, "its options: none", id="no options"),
         pytest.param("my_agents:Failing", {}, "cannot be made: KeyError: 'MY_KEY'", id="failing"),
         pytest.param("broken.py", {}, "cannot be imported: NameError", id="broken"),
+        pytest.param("exiting.py", {}, "cannot be imported: SystemExit: 3", id="exiting"),
         pytest.param("needy.py", {}, "cannot be imported: ModuleNotFoundError", id="needy"),
     ],
 )
@@ -101,6 +102,7 @@ def test_what_is_not_an_agent_is_named(
     name: str, options: dict[str, int], message: str, file: Path
 ) -> None:
     file.with_name("broken.py").write_text("nothing")
+    file.with_name("exiting.py").write_text("raise SystemExit(3)")
     file.with_name("needy.py").write_text("import not_installed_here")
     with pytest.raises(ReverieEvalError) as caught:
         AgentSource(name, options).make()

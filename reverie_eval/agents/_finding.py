@@ -95,6 +95,11 @@ class AgentSource:
         content = Path(source).read_bytes() if source else b""
         return hashlib.sha256(content).hexdigest()[:_DIGEST_SHOWN]
 
+    @property
+    def needs_solution(self) -> bool:
+        """Whether the agent says, by its ``needs_solution``, that public bundles do not suffice."""
+        return bool(getattr(self._find(), "needs_solution", False))
+
     def _find(self) -> Callable[..., Any]:
         if self.name in BUILT_IN:
             return BUILT_IN[self.name]

@@ -32,6 +32,8 @@ class StopAgent:
 class ShortestAgent:
     """Follows the shortest route to the goal and predicts the target object, if it is visible."""
 
+    needs_solution = True
+
     def start(self, episode: Episode) -> None:
         """Read the solution. Raises GroundTruthError if the bundle is public."""
         route, answer = episode.solution()

@@ -60,10 +60,14 @@ def run(
         or episodes are left without an answer.
     ReverieEvalError
         If there is no such agent, or there are no such boxes or pictures.
+    GroundTruthError
+        If the agent needs the solution, and the bundle is public.
     """
     episodes = plan.ground_truth.episodes.instr_ids
     if fill_missing and not _has_attempts(folder):
         raise RunError(f"{folder} has no run to fill; run it first, without --fill-missing")
+    if plan.agent.needs_solution:
+        plan.ground_truth.require_solution()
     environment = plan.environment()  # says what is wrong before there is a folder
     identity = _identity(plan, environment)
     with RunFolder(folder, identity, _circumstance(plan, jobs)) as files:

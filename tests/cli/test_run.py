@@ -140,6 +140,7 @@ def test_a_public_bundle_ends_at_the_submission(folder: Path, run: Run) -> None:
     refused = run("run", "shortest", *words, "-o", "other")
     assert "is a public bundle" in refused.err
     assert refused.status == 2
+    assert not Path("other").exists()
 
 
 def test_a_failed_episode_is_filled_on_request_and_the_table_says_so(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any
 
 from reverie_eval.agents._episode import Agent, Episode
@@ -112,7 +112,8 @@ class AgentSource:
         else:
             offered = entry_points(group=ENTRY_POINTS, name=self.name)
             found = next((each.load() for each in offered), None)
-        if not callable(found):
+        # Of other things that can be called, nothing says in which file they are.
+        if not isinstance(found, (type, FunctionType, MethodType)):
             raise ReverieEvalError(self._unknown(module_name, name))
         is_found: Callable[..., Any] = found
         return is_found

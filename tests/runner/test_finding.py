@@ -17,6 +17,7 @@ WORLD = World(
 )
 AGENTS = """
 from dataclasses import dataclass
+from functools import partial
 from beside import ANSWER
 from reverie_eval.simulator import Answer, Stop
 
@@ -38,6 +39,8 @@ class Failing(Agent):
 def function(seen, answer=6): return Answer(answer)
 
 NUMBER = 7
+PARTIAL = partial(function, answer=5)
+METHOD = Agent().act
 """
 
 
@@ -64,6 +67,7 @@ def answer_of(source: AgentSource) -> object:
         pytest.param("./my_agents.py:Agent", {"answer": 3}, 3, id="class in a file"),
         pytest.param("my_agents.py:function", {}, 6, id="function in a file"),
         pytest.param("my_agents:function", {"answer": 4}, 4, id="function in a module"),
+        pytest.param("my_agents:METHOD", {}, 5, id="method in a module"),
         pytest.param("my_agents:Other", {}, 5, id="class in a module"),
         pytest.param("theirs", {"answer": 2}, 2, id="entry point"),
         pytest.param("stop", {}, None, id="ours"),
@@ -88,6 +92,7 @@ def test_an_agent_is_found(
         pytest.param("none:Agent", {}, "No module named 'none'", id="no module"),
         pytest.param("my_agents.py:A", {}, "has no class or function 'A'", id="not in the file"),
         pytest.param("my_agents:NUMBER", {}, "has no class or function", id="a number"),
+        pytest.param("my_agents:PARTIAL", {}, "has no class or function", id="a partial function"),
         pytest.param("my_agents:NoAgent", {}, "needs start(episode) and act(", id="no start"),
         pytest.param("my_agents:Agent", {"x": 1}, "its options: answer", id="unknown option"),
         pytest.param("my_agents:function", {"x": 1}, "its options: answer", id="of a function"),
@@ -110,7 +115,7 @@ def test_what_is_not_an_agent_is_named(
 
 
 def test_a_version_is_given_and_a_digest_is_of_the_file(file: Path) -> None:
-    sources = [AgentSource(f"{file}:{name}") for name in ("Agent", "Other", "function")]
+    sources = [AgentSource(f"{file}:{name}") for name in ("Agent", "Other", "METHOD")]
     assert [each.version for each in sources] == ["", "of mine", ""]
     (before,) = {each.digest for each in sources}
     file.write_text(f"{AGENTS}\n# changed")

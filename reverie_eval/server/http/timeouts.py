@@ -21,8 +21,7 @@ BYTES_OF_HEADERS = 16 << 10
 class TimeoutProtocol(HttpToolsProtocol):
     """HTTP/1.1 with timeouts, and with a limit of the headers.
 
-    It is parsed by httptools: an upload of a megabyte takes a tenth of the processor time that h11
-    needs, which is written in Python.
+    It is parsed by httptools, in C: h11, in Python, takes two milliseconds for a megabyte.
     """
 
     def __init__(self, *given: Any, **named: Any) -> None:

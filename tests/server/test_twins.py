@@ -30,7 +30,7 @@ from tests.support.serving import (
 )
 from tests.support.visiting import place_of
 
-FILES_IN_SUITE = 30
+FILES_IN_SUITE = 15
 MOST_SHOWN = 100
 
 

@@ -112,7 +112,7 @@ class Load(NamedTuple):
     processor_milliseconds: float
     """Of the server, for all uploads."""
     answering_milliseconds: float
-    """Of that, what the process takes that answers requests."""
+    """The part of the server's time that the process takes that answers requests."""
     busy_milliseconds: float
     """Of all processes of the machine, the sender's too."""
 

@@ -5,7 +5,15 @@ from collections.abc import Callable
 from heapq import heappop, heappush
 
 from reverie_eval.agents._episode import Episode
+from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Answer, Go, Observation, Stop
+
+
+def _checked(viewpoints: object) -> int:
+    """Return a number of viewpoints to visit, which a command may have been given as anything."""
+    if isinstance(viewpoints, int) and viewpoints >= 1:
+        return viewpoints
+    raise ReverieEvalError(f"viewpoints is a whole number from 1, not {viewpoints!r}")
 
 
 class _Explored:
@@ -54,7 +62,7 @@ class NearestFirstAgent:
     """
 
     def __init__(self, viewpoints: int = 10) -> None:
-        self._most = viewpoints
+        self._most = _checked(viewpoints)
 
     def start(self, episode: Episode) -> None:  # noqa: ARG002
         """Forget the last episode."""
@@ -81,7 +89,7 @@ class WordMatchAgent:
     """
 
     def __init__(self, viewpoints: int = 20) -> None:
-        self._most = viewpoints
+        self._most = _checked(viewpoints)
 
     def start(self, episode: Episode) -> None:  # noqa: ARG002
         """Forget the last episode."""

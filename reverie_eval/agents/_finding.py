@@ -154,6 +154,8 @@ def _import(name: str) -> ModuleType:
     """Import a module by its name or from its file; both may import what lies beside them."""
     is_file = name.endswith(".py")
     file = Path(name).resolve()
+    if is_file and not file.is_file():
+        raise ReverieEvalError(f"there is no file {name}")
     folder = str(file.parent if is_file else Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)

@@ -117,7 +117,7 @@ def test_a_diagnosis_states_no_third_reading(demo: GroundTruth) -> None:
 REVERIE = find_task("reverie")
 NAMES = [*PROTOCOLS, *REVERIE.aliases]
 READ_FIRST = [name for name in NAMES if REVERIE.hop_reading(name) == "first viewpoint"]
-"""Of which protocols that is so, tests/core/test_protocols.py says."""
+"""Protocols that read the first viewpoint of a hop alone; test_protocols.py pins them."""
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -88,7 +89,7 @@ def test_an_agent_is_found(
     ("name", "options", "message"),
     [
         pytest.param("shortes", {}, "did you mean shortest?", id="misspelt"),
-        pytest.param("none.py", {}, "none.py cannot be imported: FileNotFoundError", id="no file"),
+        pytest.param("none.py", {}, "there is no file none.py", id="no file"),
         pytest.param("none:Agent", {}, "No module named 'none'", id="no module"),
         pytest.param("my_agents.py:A", {}, "has no class or function 'A'", id="not in the file"),
         pytest.param("my_agents:NUMBER", {}, "has no class or function", id="a number"),
@@ -97,6 +98,12 @@ def test_an_agent_is_found(
         pytest.param("my_agents:Agent", {"x": 1}, "its options: answer", id="unknown option"),
         pytest.param("my_agents:function", {"x": 1}, "its options: answer", id="of a function"),
         pytest.param("stop", {"x": 1}, "its options: none", id="no options"),
+        pytest.param(
+            "nearest-first", {"viewpoints": "a"}, "a whole number from 1, not 'a'", id="a word"
+        ),
+        pytest.param(
+            "word-match", {"viewpoints": 0}, "a whole number from 1, not 0", id="too small"
+        ),
         pytest.param("my_agents:Failing", {}, "cannot be made: KeyError: 'MY_KEY'", id="failing"),
         pytest.param("broken.py", {}, "cannot be imported: NameError", id="broken"),
         pytest.param("exiting.py", {}, "cannot be imported: SystemExit: 3", id="exiting"),
@@ -104,7 +111,7 @@ def test_an_agent_is_found(
     ],
 )
 def test_what_is_not_an_agent_is_named(
-    name: str, options: dict[str, int], message: str, file: Path
+    name: str, options: dict[str, Any], message: str, file: Path
 ) -> None:
     file.with_name("broken.py").write_text("nothing")
     file.with_name("exiting.py").write_text("raise SystemExit(3)")

@@ -22,7 +22,7 @@ TRANSCENDENTAL = {"ndtw", "sdtw", "cls", "iou"}
 """They go through an exponential, or the sine of a camera's heading, which differ in the last bit
 between versions of numpy, and between processors with the same version."""
 DECIMALS = 9
-"""Of those that count; of all other values, every bit does."""
+"""How many decimals of these metrics are compared; of all other values, every bit is."""
 
 
 def scores_of(published: Path, unpacked: Path) -> Iterator[Scores]:

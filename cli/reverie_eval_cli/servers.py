@@ -1,22 +1,27 @@
-"""The evaluation server a command talks to: by option, environment variable or the latest login."""
+"""The evaluation server a command talks to, and where its receipts are kept."""
 
+import errno
+import itertools
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE
+from reverie_eval.submissions import RECEIPT_ENDING
 from reverie_eval_cli.options import grouped
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
     from reverie_eval.client.sending import Notice
+    from reverie_eval.schemas.service import Envelope, SubmissionReport
 
 
 @dataclass
@@ -100,3 +105,94 @@ def print_banner(client: "Client") -> None:
 
     if banner := client.server().banner:
         print(f"{client.url}: {printable(banner)}", file=sys.stderr)
+
+
+def check_receipt_path(given: str | None, sha256: str, split: str) -> None:
+    """Make sure, before a submission is used, that its receipt can be written.
+
+    The folder has to be there, and no other file of its name.
+    """
+    if given is None:
+        return
+    path = Path(given)
+    if not path.parent.is_dir():
+        raise ReverieEvalError(
+            f"{path.parent} is not a folder; the receipt cannot be written there"
+        )
+    if path.exists():
+        there = _fields_in(path)
+        # A receipt of this very file and split may be written again; anything else is somebody's
+        # file.
+        if (there.get("sha256"), there.get("split")) != (sha256, split):
+            raise ReverieEvalError(f"{given} already exists; choose another file for the receipt")
+
+
+def keep_receipts(report: "SubmissionReport", given: str | None, submission: str) -> Sequence[Path]:
+    """Write the receipts of a submission, unless they have been written before; return their paths.
+
+    Those of further leaderboards are beside the first, with the leaderboard in their names.
+    """
+    base = submission if submission != "-" else f"submission-{_letters(report.id)}"
+    own = _keep(report.receipt, [Path(given)] if given else _names(base))
+    further = (
+        _keep(result.receipt, _names(f"{given or base}.{_letters(name)}"))
+        for name, result in report.also.items()
+    )
+    return [own, *further]
+
+
+def _keep(receipt: "Envelope", candidates: Iterable[Path]) -> Path:
+    """Write a receipt to the first file name that has no other file."""
+    path = Path()
+    for path in candidates:
+        try:
+            # "x" fails if the file exists: two commands at once cannot take one name.
+            with path.open("x", encoding="utf-8") as file:
+                file.write(receipt.model_dump_json(indent=2) + "\n")
+        except FileExistsError:
+            # The same submission sent again: its receipt is there already.
+            if _envelope_in(path) == receipt:
+                return path
+        else:
+            return path
+    raise FileExistsError(errno.EEXIST, "already exists", str(path))
+
+
+def read_signed(path: Path) -> "Envelope":
+    """Read a receipt, or a snapshot of a leaderboard."""
+    from pydantic import ValidationError
+
+    from reverie_eval.schemas.service import Envelope
+
+    try:
+        # A newer version may put more beside what is signed.
+        return Envelope.model_validate_json(path.read_bytes(), extra="ignore")
+    except ValidationError:
+        raise ReverieEvalError(f"{path} is not a receipt or a snapshot of a server") from None
+
+
+def _envelope_in(path: Path) -> "Envelope | None":
+    try:
+        return read_signed(path)
+    except (ReverieEvalError, OSError):
+        return None
+
+
+def _fields_in(path: Path) -> Mapping[str, Any]:
+    """Return the fields of the receipt in a file; empty if it has none."""
+    from reverie_eval.receipts import read
+
+    envelope = _envelope_in(path)
+    return {} if envelope is None else read(envelope).fields
+
+
+def _letters(name: str) -> str:
+    """Return what is safe in the name of a file; the name comes from the server."""
+    return "".join(letter for letter in name if letter.isalnum() or letter in "-_")
+
+
+def _names(base: str) -> Iterator[Path]:
+    """Return ``FILE.receipt.json``, then names with a number, for when it is taken."""
+    yield Path(f"{base}{RECEIPT_ENDING}")
+    for number in itertools.count(2):
+        yield Path(f"{base}.{number}{RECEIPT_ENDING}")

@@ -177,7 +177,7 @@ def verify(
     """
     from reverie_eval.receipts import SNAPSHOT_TYPE, NotGenuineError, read
     from reverie_eval.submissions import read_bytes
-    from reverie_eval_cli.receipts import read_signed
+    from reverie_eval_cli.servers import read_signed
 
     if key is not None and server.named:
         raise click.UsageError("give --key or --server, not both")

@@ -17,8 +17,13 @@ from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submissions import validation_json
 from reverie_eval_cli.output import rejection, show_table, transfer_bar
-from reverie_eval_cli.receipts import check_receipt_path, keep_receipts
-from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
+from reverie_eval_cli.servers import (
+    ServerOptions,
+    check_receipt_path,
+    keep_receipts,
+    print_banner,
+    server_options,
+)
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client

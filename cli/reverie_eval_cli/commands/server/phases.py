@@ -1,19 +1,26 @@
-"""``reverie-eval server phase set|close|reset|pause|resume``, ``diff`` and ``snapshot``."""
+"""``reverie-eval server phase|diff|snapshot|notice|news``: when a split is open, and news."""
 
 from datetime import datetime
 from typing import TYPE_CHECKING, get_args
 
 import click
 
-from reverie_eval.schemas.organising import NewSchedule, NewSnapshot, NoticeReport
+from reverie_eval.schemas.organising import (
+    NewNews,
+    NewNotice,
+    NewSchedule,
+    NewSnapshot,
+    NoticeReport,
+)
 from reverie_eval.schemas.service import ReleaseScores, Schedule
 from reverie_eval_cli import options
-from reverie_eval_cli.commands.server.announcements import notice_text
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
+from reverie_eval_cli.output import note
 
 if TYPE_CHECKING:
     from reverie_eval.server.service.schedules import Change, Timetable
+
 
 split = click.argument("split")
 
@@ -65,7 +72,7 @@ def set_phase(
         fields = with_phase(timetable.latest, name, opens, closes, release_scores)
         return options.checked(NewSchedule, **fields)
 
-    _change(folder, split, change)
+    _change_schedule(folder, split, change)
 
 
 @phase.command()
@@ -75,7 +82,7 @@ def close(*, folder: Folder, split: str) -> None:
     """End the open phases of a split now."""
     from reverie_eval.server.service import schedules
 
-    _change(folder, split, schedules.close)
+    _change_schedule(folder, split, schedules.close)
 
 
 @phase.command()
@@ -85,7 +92,7 @@ def reset(*, folder: Folder, split: str) -> None:
     """Use the phases and `release_scores` of the settings file again."""
     from reverie_eval.server.service import schedules
 
-    _change(folder, split, schedules.reset)
+    _change_schedule(folder, split, schedules.reset)
 
 
 @phase.command()
@@ -95,7 +102,7 @@ def pause(*, folder: Folder, split: str) -> None:
     """Accept no submissions to a split, whatever its phases say."""
     from reverie_eval.server.service import schedules
 
-    _change(folder, split, schedules.pause)
+    _change_schedule(folder, split, schedules.pause)
 
 
 @phase.command()
@@ -105,10 +112,10 @@ def resume(*, folder: Folder, split: str) -> None:
     """Accept submissions to a split again."""
     from reverie_eval.server.service import schedules
 
-    _change(folder, split, schedules.resume)
+    _change_schedule(folder, split, schedules.resume)
 
 
-def _change(folder: Folder, split: str, change: "Change") -> None:
+def _change_schedule(folder: Folder, split: str, change: "Change") -> None:
     """Change the schedule of a split, and print what applies now."""
     from reverie_eval.server.service.schedules import Schedules
 
@@ -144,7 +151,7 @@ def diff(*, folder: Folder) -> None:
 
 
 def _of_server(notice: NoticeReport | None) -> str:
-    return "-" if notice is None else notice_text(notice)
+    return "-" if notice is None else _notice_text(notice)
 
 
 def _text(schedule: "Schedule | NewSchedule | None") -> str:
@@ -174,3 +181,114 @@ def snapshot(*, folder: Folder, split: str, title: str) -> None:
         taken = state.snapshots.take(transaction, new)
     print(f"{split}: snapshot {taken.number}, {taken.title}, as of {minute(taken.as_of)} UTC")
     print(f"it stays at /boards/{split}/snapshots/{taken.number}")
+
+
+@click.group(cls=Group)
+def news() -> None:
+    """Post, list and remove news, which the leaderboards show."""
+
+
+@news.command()
+@server_folder
+@click.argument("text")
+def add(*, folder: Folder, text: str) -> None:
+    """Post an entry: TEXT is one line, public at once."""
+    from reverie_eval.server.service.news import add_news
+
+    new = options.checked(NewNews, text=text)
+    with folder.acting() as transaction:
+        added = add_news(transaction, new)
+    print(f"news entry {added.id} posted")
+
+
+@news.command("list")
+@server_folder
+def list_entries(*, folder: Folder) -> None:
+    """List the entries with their numbers, the latest first."""
+    from reverie_eval.server.service.news import list_news
+
+    known = folder.all_of(list_news)
+    rows = [(str(each.id), minute(each.created_at), each.text) for each in known]
+    print_list(("number", "posted (UTC)", "text"), rows)
+
+
+@news.command()
+@server_folder
+@click.argument("number", type=options.Number(1))
+def remove(*, folder: Folder, number: int) -> None:
+    """Remove an entry."""
+    from reverie_eval.server.service.news import remove_news
+
+    with folder.acting() as transaction:
+        remove_news(transaction, number)
+    print(f"news entry {number} removed")
+
+
+@click.group(cls=Group)
+def notice() -> None:
+    """Post a banner, and pause submissions to all splits, without a restart.
+
+    Each change is in the audit log. `server phase pause` pauses one split.
+    """
+
+
+@notice.command()
+@server_folder
+def show(*, folder: Folder) -> None:
+    """Show the banner, and whether submissions are paused."""
+    from reverie_eval.server.service.notices import Notices
+
+    settings = folder.settings
+    with folder.reading() as session:
+        current = Notices(settings.banner, paused=settings.paused).current(session)
+    print(_notice_text(current))
+    if current.created_at:
+        print(f"posted {minute(current.created_at)} UTC")
+
+
+@notice.command("set")
+@server_folder
+@click.argument("text")
+def set_banner(*, folder: Folder, text: str) -> None:
+    """Show a banner on all pages: TEXT is one line. A pause stays."""
+    _change_notice(folder, banner=options.checked(NewNotice, banner=text).banner)
+
+
+@notice.command()
+@server_folder
+def clear(*, folder: Folder) -> None:
+    """Remove the banner; that of the settings file is shown again. A pause stays."""
+    _change_notice(folder, banner="")
+
+
+@notice.command("pause")
+@server_folder
+def pause_all(*, folder: Folder) -> None:
+    """Accept no submissions to any split. The banner stays, and is given as the reason."""
+    _change_notice(folder, paused=True)
+
+
+@notice.command("resume")
+@server_folder
+def resume_all(*, folder: Folder) -> None:
+    """Accept submissions again, as phases allow. The banner stays."""
+    if _change_notice(folder, paused=False).paused:
+        note("the settings file still pauses submissions: `paused = true`")
+
+
+def _change_notice(folder: Folder, **changes: object) -> NoticeReport:
+    """Change the notice, print what applies now, and return it."""
+    from reverie_eval.server.service.notices import Notices
+
+    settings = folder.settings
+    with folder.acting() as transaction:
+        notices = Notices(settings.banner, paused=settings.paused)
+        current = notices.change(transaction, **changes)
+    print(_notice_text(current))
+    return current
+
+
+def _notice_text(current: NoticeReport) -> str:
+    """Write a notice on one line."""
+    banner = f"; banner: {current.banner}" if current.banner else ""
+    return f"{'paused' if current.paused else 'not paused'}{banner}"

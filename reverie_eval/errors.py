@@ -5,6 +5,7 @@ ReverieEvalError
         SubmissionError     a submission
         DatasetError        the published files of the dataset
         SubsetError         a list of episodes
+        LogError            the log of a run
     GroundTruthError        the bundle is missing, damaged, or lacks what is needed
     ProtocolError           the protocol, or another option of scoring, is invalid
     ActionError             the agent cannot do this where it is
@@ -119,6 +120,12 @@ class SubsetError(RejectedError):
     """The list of episodes of a subset is invalid."""
 
     subject = "subset"
+
+
+class LogError(RejectedError):
+    """The log of a run is invalid."""
+
+    subject = "log"
 
 
 def _listing(problems: Sequence[Problem]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 An agent has two methods, ``start(episode)`` and ``act(observation)``, which returns an action.
 """
 
-from reverie_eval.agents._episode import Agent, Episode, Solved, Usage
+from reverie_eval.agents._episode import Agent, Episode, Solved
 from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
 from reverie_eval.agents._finding import BUILT_IN, ENTRY_POINTS, AgentSource
 from reverie_eval.agents._reference import (
@@ -30,7 +30,6 @@ __all__ = [
     "ShortestAgent",
     "Solved",
     "StopAgent",
-    "Usage",
     "WordMatchAgent",
     "run_agent",
 ]

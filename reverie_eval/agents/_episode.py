@@ -3,10 +3,10 @@
 import random
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.logs import Usage
 from reverie_eval.simulator import Action, Answer, Observation, Stop
 
 
@@ -18,20 +18,6 @@ class Agent(Protocol):
 
     def act(self, observation: Observation, /) -> Action:
         """Choose the next action."""
-
-
-@dataclass(frozen=True, slots=True)
-class Usage:
-    """What calls of a model used up; None is unknown, or that there was none."""
-
-    input_tokens: int | None = None
-    """All that were sent, cached ones included."""
-    cached_tokens: int | None = None
-    output_tokens: int | None = None
-    """All that came back, those of reasoning included."""
-    reasoning_tokens: int | None = None
-    money: float | None = None
-    """US dollars."""
 
 
 class Solved(NamedTuple):

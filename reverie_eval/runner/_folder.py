@@ -2,35 +2,36 @@
 
 import fcntl
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TypeVar
 
 import msgspec
 from typing_extensions import Self
 
 from reverie_eval.errors import RunError
 from reverie_eval.files import staged_file
+from reverie_eval.logs import (
+    EPISODES,
+    STEPS,
+    Attempt,
+    Step,
+    read_attempts,
+    read_steps,
+    total_usage,
+)
 from reverie_eval.runner._records import (
     ANSWERED,
     SCHEMA_VERSION,
-    Attempt,
     Circumstance,
     Identity,
     RunCard,
-    Step,
     Totals,
     encode,
-    total_usage,
 )
 
-EPISODES = "episodes.jsonl"
-STEPS = "steps.jsonl"
 CARD = "run.json"
 SUBMISSION = "submission.json"
-
-Row = TypeVar("Row", bound=msgspec.Struct)
 
 
 class RunFolder:
@@ -77,7 +78,7 @@ class RunFolder:
                 raise RunError(f"{self.path} is not empty and has no {CARD}; choose a new folder")
             self.write_card()  # before the others, so that a folder with those always has it
         self._episodes, self._steps = (self._append_to(name) for name in (EPISODES, STEPS))
-        self.attempts = list(_read(self._path(EPISODES), Attempt))
+        self.attempts = list(read_attempts(self.path))
         unfinished = self._unfinished_steps()
         if card:
             if self.attempts or unfinished:
@@ -127,7 +128,7 @@ class RunFolder:
         """Return the steps of attempts that did not end, because the run did."""
         ended = {(each.episode, each.attempt) for each in self.attempts}
         found: dict[tuple[str, int], list[Step]] = {}
-        for step in _read(self._path(STEPS), Step):
+        for step in read_steps(self.path):
             key = step.episode, step.attempt
             if key not in ended:
                 found.setdefault(key, []).append(step)
@@ -195,28 +196,6 @@ def _interrupted(steps: list[Step]) -> Attempt:
         seconds=sum(each.seconds for each in steps),
         **asdict(total_usage(steps)),
     )
-
-
-def read_steps(folder: Path | str) -> Iterator[Step]:
-    """Yield all steps of a run, in the order in which they were made."""
-    return _read(Path(folder, STEPS), Step)
-
-
-def read_attempts(folder: Path | str) -> Iterator[Attempt]:
-    """Yield all attempts of a run, in the order in which they ended."""
-    return _read(Path(folder, EPISODES), Attempt)
-
-
-def _read(path: Path, kind: type[Row]) -> Iterator[Row]:
-    decoder = msgspec.json.Decoder(kind)
-    with path.open("rb") as file:
-        for number, line in enumerate(file, 1):
-            if not line.endswith(b"\n"):  # a run is writing it
-                return
-            try:
-                yield decoder.decode(line)
-            except msgspec.DecodeError as error:
-                raise RunError(f"{path}, line {number}: {error}") from None
 
 
 def _write(descriptor: int, content: bytes) -> None:

@@ -3,18 +3,14 @@
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 
-from reverie_eval.agents import Usage
+from reverie_eval.logs import Attempt, State, total_usage
 
 SCHEMA_VERSION = 1
 """The version of the files in a run's folder."""
-
-State = Literal["answered", "stopped", "failed", "interrupted"]
-"""How an attempt ended: the agent ended the episode; it was stopped, as by a limit; it raised an
-error that is not an answer; or the whole run ended before it did."""
 
 ANSWERED: frozenset[State] = frozenset({"answered", "stopped"})
 """The states of attempts whose record is a part of the submission."""
@@ -88,78 +84,6 @@ class Circumstance(msgspec.Struct, frozen=True, kw_only=True):
     """Operating system and processor."""
 
 
-class Step(msgspec.Struct, frozen=True, kw_only=True):
-    """A line of ``steps.jsonl``: an action of an agent."""
-
-    episode: str
-    """The episode's id."""
-    attempt: int
-    """Counted from 1, for each episode."""
-    step: int
-    """Counted from 1, in each attempt."""
-    viewpoint_id: str
-    """Where the agent was when it chose the action; with the next two, and the identity of the run,
-    this determines all that it could observe."""
-    heading: float
-    """Radians."""
-    elevation: float
-    """Radians."""
-    action: str
-    """``Go``, ``Turn``, ``Stop``, ``Answer``, ``AnswerBox`` or ``Point``; empty if the agent failed
-    to choose one."""
-    arguments: Any
-    """The fields of the action."""
-    seconds: float
-    """How long the agent took to choose."""
-    input_tokens: int | None = None
-    """All that were sent to a model, cached ones included; null if there is no such number."""
-    cached_tokens: int | None = None
-    """Tokens sent that the endpoint had in a cache."""
-    output_tokens: int | None = None
-    """All that came back, those of reasoning included."""
-    reasoning_tokens: int | None = None
-    """Tokens that came back as reasoning."""
-    money: float | None = None
-    """US dollars; null if unknown, 0 if it was free."""
-    notes: Mapping[str, Any] = {}
-    """Whatever else the agent logged."""
-
-
-class Attempt(msgspec.Struct, frozen=True, kw_only=True):
-    """A line of ``episodes.jsonl``: an attempt at an episode, the last of which is its summary."""
-
-    episode: str
-    """The episode's id."""
-    attempt: int
-    """Counted from 1, for each episode."""
-    state: State
-    """``answered``, ``stopped``, ``failed`` or ``interrupted``."""
-    reason: str = ""
-    """Which limit it was, or which error; empty if the agent ended the episode."""
-    steps: int
-    """Number of its steps."""
-    seconds: float
-    """All of the attempt, also what the environment took."""
-    input_tokens: int | None = None
-    """All that were sent to a model, cached ones included; null if there is no such number."""
-    cached_tokens: int | None = None
-    """Tokens sent that the endpoint had in a cache."""
-    output_tokens: int | None = None
-    """All that came back, those of reasoning included."""
-    reasoning_tokens: int | None = None
-    """Tokens that came back as reasoning."""
-    money: float | None = None
-    """US dollars; null if a step has tokens but no price."""
-    read: tuple[str, ...] = ()
-    """The parts of observations that the agent read, and ``solution`` if it asked for that."""
-    is_retried: bool = False
-    """Whether the error is one after which the episode is tried again."""
-    traceback: str = ""
-    """Where the error was raised, as Python prints it."""
-    record: Mapping[str, Any] | None = None
-    """The episode's record in the submission; null if it has none."""
-
-
 class Totals(msgspec.Struct, frozen=True, kw_only=True):
     """The outcome of a run. Each episode is one of the first four."""
 
@@ -220,25 +144,6 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
     """One for each time that the run was started."""
     totals: Totals | None
     """Null while the run goes on."""
-
-
-def total_usage(rows: Iterable[Step | Attempt]) -> Usage:
-    """Add up what was used; what no row knows stays unknown.
-
-    Money is unknown as soon as one row has tokens without a price: a sum without them would be too
-    small.
-    """
-    rows = list(rows)
-    totals: dict[str, Any] = {}
-    for name in Usage.__dataclass_fields__:
-        known = [value for row in rows if (value := getattr(row, name)) is not None]
-        totals[name] = sum(known) if known else None
-    has_unknown = any(
-        row.money is None and (row.input_tokens, row.output_tokens) != (None, None) for row in rows
-    )
-    if has_unknown:
-        totals["money"] = None
-    return Usage(**totals)
 
 
 def encode(row: msgspec.Struct) -> bytes:

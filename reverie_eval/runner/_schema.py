@@ -10,8 +10,10 @@ from typing import Any
 
 import msgspec
 
+from reverie_eval import logs
+from reverie_eval.logs import Attempt, Step
 from reverie_eval.runner import _records
-from reverie_eval.runner._records import Attempt, RunCard, Step
+from reverie_eval.runner._records import RunCard
 
 RUN_SCHEMAS: Mapping[str, type[msgspec.Struct]] = MappingProxyType(
     {"run-card": RunCard, "run-episode": Attempt, "run-step": Step}
@@ -26,7 +28,7 @@ def run_schema(name: str) -> dict[str, Any]:
     """
     schema = msgspec.json.schema(RUN_SCHEMAS[name])
     for title, definition in schema["$defs"].items():
-        about = dict(_field_docstrings(getattr(_records, title)))
+        about = dict(_field_docstrings({**vars(logs), **vars(_records)}[title]))
         for field, details in definition["properties"].items():
             details["description"] = about[field]
     return schema

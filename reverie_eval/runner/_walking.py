@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, get_args
 
 from reverie_eval.agents import AgentSource, Episode
 from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.logs import Attempt, State, Step, total_usage
 from reverie_eval.runner._failures import treatment_of
-from reverie_eval.runner._records import Attempt, Limits, State, Step, encode, total_usage
+from reverie_eval.runner._records import Limits, encode
 from reverie_eval.simulator import Action, Environment, Stop
 
 _ACTIONS = get_args(Action)

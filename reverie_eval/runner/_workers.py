@@ -7,7 +7,7 @@ from signal import SIG_IGN, SIGINT, signal
 from typing import TypeAlias
 
 from reverie_eval.errors import ReverieEvalError, RunError
-from reverie_eval.runner._records import Attempt, Step
+from reverie_eval.logs import Attempt, Step
 from reverie_eval.runner._walking import Job, Plan, Walker
 
 Take: TypeAlias = Callable[[], Job | None]

@@ -10,6 +10,7 @@ import pytest
 
 from reverie_eval import GroundTruth, ReverieEvalError
 from reverie_eval.agents import AgentSource
+from reverie_eval.errors import LogError
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import Identity, Limits, RunError, run
 from reverie_eval.simulator import Observation, Stop
@@ -102,7 +103,7 @@ def test_a_damaged_line_is_named(home: Home) -> None:
     home.run(stop)
     file = home.folder / "episodes.jsonl"
     file.write_bytes(file.read_bytes().replace(b'"attempt":1', b'"attempt":x', 1))
-    with pytest.raises(RunError, match=r"episodes\.jsonl, line 1: "):
+    with pytest.raises(LogError, match=r"episodes\.jsonl, line 1: "):
         home.run(stop)
 
 

@@ -1,0 +1,265 @@
+"""The logs of a run: what an agent did in each episode, and what that cost.
+
+A run's folder has a line for each :class:`Attempt` in ``episodes.jsonl`` and one for each
+:class:`Step` in ``steps.jsonl``. :mod:`reverie_eval.runner` writes them, and others can.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+import numpy as np
+from typing_extensions import Self
+
+from reverie_eval.arrays import FloatArray, frozen
+from reverie_eval.errors import LogError, Problem
+
+EPISODES = "episodes.jsonl"
+STEPS = "steps.jsonl"
+
+State = Literal["answered", "stopped", "failed", "interrupted"]
+"""How an attempt ended: the agent ended the episode; it was stopped, as by a limit; it raised an
+error that is not an answer; or the whole run ended before it did."""
+
+COSTS: Mapping[str, str] = MappingProxyType(
+    {
+        "actions": "actions",
+        "seconds": "s",
+        "input_tokens": "input tokens",
+        "cached_tokens": "cached tokens",
+        "output_tokens": "output tokens",
+        "reasoning_tokens": "reasoning tokens",
+        "money": "US dollars",
+    }
+)
+"""What an episode costs, and the unit of each. Actions are the steps of the log: a score table's
+are the poses after the first."""
+
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Amount = Annotated[float, msgspec.Meta(ge=0)]
+Row = TypeVar("Row", bound=msgspec.Struct)
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """What calls of a model used up; None is unknown, or that there was none."""
+
+    input_tokens: int | None = None
+    """All that were sent, cached ones included."""
+    cached_tokens: int | None = None
+    output_tokens: int | None = None
+    """All that came back, those of reasoning included."""
+    reasoning_tokens: int | None = None
+    money: float | None = None
+    """US dollars."""
+
+
+class Step(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of ``steps.jsonl``: an action of an agent."""
+
+    episode: str
+    """The episode's id."""
+    attempt: Count
+    """Counted from 1, for each episode."""
+    step: Count
+    """Counted from 1, in each attempt."""
+    viewpoint_id: str
+    """Where the agent was when it chose the action; with the next two, and the identity of the run,
+    this determines all that it could observe."""
+    heading: float
+    """Radians."""
+    elevation: float
+    """Radians."""
+    action: str
+    """``Go``, ``Turn``, ``Stop``, ``Answer``, ``AnswerBox`` or ``Point``; empty if the agent failed
+    to choose one."""
+    arguments: Any
+    """The fields of the action."""
+    seconds: Amount
+    """How long the agent took to choose."""
+    input_tokens: Count | None = None
+    """All that were sent to a model, cached ones included; null if there is no such number."""
+    cached_tokens: Count | None = None
+    """Tokens sent that the endpoint had in a cache."""
+    output_tokens: Count | None = None
+    """All that came back, those of reasoning included."""
+    reasoning_tokens: Count | None = None
+    """Tokens that came back as reasoning."""
+    money: Amount | None = None
+    """US dollars; null if unknown, 0 if it was free."""
+    notes: Mapping[str, Any] = {}
+    """Whatever else the agent logged."""
+
+
+class Attempt(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of ``episodes.jsonl``: an attempt at an episode, the last of which is its summary."""
+
+    episode: str
+    """The episode's id."""
+    attempt: Count
+    """Counted from 1, for each episode."""
+    state: State
+    """``answered``, ``stopped``, ``failed`` or ``interrupted``."""
+    reason: str = ""
+    """Which limit it was, or which error; empty if the agent ended the episode."""
+    steps: Count
+    """Number of its steps."""
+    seconds: Amount
+    """All of the attempt, also what the environment took."""
+    input_tokens: Count | None = None
+    """All that were sent to a model, cached ones included; null if there is no such number."""
+    cached_tokens: Count | None = None
+    """Tokens sent that the endpoint had in a cache."""
+    output_tokens: Count | None = None
+    """All that came back, those of reasoning included."""
+    reasoning_tokens: Count | None = None
+    """Tokens that came back as reasoning."""
+    money: Amount | None = None
+    """US dollars; null if a step has tokens but no price."""
+    read: tuple[str, ...] = ()
+    """The parts of observations that the agent read, and ``solution`` if it asked for that."""
+    is_retried: bool = False
+    """Whether the error is one after which the episode is tried again."""
+    traceback: str = ""
+    """Where the error was raised, as Python prints it."""
+    record: Mapping[str, Any] | None = None
+    """The episode's record in the submission; null if it has none."""
+
+
+def total_usage(rows: Iterable[Step | Attempt]) -> Usage:
+    """Add up what was used; what no row knows stays unknown.
+
+    Money is unknown as soon as one row has tokens without a price: a sum without them would be too
+    small.
+    """
+    rows = list(rows)
+    totals: dict[str, Any] = {}
+    for name in Usage.__dataclass_fields__:
+        known = [value for row in rows if (value := getattr(row, name)) is not None]
+        totals[name] = sum(known) if known else None
+    has_unknown = any(
+        row.money is None and (row.input_tokens, row.output_tokens) != (None, None) for row in rows
+    )
+    if has_unknown:
+        totals["money"] = None
+    return Usage(**totals)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RunLog:
+    """The log of a run, by episode."""
+
+    folder: Path
+    attempts: Mapping[str, Sequence[Attempt]]
+    """All attempts at each episode; those that failed cost something too."""
+
+    @classmethod
+    def read(cls, folder: Path | str) -> Self:
+        """Read the attempts of a run; its steps are read when they are looked at.
+
+        Raises
+        ------
+        LogError
+            If lines are invalid, or an attempt is there twice; lists all of them.
+        OSError
+            If there is no ``episodes.jsonl``, or it cannot be read.
+        """
+        problems: list[Problem] = []
+        attempts: dict[str, list[Attempt]] = {}
+        try:
+            for each in read_attempts(folder):
+                attempts.setdefault(each.episode, []).append(each)
+        except LogError as error:
+            problems += error.problems
+        for episode, several in attempts.items():
+            for number, count in Counter(each.attempt for each in several).items():
+                if count > 1:
+                    message = f"{count} lines of attempt {number} at {episode}; expected one"
+                    problems.append(Problem("log-twice", str(Path(folder, EPISODES)), message))
+        if problems:
+            raise LogError(problems)
+        return cls(Path(folder), attempts)
+
+    @cached_property
+    def steps(self) -> Mapping[str, Sequence[Step]]:
+        """The steps of the last attempt at each episode; empty if there is no ``steps.jsonl``.
+
+        Raises
+        ------
+        LogError
+            If lines are invalid; lists all of them.
+        """
+        found: dict[str, list[Step]] = {}
+        if not (self.folder / STEPS).exists():
+            return found
+        for step in read_steps(self.folder):
+            of_episode = found.setdefault(step.episode, [])
+            if of_episode and of_episode[-1].attempt != step.attempt:
+                of_episode.clear()
+            of_episode.append(step)
+        return found
+
+    def costs(self, episodes: Sequence[str]) -> Mapping[str, FloatArray]:
+        """Return what each episode cost, all attempts together, by the keys of ``COSTS``.
+
+        Arrays have the shape (n_episodes,), with NaN where the log does not say it.
+        """
+        rows = [_sum(self.attempts.get(episode, ())) for episode in episodes]
+        return {key: frozen(np.array([row.get(key) for row in rows], float)) for key in COSTS}
+
+
+def _sum(attempts: Sequence[Attempt]) -> Mapping[str, float | None]:
+    if not attempts:
+        return {}
+    return {
+        "actions": sum(each.steps for each in attempts),
+        "seconds": sum(each.seconds for each in attempts),
+        **asdict(total_usage(attempts)),
+    }
+
+
+def read_attempts(folder: Path | str) -> Iterator[Attempt]:
+    """Yield all attempts of a run, in the order in which they ended; see :func:`read_lines`."""
+    return read_lines(Path(folder, EPISODES), Attempt)
+
+
+def read_steps(folder: Path | str) -> Iterator[Step]:
+    """Yield all steps of a run, in the order in which they were made; see :func:`read_lines`."""
+    return read_lines(Path(folder, STEPS), Step)
+
+
+def read_lines(path: Path, kind: type[Row]) -> Iterator[Row]:
+    """Yield the records of a file of JSON lines.
+
+    A last line that was cut off is left out: a run is writing it, or was killed as it did.
+
+    Raises
+    ------
+    LogError
+        At the end, if there are other lines; lists all of them.
+    OSError
+        If the file cannot be read.
+    """
+    decoder = msgspec.json.Decoder(kind)
+    problems = []
+    with path.open("rb") as file:
+        for number, line in enumerate(file, 1):
+            try:
+                yield decoder.decode(line)
+            except msgspec.DecodeError as error:
+                if line.endswith(b"\n"):
+                    problems.append(_problem(path, number, error))
+    if problems:
+        raise LogError(problems)
+
+
+def _problem(path: Path, number: int, error: msgspec.DecodeError) -> Problem:
+    """Say what is wrong with a line, and in which field."""
+    message, _, field = str(error).replace("`", "").partition(" - at $.")
+    where = f"{path}, line {number}{field and f', {field}'}"
+    return Problem("log-line", where, message, (number,))

@@ -13,11 +13,11 @@ from reverie_eval.analysis._comparison import (
     SMALLEST_SHOWN_P,
     ComparedSubmissionsError,
     Comparison,
-    Difference,
     check_comparable,
     compare,
     p_text,
 )
+from reverie_eval.analysis._differences import Difference
 from reverie_eval.analysis._episodes import (
     Episode,
     Gallery,
@@ -40,7 +40,7 @@ from reverie_eval.analysis._evidence import (
     spread_of_changes,
 )
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
-from reverie_eval.analysis._runs import RunIntervals, Runs, Scored
+from reverie_eval.analysis._runs import RunIntervals, Runs
 
 __all__ = [
     "BEST",
@@ -61,7 +61,6 @@ __all__ = [
     "Ranks",
     "RunIntervals",
     "Runs",
-    "Scored",
     "Spread",
     "VisibleObject",
     "breakdown",

@@ -7,7 +7,7 @@ correlated, so differences have intervals of their own, narrower than separate o
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import comb
 from operator import attrgetter
 from typing import TYPE_CHECKING, Literal
@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.analysis._runs import RunIntervals, Runs, Scored, crossed_means, runs_of
-from reverie_eval.arrays import Array, FloatArray, difference
+from reverie_eval.analysis._differences import Difference, describe_differences, intervals_of_runs
+from reverie_eval.analysis._runs import Runs
+from reverie_eval.arrays import difference
 from reverie_eval.errors import ProtocolError, SubmissionError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
@@ -24,10 +25,9 @@ from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     Clustering,
     ClusterIntervals,
-    Interval,
     Intervals,
+    Scored,
     Track,
-    bounds_of,
     clusters_of,
     evaluate,
 )
@@ -48,36 +48,6 @@ BEST = "best"
 """The name that chooses the baseline by its scores."""
 SMALLEST_SHOWN_P = 0.001
 """The smallest p-value that is shown; smaller ones are ``p < 0.001``."""
-
-
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """How a submission differs from the first in one metric, in the metric's own unit."""
-
-    mean: float
-    """Mean of the submission's values minus the first's."""
-    interval: Interval
-    p_value: float
-    """Two-sided p-value of the paired randomisation test over clusters, corrected by Holm's method
-    for the number of submissions compared with the first."""
-    higher: int
-    """Episodes in which the submission's value is higher."""
-    lower: int
-    """Episodes in which the value is lower than the first submission's."""
-    mcnemar_p: float | None
-    """P-value of McNemar's exact test, corrected as ``p_value``; null if the metric is not
-    binary, or there are several runs."""
-
-    @property
-    def reversed(self) -> Self:
-        """How the first submission differs from this one."""
-        return replace(
-            self,
-            mean=-self.mean,
-            interval=Interval(-self.interval.high, -self.interval.low),
-            higher=self.lower,
-            lower=self.higher,
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -155,8 +125,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # To have compared all pairs for the best one is no less than to test them all.
         pairs = comb(len(scores), 2) if baseline == BEST else None
         if any(isinstance(each, Runs) for each in scores.values()):
-            run_intervals, p_value = _test_runs(scores, changes, cluster, engine.confidence)
-            differences = _differences(changes, run_intervals, p_value, pairs)
+            run_intervals, p_value = intervals_of_runs(scores, changes, cluster, engine.confidence)
+            differences = describe_differences(changes, run_intervals, p_value, pairs)
             return cls(scores, run_intervals, differences, pairs, 0, 0.0)
         row_cluster = clusters_of(first.ground_truth, cluster)
         intervals = Intervals.of_several(
@@ -167,7 +137,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # All changes side by side, so that the swaps are drawn once.
         table = np.column_stack([each for change in changes.values() for each in change.values()])
         p_value = randomisation_p(table, row_cluster, resamples=swaps, seed=engine.seed)
-        differences = _differences(changes, intervals, p_value, pairs)
+        differences = describe_differences(changes, intervals, p_value, pairs)
         smallest = smallest_p(n_comparisons, len(np.unique(row_cluster)))
         return cls(scores, intervals, differences, pairs, swaps, smallest)
 
@@ -196,7 +166,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
     def is_identical(self, name: str) -> bool:
         """Whether a submission and the first have the same value in every episode and metric."""
-        return not any(map(_changes, self[name].values()))
+        return not any(map(attrgetter("is_change"), self[name].values()))
 
     def is_significant(self, name: str) -> bool:
         """Whether interval and test agree that a submission differs in the primary metric."""
@@ -215,7 +185,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         episode) and ``not significant``.
         """
         found = self[name][self.primary(name).key]
-        if not _changes(found):
+        if not found.is_change:
             return "same"
         if not self.is_significant(name):
             return "not significant"
@@ -457,66 +427,3 @@ def _baseline_first(scores: Mapping[str, Scored], baseline: str | None) -> Mappi
     if baseline not in scores:
         raise ProtocolError(f"no submission is named {baseline!r}{did_you_mean(baseline, scores)}")
     return {baseline: scores[baseline], **scores}
-
-
-def _changes(difference: Difference) -> bool:
-    """Whether a difference is not 0 in some episode."""
-    return bool(difference.higher or difference.lower)
-
-
-def _test_runs(
-    scores: Mapping[str, Scored],
-    changes: Mapping[str, Mapping[str, Array]],
-    cluster: Clustering,
-    confidence: float,
-) -> tuple[Mapping[str, RunIntervals], FloatArray]:
-    """Test methods of several runs: the intervals of their changes, and each one's p-value."""
-    first = runs_of(next(iter(scores.values())))
-    intervals: dict[str, RunIntervals] = {}
-    p_values = []
-    for name, change in changes.items():
-        keys, runs = list(change), runs_of(scores[name])
-        means = crossed_means(runs, keys, cluster).minus(crossed_means(first, keys, cluster))
-        bounds = bounds_of(keys, attrgetter("difference_bounds"))
-        ends = means.interval(bounds, confidence)
-        intervals[name] = RunIntervals.of(
-            means, ends, keys, cluster=cluster, confidence=confidence, runs=[runs, first]
-        )
-        p_values.append(means.p_value(bounds))
-    return intervals, np.concatenate(p_values)
-
-
-def _differences(
-    changes: Mapping[str, Mapping[str, Array]],
-    intervals: Mapping[str, ClusterIntervals],
-    p_value: FloatArray,
-    pairs: int | None,
-) -> Mapping[str, Mapping[str, Difference]]:
-    """Describe the changes, arrays of shape (n_episodes,) by submission and metric.
-
-    ``p_value`` has the p-value of each change, one after the other.
-    """
-    from reverie_eval.metrics.uncertainty import holm, mcnemar_p
-
-    columns = [(name, key) for name, change in changes.items() for key in change]
-    higher = np.array([(changes[name][key] > 0).sum() for name, key in columns])
-    lower = np.array([(changes[name][key] < 0).sum() for name, key in columns])
-    mcnemar = mcnemar_p(higher, lower)
-    # Holm's correction is over the submissions that have a metric.
-    metric = np.array([key for _, key in columns])
-    for key in set(metric.tolist()):
-        rows = metric == key
-        p_value[rows] = holm(p_value[rows], pairs)
-        mcnemar[rows] = holm(mcnemar[rows], pairs)
-    differences: dict[str, dict[str, Difference]] = {name: {} for name in changes}
-    for column, (name, key) in enumerate(columns):
-        has_mcnemar = CATALOGUE[key].is_binary and isinstance(intervals[name], Intervals)
-        differences[name][key] = Difference(
-            mean=float(changes[name][key].mean()),
-            interval=intervals[name][key],
-            p_value=float(p_value[column]),
-            higher=int(higher[column]),
-            lower=int(lower[column]),
-            mcnemar_p=float(mcnemar[column]) if has_mcnemar else None,
-        )
-    return differences

@@ -1,24 +1,22 @@
 """Several runs of one method, such as trainings with different seeds: mean, interval, variance."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from operator import attrgetter
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.arrays import Array, FloatArray, frozen
+from reverie_eval.arrays import FloatArray, frozen
 from reverie_eval.errors import ProtocolError
-from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.scoring import (
     Clustering,
     ClusterIntervals,
     Interval,
     Intervals,
-    Protocol,
+    Scored,
     Scores,
     bounds_of,
     clusters_of,
@@ -109,16 +107,16 @@ _NO_EVIDENCE = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Runs(Mapping[str, float]):
+class Runs(Scored):
     """Several runs of one method: ``runs["rgspl"]`` is the mean over runs and episodes.
 
-    Keys are the metrics that all runs have, in the order of the CATALOGUE.
+    Keys are the metrics that all runs have.
     """
 
-    runs: Mapping[str, Scores]
-    """The scores of each run, by name."""
     intervals: RunIntervals
     """Confidence intervals: other seeds and other episodes would give other means."""
+    runs: Mapping[str, Scores]
+    """The scores of each run, by name."""
 
     @classmethod
     def of(
@@ -167,25 +165,14 @@ class Runs(Mapping[str, float]):
         intervals = RunIntervals.of(
             means, ends, keys, cluster=cluster, confidence=level, runs=[runs]
         )
-        return cls(runs, intervals)
+        mean = {
+            key: frozen(np.mean([each.episodes[key] for each in runs.values()], axis=0))
+            for key in keys
+        }
+        return cls(first.ground_truth, first.protocol, mean, first.qualifier, intervals, runs)
 
     def __getitem__(self, key: str) -> float:
         return float(self.episodes[key].mean())
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.episodes)
-
-    def __len__(self) -> int:
-        return len(self.episodes)
-
-    @cached_property
-    def episodes(self) -> Mapping[str, Array]:
-        """The mean over runs for each metric and episode, as in ``Scores.episodes``."""
-        several = list(self.runs.values())
-        return {
-            key: frozen(np.mean([each.episodes[key] for each in several], axis=0))
-            for key in common_keys(several)
-        }
 
     def deviation(self, key: str) -> float:
         """Return the standard deviation of a metric between the runs, in its own unit."""
@@ -193,48 +180,9 @@ class Runs(Mapping[str, float]):
         return float(np.std([each[key] for each in self.runs.values()], ddof=1))
 
     @property
-    def signature(self) -> str:
-        """The signature that all runs have."""
-        return self._first.signature
-
-    @property
-    def split(self) -> str:
-        """The split that was scored."""
-        return self._first.split
-
-    @property
-    def ground_truth(self) -> GroundTruth:
-        """What the runs were scored against."""
-        return self._first.ground_truth
-
-    @property
-    def protocol(self) -> Protocol:
-        """The protocol that scored the runs."""
-        return self._first.protocol
-
-    @property
-    def qualifier(self) -> str:
-        """What the scores depend on besides split, protocol and data."""
-        return self._first.qualifier
-
-    @property
-    def instr_ids(self) -> Sequence[str]:
-        """The episodes, in the order of their values in ``episodes``."""
-        return self._first.instr_ids
-
-    @property
-    def headline(self) -> Sequence[Metric]:
-        """The scored metrics that every score table shows, in its order."""
-        return self.ground_truth.task.headline_metrics(self)
-
-    @property
     def notes(self) -> Sequence[str]:
         """What a reader should know about each run."""
         return [f"{name}: {note}" for name, each in self.runs.items() for note in each.notes]
-
-    @property
-    def _first(self) -> Scores:
-        return next(iter(self.runs.values()))
 
     def to_report(self) -> "RunsReport":
         """Return the report of the runs, which ``--format json`` prints."""
@@ -260,17 +208,12 @@ class Runs(Mapping[str, float]):
         return runs_table(self).to_html()
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)
-        return f"<Runs of {len(self.runs)}: {values}; {self.signature}>"
-
-
-Scored: TypeAlias = Scores | Runs
-"""The scores of a method, which can be compared: of one run, or of several."""
+        return super().__repr__().replace("Runs", f"Runs of {len(self.runs)}:", 1)
 
 
 def runs_of(scored: Scored) -> Mapping[str, Scores]:
     """Return the runs of a method by name; scores count as one run."""
-    return scored.runs if isinstance(scored, Runs) else {"": scored}
+    return scored.runs if isinstance(scored, Runs) else {"": cast("Scores", scored)}
 
 
 def equal_runs(runs: Mapping[str, Scores]) -> Sequence[Sequence[str]]:

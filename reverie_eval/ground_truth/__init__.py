@@ -9,7 +9,7 @@ from reverie_eval.ground_truth._bundle import (
 )
 from reverie_eval.ground_truth._graph import NavigationGraph
 from reverie_eval.ground_truth._solution import CandidateBoxes, Solution
-from reverie_eval.ground_truth._subset import draw_subset, read_episode_ids
+from reverie_eval.ground_truth._subset import draw_subset, find_words, read_episode_ids
 from reverie_eval.ground_truth._truth import (
     DEMO_BUNDLES,
     DEMO_DATASET,
@@ -40,6 +40,7 @@ __all__ = [
     "bundled_splits",
     "draw_subset",
     "find_ground_truth",
+    "find_words",
     "pack_texts",
     "read_episode_ids",
 ]

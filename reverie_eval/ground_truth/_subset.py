@@ -17,7 +17,7 @@ import numpy as np
 from reverie_eval.arrays import IntArray
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, ProtocolError, SubsetError
 from reverie_eval.tasks import BUILT_IN, find_task
-from reverie_eval.text import count_text
+from reverie_eval.text import count_text, tokenize
 
 _DIGEST_SHOWN = 12
 _ID_KEYS = [
@@ -153,6 +153,20 @@ def draw_subset(strata: Mapping[str, str], number: int, seed: int, split: str) -
         count[stratum] += 1
     drawn = {each for stratum, ids in members.items() for each in ids[: count[stratum]]}
     return [instr_id for instr_id in strata if instr_id in drawn]
+
+
+def find_words(words: Sequence[str], instructions: Mapping[str, str]) -> Sequence[str]:
+    """Return the episodes whose instruction has all of the words; see :meth:`Scores.with_words`."""
+    wanted = {token for word in words for token in tokenize(word)}
+    if not wanted:
+        raise ProtocolError("with_words needs a word that instructions may have")
+    tokens = {instr_id: set(tokenize(text)) for instr_id, text in instructions.items()}
+    chosen = [instr_id for instr_id, found in tokens.items() if wanted <= found]
+    if not chosen:
+        unknown = sorted(wanted.difference(*tokens.values()))
+        which = f": {', '.join(unknown)} is in none of them" if unknown else ""
+        raise ProtocolError(f"no instruction has all the words {' '.join(words)!r}{which}")
+    return chosen
 
 
 def _digest(text: str) -> str:

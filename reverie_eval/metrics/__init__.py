@@ -3,9 +3,6 @@
 from reverie_eval.metrics._catalogue import (
     CATALOGUE,
     PRIMARY_METRIC,
-    Metric,
-    Need,
-    Unit,
     units_of,
 )
 from reverie_eval.metrics._grounding import (
@@ -19,7 +16,7 @@ from reverie_eval.metrics._grounding import (
     box_overlap,
     candidate_match,
 )
-from reverie_eval.metrics._inputs import Inputs
+from reverie_eval.metrics._metric import Inputs, Metric, Need, Unit
 from reverie_eval.metrics._navigation import (
     FIDELITY_DISTANCE,
     SUCCESS_DISTANCE,

@@ -4,12 +4,8 @@ To add a metric, write an entry: ``compute`` takes its values from :class:`Input
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Literal
-
-import numpy as np
 
 from reverie_eval.arrays import Array, IntArray
 from reverie_eval.metrics._grounding import (
@@ -25,7 +21,7 @@ from reverie_eval.metrics._grounding import (
     point_error,
     remote_grounding_success,
 )
-from reverie_eval.metrics._inputs import Inputs
+from reverie_eval.metrics._metric import Inputs, Metric, Need, Unit
 from reverie_eval.metrics._navigation import (
     cls,
     dtw,
@@ -42,119 +38,7 @@ from reverie_eval.metrics._navigation import (
     success,
 )
 
-Unit = Literal["fraction", "metres", "count", "turns"]
-Direction = Literal["higher", "lower", "neither"]
-Need = Literal["trajectory", "answer", "box", "goal region", "planner's path", "outline"]
-
-_SUFFIXES: Mapping[Unit, str] = MappingProxyType(
-    {"fraction": "%", "metres": "m", "count": "", "turns": "turns"}
-)
 _TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Metric:
-    """A metric: its names, its meaning, and how it is computed.
-
-    Values lie in ``[0, upper_bound]``, or in ``[-upper_bound, upper_bound]`` if it is signed.
-    """
-
-    key: str
-    label: str
-    name: str
-    definition: str
-    unit: Unit
-    better: Direction
-    needs: frozenset[Need] = _TRAJECTORY
-    """What a submission must contain for the metric to be scored, by default a trajectory."""
-    protocol_fields: frozenset[str] = frozenset()
-    """Fields of the protocol that the value depends on, directly or through another metric."""
-    compute: Callable[[Inputs], Array]
-    """Return a value per episode; see :mod:`reverie_eval.metrics._inputs`."""
-    is_binary: bool = False
-    """Whether every value is 0 or 1."""
-    of_goal: str = ""
-    """The definition, with ``{goal}`` in place of the success rule, if that depends on the task."""
-    is_signed: bool = False
-    """Whether values can be negative."""
-    is_partial: bool = False
-    """Whether only some episodes have a value and the others are NaN; the mean is over those that
-    have one, and there are no intervals."""
-
-    @property
-    def upper_bound(self) -> float:
-        """The largest value an episode can have."""
-        return 1.0 if self.unit == "fraction" else float("inf")
-
-    @property
-    def suffix(self) -> str:
-        """The unit that :meth:`display` uses: ``%``; empty for counts."""
-        return _SUFFIXES[self.unit]
-
-    @property
-    def lower_bound(self) -> float:
-        """The smallest value an episode can have."""
-        return -self.upper_bound if self.is_signed else 0.0
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """The smallest and the largest value an episode can have."""
-        return self.lower_bound, self.upper_bound
-
-    @property
-    def difference_bounds(self) -> tuple[float, float]:
-        """The smallest and the largest difference of two values; infinite unless both are bounded.
-
-        >>> CATALOGUE["success"].difference_bounds, CATALOGUE["path_length"].difference_bounds
-        ((-1.0, 1.0), (-inf, inf))
-        """
-        largest = self.upper_bound - self.lower_bound
-        return -largest, largest
-
-    @property
-    def heading(self) -> str:
-        """The label with that unit: ``SR %``."""
-        return f"{self.label} {self.suffix}".rstrip()
-
-    def for_goal(self, goal: str) -> "Metric":
-        """Return the metric with the success rule filled into its definition."""
-        return replace(self, definition=self.of_goal.format(goal=goal)) if self.of_goal else self
-
-    def mean(self, values: Array) -> float:
-        """Return the mean over episodes; NaN for a partial metric if no episode has a value."""
-        if not self.is_partial:
-            return float(values.mean())
-        values = values[~np.isnan(values)]
-        return float(values.mean()) if values.size else float("nan")
-
-    def rounded(self, value: float) -> float:
-        """Round to the digits that :meth:`display` shows.
-
-        >>> CATALOGUE["success"].rounded(0.54532677), CATALOGUE["path_length"].rounded(9.4734)
-        (0.5453, 9.47)
-        """
-        return round(value, 4 if self.unit == "fraction" else 2)
-
-    def display(self, value: float) -> str:
-        """Format a value for people: fractions as percentages, two decimals.
-
-        >>> CATALOGUE["success"].display(0.54532677)
-        '54.53'
-        """
-        text = f"{100 * value if self.unit == 'fraction' else value:.2f}"
-        return "0.00" if text == "-0.00" else text
-
-    def display_one(self, value: float) -> str:
-        """Format the value of a single episode: a binary one as yes or no.
-
-        >>> CATALOGUE["success"].display_one(1.0), CATALOGUE["spl"].display_one(0.5)
-        ('yes', '50.00')
-        """
-        if self.is_binary:
-            return "yes" if value else "no"
-        return self.display(value)
-
-
 _ANSWER: frozenset[Need] = frozenset({"answer"})
 _OUTLINE: frozenset[Need] = frozenset({"trajectory", "outline"})
 _BOX: frozenset[Need] = frozenset({"answer", "box"})

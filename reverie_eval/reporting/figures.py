@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reverie_eval.analysis import Comparison, Episode, GroupingKey, Scored
+from reverie_eval.analysis import Comparison, Episode, GroupingKey
 from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
@@ -31,7 +31,7 @@ from reverie_eval.reporting.map_layout import (
     Mark,
 )
 from reverie_eval.reporting.maps import EpisodeMap, Sign
-from reverie_eval.scoring import Scores
+from reverie_eval.scoring import Scored, Scores
 from reverie_eval.text import first_few
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from reverie_eval.analysis import GROUPINGS, Runs, Scored
+from reverie_eval.analysis import GROUPINGS, Runs
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.tables import (
@@ -20,7 +20,7 @@ from reverie_eval.reporting.tables import (
     metric_cell,
     metric_cells,
 )
-from reverie_eval.scoring import Evaluator, ScoredFiles, Scores, scored_metrics
+from reverie_eval.scoring import Evaluator, Scored, ScoredFiles, Scores, scored_metrics
 from reverie_eval.submissions import submission_names
 
 _WATCH_WIDTH = 7

@@ -38,7 +38,8 @@ from reverie_eval.scoring._intervals import (
     clusters_of,
 )
 from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups, is_goal
-from reverie_eval.scoring._scores import Scores, signature_of, task_of
+from reverie_eval.scoring._scored import Scored, signature_of, task_of
+from reverie_eval.scoring._scores import Scores
 from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 
 __all__ = [
@@ -60,6 +61,7 @@ __all__ = [
     "Lookups",
     "PreparedSubmission",
     "Protocol",
+    "Scored",
     "ScoredFiles",
     "Scores",
     "Track",

@@ -14,6 +14,7 @@ import numpy as np
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, frozen
 from reverie_eval.errors import ProtocolError
+from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE, Need, candidate_match
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.tasks import Protocol
@@ -158,6 +159,18 @@ def jump_notes(jumps: Array, protocol: Protocol | None = None) -> Sequence[str]:
         treatment = f"; {protocol.name}'s own evaluator stops at a jump"
     jumps_text = count_text(int(jumps.sum()), "jump")
     return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{treatment}",)
+
+
+def unscored_notes(truth: GroundTruth, protocol: Protocol) -> Iterator[str]:
+    """Yield what a protocol leaves out of a split, if it does."""
+    if truth.subset_digest or truth.subset_of is None:
+        return
+    whole, _ = truth.subset_of
+    unscored = sorted(whole.episodes.index.keys() - truth.episodes.index.keys())
+    yield (
+        f"{protocol.name} scores the first {protocol.scored_instructions} instructions of a path, "
+        f"not {first_few(unscored)}"
+    )
 
 
 OUTCOMES: Mapping[str, str] = MappingProxyType(

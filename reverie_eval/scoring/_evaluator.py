@@ -20,7 +20,8 @@ from reverie_eval.processes import map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
 from reverie_eval.scoring._evaluation import evaluate, is_grounding, why_not
 from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._scores import Scores, signature_of
+from reverie_eval.scoring._scored import signature_of
+from reverie_eval.scoring._scores import Scores
 from reverie_eval.submissions import (
     Content,
     Records,

@@ -1,20 +1,31 @@
-"""Saved scores: the aligned predictions and how they were scored, without any answers.
+"""Scores computed again, from a file or from parts, which takes milliseconds: the same digits.
 
-Scores are computed again from them, which takes milliseconds and gives the same digits.
+A file has the aligned predictions and how they were scored, without any answers.
 """
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import frozen, read_arrays, take_prefixed
-from reverie_eval.errors import ReverieEvalError
+from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
 from reverie_eval.files import staged_file
+from reverie_eval.ground_truth import GroundTruth, find_ground_truth
+from reverie_eval.scoring._lookups import Lookups
+from reverie_eval.scoring._scored import FINGERPRINT_SHOWN
 from reverie_eval.submissions import BoxAnswers, SubmissionColumns
+from reverie_eval.text import count_text, first_few
+
+if TYPE_CHECKING:
+    from reverie_eval.scoring._scores import Scores
 
 FORMAT_VERSION = 1
 _HEADER = "header"
@@ -54,6 +65,26 @@ class SavedHeader:
     is_navigation_only: bool
     format_version: int = FORMAT_VERSION
 
+    @classmethod
+    def of(cls, scores: "Scores", submission: SubmissionColumns) -> Self:
+        """Describe how a submission was scored."""
+        truth, intervals = scores.ground_truth, scores.intervals
+        settings = intervals and IntervalSettings(
+            intervals.cluster, intervals.confidence, intervals.resamples, intervals.seed
+        )
+        return cls(
+            task=truth.task.name,
+            split=truth.split,
+            protocol=scores.protocol.name,
+            qualifier=scores.qualifier,
+            fingerprint=truth.fingerprint,
+            # The ids themselves: the digest of a subset cannot be turned back into its episodes.
+            subset=tuple(scores.instr_ids) if truth.subset_digest else None,
+            hints=tuple(scores.hints),
+            intervals=settings or None,
+            is_navigation_only=submission.is_navigation_only,
+        )
+
 
 def write_saved(
     file: str | PathLike[str], header: SavedHeader, submission: SubmissionColumns
@@ -88,3 +119,54 @@ def read_saved(file: str | PathLike[str]) -> tuple[SavedHeader, SubmissionColumn
     is_navigation_only = header.is_navigation_only
     aligned = SubmissionColumns(**columns, boxes=boxes, is_navigation_only=is_navigation_only)
     return header, aligned
+
+
+def find_saved_truth(
+    file: str | PathLike[str],
+    header: SavedHeader,
+    given: str | PathLike[str] | GroundTruth | None,
+) -> GroundTruth:
+    """Find the ground truth that saved scores were computed with, reduced to their episodes."""
+    truth = find_ground_truth(given, header.split, header.task)
+    if truth.fingerprint != header.fingerprint:
+        raise GroundTruthError(
+            f"{file} was scored with ground truth {header.fingerprint[:FINGERPRINT_SHOWN]}, "
+            f"but {truth.origin} is {truth.fingerprint[:FINGERPRINT_SHOWN]}; pass "
+            "ground_truth=, or score the result file again"
+        )
+    return truth if header.subset is None else truth.subset(header.subset)
+
+
+def check_parts(parts: Sequence["Scores"]) -> None:
+    """Raise ProtocolError if there are no parts, or they were not scored alike."""
+    if not parts:
+        raise ProtocolError("there are no scores to concatenate")
+    first = parts[0]
+    for part in parts:
+        if part.conditions != first.conditions:
+            raise ProtocolError(
+                f"these scores are not of one split under one protocol: {first.signature} and "
+                f"{part.signature}"
+            )
+    # Whether answers are scored is a property of the whole table, not of a row.
+    kinds = {part.require_submission().is_navigation_only for part in parts}
+    if len(kinds) > 1:
+        raise ProtocolError("some of these scores have answers and others have none")
+
+
+def join_parts(parts: Sequence["Scores"]) -> Lookups:
+    """Join what was scored in several parts of a split, in the order of the whole."""
+    first = parts[0]
+    whole, _ = first.ground_truth.subset_of or (first.ground_truth, None)
+    whole = whole.scored_by(first.protocol)
+    instr_ids = [instr_id for part in parts for instr_id in part.instr_ids]
+    repeated = [instr_id for instr_id, count in Counter(instr_ids).items() if count > 1]
+    if repeated:
+        raise ProtocolError(
+            f"{count_text(len(repeated), 'episode')} in several parts, such as "
+            f"{first_few(repeated)}; give each episode once"
+        )
+    is_whole = len(instr_ids) == len(whole.episodes.instr_ids)
+    order = np.argsort([whole.episodes.index[instr_id] for instr_id in instr_ids])
+    submission = SubmissionColumns.concatenate([part.require_submission() for part in parts])
+    return Lookups(submission.take(order), whole if is_whole else whole.subset(instr_ids))

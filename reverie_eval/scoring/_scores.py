@@ -1,7 +1,6 @@
 """Scores: one value per metric and episode, their means, and their signature."""
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
@@ -17,8 +16,8 @@ from reverie_eval.errors import (
     ReverieEvalError,
     naming_missing_parts,
 )
-from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.metrics import CATALOGUE, Metric, units_of
+from reverie_eval.ground_truth import GroundTruth, find_words
+from reverie_eval.metrics import CATALOGUE, units_of
 from reverie_eval.scoring._episode_table import (
     OUTCOMES,
     EpisodeTable,
@@ -27,13 +26,21 @@ from reverie_eval.scoring._episode_table import (
     jump_notes,
     outcome_indices,
     track_of,
+    unscored_notes,
 )
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
 from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups
-from reverie_eval.scoring._saved import IntervalSettings, SavedHeader, read_saved, write_saved
+from reverie_eval.scoring._saved import (
+    SavedHeader,
+    check_parts,
+    find_saved_truth,
+    join_parts,
+    read_saved,
+    write_saved,
+)
+from reverie_eval.scoring._scored import Scored
 from reverie_eval.submissions import SubmissionColumns
-from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
-from reverie_eval.text import count_text, first_few, tokenize
+from reverie_eval.tasks import Protocol, find_task
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
@@ -43,31 +50,17 @@ if TYPE_CHECKING:
     from reverie_eval.reporting.figures import Plots
     from reverie_eval.schemas.report import ScoreReport
 
-_FINGERPRINT_SHOWN = 12
-_TASK = "task:"
-"""Begins the part of a signature that names the task."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scores(Mapping[str, float]):
-    """The scores of a submission: ``scores["rgspl"]`` is the mean over all episodes.
+class Scores(Scored):
+    """The scores of a submission: ``scores["rgspl"]`` is the mean over all episodes."""
 
-    Keys and their order are those of the CATALOGUE. Fractions are in [0, 1], lengths in metres,
-    and nothing is rounded.
-    """
-
-    ground_truth: GroundTruth
-    protocol: Protocol
-    episodes: Mapping[str, Array]
-    """One value per episode for each metric, in the order of the ground truth; read-only."""
-    hints: Sequence[str] = ()
-    """How the file was read, and what in it looks like a mistake."""
-    qualifier: str = ""
-    """What the scores depend on besides split, protocol and data: ``track:grounding``."""
-    boxes: BoxScores | None = None
-    """The predicted boxes, if there are any and the protocol scores them."""
     intervals: Intervals | None = None
     """Confidence intervals of every metric, if :meth:`with_intervals` computed them."""
+    hints: Sequence[str] = ()
+    """How the file was read, and what in it looks like a mistake."""
+    boxes: BoxScores | None = None
+    """The predicted boxes, if there are any and the protocol scores them."""
     submission: SubmissionColumns | None = None
     """The trajectories and answers that were scored; not part of any report."""
 
@@ -121,15 +114,7 @@ class Scores(Mapping[str, float]):
         """
         header, submission = read_saved(file)
         protocol = find_task(header.task).protocol(header.protocol)
-        truth = find_ground_truth(ground_truth, header.split, header.task)
-        if truth.fingerprint != header.fingerprint:
-            raise GroundTruthError(
-                f"{file} was scored with ground truth {header.fingerprint[:_FINGERPRINT_SHOWN]}, "
-                f"but {truth.origin} is {truth.fingerprint[:_FINGERPRINT_SHOWN]}; pass "
-                "ground_truth=, or score the result file again"
-            )
-        if header.subset is not None:
-            truth = truth.subset(header.subset)
+        truth = find_saved_truth(file, header, ground_truth)
         scores = cls.of(
             Lookups(submission, truth.scored_by(protocol)),
             protocol,
@@ -158,21 +143,10 @@ class Scores(Mapping[str, float]):
             If some have no trajectories.
         """
         listed = list(parts)
-        first = _check_parts(listed)
-        whole, _ = first.ground_truth.subset_of or (first.ground_truth, None)
-        whole = whole.scored_by(first.protocol)
-        instr_ids = [instr_id for part in listed for instr_id in part.instr_ids]
-        repeated = [instr_id for instr_id, count in Counter(instr_ids).items() if count > 1]
-        if repeated:
-            raise ProtocolError(
-                f"{count_text(len(repeated), 'episode')} in several parts, such as "
-                f"{first_few(repeated)}; give each episode once"
-            )
-        is_whole = len(instr_ids) == len(whole.episodes.instr_ids)
-        order = np.argsort([whole.episodes.index[instr_id] for instr_id in instr_ids])
-        submission = SubmissionColumns.concatenate([part.require_submission() for part in listed])
+        check_parts(listed)
+        first, *_ = listed
         return cls.of(
-            Lookups(submission.take(order), whole if is_whole else whole.subset(instr_ids)),
+            join_parts(listed),
             first.protocol,
             hints=list(dict.fromkeys(hint for part in listed for hint in part.hints)),
             qualifier=first.qualifier,
@@ -182,35 +156,6 @@ class Scores(Mapping[str, float]):
         values = self.episodes[key]  # which tells a wrong key
         return CATALOGUE[key].mean(values)
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.episodes)
-
-    def __len__(self) -> int:
-        return len(self.episodes)
-
-    @property
-    def split(self) -> str:
-        """The split that was scored."""
-        return self.ground_truth.split
-
-    @property
-    def instr_ids(self) -> Sequence[str]:
-        """The episodes, in the order of their values in ``episodes``."""
-        return self.ground_truth.episodes.instr_ids
-
-    @property
-    def signature(self) -> str:
-        """Everything that the scores depend on; scores with equal signatures are comparable.
-
-        After sacreBLEU (Post, "A Call for Clarity in Reporting BLEU Scores", WMT 2018).
-        """
-        return signature_of(self.ground_truth, self.protocol, self.qualifier)
-
-    @property
-    def headline(self) -> Sequence[Metric]:
-        """The scored metrics that every score table shows, in its order."""
-        return self.ground_truth.task.headline_metrics(self)
-
     @property
     def notes(self) -> Sequence[str]:
         """What a reader of the scores should know, one sentence each."""
@@ -219,7 +164,7 @@ class Scores(Mapping[str, float]):
             *([] if self.boxes is None else [self.boxes.note]),
             *self.hints,
             *([] if jumps is None else jump_notes(jumps, self.protocol)),
-            *_unscored_notes(self.ground_truth, self.protocol),
+            *unscored_notes(self.ground_truth, self.protocol),
         ]
 
     @property
@@ -355,20 +300,8 @@ class Scores(Mapping[str, float]):
         GroundTruthError
             If the ground truth was compiled without instructions.
         """
-        wanted = {token for word in words for token in tokenize(word)}
-        if not wanted:
-            raise ProtocolError("with_words needs a word that instructions may have")
-        tokens = [set(tokenize(each)) for each in self.ground_truth.episodes.instructions]
-        chosen = [
-            instr_id
-            for instr_id, found in zip(self.instr_ids, tokens, strict=True)
-            if wanted <= found
-        ]
-        if not chosen:
-            unknown = sorted(wanted.difference(*tokens))
-            which = f": {', '.join(unknown)} is in none of them" if unknown else ""
-            raise ProtocolError(f"no instruction has all the words {' '.join(words)!r}{which}")
-        return self.subset(chosen)
+        instructions = self.ground_truth.episodes.instructions
+        return self.subset(find_words(words, dict(zip(self.instr_ids, instructions, strict=True))))
 
     def save(self, file: str | PathLike[str]) -> None:
         """Write these scores to a file, which :meth:`load` reads; it contains no answers.
@@ -380,26 +313,8 @@ class Scores(Mapping[str, float]):
         OSError
             If the file cannot be written.
         """
-        settings = self.intervals and IntervalSettings(
-            cluster=self.intervals.cluster,
-            confidence=self.intervals.confidence,
-            resamples=self.intervals.resamples,
-            seed=self.intervals.seed,
-        )
         submission = self.require_submission()
-        header = SavedHeader(
-            task=self.ground_truth.task.name,
-            split=self.split,
-            protocol=self.protocol.name,
-            qualifier=self.qualifier,
-            fingerprint=self.ground_truth.fingerprint,
-            # The ids themselves: the digest of a subset cannot be turned back into its episodes.
-            subset=tuple(self.instr_ids) if self.ground_truth.subset_digest else None,
-            hints=tuple(self.hints),
-            intervals=settings or None,
-            is_navigation_only=submission.is_navigation_only,
-        )
-        write_saved(file, header, submission)
+        write_saved(file, SavedHeader.of(self, submission), submission)
 
     def require_submission(self) -> SubmissionColumns:
         """Return the trajectories and answers that were scored.
@@ -533,74 +448,3 @@ class Scores(Mapping[str, float]):
             intervals=None if self.intervals is None else self.intervals.to_report(),
             notes=list(self.notes),
         )
-
-    def __repr__(self) -> str:
-        values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)
-        return f"<Scores {values}; {self.signature}>"
-
-
-def _check_parts(parts: Sequence[Scores]) -> Scores:
-    """Return the first part, if all were scored alike."""
-    if not parts:
-        raise ProtocolError("there are no scores to concatenate")
-    first = parts[0]
-    for part in parts:
-        if _conditions(part) != _conditions(first):
-            raise ProtocolError(
-                f"these scores are not of one split under one protocol: {first.signature} and "
-                f"{part.signature}"
-            )
-    # Whether answers are scored is a property of the whole table, not of a row.
-    kinds = {part.require_submission().is_navigation_only for part in parts}
-    if len(kinds) > 1:
-        raise ProtocolError("some of these scores have answers and others have none")
-    return first
-
-
-def _conditions(scores: Scores) -> Sequence[str]:
-    """Return what a signature says besides the choice of episodes."""
-    truth = scores.ground_truth
-    of = truth.task.name, truth.split, truth.fingerprint
-    return *of, scores.protocol.name, scores.qualifier
-
-
-def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
-    """Return the signature of scores under a protocol and a ground truth, with this version."""
-    task = truth.header.task
-    parts = [
-        # REVERIE's signatures do not name it: they are older than the other tasks.
-        *([] if task == DEFAULT_TASK else [f"{_TASK}{task}"]),
-        f"split:{truth.split}",
-        f"protocol:{protocol.name}",
-        *([qualifier] if qualifier else []),
-        *([f"subset:{truth.subset_digest}"] if truth.subset_digest else []),
-        f"data:{truth.fingerprint[:_FINGERPRINT_SHOWN]}",
-        f"n:{len(truth.episodes.instr_ids)}",
-        f"version:{__version__}",
-    ]
-    return "|".join(parts)
-
-
-def task_of(signature: str) -> Task:
-    """Return the task that a signature names; REVERIE if it names none.
-
-    Raises
-    ------
-    ProtocolError
-        If the task is not installed.
-    """
-    first = signature.partition("|")[0]
-    is_named = first.startswith(_TASK)
-    return find_task(first.removeprefix(_TASK) if is_named else DEFAULT_TASK)
-
-
-def _unscored_notes(truth: GroundTruth, protocol: Protocol) -> Iterator[str]:
-    """Yield what a protocol leaves out of a split, if it does."""
-    if truth.subset_digest or truth.subset_of is None:
-        return
-    whole, _ = truth.subset_of
-    unscored = sorted(whole.episodes.index.keys() - truth.episodes.index.keys())
-    yield (
-        f"{protocol.name} scores the first {protocol.scored_instructions} instructions of a path, "
-        f"not {first_few(unscored)}"
-    )

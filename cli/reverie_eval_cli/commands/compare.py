@@ -8,9 +8,9 @@ from pathlib import Path
 import click
 
 from reverie_eval import Scores
-from reverie_eval.analysis import BEST, Runs, Scored
+from reverie_eval.analysis import BEST, Runs
 from reverie_eval.reporting.tables import FORMATS
-from reverie_eval.scoring import Clustering, Intervals
+from reverie_eval.scoring import Clustering, Intervals, Scored
 from reverie_eval.submissions import find_files, find_runs, submission_names
 from reverie_eval_cli import options
 from reverie_eval_cli.options import ScoringOptions

@@ -1,0 +1,113 @@
+"""The difference of a submission from another in one metric, with its tests."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from operator import attrgetter
+
+import numpy as np
+from typing_extensions import Self
+
+from reverie_eval.analysis._runs import RunIntervals, crossed_means, runs_of
+from reverie_eval.arrays import Array, FloatArray
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.scoring import (
+    Clustering,
+    ClusterIntervals,
+    Interval,
+    Intervals,
+    Scored,
+    bounds_of,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How a submission differs from the first in one metric, in the metric's own unit."""
+
+    mean: float
+    """Mean of the submission's values minus the first's."""
+    interval: Interval
+    p_value: float
+    """Two-sided p-value of the paired randomisation test over clusters, corrected by Holm's method
+    for the number of submissions compared with the first."""
+    higher: int
+    """Episodes in which the submission's value is higher."""
+    lower: int
+    """Episodes in which the value is lower than the first submission's."""
+    mcnemar_p: float | None
+    """P-value of McNemar's exact test, corrected as ``p_value``; null if the metric is not
+    binary, or there are several runs."""
+
+    @property
+    def is_change(self) -> bool:
+        """Whether the difference is not 0 in some episode."""
+        return bool(self.higher or self.lower)
+
+    @property
+    def reversed(self) -> Self:
+        """How the first submission differs from this one."""
+        return replace(
+            self,
+            mean=-self.mean,
+            interval=Interval(-self.interval.high, -self.interval.low),
+            higher=self.lower,
+            lower=self.higher,
+        )
+
+
+def intervals_of_runs(
+    scores: Mapping[str, Scored],
+    changes: Mapping[str, Mapping[str, Array]],
+    cluster: Clustering,
+    confidence: float,
+) -> tuple[Mapping[str, RunIntervals], FloatArray]:
+    """Test methods of several runs: the intervals of their changes, and each one's p-value."""
+    first = runs_of(next(iter(scores.values())))
+    intervals: dict[str, RunIntervals] = {}
+    p_values = []
+    for name, change in changes.items():
+        keys, runs = list(change), runs_of(scores[name])
+        means = crossed_means(runs, keys, cluster).minus(crossed_means(first, keys, cluster))
+        bounds = bounds_of(keys, attrgetter("difference_bounds"))
+        ends = means.interval(bounds, confidence)
+        intervals[name] = RunIntervals.of(
+            means, ends, keys, cluster=cluster, confidence=confidence, runs=[runs, first]
+        )
+        p_values.append(means.p_value(bounds))
+    return intervals, np.concatenate(p_values)
+
+
+def describe_differences(
+    changes: Mapping[str, Mapping[str, Array]],
+    intervals: Mapping[str, ClusterIntervals],
+    p_value: FloatArray,
+    pairs: int | None,
+) -> Mapping[str, Mapping[str, Difference]]:
+    """Describe the changes, arrays of shape (n_episodes,) by submission and metric.
+
+    ``p_value`` has the p-value of each change, one after the other.
+    """
+    from reverie_eval.metrics.uncertainty import holm, mcnemar_p
+
+    columns = [(name, key) for name, change in changes.items() for key in change]
+    higher = np.array([(changes[name][key] > 0).sum() for name, key in columns])
+    lower = np.array([(changes[name][key] < 0).sum() for name, key in columns])
+    mcnemar = mcnemar_p(higher, lower)
+    # Holm's correction is over the submissions that have a metric.
+    metric = np.array([key for _, key in columns])
+    for key in set(metric.tolist()):
+        rows = metric == key
+        p_value[rows] = holm(p_value[rows], pairs)
+        mcnemar[rows] = holm(mcnemar[rows], pairs)
+    differences: dict[str, dict[str, Difference]] = {name: {} for name in changes}
+    for column, (name, key) in enumerate(columns):
+        has_mcnemar = CATALOGUE[key].is_binary and isinstance(intervals[name], Intervals)
+        differences[name][key] = Difference(
+            mean=float(changes[name][key].mean()),
+            interval=intervals[name][key],
+            p_value=float(p_value[column]),
+            higher=int(higher[column]),
+            lower=int(lower[column]),
+            mcnemar_p=float(mcnemar[column]) if has_mcnemar else None,
+        )
+    return differences

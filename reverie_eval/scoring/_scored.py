@@ -1,0 +1,119 @@
+"""What scores depend on, and the signature that says so."""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from reverie_eval.arrays import Array
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import Metric
+from reverie_eval.scoring._intervals import ClusterIntervals
+from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
+from reverie_eval.version import __version__
+
+if TYPE_CHECKING:
+    from reverie_eval.schemas.report import RunsReport, ScoreReport
+
+FINGERPRINT_SHOWN = 12
+"""Digits of a fingerprint in signatures and messages."""
+# It begins the part of a signature that names the task.
+_TASK = "task:"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scored(Mapping[str, float]):
+    """The scores of a method, of one run or of several, which can be compared with others.
+
+    Keys and their order are those of the CATALOGUE. Fractions are in [0, 1], lengths in metres,
+    and nothing is rounded.
+    """
+
+    ground_truth: GroundTruth
+    protocol: Protocol
+    episodes: Mapping[str, Array]
+    """One value per episode for each metric, in the order of the ground truth; read-only. Those of
+    several runs are means."""
+    qualifier: str
+    """What the scores depend on besides split, protocol and data: ``track:grounding``."""
+    intervals: ClusterIntervals | None
+    """Confidence intervals of the metrics, if there are any."""
+
+    @property
+    @abstractmethod
+    def notes(self) -> Sequence[str]:
+        """What a reader of the scores should know, one sentence each."""
+
+    @abstractmethod
+    def to_report(self) -> "ScoreReport | RunsReport":
+        """Return the report for programs, which ``--format json`` prints."""
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.episodes)
+
+    def __len__(self) -> int:
+        return len(self.episodes)
+
+    @property
+    def split(self) -> str:
+        """The split that was scored."""
+        return self.ground_truth.split
+
+    @property
+    def instr_ids(self) -> Sequence[str]:
+        """The episodes, in the order of their values in ``episodes``."""
+        return self.ground_truth.episodes.instr_ids
+
+    @property
+    def signature(self) -> str:
+        """Everything that the scores depend on; scores with equal signatures are comparable.
+
+        After sacreBLEU (Post, "A Call for Clarity in Reporting BLEU Scores", WMT 2018).
+        """
+        return signature_of(self.ground_truth, self.protocol, self.qualifier)
+
+    @property
+    def conditions(self) -> Sequence[str]:
+        """What the signature says besides the choice of episodes."""
+        truth = self.ground_truth
+        of = truth.task.name, truth.split, truth.fingerprint
+        return *of, self.protocol.name, self.qualifier
+
+    @property
+    def headline(self) -> Sequence[Metric]:
+        """The scored metrics that every score table shows, in its order."""
+        return self.ground_truth.task.headline_metrics(self)
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)
+        return f"<{type(self).__name__} {values}; {self.signature}>"
+
+
+def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
+    """Return the signature of scores under a protocol and a ground truth, with this version."""
+    task = truth.header.task
+    parts = [
+        # REVERIE's signatures do not name it: they are older than the other tasks.
+        *([] if task == DEFAULT_TASK else [f"{_TASK}{task}"]),
+        f"split:{truth.split}",
+        f"protocol:{protocol.name}",
+        *([qualifier] if qualifier else []),
+        *([f"subset:{truth.subset_digest}"] if truth.subset_digest else []),
+        f"data:{truth.fingerprint[:FINGERPRINT_SHOWN]}",
+        f"n:{len(truth.episodes.instr_ids)}",
+        f"version:{__version__}",
+    ]
+    return "|".join(parts)
+
+
+def task_of(signature: str) -> Task:
+    """Return the task that a signature names; REVERIE if it names none.
+
+    Raises
+    ------
+    ProtocolError
+        If the task is not installed.
+    """
+    first = signature.partition("|")[0]
+    is_named = first.startswith(_TASK)
+    return find_task(first.removeprefix(_TASK) if is_named else DEFAULT_TASK)

@@ -12,7 +12,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from reverie_eval import evaluate
-from reverie_eval.reporting.figures import INK, STYLE, draw_map
+from reverie_eval.reporting.drawing import INK
+from reverie_eval.reporting.figures import STYLE, draw_map
 from reverie_eval.reporting.maps import EpisodeMap
 
 EPISODE = "1196_0_0"

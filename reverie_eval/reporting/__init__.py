@@ -7,7 +7,8 @@ tables                one Table, its formats, and how terminals show it
 scores, comparisons   scores, rankings, runs and differences in every format
 service               what an evaluation server replies
 datasets              the faults and contents of a dataset
-charts, figures       distributions as SVG; all figures with matplotlib
+drawing               lines by class, as SVG and with matplotlib
+charts, figures       distributions; all figures with matplotlib
 maps                  an episode from above, as data
 map_layout, map_svg   what is on a map and where; maps as SVG
 answers, answer_svg   what is visible where an agent answered; its pictures

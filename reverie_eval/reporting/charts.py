@@ -1,11 +1,13 @@
-"""The data of charts, and charts as SVG for the report; notebooks draw them with matplotlib.
+"""Charts: their data, what is drawn on which axes, and SVG for the report.
+
+Notebooks draw the same with matplotlib.
 
 The colours of SVG come from the page. Classes: ``mark series-1`` and ``outline series-2`` for
 submissions, ``dot`` for episodes, ``axis`` for grid lines.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from itertools import count
 from types import MappingProxyType
@@ -15,6 +17,7 @@ from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.metrics import CATALOGUE, Metric, Unit
+from reverie_eval.reporting.drawing import Lines, path, path_data, text_at
 from reverie_eval.scoring import Scores
 
 _MOST_BARS = 60
@@ -24,6 +27,7 @@ others together."""
 _MILLIMETRE = 1e-3
 WIDTH, HEIGHT = 400, 250
 _LEFT, _RIGHT, _TOP, _BOTTOM = 42, 12, 10, 40
+_INSIDE_WIDTH, _INSIDE_HEIGHT = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
 _MOST_TICKS = 7
 
 
@@ -109,10 +113,40 @@ class Histogram:
         unit = self.metric.suffix
         return f"{self.metric.name} ({unit})" if unit else self.metric.name
 
-    @property
-    def share_label(self) -> str:
-        """What the heights of the bars are."""
-        return f"share of {self.noun} (%)"
+    def chart(self, names: Sequence[str]) -> "Chart":
+        """Return bars for the first submission, and an outline for the second.
+
+        ``names`` are those of all submissions, also of one without values in the histogram.
+        """
+        low, high = float(self.edges[0]), float(self.edges[-1])
+        draw = {"mark series-1": self._bars, "outline series-2": self._outline}
+        return Chart(
+            title=f"Distribution of {self.label}",
+            x_label=self.label,
+            y_label=f"share of {self.noun} (%)",
+            low=low,
+            high=high,
+            top=1.05 * max(float(share.max()) for share in self.share.values()),
+            lines={
+                kind: drawn(self.share[name])
+                for name, (kind, drawn) in zip(names, draw.items(), strict=False)
+                if name in self.share
+            },
+        )
+
+    def _bars(self, share: FloatArray) -> Sequence[FloatArray]:
+        # Half a unit of the page on either side makes a gap between bars.
+        gap = 0.5 * (self.edges[-1] - self.edges[0]) / _INSIDE_WIDTH
+        spans = zip(self.edges[:-1] + gap, self.edges[1:] - gap, share, strict=True)
+        return [
+            np.array([(left, 0), (left, height), (right, height), (right, 0)])
+            for left, right, height in spans
+            if height
+        ]
+
+    def _outline(self, share: FloatArray) -> Sequence[FloatArray]:
+        x, y = np.repeat(self.edges, 2), np.repeat(share, 2)
+        return [np.column_stack([x, np.concatenate([[0], y, [0]])])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +158,6 @@ class Walks:
     walked: FloatArray
     """Metres."""
     is_success: BoolArray
-    labels = "shortest length (m)", "walked length (m)"
-    """What a chart has to the right and up."""
 
     @classmethod
     def of(cls, scores: Scores) -> Self:
@@ -134,11 +166,31 @@ class Walks:
         is_success = episodes["success"] > 0
         return cls(episodes["shortest_length"], episodes["path_length"], is_success)
 
-    @property
-    def parts(self) -> Sequence[tuple[str, str, BoolArray]]:
-        """The class of the dots, its meaning and its episodes; what is drawn last is on top."""
-        hits = self.is_success
-        return ("miss", "stopped elsewhere", ~hits), ("hit", "stopped at the goal", hits)
+    def chart(self, top: float) -> "Chart":
+        """Return a dot for each walk of at most ``top`` metres, over its shortest length."""
+        walks = np.column_stack([self.shortest, self.walked])
+        # What is drawn last is on top.
+        parts = {"dot miss": ~self.is_success, "dot hit": self.is_success}
+        shown = self.walked <= top
+        high = float(np.ceil(self.shortest.max())) or 1.0
+        end = min(high, top)
+        return Chart(
+            title="Walked length of every episode over the shortest length",
+            x_label="shortest length (m)",
+            y_label="walked length (m)",
+            low=0.0,
+            high=high,
+            top=top,
+            lines={
+                **{kind: list(walks[part & shown][:, None]) for kind, part in parts.items()},
+                "diagonal": [np.array([(0, 0), (end, end)])],
+            },
+            key={
+                "dot miss": "stopped elsewhere",
+                "dot hit": "stopped at the goal",
+                "diagonal": "shortest",
+            },
+        )
 
     @property
     def longest_shown(self) -> float:
@@ -157,99 +209,66 @@ class Walks:
         return self.walked > self.shortest + _MILLIMETRE
 
 
-def histogram_svg(histogram: Histogram, names: Sequence[str]) -> str:
-    """Draw a histogram: bars for the first submission, an outline for the second.
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Lines on linear axes; values go to the right from ``low`` to ``high``, up from 0 to ``top``.
 
-    ``names`` are those of all submissions, also of one without values in the histogram.
+    Their classes are ``mark series-1`` and ``outline series-2`` for submissions, and ``dot`` for
+    episodes.
     """
-    most = max(float(share.max()) for share in histogram.share.values())
-    axes = _Axes(float(histogram.edges[0]), float(histogram.edges[-1]), 1.05 * most)
-    drawn = [
-        axes.bars(histogram.edges, share) if number == 1 else axes.outline(histogram.edges, share)
-        for number, name in enumerate(names, 1)
-        if (share := histogram.share.get(name)) is not None
-    ]
-    grid = axes.grid(histogram.label, histogram.share_label)
-    return _chart(f"Distribution of {histogram.label}", [*grid, *drawn])
 
-
-def walks_svg(walks: Walks) -> str:
-    """Draw a dot for every episode: the walked length against the shortest length."""
-    axes = _Axes(0.0, float(np.ceil(walks.shortest.max())) or 1.0, walks.longest_shown)
-    dots = [
-        f'<path class="dot {kind}" d="{axes.dots(walks.shortest[shown], walks.walked[shown])}"/>'
-        for kind, _, part in walks.parts
-        for shown in [part & walks.is_shown]
-    ]
-    ends = np.array([0.0, min(axes.high, axes.top)])
-    x, y = axes.x(ends), axes.y(ends)
-    line = f'<path class="diagonal" d="M{x[0]:.1f} {y[0]:.1f}L{x[1]:.1f} {y[1]:.1f}"/>'
-    grid = axes.grid(*walks.labels)
-    return _chart("Walked length of every episode over the shortest length", [*grid, *dots, line])
-
-
-@dataclass(frozen=True, slots=True)
-class _Axes:
-    """Linear axes; values go to the right from ``low`` to ``high`` and up from 0 to ``top``."""
-
+    title: str
+    x_label: str
+    y_label: str
     low: float
     high: float
     top: float
+    lines: Lines
+    """By class, in the order in which they are drawn; points are values."""
+    key: Mapping[str, str] = field(default_factory=dict)
+    """What the classes mean that a legend explains."""
 
-    def x(self, values: FloatArray) -> FloatArray:
-        """Return the horizontal positions of values."""
-        inside = WIDTH - _LEFT - _RIGHT
-        return _LEFT + (values - self.low) / (self.high - self.low) * inside
+    @property
+    def x_ticks(self) -> FloatArray:
+        """The numbers below the chart."""
+        return _ticks(self.low, self.high)
 
-    def y(self, values: FloatArray) -> FloatArray:
-        """Return the vertical positions of values."""
-        inside = HEIGHT - _TOP - _BOTTOM
-        return HEIGHT - _BOTTOM - values / self.top * inside
+    @property
+    def y_ticks(self) -> FloatArray:
+        """The numbers to its left."""
+        return _ticks(0, self.top)
 
-    def grid(self, x_label: str, y_label: str) -> Iterator[str]:
+    def svg(self) -> str:
+        """Draw the chart for the report, whose style sheet has its colours."""
+        drawn = (
+            path(kind, path_data(kind, [self._on_page(points) for points in lines]))
+            for kind, lines in self.lines.items()
+        )
+        opening = f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
+        title = f"<title>{escape(self.title)}</title>"
+        return f"{opening}{title}{''.join([*self._grid(), *drawn])}</svg>"
+
+    def _on_page(self, points: FloatArray) -> FloatArray:
+        x = _LEFT + (points[:, 0] - self.low) / (self.high - self.low) * _INSIDE_WIDTH
+        # On a page, y grows downwards.
+        y = HEIGHT - _BOTTOM - points[:, 1] / self.top * _INSIDE_HEIGHT
+        return np.column_stack([x, y])
+
+    def _grid(self) -> Iterator[str]:
         """Draw the grid lines, numbers and labels of both axes."""
-        bottom, middle = HEIGHT - _BOTTOM, (_TOP + HEIGHT - _BOTTOM) / 2
-        for tick in _ticks(self.low, self.high):
-            yield _text(float(self.x(tick)), bottom + 15, f"{tick:g}", "middle")
-        for tick in _ticks(0, self.top):
-            height = float(self.y(tick))
-            yield f'<path class="axis" d="M{_LEFT} {height:.1f}H{WIDTH - _RIGHT}"/>'
-            yield _text(_LEFT - 6, height + 4, f"{tick:g}", "end")
-        yield _text((_LEFT + WIDTH - _RIGHT) / 2, HEIGHT - 6, x_label, "middle")
-        upright = f' transform="rotate(-90 11 {middle:g})"'
-        yield _text(11, middle, y_label, "middle", upright)
-
-    def bars(self, edges: FloatArray, share: FloatArray) -> str:
-        """Draw the first submission's bars, with a gap between them."""
-        bottom = HEIGHT - _BOTTOM
-        # Half a unit on either side makes the gap.
-        spans = zip(self.x(edges[:-1]) + 0.5, self.x(edges[1:]) - 0.5, self.y(share), strict=True)
-        bars = (f"M{x:.1f} {bottom}V{top:.1f}H{end:.1f}V{bottom}z" for x, end, top in spans)
-        return f'<path class="mark series-1" d="{"".join(bars)}"/>'
-
-    def outline(self, edges: FloatArray, share: FloatArray) -> str:
-        """Draw the second submission's bars as one line around them."""
-        bottom = HEIGHT - _BOTTOM
-        tops = zip(self.x(edges[1:]), self.y(share), strict=True)
-        steps = "".join(f"V{top:.1f}H{end:.1f}" for end, top in tops)
-        return f'<path class="outline series-2" d="M{_LEFT} {bottom}{steps}V{bottom}"/>'
-
-    def dots(self, x: FloatArray, y: FloatArray) -> str:
-        """Return a path's data: at each point a line of length 0, whose round ends make a dot."""
-        points = zip(self.x(x), self.y(y), strict=True)
-        return "".join(f"M{across:.1f} {up:.1f}h0" for across, up in points)
+        bottom, middle = HEIGHT - _BOTTOM, _TOP + _INSIDE_HEIGHT / 2
+        across = self._on_page(np.column_stack([self.x_ticks, 0 * self.x_ticks]))[:, 0]
+        for tick, x in zip(self.x_ticks, across, strict=True):
+            yield text_at(x, bottom + 15, f"{tick:g}", 'text-anchor="middle"')
+        up = self._on_page(np.column_stack([0 * self.y_ticks, self.y_ticks]))[:, 1]
+        for tick, y in zip(self.y_ticks, up, strict=True):
+            yield path("axis", f"M{_LEFT} {y:.1f}H{WIDTH - _RIGHT}")
+            yield text_at(_LEFT - 6, y + 4, f"{tick:g}", 'text-anchor="end"')
+        yield text_at(_LEFT + _INSIDE_WIDTH / 2, HEIGHT - 6, self.x_label, 'text-anchor="middle"')
+        upright = f'text-anchor="middle" transform="rotate(-90 11 {middle:g})"'
+        yield text_at(11, middle, self.y_label, upright)
 
 
 def _ticks(low: float, high: float) -> FloatArray:
     step = next(step for step in round_numbers() if (high - low) / step <= _MOST_TICKS)
     return np.arange(np.ceil(low / step) * step, high + 1e-9, step) + 0.0  # + 0.0: no -0
-
-
-def _text(x: float, y: float, text: str, anchor: str, attributes: str = "") -> str:
-    position = f'x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"'
-    return f"<text {position}{attributes}>{escape(text)}</text>"
-
-
-def _chart(title: str, parts: Sequence[str]) -> str:
-    opening = f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
-    return f"{opening}<title>{escape(title)}</title>{''.join(parts)}</svg>"

@@ -21,7 +21,8 @@ from reverie_eval.dataset import (
     of_targets,
 )
 from reverie_eval.reporting.charts import bin_edges, count_edges
-from reverie_eval.reporting.figures import INK, STYLE, split_colour, use_round_ticks
+from reverie_eval.reporting.drawing import INK
+from reverie_eval.reporting.figures import STYLE, split_colour, use_round_ticks
 from reverie_eval.reporting.tables import Table, cell_of, print_table
 from reverie_eval.text import count_text
 

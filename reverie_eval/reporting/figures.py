@@ -1,8 +1,6 @@
 """Figures for notebooks, ``scores.plot.funnel()``; matplotlib is imported when one is drawn.
 
-Every function draws on the given Axes, or on new ones, and returns them. All colours are
-distinguishable with any colour vision; they are from the palette of Okabe and Ito, "Color Universal
-Design", 2008.
+Every function draws on the given Axes, or on new ones, and returns them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,16 +18,17 @@ from reverie_eval.analysis import Comparison, Episode, GroupingKey
 from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting.charts import Histogram, Walks
-from reverie_eval.reporting.map_layout import (
-    CLOSED,
-    HEIGHT,
-    KEY_CLASSES,
-    STAIRS,
-    WIDTH,
-    Layout,
-    Mark,
+from reverie_eval.reporting.charts import Chart, Histogram, Walks
+from reverie_eval.reporting.drawing import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    VERMILION,
+    draw_lines,
+    look_of,
 )
+from reverie_eval.reporting.map_layout import HEIGHT, KEY_CLASSES, WIDTH, Layout, Mark
 from reverie_eval.reporting.maps import EpisodeMap, Sign
 from reverie_eval.scoring import Scored, Scores
 from reverie_eval.text import first_few
@@ -38,8 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-GREY, INK = "#B3BAC4", "#333333"
 _SPLIT_COLOURS: Mapping[str, str] = MappingProxyType(
     {"train": BLUE, "val_seen": ORANGE, "val_unseen": GREEN, "test": "#CC79A7"}
 )
@@ -64,7 +61,6 @@ STYLE: Any = MappingProxyType(
 
 _SHOWN_GROUPS = 15
 _COLOURS = (ORANGE, BLUE, GREEN, VERMILION, "#CC79A7", "#56B4E9")
-_DOTS = {"miss": GREY, "hit": BLUE}
 _TITLE_LETTERS, _TITLE_LINES = 60, 3
 
 
@@ -294,15 +290,9 @@ def plot_episode(episode: Episode, ax: "Axes | None" = None) -> "Axes":
 
 
 def _plot_histogram(histogram: Histogram, ax: "Axes | None") -> "Axes":
-    edges, metric, values = histogram.edges, histogram.metric, histogram.values[""]
+    metric, values = histogram.metric, histogram.values[""]
     with styled_axes(ax) as axes:
-        share, width = histogram.share[""], np.diff(edges)
-        axes.bar(edges[:-1], share, width, align="edge", color=BLUE, edgecolor="white")
-        axes.set_xlim(edges[0], edges[-1])
-        if metric.unit == "count":
-            use_round_ticks(axes)
-        axes.set_xlabel(histogram.label)
-        axes.set_ylabel(histogram.share_label)
+        _draw_chart(histogram.chart([""]), axes)
         mean = metric.display(float(np.mean(values)))
         of = f"{len(values):,} {histogram.noun}"
         set_heading(axes, f"{metric.heading}: mean {mean} of {of}")
@@ -310,20 +300,22 @@ def _plot_histogram(histogram: Histogram, ax: "Axes | None") -> "Axes":
 
 
 def _plot_walks(walks: Walks, ax: "Axes | None") -> "Axes":
-    x_label, y_label = walks.labels
-    end = float(walks.shortest.max())
     with styled_axes(ax) as axes:
-        for kind, label, part in walks.parts:
-            dots = walks.shortest[part], walks.walked[part]
-            axes.scatter(*dots, s=9, alpha=0.6, color=_DOTS[kind], label=label)
-        axes.plot([0, end], [0, end], color=INK, linestyle="--", linewidth=1.2, label="shortest")
-        axes.set_xlim(left=0)
-        axes.set_ylim(bottom=0)
-        axes.set_xlabel(x_label)
-        axes.set_ylabel(y_label)
+        _draw_chart(walks.chart(float(np.ceil(walks.walked.max())) or 1.0), axes)
         _explain_beside(axes)
         set_heading(axes, f"a dot for each of {len(walks.walked):,} episodes")
     return axes
+
+
+def _draw_chart(chart: Chart, axes: "Axes") -> None:
+    """Draw a chart on its axes, with the ticks that its SVG has."""
+    draw_lines(chart.lines, axes, 1, chart.key)
+    axes.set_xlim(chart.low, chart.high)
+    axes.set_ylim(0, chart.top)
+    axes.set_xticks(chart.x_ticks)
+    axes.set_yticks(chart.y_ticks)
+    axes.set_xlabel(chart.x_label)
+    axes.set_ylabel(chart.y_label)
 
 
 def _explain_beside(axes: "Axes") -> None:
@@ -334,57 +326,11 @@ def _explain_beside(axes: "Axes") -> None:
 # Maps.
 
 
-def _mark(shape: object, size: float, face: str, edge: str, width: float) -> dict[str, Any]:
-    return {
-        "marker": shape,
-        "markersize": size,
-        "markerfacecolor": face,
-        "markeredgecolor": edge,
-        "markeredgewidth": width,
-        "linestyle": "none",
-    }
-
-
-_LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
-    {
-        "edge": {"color": GREY, "linewidth": 0.8},
-        "viewpoint": _mark("o", 3.5, GREY, GREY, 1),
-        "elsewhere": {"alpha": 0.35},
-        "annotated": {"color": GREEN, "alpha": 0.3, "linewidth": 9},
-        "annotated off-level": {"linestyle": "--", "linewidth": 4.5},
-        "route": {
-            "color": INK,
-            "linewidth": 2,
-            "solid_capstyle": "round",
-            "dash_capstyle": "round",
-        },
-        "route off-level": {"linestyle": "--"},
-        "route jump": {"linestyle": ":"},
-        "sight": {"color": INK, "alpha": 0.2, "linewidth": 0},
-        "start": _mark("o", 6, "white", INK, 2),
-        "goal": _mark("o", 12, "white", GREEN, 2),
-        "end": _mark("*", 12, GREEN, "white", 0.8),
-        "stop": _mark("s", 6, INK, "white", 1),
-        "stairs": _mark(STAIRS, 9, "none", INK, 1.5),
-        "route-1": {"color": BLUE},
-        "route-2": {"color": VERMILION},
-        "stop route-1": {"markerfacecolor": BLUE},
-        "stop route-2": {"markerfacecolor": VERMILION},
-    }
-)
-"""The style sheet of maps, as in ``map.css``: an entry applies to lines with all its classes."""
-
-
 def draw_map(episode_map: EpisodeMap, axes: "Axes") -> None:
     """Draw a map with its key below."""
     layout = Layout(episode_map)
     for zorder, layer in enumerate(map(list, layout.layers()), 1):
-        for kind, lines in layout.joined(layer).items():
-            if kind.startswith(CLOSED):
-                for outline in lines:
-                    axes.fill(*outline.T, zorder=zorder, **_look(kind))
-            else:
-                axes.plot(*_with_gaps(lines).T, zorder=zorder, **_look(kind))
+        draw_lines(layout.joined(layer), axes, zorder, {})
         for piece in layer:
             if piece.mark is not None:
                 _draw_mark(piece.mark, axes, zorder)
@@ -411,25 +357,9 @@ def draw_map(episode_map: EpisodeMap, axes: "Axes") -> None:
     axes.set_title("\n".join(lines_of_title), loc="left", fontsize="small")
 
 
-def _look(kind: str) -> dict[str, Any]:
-    """Return how lines of a class, or marks, are drawn; later entries of the style sheet win."""
-    classes = set(kind.split())
-    look: dict[str, Any] = {}
-    for selector, properties in _LOOKS.items():
-        if classes.issuperset(selector.split()):
-            look |= properties
-    return look
-
-
-def _with_gaps(lines: Sequence[FloatArray]) -> FloatArray:
-    """Return the points of several lines, with a row of NaN between them, which leaves a gap."""
-    gap = np.full((1, 2), np.nan)
-    return np.vstack([rows for line in lines for rows in (line, gap)])
-
-
 def _draw_mark(mark: Mark, axes: "Axes", zorder: int) -> None:
     if mark.kind != "label":
-        axes.plot(*mark.point, zorder=zorder, **_look(f"{mark.kind} route-{mark.route}"))
+        axes.plot(*mark.point, zorder=zorder, **look_of(f"{mark.kind} route-{mark.route}"))
     if mark.text:
         aside = (8, -3) if mark.kind == "label" else (-6, 6)
         axes.annotate(
@@ -446,7 +376,7 @@ def _key_entry(sign: Sign) -> "Line2D":
     """Return a sign for the key; a stop comes with the line of its route."""
     from matplotlib.lines import Line2D
 
-    look = _look(KEY_CLASSES.get(sign.kind, f"{sign.kind} route-{sign.route}"))
+    look = look_of(KEY_CLASSES.get(sign.kind, f"{sign.kind} route-{sign.route}"))
     if sign.kind == "stop":
         look |= {"linestyle": "-", "linewidth": 2}
     if sign.kind == "sight":

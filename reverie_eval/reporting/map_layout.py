@@ -17,14 +17,13 @@ from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.geometry import FOCAL_LENGTH
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.charts import round_numbers
+from reverie_eval.reporting.drawing import CLOSED, Lines
 from reverie_eval.reporting.maps import EpisodeMap, Route, SignKind
 
 WIDTH, HEIGHT = 400, 300
 """Size of a map, in units of the page."""
 MOST_POSES = 1000
 """Poses of a route that are drawn, at most; ten times as many as agents in the literature walk."""
-CLOSED = ("arrow", "sight")
-"""Lines that enclose an area, by the first word of their class."""
 KEY_CLASSES: Mapping[SignKind, str] = MappingProxyType(
     {
         "sight": "sight",
@@ -35,8 +34,6 @@ KEY_CLASSES: Mapping[SignKind, str] = MappingProxyType(
     }
 )
 """The class that shows the look of a sign in a key; the other signs are marks."""
-STAIRS = ((-6, -5), (-6, -2), (-2, -2), (-2, 1), (2, 1), (2, 4), (6, 4))
-"""The mark for stairs, in units of the page to the right and upwards."""
 _MARGIN = 1.5
 """Smallest margin around the viewpoints of the episode, in metres."""
 _LEAST_METRES = 8.0
@@ -57,9 +54,6 @@ _VIEW_ANGLE = 2 * np.arctan(VIEW_WIDTH / 2 / FOCAL_LENGTH)
 """Horizontal field of view of a view, radians."""
 _SIGHT_RADIUS, _SIGHT_POINTS = 30.0, 9
 _NO_LINES: Mapping[str, Sequence[FloatArray]] = MappingProxyType({})
-
-Lines = Mapping[str, Sequence[FloatArray]]
-"""Lines by class, each through points of shape (n, 2); a single point is a dot."""
 
 
 class Mark(NamedTuple):

@@ -13,19 +13,10 @@ from types import MappingProxyType
 import numpy as np
 
 from reverie_eval.analysis import Episode, Gallery
-from reverie_eval.arrays import FloatArray
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import answer_views
-from reverie_eval.reporting.map_layout import (
-    CLOSED,
-    HEIGHT,
-    KEY_CLASSES,
-    STAIRS,
-    WIDTH,
-    Layout,
-    Mark,
-    Piece,
-)
+from reverie_eval.reporting.drawing import STAIRS, element, line_data, path, path_data, text_at
+from reverie_eval.reporting.map_layout import HEIGHT, KEY_CLASSES, WIDTH, Layout, Mark, Piece
 from reverie_eval.reporting.maps import EpisodeMap, Sign, SignKind
 from reverie_eval.reporting.resources import text_of
 
@@ -145,7 +136,7 @@ class _Drawing:
     def _joined(self, layer: Sequence[Piece]) -> Iterator[str]:
         """Draw the pieces of a layer as few elements."""
         for kind, lines in self._layout.joined(layer).items():
-            yield _path(kind, _data(kind, lines))
+            yield path(kind, path_data(kind, lines))
         yield from (_mark(piece.mark, piece.title) for piece in layer if piece.mark)
 
     def _apart(self, piece: Piece) -> str:
@@ -158,7 +149,7 @@ class _Drawing:
             route, leg = piece.leg
             about = f' class="leg" data-route="{route}" data-leg="{leg}"'
         faint = ' data-elsewhere="" opacity="0.35"' if self._layout.is_faint(piece) else ""
-        shapes = [_path(kind, _data(kind, it), piece.title) for kind, it in piece.lines.items()]
+        shapes = [path(kind, path_data(kind, it), piece.title) for kind, it in piece.lines.items()]
         if piece.mark:
             shapes.append(_mark(piece.mark, piece.title))
         return f'<g data-levels="{levels}"{about}{faint}>{"".join(shapes)}</g>'
@@ -169,12 +160,12 @@ def _sign(sign: Sign) -> str:
     middle = np.array([20.0, 8.0])
     match sign.kind:
         case "stop":
-            line = _path(f"route route-{sign.route}", "M2 8H30")
+            line = path(f"route route-{sign.route}", "M2 8H30")
             return line + _mark(Mark("stop", np.array([33.0, 8.0]), sign.route))
         case "start" | "goal" | "end" | "stairs":
             return _mark(Mark(sign.kind, middle))
         case _:
-            return _path(KEY_CLASSES[sign.kind], _KEY_LINES[sign.kind])
+            return path(KEY_CLASSES[sign.kind], _KEY_LINES[sign.kind])
 
 
 def _mark(mark: Mark, title: str = "") -> str:
@@ -184,14 +175,14 @@ def _mark(mark: Mark, title: str = "") -> str:
         case "start" | "goal":
             radius = _RADIUS[mark.kind]
             shape = f'class="{mark.kind}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"'
-            return _element("circle", shape, title)
+            return element("circle", shape, title)
         case "end":
-            return _path("end", f"{_line(_STAR + mark.point)}z", title)
+            return path("end", f"{line_data(_STAR + mark.point)}z", title)
         case "stop":
             corner = f'x="{x - 4.5:.1f}" y="{y - 4.5:.1f}" width="9" height="9"'
-            return _element("rect", f'class="stop route-{mark.route}" {corner}', title)
+            return element("rect", f'class="stop route-{mark.route}" {corner}', title)
         case "stairs":
-            shape = _path("stairs", _line(mark.point + np.array(STAIRS) * (1, -1)))
+            shape = path("stairs", line_data(mark.point + np.array(STAIRS) * (1, -1)))
             return shape + (_label(x, y - 8, mark.text, "middle") if mark.text else "")
         case "label":  # to the left near the map's right edge
             is_right = x > WIDTH - _LABEL_WIDTH
@@ -201,24 +192,4 @@ def _mark(mark: Mark, title: str = "") -> str:
 
 def _label(x: float, y: float, text: str, anchor: str) -> str:
     attribute = f' text-anchor="{anchor}"' if anchor else ""
-    return f'<text class="level" x="{x:.1f}" y="{y:.1f}"{attribute}>{text}</text>'
-
-
-def _path(kind: str, data: str, title: str = "") -> str:
-    return _element("path", f'class="{kind}" d="{data}"', title)
-
-
-def _element(name: str, attributes: str, title: str) -> str:
-    if not title:
-        return f"<{name} {attributes}/>"
-    return f"<{name} {attributes}><title>{escape(title)}</title></{name}>"
-
-
-def _data(kind: str, lines: Sequence[FloatArray]) -> str:
-    """Return the data of a path; the round ends of a line of length 0 make a dot."""
-    end = "z" if kind.startswith(CLOSED) else ""
-    return "".join(_line(points) + ("h0" if len(points) == 1 else end) for points in lines)
-
-
-def _line(points: FloatArray) -> str:
-    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+    return text_at(x, y, text, f'class="level"{attribute}')

@@ -11,7 +11,7 @@ import numpy as np
 from reverie_eval.analysis import GROUPINGS, Grouping
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting.charts import Histogram, Walks, histogram_svg, walks_svg
+from reverie_eval.reporting.charts import Histogram, Walks
 from reverie_eval.reporting.resources import as_markup
 from reverie_eval.reporting.tables import metric_cell
 from reverie_eval.scoring import OUTCOMES, Scores
@@ -304,7 +304,7 @@ def _walk_charts(scores: Submissions) -> Iterator[Chart]:
     hidden = int((~walks.is_shown).sum())
     longer = f" Not shown: {count_text(hidden, 'longer walk')}." if hidden else ""
     yield Chart(
-        as_markup(walks_svg(walks)),
+        as_markup(walks.chart(walks.longest_shown).svg()),
         f"Walked and shortest length{_of(name, scores)}",
         "A dot for each episode, blue where the agent stopped at the goal. On the dashed line it "
         f"walked the shortest length; {_percent(walks.is_detour.sum(), len(walks.walked))} % are "
@@ -313,7 +313,7 @@ def _walk_charts(scores: Submissions) -> Iterator[Chart]:
     stops = Histogram.of(scores, "navigation_error")
     at_end = (first.episodes["navigation_error"] == 0).sum()
     yield Chart(
-        as_markup(histogram_svg(stops, list(scores))),
+        as_markup(stops.chart(list(scores)).svg()),
         "Distance at stop",
         f"Metres from the stop to the end of the annotated path: {_medians(stops, scores)}. "
         f"{_percent(at_end, len(first.instr_ids))} % of episodes{_of(name, scores)} stop exactly "
@@ -331,7 +331,7 @@ def _box_charts(scores: Submissions) -> Iterator[Chart]:
             for name, each in boxes.items()
         ]
         yield Chart(
-            as_markup(histogram_svg(overlaps, list(scores))),
+            as_markup(overlaps.chart(list(scores)).svg()),
             "Overlap of boxes",
             f"IoU of predicted boxes with the target's box: {_medians(overlaps, scores)}. "
             f"{' and '.join(correct)} reach 50 % and are correct.",

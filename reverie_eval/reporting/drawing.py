@@ -1,0 +1,137 @@
+"""Lines by class, as maps and charts have them, drawn as SVG or with matplotlib.
+
+Each place that draws says what lines there are; how they look is said by the style sheets of pages
+and, for matplotlib, by the one below. Colours are distinguishable with any colour vision: they are
+from the palette of Okabe and Ito, "Color Universal Design", 2008.
+"""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from reverie_eval.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Lines = Mapping[str, Sequence[FloatArray]]
+"""Lines by class, each through points of shape (n, 2); a single point is a dot."""
+CLOSED = ("arrow", "sight", "mark")
+"""Lines that enclose an area, by the first word of their class."""
+STAIRS = ((-6, -5), (-6, -2), (-2, -2), (-2, 1), (2, 1), (2, 4), (6, 4))
+"""The mark for stairs, in units of the page to the right and upwards."""
+BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+GREY, INK = "#B3BAC4", "#333333"
+
+
+# SVG.
+
+
+def path(kind: str, data: str, title: str = "") -> str:
+    """Return a path of a class, with a tooltip if it has a title."""
+    return element("path", f'class="{kind}" d="{data}"', title)
+
+
+def element(name: str, attributes: str, title: str = "") -> str:
+    """Return an element, with a tooltip if it has a title."""
+    if not title:
+        return f"<{name} {attributes}/>"
+    return f"<{name} {attributes}><title>{escape(title)}</title></{name}>"
+
+
+def text_at(x: float, y: float, text: str, attributes: str) -> str:
+    """Return a text that begins at a point, or as its attributes say."""
+    return f'<text x="{x:.1f}" y="{y:.1f}" {attributes}>{escape(text)}</text>'
+
+
+def path_data(kind: str, lines: Sequence[FloatArray]) -> str:
+    """Return the data of a path through lines of a class."""
+    end = "z" if kind.startswith(CLOSED) else ""
+    # A line of length 0 draws nothing but its round ends, which make a dot.
+    return "".join(line_data(points) + ("h0" if len(points) == 1 else end) for points in lines)
+
+
+def line_data(points: FloatArray) -> str:
+    """Return the data of a line."""
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+
+
+# Matplotlib.
+
+
+def _mark(shape: object, size: float, face: str, edge: str, width: float) -> dict[str, Any]:
+    return {
+        "marker": shape,
+        "markersize": size,
+        "markerfacecolor": face,
+        "markeredgecolor": edge,
+        "markeredgewidth": width,
+        "linestyle": "none",
+    }
+
+
+# The style sheet, as `map.css` and `report.css` are those of pages.
+_LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
+    {
+        "edge": {"color": GREY, "linewidth": 0.8},
+        "viewpoint": _mark("o", 3.5, GREY, GREY, 1),
+        "elsewhere": {"alpha": 0.35},
+        "annotated": {"color": GREEN, "alpha": 0.3, "linewidth": 9},
+        "annotated off-level": {"linestyle": "--", "linewidth": 4.5},
+        "route": {
+            "color": INK,
+            "linewidth": 2,
+            "solid_capstyle": "round",
+            "dash_capstyle": "round",
+        },
+        "route off-level": {"linestyle": "--"},
+        "route jump": {"linestyle": ":"},
+        "sight": {"color": INK, "alpha": 0.2, "linewidth": 0},
+        "start": _mark("o", 6, "white", INK, 2),
+        "goal": _mark("o", 12, "white", GREEN, 2),
+        "end": _mark("*", 12, GREEN, "white", 0.8),
+        "stop": _mark("s", 6, INK, "white", 1),
+        "stairs": _mark(STAIRS, 9, "none", INK, 1.5),
+        "route-1": {"color": BLUE},
+        "route-2": {"color": VERMILION},
+        "stop route-1": {"markerfacecolor": BLUE},
+        "stop route-2": {"markerfacecolor": VERMILION},
+        "mark": {"color": BLUE, "linewidth": 0},
+        "dot miss": _mark("o", 4, GREY, "none", 0) | {"alpha": 0.6},
+        "dot hit": _mark("o", 4, BLUE, "none", 0) | {"alpha": 0.6},
+        "diagonal": {"color": INK, "linestyle": "--", "linewidth": 1.2},
+    }
+)
+
+
+def look_of(kind: str) -> dict[str, Any]:
+    """Return how matplotlib draws lines or marks of a class: an entry applies to all its classes.
+
+    Later entries of the style sheet win.
+    """
+    classes = set(kind.split())
+    look: dict[str, Any] = {}
+    for selector, properties in _LOOKS.items():
+        if classes.issuperset(selector.split()):
+            look |= properties
+    return look
+
+
+def draw_lines(lines: Lines, axes: "Axes", zorder: int, key: Mapping[str, str]) -> None:
+    """Draw lines with matplotlib; ``key`` has what the classes in the legend mean."""
+    for kind, several in lines.items():
+        look = {"label": key.get(kind), "zorder": zorder, **look_of(kind)}
+        if kind.startswith(CLOSED):
+            for outline in several:
+                axes.fill(*outline.T, **look)
+        else:
+            axes.plot(*_with_gaps(several).T, **look)
+
+
+def _with_gaps(lines: Sequence[FloatArray]) -> FloatArray:
+    """Return the points of several lines, with a row of NaN between them, which leaves a gap."""
+    gap = np.full((1, 2), np.nan)
+    return np.vstack([rows for line in lines for rows in (line, gap)])

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from datetime import date, datetime, timezone
@@ -29,7 +30,11 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Request = TypeVar("Request", bound="WireModel")
+ALL_PROTOCOLS = "all"
+"""Instead of a protocol: all of the task."""
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
+_PER_CENT = 100
+_NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?")
 _MOST_DAYS = 100 * 365
 """Later dates are beyond what a token needs, and close to what Python's calendar ends at."""
 PATH = click.Path(path_type=Path)
@@ -66,6 +71,23 @@ class Decimal(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number", param, ctx)
         return number
+
+
+class _Share(Decimal):
+    """A share between 0 and 1; an error says how a percentage is written."""
+
+    def convert(
+        self, value: float, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Refuse a percentage, and name the share that it is."""
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            percent = float(value) if _NUMBER.fullmatch(str(value)) else 0.0
+            if 1 < percent < _PER_CENT:
+                remedy = f"; write {percent / _PER_CENT:g} for {percent:g} %"
+                self.fail(error.message.removesuffix(".") + remedy, param, ctx)
+            raise
 
 
 class Time(click.ParamType[datetime]):
@@ -184,6 +206,7 @@ def _task_of(what: str) -> Callable[[Command], Command]:
 
 server_task = _task_of("split is of")
 dataset_task = _task_of("files are of")
+
 protocol = with_default(
     "--protocol",
     default=DEFAULT_PROTOCOL,
@@ -216,7 +239,7 @@ def confidence(meaning: str) -> Callable[[Command], Command]:
     return click.option(
         "--confidence",
         metavar="SHARE",
-        type=Decimal(0, 1, min_open=True, max_open=True),
+        type=_Share(0, 1, min_open=True, max_open=True),
         help=f"{meaning}  [default: 0.95]",
     )
 
@@ -279,6 +302,11 @@ class ScoringOptions(TruthOptions):
 
     def evaluator(self, truth: GroundTruth) -> Evaluator:
         """Return what scores submissions."""
+        if self.protocol == ALL_PROTOCOLS:
+            known = ", ".join(each.name for each in truth.task.protocols)
+            raise click.UsageError(
+                "only `reverie-eval FILE` takes --protocol all; choose one here: " + known
+            )
         return Evaluator(
             split=self.split, ground_truth=truth, protocol=self.protocol, track=self.track
         )

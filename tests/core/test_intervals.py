@@ -263,6 +263,13 @@ def test_a_confidence_out_of_range_is_refused(command: str, level: str, run: Run
     status, out, err = run(command, SAMPLE[0], OTHER, *SAMPLE[1:], "--confidence", level)
     assert (status, out) == (2, "")
     assert "Invalid value for '--confidence'" in err
+    assert ("write 0.95 for 95 %" in err) is (level == "95")
+
+
+def test_only_scoring_takes_all_protocols(run: Run) -> None:
+    status, out, err = run("compare", SAMPLE[0], OTHER, *SAMPLE[1:], "--protocol", "all")
+    assert (status, out) == (2, "")
+    assert "only `reverie-eval FILE` takes --protocol all; choose one here: official-v1, " in err
 
 
 def test_there_are_no_intervals_by_default(run: Run) -> None:

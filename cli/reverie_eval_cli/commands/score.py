@@ -56,7 +56,7 @@ from reverie_eval_cli.output import (
     with_progress,
 )
 
-_ALL = "all"
+_ALL = options.ALL_PROTOCOLS
 _REVERIE = find_task(DEFAULT_TASK)
 _KEYS = dict.fromkeys(("csv", "json"), frozenset(CATALOGUE))
 """The metrics of formats that have more than the table has."""

@@ -8,10 +8,17 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fixtures.clustered_worlds import TRUTH, simulated_coverage, simulated_false_alarms
+from fixtures.clustered_worlds import (
+    TRUTH,
+    simulated_against,
+    simulated_coverage,
+    simulated_false_alarms,
+)
 
 TARGETS = 513
 """The number of targets in val_unseen."""
+SPLIT = 3521
+"""The number of its episodes."""
 
 
 def main() -> None:
@@ -20,6 +27,8 @@ def main() -> None:
         print_coverage(clusters, TRUTH)
     for truth in (0.05, 0.01, 0.005):
         print_coverage(TARGETS, truth)
+    for part, published_part in ((216, 3521), (500, 3521), (500, 500), (3521, 500), (3521, 3521)):
+        print_against(part, published_part)
     alarms = simulated_false_alarms(4000, 100)
     print(
         f"false alarms at 5 %, 4,000 worlds of 100 clusters: {alarms.clustered:.1%}; "
@@ -35,6 +44,17 @@ def print_coverage(clusters: int, truth: float) -> None:
         f"{clusters} clusters: {coverage.clustered:.1%}; "
         f"mean +- 1.96 standard errors: {coverage.naive:.1%}"
     )
+
+
+def print_against(episodes: int, published: int) -> None:
+    """Print how often intervals of a difference from a published mean contain the true one."""
+    for name, rate in (("unrelated", 0.5), ("unrelated, 10 %", 0.1), ("related", None)):
+        shares = simulated_against(1000, TARGETS, episodes / SPLIT, published / SPLIT, rate)
+        on_split = "" if episodes == published == SPLIT else f"; {shares.on_split:.1%} on the split"
+        print(
+            f"95 % intervals that contain the difference of {episodes:,} episodes from a mean over "
+            f"{published:,} of a method that is {name}: {shares.beyond:.1%}{on_split}"
+        )
 
 
 if __name__ == "__main__":

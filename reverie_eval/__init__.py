@@ -30,7 +30,7 @@ from reverie_eval.scoring import (
     evaluate_protocols,
     validate,
 )
-from reverie_eval.tasks import PROTOCOLS
+from reverie_eval.tasks import PROTOCOLS, published_results
 from reverie_eval.version import __version__
 
 __all__ = [
@@ -57,5 +57,6 @@ __all__ = [
     "evaluate",
     "evaluate_many",
     "evaluate_protocols",
+    "published_results",
     "validate",
 ]

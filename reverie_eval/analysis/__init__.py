@@ -1,5 +1,6 @@
 """The analysis of scores, and evidence about submissions."""
 
+from reverie_eval.analysis._against import Against, DifferenceOfMeans, against
 from reverie_eval.analysis._breakdown import (
     GROUPINGS,
     Grouped,
@@ -49,9 +50,11 @@ __all__ = [
     "HONEST_SPREAD",
     "SAMPLED_EPISODES",
     "SMALLEST_SHOWN_P",
+    "Against",
     "ComparedSubmissionsError",
     "Comparison",
     "Difference",
+    "DifferenceOfMeans",
     "Episode",
     "Gallery",
     "Grouped",
@@ -63,6 +66,7 @@ __all__ = [
     "Runs",
     "Spread",
     "VisibleObject",
+    "against",
     "breakdown",
     "check_comparable",
     "compare",

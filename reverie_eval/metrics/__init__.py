@@ -16,7 +16,7 @@ from reverie_eval.metrics._grounding import (
     box_overlap,
     candidate_match,
 )
-from reverie_eval.metrics._metric import Inputs, Metric, Need, Unit
+from reverie_eval.metrics._metric import Inputs, Metric, Need, Unit, printed_value
 from reverie_eval.metrics._navigation import (
     FIDELITY_DISTANCE,
     SUCCESS_DISTANCE,
@@ -60,6 +60,7 @@ __all__ = [
     "oracle_error",
     "oracle_success",
     "path_length",
+    "printed_value",
     "sdtw",
     "spl",
     "steps",

@@ -7,6 +7,8 @@ flat with ``offsets`` (see :mod:`reverie_eval.arrays`).
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from decimal import Decimal
+from math import isfinite
 from types import MappingProxyType
 from typing import Literal
 
@@ -143,6 +145,7 @@ Unit = Literal["fraction", "metres", "count", "turns"]
 Direction = Literal["higher", "lower", "neither"]
 Need = Literal["trajectory", "answer", "box", "goal region", "planner's path", "outline"]
 
+_PER_CENT = 100
 _SUFFIXES: Mapping[Unit, str] = MappingProxyType(
     {"fraction": "%", "metres": "m", "count": "", "turns": "turns"}
 )
@@ -253,3 +256,33 @@ class Metric:
         if self.is_binary:
             return "yes" if value else "no"
         return self.display(value)
+
+
+def printed_value(
+    metric: Metric, text: str, rates: Literal["percent", "fraction"] = "percent"
+) -> float:
+    """Return a value as printed in a table, converted to a fraction or metres.
+
+    Raises
+    ------
+    ValueError
+        If it is not a number, or is out of the metric's bounds.
+
+    Examples
+    --------
+    >>> from reverie_eval.metrics import CATALOGUE
+    >>> printed_value(CATALOGUE["success"], "52.51 %")
+    0.5251
+    """
+    is_percent = metric.unit == "fraction" and rates == "percent"
+    try:
+        # Decimal divides exactly; in binary, 0.07 is not 7 / 100.
+        number = Decimal(text.removesuffix("%").strip())
+        value = float(number / _PER_CENT if is_percent else number)
+    except ArithmeticError:
+        raise ValueError(f"{metric.label}: {text!r} is not a number") from None
+    if not isfinite(value) or not metric.lower_bound <= value <= metric.upper_bound:
+        most = _PER_CENT if is_percent else 1
+        expected = f"from 0 to {most}" if metric.unit == "fraction" else "0 or more"
+        raise ValueError(f"{metric.heading}: {text} is not {expected}")
+    return value

@@ -234,7 +234,7 @@ class CrossedMeans:
     @property
     def run_share(self) -> FloatArray:
         """Shape (n_metrics,): the part of the variance that more runs would reduce, in [0, 1]."""
-        return _divide(self.run_variance.sum(axis=0), self.variance)
+        return divide(self.run_variance.sum(axis=0), self.variance)
 
     @property
     def is_constant(self) -> BoolArray:
@@ -254,7 +254,7 @@ class CrossedMeans:
         array, shape (n_metrics,)
         """
         # Satterthwaite's degrees of freedom of the runs of both methods together.
-        freedom = _divide(
+        freedom = divide(
             self.run_variance.sum(axis=0) ** 2,
             (self.run_variance**2 / self.run_freedom).sum(axis=0),
         )
@@ -265,7 +265,7 @@ class CrossedMeans:
         share = self.run_share**_SHARE_POWER
         return np.asarray(of_clusters + share * (of_runs - of_clusters))
 
-    def interval(self, bounds: FloatArray, confidence: float) -> FloatArray:
+    def interval(self, bounds: FloatArray, confidence: float | FloatArray) -> FloatArray:
         """Return the low and high ends of a confidence interval, shape (2, n_metrics).
 
         The score interval [5]_: it has the means that the observed one does not contradict, if a
@@ -279,11 +279,11 @@ class CrossedMeans:
         ----------
         bounds : array, shape (2, n_metrics)
             The smallest and the largest possible value of each metric; infinite if there is none.
-        confidence : float
+        confidence : float, or array of shape (n_metrics,)
             In (0, 1).
         """
         half = self.critical((1 - confidence) / 2) * np.sqrt(self.variance)
-        ends = _score_interval(self.mean, half, bounds)
+        ends = score_interval(self.mean, half, bounds)
         # The rule of three in its exact form: of n clusters that all agree, up to this share may
         # not.
         unseen = 1 - ((1 - confidence) / 2) ** (1 / (self.cluster_freedom + 1))
@@ -306,8 +306,8 @@ class CrossedMeans:
         size = np.abs(self.mean)
         relative: FloatArray = size / bounds[1]
         # By the score interval, a difference of 0 varies more than a large one.
-        wider = _divide(np.ones_like(size), 1 - relative**2)
-        observed = _divide(size, np.sqrt(self.variance * wider))
+        wider = divide(np.ones_like(size), 1 - relative**2)
+        observed = divide(size, np.sqrt(self.variance * wider))
         # A weighted sum of quantiles has no inverse by formula: search the logarithm.
         # Its logarithm, because p-values of large differences are far below what a search in steps
         # of p finds.
@@ -321,7 +321,7 @@ class CrossedMeans:
         return np.asarray(np.where(self.is_constant, exact, np.exp(high)))
 
 
-def _score_interval(mean: FloatArray, half: FloatArray, bounds: FloatArray) -> FloatArray:
+def score_interval(mean: FloatArray, half: FloatArray, bounds: FloatArray) -> FloatArray:
     """Return the ends of score intervals, shape (2, n_metrics).
 
     They are the means ``x`` with ``(x - mean)^2 = half^2 v(x) / v(mean)``, where the variance
@@ -332,7 +332,7 @@ def _score_interval(mean: FloatArray, half: FloatArray, bounds: FloatArray) -> F
     low, high = np.where(np.isfinite(bounds), bounds, 0.0)
     is_rate = has_low & has_high
     room = np.where(has_low, mean - low, 1.0) * np.where(has_high, high - mean, 1.0)
-    excess = _divide(half**2, room)
+    excess = divide(half**2, room)
     middle = np.select([is_rate, has_low], [(low + high) / 2, 0.5], 0.0)
     reach = np.select([is_rate, has_low], [(high - low) / 2, 0.5], 0.0)
     scale = np.where(is_rate, 1 + excess, 1.0)
@@ -346,7 +346,7 @@ def _jackknife(n_clusters: int) -> float:
     return (n_clusters - 1) / n_clusters
 
 
-def _divide(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
+def divide(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
     """Divide, with 0 where there is no variance at all."""
     out = np.zeros_like(denominator)
     return np.divide(numerator, denominator, out=out, where=denominator > 0)

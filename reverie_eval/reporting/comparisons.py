@@ -1,12 +1,19 @@
-"""A comparison of submissions: scores, differences, and a sentence for each."""
+"""Comparisons of submissions, and with published means: scores, differences, and a sentence."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
-from reverie_eval.metrics import Metric
+from reverie_eval.analysis import (
+    SMALLEST_SHOWN_P,
+    Against,
+    Comparison,
+    Difference,
+    DifferenceOfMeans,
+    p_text,
+)
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.scores import results_table, table_of_scores
 from reverie_eval.reporting.tables import MISSING, Printout, Table, metric_cells
 from reverie_eval.schemas.report import Report, RunsReport, ScoreReport
@@ -39,6 +46,90 @@ def comparison_report(comparison: Comparison) -> ComparisonReport:
         differences={name: dict(each) for name, each in comparison.items()},
         sentences={name: comparison.sentence(name) for name in comparison},
     )
+
+
+class AgainstReport(Report):
+    """A submission, or several runs, compared with published means."""
+
+    submission: ScoreReport | RunsReport
+    published: dict[str, float]
+    """The published means by metric, in the units of the scores."""
+    name: str
+    """The method and its paper, or ``the published mean``."""
+    episodes: int
+    """The number of episodes that the published means are over."""
+    differences: dict[str, DifferenceOfMeans]
+    """By metric: the submission's mean minus the published one, on other episodes of the kind."""
+    on_split: dict[str, DifferenceOfMeans]
+    """By metric: that on all episodes of the split itself; empty if both means are over all of
+    these."""
+    intervals: str
+    """How the intervals were computed."""
+    assumptions: list[str]
+    """What could not be checked."""
+    sentence: str
+    """Whether the submission is better, in a sentence about one metric."""
+
+
+def against_report(compared: Against) -> AgainstReport:
+    """Return a comparison with published means as a report for programs."""
+    return AgainstReport(
+        submission=compared.scored.to_report(),
+        published=dict(compared.published),
+        name=compared.name,
+        episodes=compared.n_published,
+        differences=dict(compared),
+        on_split=dict(compared.on_split),
+        intervals=compared.intervals.caption,
+        assumptions=list(compared.assumptions),
+        sentence=compared.sentence,
+    )
+
+
+def against_printout(compared: Against, name: str) -> Printout:
+    """Return a comparison with published means in each format; ``name`` is the submission's."""
+    return Printout(
+        lambda: against_table(compared, name),
+        lambda: compared.to_report().model_dump_json(indent=2),
+        lambda: against_table(compared, name).to_csv(),
+    )
+
+
+def against_table(compared: Against, name: str = "these scores") -> Table:
+    """Return the scores, the published means, and the differences with their intervals."""
+    metrics = [CATALOGUE[key] for key in compared]
+    rows = [
+        [name, *metric_cells(metrics, compared.scored)],
+        ["published", *metric_cells(metrics, compared.published)],
+        [""] * (1 + len(metrics)),
+        ["difference", *(signed(metric, compared[metric.key].mean) for metric in metrics)],
+        *_rows_against(compared, compared, metrics, ""),
+        *_rows_against(compared, compared.on_split, metrics, f" on {compared.scored.split}"),
+    ]
+    return table_of_scores(
+        compared.scored,
+        [""],
+        metrics,
+        rows,
+        about=[compared.scored.signature, compared.intervals.caption, *compared.assumptions],
+        notes=[f"note on {name}: {note}" for note in compared.scored.notes],
+        findings=[f"{compared.sentence}."],
+    )
+
+
+def _rows_against(
+    compared: Against,
+    differences: Mapping[str, DifferenceOfMeans],
+    metrics: Sequence[Metric],
+    where: str,
+) -> Iterator[Sequence[str]]:
+    if not differences:
+        return
+    found = [(metric, differences[metric.key]) for metric in metrics]
+    label = compared.intervals.label
+    yield [f"{label} low{where}", *(signed(metric, each.interval.low) for metric, each in found)]
+    yield [f"{label} high{where}", *(signed(metric, each.interval.high) for metric, each in found)]
+    yield [f"p{where}", *(_p_cell(each.p_value) for _, each in found)]
 
 
 _WON = (

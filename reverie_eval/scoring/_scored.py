@@ -13,6 +13,7 @@ from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
+    from reverie_eval.analysis import Against
     from reverie_eval.schemas.report import RunsReport, ScoreReport
 
 FINGERPRINT_SHOWN = 12
@@ -83,6 +84,35 @@ class Scored(Mapping[str, float]):
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
         return self.ground_truth.task.headline_metrics(self)
+
+    def against(
+        self,
+        published: Mapping[str, float] | str,
+        n: int | None = None,
+        *,
+        confidence: float | None = None,
+    ) -> "Against":
+        """Compare the means with published ones, of which only the number of episodes is known.
+
+        Parameters
+        ----------
+        published : mapping of str to float, or str
+            The means by metric, fractions or metres; or the name of a method among
+            :func:`reverie_eval.published_results`.
+        n : int, optional
+            The number of episodes that they are over, a random part of the split; by default all.
+        confidence : float, optional
+            Of the intervals, in (0, 1); by default 0.95.
+
+        Raises
+        ------
+        ProtocolError
+            If there is no such metric or method, a value or ``n`` is out of range, or all episodes
+            have the same target.
+        """
+        from reverie_eval.analysis import against
+
+        return against(self, published, n, confidence=confidence)
 
     def __repr__(self) -> str:
         values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)

@@ -33,6 +33,7 @@ from reverie_eval.tasks._fields import (
     VIEW,
     Field,
 )
+from reverie_eval.tasks._published import PublishedResult, published_results
 from reverie_eval.tasks._registry import (
     BUILT_IN,
     DEFAULT_TASK,
@@ -84,12 +85,14 @@ __all__ = [
     "Paper",
     "PathAnnotation",
     "Protocol",
+    "PublishedResult",
     "Task",
     "ViewpointId",
     "codebases",
     "find_codebase",
     "find_task",
     "name_on_server",
+    "published_results",
     "task_names",
     "turns_of",
 ]

@@ -37,6 +37,7 @@ NAMES = [
     "evaluate",
     "evaluate_many",
     "evaluate_protocols",
+    "published_results",
     "validate",
 ]
 """All names that notebooks use. Removing one breaks users' code."""

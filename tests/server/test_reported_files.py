@@ -5,11 +5,10 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import CATALOGUE, printed_value
 from reverie_eval.server.errors import TableError
 from reverie_eval.server.service.reported_files import (
     as_printed,
-    printed_value,
     read_change,
     read_results,
 )

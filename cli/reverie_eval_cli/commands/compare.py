@@ -1,5 +1,6 @@
 """``reverie-eval compare`` and ``report``: several submissions side by side, and as a page."""
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from itertools import islice
@@ -9,9 +10,11 @@ import click
 
 from reverie_eval import Scores
 from reverie_eval.analysis import BEST, Runs
+from reverie_eval.metrics import CATALOGUE, printed_value
 from reverie_eval.reporting.tables import FORMATS
 from reverie_eval.scoring import Clustering, Intervals, Scored
 from reverie_eval.submissions import find_files, find_runs, submission_names
+from reverie_eval.text import did_you_mean
 from reverie_eval_cli import options
 from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import (
@@ -21,6 +24,9 @@ from reverie_eval_cli.output import (
     show_printout,
     write_text,
 )
+
+_MEAN = re.compile(r"[A-Za-z_]+(=[0-9.]+%?)(,[A-Za-z_]+=[0-9.]+%?)*")
+"""A published mean: RGS=41.2."""
 
 
 @click.command()
@@ -42,6 +48,20 @@ from reverie_eval_cli.output import (
 )
 @options.output("the comparison")
 @click.option(
+    "--against",
+    multiple=True,
+    metavar="METRIC=VALUE|METHOD",
+    help="Compare one submission with published means instead, in percent or metres, such as "
+    "SR=46.9 RGS=32.1, or with those of a method that are known here, such as FAST-Short.",
+)
+@click.option(
+    "--n",
+    "n_published",
+    metavar="N",
+    type=options.Number(min=1),
+    help="The number of episodes that the published means are over.  [default: all of the split]",
+)
+@click.option(
     "--episodes",
     metavar="FILE",
     type=click.Path(),
@@ -58,6 +78,8 @@ def compare(
     confidence: float | None,
     layout: str,
     output: str | None,
+    against: Sequence[str],
+    n_published: int | None,
     episodes: str | None,
 ) -> None:
     """Compare submissions: differences, intervals, significance.
@@ -67,9 +89,22 @@ def compare(
     several runs of a method: ours=seed1.json,seed2.json or ours='seed*.json'.
     """
     from reverie_eval import Comparison
-    from reverie_eval.reporting.comparisons import comparison_printout
+    from reverie_eval.analysis import against as compare_with
+    from reverie_eval.reporting.comparisons import against_printout, comparison_printout
 
+    if against:
+        # Written as `--against SR=46.9 RGS=32.1`, all but the first arrive among the submissions.
+        words = [word for word in submissions if _MEAN.fullmatch(word) and not Path(word).exists()]
+        submissions = [word for word in submissions if word not in words]
+        against = [part for word in (*against, *words) for part in word.split(",")]
+    elif n_published is not None:
+        raise click.UsageError("--n is the number of episodes of --against, which is missing")
     methods = _methods(submissions)
+    if against and (len(methods) != 1 or baseline or episodes):
+        raise click.UsageError(
+            "--against compares one submission, or the runs of one method, with published means; "
+            "leave out --baseline, --episodes and other files"
+        )
     files = [file for runs in methods.values() for file in runs]
     check_outputs([output, episodes], [*files, scoring.ground_truth, episodes_from])
     # Somebody who names a folder has not chosen a first file.
@@ -84,6 +119,12 @@ def compare(
         name: _scored(list(islice(scored, len(runs))), runs, cluster, confidence)
         for name, runs in methods.items()
     }
+    if against:
+        ((name, scored_one),) = scores.items()
+        published = _published(against)
+        compared = compare_with(scored_one, published, n_published, cluster, confidence=confidence)
+        show_printout(against_printout(compared, name), layout, output)
+        return
     comparison = Comparison.of(
         scores,
         cluster,
@@ -132,6 +173,27 @@ def report(
         for name, it in scores.items()
     }
     write_text(report_html(page, cluster), output)
+
+
+def _published(words: Sequence[str]) -> Mapping[str, float] | str:
+    """Return the means that words give, by metric, or the name of a published method."""
+    by_label = {each.label.casefold(): each for each in CATALOGUE.values()} | dict(CATALOGUE)
+    if len(words) == 1 and "=" not in words[0]:
+        return words[0]
+    means: dict[str, float] = {}
+    for word in words:
+        label, _, value = word.partition("=")
+        metric = by_label.get(label.casefold())
+        if metric is None:
+            known = [each.label for each in CATALOGUE.values()]
+            raise click.UsageError(f"--against: no metric {label!r}{did_you_mean(label, known)}")
+        if metric.key in means:
+            raise click.UsageError(f"--against: {metric.label} is given twice")
+        try:
+            means[metric.key] = printed_value(metric, value)
+        except ValueError as error:
+            raise click.UsageError(f"--against: {error}") from None
+    return means
 
 
 def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:

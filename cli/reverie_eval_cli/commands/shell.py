@@ -14,6 +14,7 @@ SCHEMAS = (
     "runs-report",
     "validation-report",
     "comparison-report",
+    "against-report",
     "lint-report",
     "dataset-description",
     "run-card",
@@ -34,7 +35,7 @@ def _schema(name: str) -> dict[str, Any]:
     from pydantic import TypeAdapter
 
     from reverie_eval.dataset import DatasetDescription, LintReport
-    from reverie_eval.reporting.comparisons import ComparisonReport
+    from reverie_eval.reporting.comparisons import AgainstReport, ComparisonReport
     from reverie_eval.runner import RUN_SCHEMAS, run_schema
     from reverie_eval.schemas.report import RunsReport, ScoreReport, ValidationReport
     from reverie_eval.submissions import submission_schema
@@ -48,6 +49,7 @@ def _schema(name: str) -> dict[str, Any]:
         "runs-report": TypeAdapter(RunsReport),
         "validation-report": TypeAdapter(ValidationReport),
         "comparison-report": TypeAdapter(ComparisonReport),
+        "against-report": TypeAdapter(AgainstReport),
         "lint-report": TypeAdapter(LintReport),
         "dataset-description": TypeAdapter(DatasetDescription),
     }

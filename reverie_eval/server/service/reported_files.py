@@ -9,12 +9,11 @@ import json
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from decimal import Decimal
-from math import isfinite
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from reverie_eval.errors import Problem
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import CATALOGUE, Metric, printed_value
 from reverie_eval.schemas.organising import Rates
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import TableError
@@ -71,33 +70,6 @@ class ResultsFile(NamedTuple):
     problems: Sequence[Problem]
     unread: Sequence[str]
     """Parts of a JSON file that contain no results."""
-
-
-def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
-    """Return a value as printed in a table, converted to a fraction or metres.
-
-    Raises
-    ------
-    ValueError
-        If it is not a number, or is out of the metric's bounds.
-
-    Examples
-    --------
-    >>> printed_value(CATALOGUE["success"], "52.51 %")
-    0.5251
-    """
-    is_percent = metric.unit == "fraction" and rates == "percent"
-    try:
-        # Decimal divides exactly; in binary, 0.07 is not 7 / 100.
-        number = Decimal(text.removesuffix("%").strip())
-        value = float(number / _PER_CENT if is_percent else number)
-    except ArithmeticError:
-        raise ValueError(f"{metric.label}: {text!r} is not a number") from None
-    if not isfinite(value) or not metric.lower_bound <= value <= metric.upper_bound:
-        most = _PER_CENT if is_percent else 1
-        expected = f"from 0 to {most}" if metric.unit == "fraction" else "0 or more"
-        raise ValueError(f"{metric.heading}: {text} is not {expected}")
-    return value
 
 
 def as_printed(metric: Metric, value: float) -> str:

@@ -7,7 +7,7 @@ from typing import Any, get_args
 from fastapi import APIRouter
 from fastapi.responses import Response
 
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import CATALOGUE, printed_value
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.organising import (
     NewImport,
@@ -24,7 +24,7 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service import reported
-from reverie_eval.server.service.reported_files import as_printed, printed_value
+from reverie_eval.server.service.reported_files import as_printed
 from reverie_eval.tasks import Task
 
 router = APIRouter()

@@ -4,10 +4,13 @@ A run's folder has a line for each :class:`Attempt` in ``episodes.jsonl`` and on
 :class:`Step` in ``steps.jsonl``. :mod:`reverie_eval.runner` writes them, and others can.
 """
 
+import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import chain
+from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
@@ -18,9 +21,13 @@ from typing_extensions import Self
 
 from reverie_eval.arrays import FloatArray, frozen
 from reverie_eval.errors import LogError, Problem
+from reverie_eval.text import count_text, first_few
+
+__all__ = ["COSTS", "Attempt", "RunLog", "Step", "Usage", "read_attempts", "read_steps"]
 
 EPISODES = "episodes.jsonl"
 STEPS = "steps.jsonl"
+SUBMISSION = "submission.json"
 
 State = Literal["answered", "stopped", "failed", "interrupted"]
 """How an attempt ended: the agent ended the episode; it was stopped, as by a limit; it raised an
@@ -39,6 +46,8 @@ COSTS: Mapping[str, str] = MappingProxyType(
 )
 """What an episode costs, and the unit of each. Actions are the steps of the log: a score table's
 are the poses after the first."""
+
+_TOKENS = [key for key in COSTS if key.endswith("tokens")]
 
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Amount = Annotated[float, msgspec.Meta(ge=0)]
@@ -159,7 +168,7 @@ class RunLog:
     """All attempts at each episode; those that failed cost something too."""
 
     @classmethod
-    def read(cls, folder: Path | str) -> Self:
+    def read(cls, folder: str | PathLike[str]) -> Self:
         """Read the attempts of a run; its steps are read when they are looked at.
 
         Raises
@@ -212,6 +221,66 @@ class RunLog:
         rows = [_sum(self.attempts.get(episode, ())) for episode in episodes]
         return {key: frozen(np.array([row.get(key) for row in rows], float)) for key in COSTS}
 
+    def notes(self, episodes: Sequence[str], whole: Collection[str]) -> Iterator[str]:
+        """Yield what a run cost and read, and which episodes only the log or the split has.
+
+        ``episodes`` are those that were scored, and ``whole`` are those of the whole split.
+        """
+        yield costs_text(self.costs(episodes))
+        attempts = chain.from_iterable(self.attempts.values())
+        if read := {part for each in attempts for part in each.read}:
+            yield f"the agent read {', '.join(sorted(read))}"
+        if missing := [each for each in episodes if each not in self.attempts]:
+            count = count_text(len(missing), "episode")
+            yield f"the run's log has no attempt at {count}, such as {first_few(missing)}"
+        if others := [each for each in self.attempts if each not in whole]:
+            count = count_text(len(others), "episode")
+            yield f"the run's log has {count} of another split, such as {first_few(others)}"
+
+
+def mean_costs(costs: Mapping[str, FloatArray]) -> Mapping[str, float | None]:
+    """Return the mean of each cost over episodes; None if it is unknown for one of them.
+
+    A mean over the others would be that of other episodes.
+    """
+    means = {key: float(values.mean()) for key, values in costs.items()}
+    return {key: None if np.isnan(mean) else mean for key, mean in means.items()}
+
+
+def cost_number(value: float) -> str:
+    """Return an amount with three digits or more.
+
+    >>> cost_number(0.0017846), cost_number(12_345.6)
+    ('0.00178', '12,346')
+    """
+    decimals = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+    return f"{value:,.{decimals}f}"
+
+
+def cost_text(key: str, value: float) -> str:
+    """Return a cost in its unit: ``12.5 actions``."""
+    return f"{cost_number(value)} {COSTS[key]}"
+
+
+def cost_name(key: str) -> str:
+    """Return what a cost is called without a number: ``input tokens``, ``money``."""
+    return key.replace("_", " ")
+
+
+def costs_text(costs: Mapping[str, FloatArray]) -> str:
+    """Say what an episode cost on average, and what of it is unknown."""
+    means = mean_costs(costs)
+    known = [cost_text(key, mean) for key, mean in means.items() if mean is not None]
+    unknown: dict[str, None] = {}
+    has_tokens = not all(np.isnan(costs[key]).all() for key in _TOKENS)
+    for key, values in costs.items():
+        if missing := int(np.isnan(values).sum()):
+            name = cost_name(key) if has_tokens or key not in _TOKENS else "tokens"
+            some = f" of {count_text(missing, 'episode')}" if missing < len(values) else ""
+            unknown[f"{name}{some}"] = None
+    parts = [", ".join(known), f"unknown: {', '.join(unknown)}" if unknown else ""]
+    return f"cost per episode: {'; '.join(filter(None, parts))}"
+
 
 def _sum(attempts: Sequence[Attempt]) -> Mapping[str, float | None]:
     if not attempts:
@@ -223,12 +292,19 @@ def _sum(attempts: Sequence[Attempt]) -> Mapping[str, float | None]:
     }
 
 
-def read_attempts(folder: Path | str) -> Iterator[Attempt]:
+def find_run(submission: str) -> Path | None:
+    """Return the folder of the run that wrote a submission, if its log is beside it."""
+    file = Path(submission)
+    has_log = file.name == SUBMISSION and file.with_name(EPISODES).is_file()
+    return file.parent if has_log else None
+
+
+def read_attempts(folder: str | PathLike[str]) -> Iterator[Attempt]:
     """Yield all attempts of a run, in the order in which they ended; see :func:`read_lines`."""
     return read_lines(Path(folder, EPISODES), Attempt)
 
 
-def read_steps(folder: Path | str) -> Iterator[Step]:
+def read_steps(folder: str | PathLike[str]) -> Iterator[Step]:
     """Yield all steps of a run, in the order in which they were made; see :func:`read_lines`."""
     return read_lines(Path(folder, STEPS), Step)
 

@@ -14,6 +14,7 @@ import click
 
 from reverie_eval import Evaluator, ReverieEvalError, Scores, SubmissionError
 from reverie_eval.files import staged_file
+from reverie_eval.logs import find_run
 from reverie_eval.submissions import source_name
 
 if TYPE_CHECKING:
@@ -50,12 +51,13 @@ def rejection(submission: str, error: SubmissionError) -> str:
 
 
 def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Scores]:
-    """Score all; if some are rejected, list the problems of each of them."""
+    """Score all, with the logs of runs; if some are rejected, list the problems of each."""
     scores: list[Scores] = []
     rejections: list[str] = []
     for submission in with_progress(submissions, "Scoring", len(submissions)):
         try:
-            scores.append(evaluator(submission))
+            scored, run = evaluator(submission), find_run(submission)
+            scores.append(scored if run is None else scored.with_run(run))
         except SubmissionError as error:
             rejections.append(rejection(submission, error))
     if rejections:

@@ -18,6 +18,15 @@ from reverie_eval.analysis._comparison import (
     compare,
     p_text,
 )
+from reverie_eval.analysis._costs import (
+    BudgetCurve,
+    CostDifference,
+    Front,
+    FrontPoint,
+    is_on_front,
+    logged,
+    success_within,
+)
 from reverie_eval.analysis._differences import Difference
 from reverie_eval.analysis._episodes import (
     Episode,
@@ -51,11 +60,15 @@ __all__ = [
     "SAMPLED_EPISODES",
     "SMALLEST_SHOWN_P",
     "Against",
+    "BudgetCurve",
     "ComparedSubmissionsError",
     "Comparison",
+    "CostDifference",
     "Difference",
     "DifferenceOfMeans",
     "Episode",
+    "Front",
+    "FrontPoint",
     "Gallery",
     "Grouped",
     "Grouping",
@@ -76,11 +89,14 @@ __all__ = [
     "find_grouping",
     "gallery",
     "gap_between",
+    "is_on_front",
+    "logged",
     "most_similar",
     "near_misses",
     "nearest_earlier",
     "p_text",
     "rank_intervals",
     "spread_of_changes",
+    "success_within",
     "with_different_routes",
 ]

@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import comb
 from operator import attrgetter
 from typing import TYPE_CHECKING, Literal
@@ -15,11 +16,18 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from typing_extensions import Self
 
+from reverie_eval.analysis._costs import (
+    CostDifference,
+    Front,
+    cost_differences,
+    pareto_front,
+)
 from reverie_eval.analysis._differences import Difference, describe_differences, intervals_of_runs
 from reverie_eval.analysis._runs import Runs
 from reverie_eval.arrays import difference
 from reverie_eval.errors import ProtocolError, SubmissionError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
+from reverie_eval.logs import COSTS
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
@@ -39,6 +47,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
+    from reverie_eval.metrics.engine import IntervalEngine
     from reverie_eval.reporting.comparisons import ComparisonReport
 
 Verdict = Literal["better", "worse", "same", "not significant"]
@@ -178,6 +187,47 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # p < 1 - confidence, without a subtraction that turns 1 - 0.95 into more than 0.05.
         return excludes_zero and found.p_value + confidence < 1
 
+    @cached_property
+    def costs(self) -> Mapping[str, Mapping[str, CostDifference]]:
+        """How much more an episode cost than in the first submission, by name and cost.
+
+        Intervals are by the same resamples as those of scores. Without those whose runs have no
+        log, and costs that are unknown for some episodes.
+        """
+        return cost_differences(self.scores, self._cluster, self._engine)
+
+    def front(self, cost: str | None = None, metric: str | None = None) -> Front:
+        """Return what each run cost and scored, and whether it is on their Pareto front.
+
+        A run is on it if no other is as good in both and better in one. Runs without a log are left
+        out.
+
+        Parameters
+        ----------
+        cost, metric : str, optional
+            As for :meth:`Scores.success_within`.
+
+        Raises
+        ------
+        ProtocolError
+            If there is no such cost or metric, or the cost is unknown for some episodes.
+        """
+        return pareto_front(self.scores, cost, metric, self._cluster, self._engine)
+
+    @property
+    def _cluster(self) -> Clustering:
+        return next(iter(self.intervals.values())).cluster
+
+    @property
+    def _engine(self) -> "IntervalEngine":
+        """What computed the intervals; with several runs, what would have."""
+        from reverie_eval.metrics.engine import IntervalEngine
+
+        used = next(iter(self.intervals.values()))
+        if isinstance(used, Intervals):
+            return IntervalEngine(used.confidence, used.resamples, used.seed)
+        return IntervalEngine(used.confidence)
+
     def verdict(self, name: str) -> Verdict:
         """Return in a word or two whether a submission is better than the first.
 
@@ -238,8 +288,20 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             for name, differences in self.items()
             for key, found in differences.items()
         }
+        rows |= {
+            (name, key): {
+                "first": found.first,
+                "value": found.value,
+                "difference": found.mean,
+                "low": found.interval.low,
+                "high": found.interval.high,
+            }
+            for name, differences in self.costs.items()
+            for key, found in differences.items()
+        }
         frame = pd.DataFrame.from_dict(rows, orient="index")
-        frame.attrs["units"] = units_of(self.scores[self.first])
+        costs = COSTS if self.costs else {}
+        frame.attrs["units"] = {**units_of(self.scores[self.first]), **costs}
         return frame.rename_axis(index=["submission", "metric"])
 
     def episodes(self, metric: str | None = None) -> "pd.DataFrame":

@@ -118,6 +118,11 @@ class GroundTruth:
     subset_digest: str = ""
     """The digest of the chosen episodes of a declared subset; empty for all that are scored."""
 
+    @property
+    def whole(self) -> "GroundTruth":
+        """The ground truth of the whole split: this one, unless it is that of some episodes."""
+        return self if self.subset_of is None else self.subset_of[0]
+
     @classmethod
     def load(cls, file: str | PathLike[str]) -> Self:
         """Read a bundle and check that it is complete; its arrays are read-only.

@@ -22,18 +22,18 @@ from typing import TYPE_CHECKING, Any
 from reverie_eval.reporting.scores import results_table
 
 if TYPE_CHECKING:
-    from reverie_eval.reporting.figures import plot_curve
+    from reverie_eval.reporting.figures import plot_budgets, plot_curve
     from reverie_eval.reporting.report import report_html
 
-__all__ = ["plot_curve", "report_html", "results_table"]
+__all__ = ["plot_budgets", "plot_curve", "report_html", "results_table"]
 
 
 def __getattr__(name: str) -> Any:
     """Import figures and the report when they are used: scoring a file does without them."""
-    if name == "plot_curve":
-        from reverie_eval.reporting.figures import plot_curve
+    if name in ("plot_budgets", "plot_curve"):
+        from reverie_eval.reporting import figures
 
-        return plot_curve
+        return getattr(figures, name)
     if name == "report_html":
         from reverie_eval.reporting.report import report_html
 

@@ -15,7 +15,9 @@ from types import MappingProxyType
 import numpy as np
 from typing_extensions import Self
 
+from reverie_eval.analysis import BudgetCurve
 from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.logs import COSTS
 from reverie_eval.metrics import CATALOGUE, Metric, Unit
 from reverie_eval.reporting.drawing import Lines, path, path_data, text_at
 from reverie_eval.scoring import Scores
@@ -24,6 +26,10 @@ _MOST_BARS = 60
 _SHOWN_WALKS = 99
 """Percent of the walks that a chart shows: a few walks of hundreds of metres would squeeze all
 others together."""
+_SHOWN_SUCCESS = 0.99
+"""The share of the solved episodes that a chart of budgets shows: a few may be very expensive."""
+_MOST_SERIES = 6
+"""Colours of the style sheet."""
 _MILLIMETRE = 1e-3
 WIDTH, HEIGHT = 400, 250
 _LEFT, _RIGHT, _TOP, _BOTTOM = 42, 12, 10, 40
@@ -209,6 +215,40 @@ class Walks:
         return self.walked > self.shortest + _MILLIMETRE
 
 
+def budget_chart(curves: Mapping[str, BudgetCurve]) -> "Chart":
+    """Return what share of the episodes runs solved within a budget, by the names of the runs.
+
+    It ends where nearly all that are solved are.
+    """
+    first = next(iter(curves.values()))
+    high = max(
+        float(it.budget[np.argmax(it.share >= _SHOWN_SUCCESS * it.share[-1])])
+        for it in curves.values()
+    )
+    bands, steps = {}, {}
+    for number, curve in enumerate(curves.values()):
+        series = f"series-{number % _MOST_SERIES + 1}"
+        shown = curve.budget <= high
+        # Each share holds until the next budget, the last one to the chart's end.
+        x = np.append(np.repeat(curve.budget[shown], 2)[1:], high)
+        low, share, end = (
+            np.column_stack([x, 100 * np.repeat(each[shown], 2)])
+            for each in (curve.low, curve.share, curve.high)
+        )
+        bands[f"band {series}"] = [np.vstack([low, end[::-1]])]
+        steps[f"curve {series}"] = [np.vstack([share[:1] * (1, 0), share])]
+    return Chart(
+        title=f"{first.metric.label} within a budget",
+        x_label=f"budget for an episode ({COSTS[first.cost]})",
+        y_label=f"{first.metric.label} within the budget (%)",
+        low=0.0,
+        high=high or 1.0,
+        top=min(105 * max(float(each.high.max()) for each in curves.values()), 105.0),
+        lines={**bands, **steps},
+        key={kind: name for kind, name in zip(steps, curves, strict=False) if name},
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Chart:
     """Lines on linear axes; values go to the right from ``low`` to ``high``, up from 0 to ``top``.
@@ -270,5 +310,7 @@ class Chart:
 
 
 def _ticks(low: float, high: float) -> FloatArray:
-    step = next(step for step in round_numbers() if (high - low) / step <= _MOST_TICKS)
+    # Below 1, the same in smaller units.
+    unit = 10 ** min(0.0, np.floor(np.log10(high - low)))
+    step = next(it * unit for it in round_numbers() if (high - low) / it / unit <= _MOST_TICKS)
     return np.arange(np.ceil(low / step) * step, high + 1e-9, step) + 0.0  # + 0.0: no -0

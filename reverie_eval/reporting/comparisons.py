@@ -5,14 +5,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from pydantic import Field
+
 from reverie_eval.analysis import (
     SMALLEST_SHOWN_P,
     Against,
     Comparison,
+    CostDifference,
     Difference,
     DifferenceOfMeans,
+    logged,
     p_text,
 )
+from reverie_eval.errors import ProtocolError
+from reverie_eval.logs import cost_number, cost_text
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.scores import results_table, table_of_scores
 from reverie_eval.reporting.tables import MISSING, Printout, Table, metric_cells
@@ -35,6 +41,8 @@ class ComparisonReport(Report):
     """The difference of each other submission from the first, by its name and the metric's key."""
     sentences: dict[str, str]
     """Whether each of the others is better, in a sentence about the primary metric."""
+    costs: dict[str, dict[str, CostDifference]] = Field({}, exclude_if=lambda costs: not costs)
+    """What an episode cost in the runs that have a log, by the names of the others and by cost."""
 
 
 def comparison_report(comparison: Comparison) -> ComparisonReport:
@@ -45,6 +53,7 @@ def comparison_report(comparison: Comparison) -> ComparisonReport:
         intervals={name: each.caption for name, each in comparison.intervals.items()},
         differences={name: dict(each) for name, each in comparison.items()},
         sentences={name: comparison.sentence(name) for name in comparison},
+        costs={name: dict(each) for name, each in comparison.costs.items()},
     )
 
 
@@ -200,12 +209,31 @@ def _table(
         further=further,
         about=[first.signature, *procedures(comparison)],
         notes=[
-            f"note on {name}: {note}"
-            for name, each in comparison.scores.items()
-            for note in each.notes
+            *(
+                f"note on {name}: {note}"
+                for name, each in comparison.scores.items()
+                for note in each.notes
+            ),
+            *cost_notes(comparison),
         ],
         findings=_findings(comparison),
     )
+
+
+def cost_notes(comparison: Comparison) -> Iterator[str]:
+    """Say how costs differ from the first's, and how surely each run is on the Pareto front."""
+    for name, differences in comparison.costs.items():
+        parts = [
+            f"{'+' * (it.mean > 0)}{cost_text(key, it.mean)} ({cost_number(it.interval.low)} to "
+            f"{cost_number(it.interval.high)})"
+            for key, it in differences.items()
+        ]
+        yield f"cost per episode, {name} - {comparison.first}: {', '.join(parts)}"
+    if len(logged(comparison.scores)) > 1:
+        try:
+            yield repr(comparison.front())
+        except ProtocolError as error:
+            yield f"no Pareto front: {error}"
 
 
 def _task(comparison: Comparison) -> Task:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Lines = Mapping[str, Sequence[FloatArray]]
 """Lines by class, each through points of shape (n, 2); a single point is a dot."""
-CLOSED = ("arrow", "sight", "mark")
+CLOSED = ("arrow", "sight", "mark", "band")
 """Lines that enclose an area, by the first word of their class."""
 STAIRS = ((-6, -5), (-6, -2), (-2, -2), (-2, 1), (2, 1), (2, 4), (6, 4))
 """The mark for stairs, in units of the page to the right and upwards."""
@@ -99,6 +99,13 @@ _LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
         "route-2": {"color": VERMILION},
         "stop route-1": {"markerfacecolor": BLUE},
         "stop route-2": {"markerfacecolor": VERMILION},
+        "series-1": {"color": BLUE},
+        "series-2": {"color": VERMILION},
+        "series-3": {"color": GREEN},
+        "series-4": {"color": "#CC79A7"},
+        "series-5": {"color": ORANGE},
+        "series-6": {"color": "#56B4E9"},
+        "band": {"alpha": 0.2, "linewidth": 0},
         "mark": {"color": BLUE, "linewidth": 0},
         "dot miss": _mark("o", 4, GREY, "none", 0) | {"alpha": 0.6},
         "dot hit": _mark("o", 4, BLUE, "none", 0) | {"alpha": 0.6},

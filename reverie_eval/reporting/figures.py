@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reverie_eval.analysis import Comparison, Episode, GroupingKey
+from reverie_eval.analysis import BudgetCurve, Comparison, Episode, GroupingKey
 from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting.charts import Chart, Histogram, Walks
+from reverie_eval.reporting.charts import Chart, Histogram, Walks, budget_chart
 from reverie_eval.reporting.drawing import (
     BLUE,
     GREEN,
@@ -279,6 +279,30 @@ def plot_comparison(comparison: Comparison, ax: "Axes | None" = None) -> "Axes":
         axes.set_xlabel(f"difference in percentage points, with {label} interval")
         _explain_beside(axes)
         set_heading(axes, f"compared with {comparison.first}")
+    return axes
+
+
+def plot_budgets(curves: Mapping[str, BudgetCurve], ax: "Axes | None" = None) -> "Axes":
+    """Draw what share of the episodes runs solved within a budget, with intervals.
+
+    Parameters
+    ----------
+    curves : mapping of BudgetCurve
+        By the names of the runs, for the same cost and metric.
+    ax : Axes, optional
+        Where to draw; a new figure if not given.
+
+    Raises
+    ------
+    ReverieEvalError
+        If matplotlib is not installed.
+    """
+    with styled_axes(ax) as axes:
+        _draw_chart(budget_chart(curves), axes)
+        if any(curves):
+            _explain_beside(axes)
+        first = next(iter(curves.values()))
+        set_heading(axes, f"solved within a budget, with {first.label} intervals")
     return axes
 
 

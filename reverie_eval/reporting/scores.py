@@ -455,7 +455,7 @@ def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
 
 
 def write_episodes(scores: Scores, file: TextIO) -> None:
-    """Write a row per episode as CSV: every metric, unrounded, outcome, scan and instruction.
+    """Write a row per episode as CSV: metrics and costs, unrounded, outcome, scan and instruction.
 
     Columns are those of ``scores.to_pandas()``.
     """
@@ -491,8 +491,8 @@ def episodes_json(scores: Scores) -> str:
 
 
 def _columns(scores: Scores) -> dict[str, Sequence[Any]]:
-    """Return the values of every episode by metric; None where an episode has none."""
+    """Return the values of every episode by metric and cost; None where an episode has none."""
     return {
         key: [None if math.isnan(value) else value for value in column.tolist()]
-        for key, column in scores.episodes.items()
+        for key, column in {**scores.episodes, **scores.costs}.items()
     }

@@ -5,9 +5,8 @@ A run's folder has what :class:`Identity` says in ``run.json``, a line for each 
 """
 
 from reverie_eval.errors import RunError
-from reverie_eval.logs import Attempt, Step, read_attempts, read_steps
+from reverie_eval.logs import SUBMISSION, Attempt, Step, read_attempts, read_steps
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, TREATMENTS, WAITS, TransientError
-from reverie_eval.runner._folder import SUBMISSION
 from reverie_eval.runner._records import (
     SCHEMA_VERSION,
     Circumstance,

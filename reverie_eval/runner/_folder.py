@@ -31,7 +31,6 @@ from reverie_eval.runner._records import (
 )
 
 CARD = "run.json"
-SUBMISSION = "submission.json"
 
 
 class RunFolder:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from reverie_eval.errors import RunError
-from reverie_eval.logs import EPISODES, Attempt, read_attempts
+from reverie_eval.logs import EPISODES, SUBMISSION, Attempt, read_attempts
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, WAITS
-from reverie_eval.runner._folder import SUBMISSION, RunFolder
+from reverie_eval.runner._folder import RunFolder
 from reverie_eval.runner._records import ANSWERED, Circumstance, Identity, Totals
 from reverie_eval.runner._walking import Job, Plan
 from reverie_eval.runner._workers import walk_here, walk_in_processes

@@ -77,6 +77,9 @@ class ScoreReport(Report):
     """Present if some answers are boxes and the protocol scores grounding."""
     intervals: IntervalReport | None = None
     """Present if requested."""
+    costs: dict[str, float | None] | None = Field(None, exclude_if=lambda costs: costs is None)
+    """What an episode cost on average, as its run logged it; null is unknown. Left out if there is
+    no log."""
     notes: list[str] = []
     """What readers of the numbers should know, a sentence each."""
 

@@ -157,8 +157,7 @@ def check_parts(parts: Sequence["Scores"]) -> None:
 def join_parts(parts: Sequence["Scores"]) -> Lookups:
     """Join what was scored in several parts of a split, in the order of the whole."""
     first = parts[0]
-    whole, _ = first.ground_truth.subset_of or (first.ground_truth, None)
-    whole = whole.scored_by(first.protocol)
+    whole = first.ground_truth.whole.scored_by(first.protocol)
     instr_ids = [instr_id for part in parts for instr_id in part.instr_ids]
     repeated = [instr_id for instr_id, count in Counter(instr_ids).items() if count > 1]
     if repeated:

@@ -3,20 +3,24 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.arrays import Array
+from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.errors import (
     GroundTruthError,
+    LogError,
+    Problem,
     ProtocolError,
     ReverieEvalError,
     naming_missing_parts,
 )
 from reverie_eval.ground_truth import GroundTruth, find_words
+from reverie_eval.logs import COSTS, RunLog, mean_costs
 from reverie_eval.metrics import CATALOGUE, units_of
 from reverie_eval.scoring._episode_table import (
     OUTCOMES,
@@ -46,7 +50,7 @@ from reverie_eval.version import __version__
 if TYPE_CHECKING:
     import pandas as pd
 
-    from reverie_eval.analysis import Episode, Gallery, Grouped
+    from reverie_eval.analysis import BudgetCurve, Episode, Gallery, Grouped
     from reverie_eval.reporting.figures import Plots
     from reverie_eval.schemas.report import ScoreReport
 
@@ -63,6 +67,8 @@ class Scores(Scored):
     """The predicted boxes, if there are any and the protocol scores them."""
     submission: SubmissionColumns | None = None
     """The trajectories and answers that were scored; not part of any report."""
+    run: RunLog | None = None
+    """The log of the run that made the submission, if :meth:`with_run` read it; never scored."""
 
     @classmethod
     def of(
@@ -163,9 +169,23 @@ class Scores(Scored):
         return [
             *([] if self.boxes is None else [self.boxes.note]),
             *self.hints,
+            *(
+                []
+                if self.run is None
+                else self.run.notes(self.instr_ids, self.ground_truth.whole.episodes.index)
+            ),
             *([] if jumps is None else jump_notes(jumps, self.protocol)),
             *unscored_notes(self.ground_truth, self.protocol),
         ]
+
+    @cached_property
+    def costs(self) -> Mapping[str, FloatArray]:
+        """What each episode cost, by the keys of :data:`reverie_eval.logs.COSTS`.
+
+        All attempts together, as arrays of shape (n_episodes,); NaN is unknown. Empty without
+        :meth:`with_run`.
+        """
+        return {} if self.run is None else self.run.costs(self.instr_ids)
 
     @property
     def outcomes(self) -> Sequence[str]:
@@ -267,6 +287,28 @@ class Scores(Scored):
         )
         return replace(self, intervals=intervals[""])
 
+    def with_run(self, folder: str | PathLike[str]) -> Self:
+        """Return the same scores with what their run logged: what it cost, and its steps.
+
+        Parameters
+        ----------
+        folder : path
+            A folder that ``reverie-eval run`` wrote, or one with an ``episodes.jsonl``, and a
+            ``steps.jsonl``, of the same form.
+
+        Raises
+        ------
+        LogError
+            If lines are invalid, or no episode is one of the split; lists every problem.
+        OSError
+            If there is no ``episodes.jsonl``, or it cannot be read.
+        """
+        log = RunLog.read(folder)
+        if log.attempts.keys().isdisjoint(self.ground_truth.whole.episodes.index):
+            message = f"it has no episode of {self.split}; give the run of this submission"
+            raise LogError([Problem("log-of-others", str(folder), message)])
+        return replace(self, run=log)
+
     def subset(self, instr_ids: Iterable[str]) -> Self:
         """Return the scores of some of the episodes, as for a declared subset.
 
@@ -281,12 +323,13 @@ class Scores(Scored):
         index = self.ground_truth.episodes.index
         # In the order of the subset, which is that of the ground truth.
         rows = np.array([index[instr_id] for instr_id in truth.episodes.instr_ids])
-        return self.of(
+        scores = self.of(
             Lookups(self.require_submission().take(rows), truth),
             self.protocol,
             hints=self.hints,
             qualifier=self.qualifier,
         )
+        return replace(scores, run=self.run)
 
     def with_words(self, *words: str) -> Self:
         """Return the scores of the episodes whose instruction has all of these words.
@@ -369,6 +412,37 @@ class Scores(Scored):
 
         return breakdown(self, by, intervals=intervals, confidence=confidence)
 
+    def success_within(
+        self,
+        cost: str | None = None,
+        metric: str | None = None,
+        cluster: Clustering = "target",
+        *,
+        confidence: float | None = None,
+    ) -> "BudgetCurve":
+        """Return what share of the episodes the run solved within a budget, for all budgets.
+
+        Parameters
+        ----------
+        cost : str, optional
+            A key of :attr:`costs`; by default money, input tokens or actions, the first that is
+            known and not 0.
+        metric : str, optional
+            What a solved episode is, a metric that is 0 or 1; by default success.
+        cluster : "target" or "scan"
+            What dependent episodes share.
+        confidence : float, optional
+            Of the interval at each budget, in (0, 1); by default 0.95.
+
+        Raises
+        ------
+        ProtocolError
+            If there is no such cost or metric, or the cost is unknown for some episodes.
+        """
+        from reverie_eval.analysis import success_within
+
+        return success_within(self, cost, metric, cluster, confidence=confidence)
+
     def episode(self, instr_id: str) -> "Episode":
         """Return one episode of the submission that was scored.
 
@@ -419,7 +493,7 @@ class Scores(Scored):
         return flat
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return a row per ``instr_id``: a column per metric, and those of :attr:`texts`.
+        """Return a row per ``instr_id``: a column per metric and cost, and those of :attr:`texts`.
 
         Values are in the metrics' own units, which ``attrs["units"]`` lists by column.
         """
@@ -427,8 +501,8 @@ class Scores(Scored):
             import pandas as pd
 
         index = pd.Index(self.instr_ids, name="instr_id")
-        table = pd.DataFrame(dict(self.episodes), index=index)
-        table.attrs["units"] = units_of(self)
+        table = pd.DataFrame({**self.episodes, **self.costs}, index=index)
+        table.attrs["units"] = units_of(self) | {key: COSTS[key] for key in self.costs}
         return table.assign(**self.texts)
 
     def to_report(self) -> "ScoreReport":
@@ -446,5 +520,6 @@ class Scores(Scored):
             scores=dict(self),
             boxes=None if self.boxes is None else self.boxes.to_report(),
             intervals=None if self.intervals is None else self.intervals.to_report(),
+            costs=None if self.run is None else dict(mean_costs(self.costs)),
             notes=list(self.notes),
         )

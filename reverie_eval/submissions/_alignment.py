@@ -99,7 +99,7 @@ def check_batch(
     SubmissionError
         Listing every problem, including those found while reading.
     """
-    whole, _ = ground_truth.subset_of or (ground_truth, None)
+    whole = ground_truth.whole
     predictions, episode, viewpoint, _ = _look_up(predictions, whole)
     contents = [predictions.content(record) for record in range(len(episode))]
     _raise_problems(

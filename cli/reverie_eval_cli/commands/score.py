@@ -26,6 +26,7 @@ from reverie_eval import (
     evaluate,
     evaluate_protocols,
 )
+from reverie_eval.logs import find_run
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.scores import (
     ranking_printout,
@@ -82,6 +83,7 @@ class Wanted:
     layout: str
     output: str | None
     episodes: str | None
+    run: Path | None
 
     @property
     def given(self) -> Iterator[str]:
@@ -94,6 +96,7 @@ class Wanted:
             "--episodes": self.episodes,
             "--format": self.layout != FORMATS[0],
             "--output": self.output,
+            "--run": self.run,
             f"--protocol {_ALL}": self.scoring.protocol == _ALL,
         }
         return (option for option, value in values.items() if value)
@@ -166,6 +169,13 @@ class Wanted:
         type=click.Path(),
         help="Also write the values, outcome and instruction of every episode to FILE, as CSV; "
         "with several protocols, the first's.",
+    ),
+    click.option(
+        "--run",
+        metavar="FOLDER",
+        type=options.PATH,
+        help="Also show what the run in FOLDER cost, as its episodes.jsonl says.  [default: the "
+        "submission's folder, if `reverie-eval run` wrote it]",
     ),
 )
 def score(*, wanted: Wanted) -> int:
@@ -247,6 +257,8 @@ def _print_scores(wanted: Wanted, score_by: Callable[[str, GroundTruth], Sequenc
             scores.with_intervals(wanted.cluster or "target", confidence=wanted.confidence)
             for scores in results
         ]
+    if run := wanted.run or find_run(file):
+        results = [scores.with_run(run) for scores in results]
     if wanted.episodes:
         with open_output(wanted.episodes) as opened:
             write_episodes(results[0], opened)
@@ -324,7 +336,7 @@ class _Way(NamedTuple):
     """The options that it takes, of those that not all ways take."""
 
 
-_OF_A_FILE = _INTERVALS | _PRINTING | {"--episodes"}
+_OF_A_FILE = _INTERVALS | _PRINTING | {"--episodes", "--run"}
 _FILE = _Way("a single file", score_file, _OF_A_FILE)
 _ALL_PROTOCOLS = _Way(
     f"--protocol {_ALL}", score_by_all_protocols, _OF_A_FILE | {f"--protocol {_ALL}"}

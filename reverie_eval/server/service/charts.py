@@ -6,6 +6,9 @@ from math import isfinite
 from operator import itemgetter
 from typing import Any
 
+import numpy as np
+
+from reverie_eval.analysis import is_on_front
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.service.entries import Row
@@ -120,14 +123,8 @@ def front(x: Sequence[float], y: Sequence[float]) -> Sequence[int]:
     >>> front([1, 2, 3, 3], [5, 2, 4, 1])
     [0, 1, 3]
     """
-    chosen: list[int] = []
-    least = float("inf")
-    for place in sorted(range(len(x)), key=lambda place: (x[place], y[place])):
-        is_equal = bool(chosen) and (x[chosen[-1]], y[chosen[-1]]) == (x[place], y[place])
-        if y[place] < least or is_equal:
-            chosen.append(place)
-            least = y[place]
-    return chosen
+    is_on = is_on_front(np.array(x, float), np.array(y, float))
+    return sorted(np.flatnonzero(is_on).tolist(), key=lambda place: (x[place], y[place]))
 
 
 def records(at: Sequence[Any], costs: Sequence[float]) -> Sequence[int]:

@@ -123,19 +123,23 @@ def _is_rich(stream: TextIO) -> bool:
     return stream.isatty() and find_spec("rich") is not None
 
 
-def show_table(*layouts: "Table", output: str | None = None) -> None:
-    """Write a table; a terminal gets the first of its layouts that fits."""
+def show_printout(printout: "Printout", layout: str, output: str | None) -> None:
+    """Write a result in one of its formats; a terminal gets tables that fit it."""
+    from reverie_eval.reporting.tables import print_parts
+
+    is_for_people = layout in ("table", "text")
+    show(
+        lambda: printout.text(layout),
+        output,
+        (lambda console: print_parts(console, printout.parts())) if is_for_people else None,
+    )
+
+
+def show_table(table: "Table") -> None:
+    """Print a table."""
     from reverie_eval.reporting.tables import print_table
 
-    show(layouts[0].to_text, output, lambda console: print_table(console, *layouts))
-
-
-def show_printout(printout: "Printout", layout: str, output: str | None) -> None:
-    """Write a result in one of its formats."""
-    if layout == "table":
-        show_table(*printout.layouts, output=output)
-    else:
-        show(lambda: printout.text(layout), output)
+    show(table.to_text, None, lambda console: print_table(console, table))
 
 
 def note(text: str) -> None:

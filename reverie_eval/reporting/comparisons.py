@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 from pydantic import Field
 
@@ -154,11 +153,14 @@ def comparison_printout(comparison: Comparison) -> Printout:
         notes = [*sentences(comparison), *comparison_table(comparison).notes]
         return replace(results_table(comparison.scores), notes=notes)
 
-    return Printout(
-        lambda: comparison_table(comparison),
-        lambda: comparison.to_report().model_dump_json(indent=2),
-        lambda: comparison.to_pandas().to_csv().removesuffix("\n"),
-        partial(_ranked_table, comparison, is_narrow=True) if len(comparison) > 1 else None,
+    def table() -> Table:
+        narrow = _ranked_table(comparison, is_narrow=True) if len(comparison) > 1 else None
+        return replace(comparison_table(comparison), narrow=narrow)
+
+    return Printout.of_table(
+        table,
+        json=lambda: comparison.to_report().model_dump_json(indent=2),
+        csv=lambda: comparison.to_pandas().to_csv().removesuffix("\n"),
         papers={"markdown": paper, "latex": paper},
     )
 

@@ -1,11 +1,14 @@
 """The faults of a dataset's files and what they contain: as text, tables and figures."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from reverie_eval.arrays import FloatArray
 from reverie_eval.dataset import (
@@ -23,46 +26,31 @@ from reverie_eval.dataset import (
 from reverie_eval.reporting.charts import bin_edges, count_edges
 from reverie_eval.reporting.drawing import INK
 from reverie_eval.reporting.figures import STYLE, split_colour, use_round_ticks
-from reverie_eval.reporting.tables import Table, cell_of, print_table
+from reverie_eval.reporting.tables import Part, Printout, Table, cell_of
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from rich.console import Console
 
 _COUNTED = ("", "code", "number", "of", "%", "description")
 _MEASURED = ("code", "number", "min", "5 %", "median", "mean", "95 %", "max", "description")
 _SHOWN_EXAMPLES = 3
 
 
-def lint_text(report: LintReport) -> str:
-    """Return the report in aligned columns, for a pipe or a file."""
-    sections = [
-        "\n".join(
-            [
-                _title(section),
-                *(it.to_text() for it in _section_tables(section)),
-                *filter(None, [section.note]),
-            ]
-        )
-        for section in report.sections
-    ]
-    return "\n\n".join([*sections, *_errors(report), _verdict(report)])
+def lint_printout(report: LintReport) -> Printout:
+    """Return the report in each of its formats."""
 
+    def parts() -> Sequence[Part]:
+        sections = [
+            Part(_section_tables(section), _title(section), section.note)
+            for section in report.sections
+        ]
+        errors = [Part(note=error, style="red") for error in _errors(report)]
+        style = "bold green" if report.sound else "bold red"
+        return [*sections, *errors, Part(note=_verdict(report), style=style)]
 
-def print_lint(console: "Console", report: LintReport) -> None:
-    """Print the report on a terminal."""
-    for section in report.sections:
-        console.print(_title(section), style="bold", markup=False, highlight=False)
-        for table in _section_tables(section):
-            print_table(console, table, table.stacked())
-        if section.note:
-            console.print(f"{section.note}\n", style="dim", markup=False, highlight=False)
-    for error in _errors(report):
-        console.print(f"{error}\n", style="red", markup=False, highlight=False)
-    style = "bold green" if report.sound else "bold red"
-    console.print(_verdict(report), style=style, markup=False, highlight=False)
+    return Printout(parts, partial(_as_json, report))
 
 
 def _title(section: LintSection) -> str:
@@ -77,7 +65,7 @@ def _section_tables(section: LintSection) -> Sequence[Table]:
         Table(_COUNTED, counts, frozenset({0, 1, len(_COUNTED) - 1})),
         Table(_MEASURED, spreads, frozenset({0, len(_MEASURED) - 1})),
     ]
-    return [table for table in tables if table.rows]
+    return [replace(table, narrow=table.stacked()) for table in tables if table.rows]
 
 
 def _errors(report: LintReport) -> Iterator[str]:
@@ -160,15 +148,17 @@ _GROUPS: Mapping[tuple[str, ...], str] = MappingProxyType(
 """Names for the splits that a number of the paper covers."""
 
 
-def description_text(description: DatasetDescription) -> str:
-    """Return the tables in aligned columns, for a pipe or a file."""
-    return "\n\n".join(table.to_text() for table in _description_tables(description))
+def description_printout(description: DatasetDescription) -> Printout:
+    """Return a description in each of its formats."""
+    return Printout(
+        lambda: [Part([table]) for table in _description_tables(description)],
+        partial(_as_json, description),
+    )
 
 
-def print_description(console: "Console", description: DatasetDescription) -> None:
-    """Print the tables on a terminal."""
-    for table in _description_tables(description):
-        print_table(console, table)
+def _as_json(report: DatasetDescription | LintReport) -> str:
+    adapter: TypeAdapter[Any] = TypeAdapter(type(report))
+    return adapter.dump_json(report, indent=2).decode()
 
 
 def _description_tables(description: DatasetDescription) -> Sequence[Table]:

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TextIO
 
 import numpy as np
@@ -46,9 +47,11 @@ def scores_printout(results: Sequence[Scores]) -> Printout:
         columns = [*keys, *bounds] if results[0].intervals else keys
         return _csv([], columns, (([], it.to_dict(), [it.signature]) for it in results))
 
-    return Printout(
-        lambda: score_table(results), as_json, as_csv, lambda: score_table(results).stacked()
-    )
+    def table() -> Table:
+        wide = score_table(results)
+        return replace(wide, narrow=wide.stacked())
+
+    return Printout.of_table(table, json=as_json, csv=as_csv)
 
 
 def score_table(results: Sequence[Scores]) -> Table:
@@ -97,7 +100,7 @@ def ranking_printout(scored: ScoredFiles) -> Printout:
         keys = next(iter(scored.values())).ground_truth.task.metrics
         return _csv(["file", "split", "protocol"], keys, rows)
 
-    return Printout(lambda: ranking_table(scored), as_json, as_csv)
+    return Printout.of_table(lambda: ranking_table(scored), json=as_json, csv=as_csv)
 
 
 def ranking_table(scored: ScoredFiles) -> Table:
@@ -129,10 +132,10 @@ def runs_printout(name: str, runs: Runs) -> Printout:
         rows = (([label], values, about) for label, values in named)
         return _csv(["run"], keys, rows, ["signature", "caution"])
 
-    return Printout(
+    return Printout.of_table(
         lambda: runs_table(runs),
-        lambda: runs.to_report().model_dump_json(indent=2),
-        as_csv,
+        json=lambda: runs.to_report().model_dump_json(indent=2),
+        csv=as_csv,
         papers={"latex": lambda: results_table({name: runs})},
     )
 

@@ -1,21 +1,21 @@
 """What an evaluation server replies, as tables and lines: leaderboards, results, evidence."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import timedelta
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.tables import (
     MISSING,
+    Part,
     Table,
     cell_of,
     metric_cell,
     metric_cells,
-    print_lines,
-    print_table,
 )
 from reverie_eval.schemas.evidence import (
     EvidenceReport,
@@ -40,9 +40,6 @@ from reverie_eval.schemas.service import (
 from reverie_eval.scoring import task_of
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text, earliest_time_text, printable, time_text
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 METHOD_FLAGS = {
     "extra_data": "extra data",
@@ -116,19 +113,10 @@ def narrow_leaderboard_table(board: Leaderboard) -> Table:
     return Table(headings, rows, frozenset({len(headings) - 1}), notes=_board_notes(board))
 
 
-def leaderboard_text(board: Leaderboard) -> str:
-    """Return a leaderboard in aligned columns, for a pipe or a file."""
-    table = leaderboard_table(board)
-    return table.to_text() if table.rows else "\n".join(table.notes)
-
-
-def print_leaderboard(console: "Console", board: Leaderboard) -> None:
-    """Print a leaderboard on a terminal, with all text in one column if it is narrow."""
-    table = leaderboard_table(board)
-    if table.rows:
-        print_table(console, table, narrow_leaderboard_table(board))
-    else:
-        print_lines(console, table.notes, style="dim")
+def leaderboard_parts(board: Leaderboard) -> Sequence[Part]:
+    """Return a leaderboard as it is printed, with all text in one column if that is narrow."""
+    table = replace(leaderboard_table(board), narrow=narrow_leaderboard_table(board))
+    return [Part([table])] if table.rows else [Part(note="\n".join(table.notes))]
 
 
 def _board_notes(board: Leaderboard) -> Sequence[str]:

@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import groupby
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from typing_extensions import Self
 
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
@@ -60,6 +62,8 @@ class Table:
     """Lines below the table, the signature first; in LaTeX, comments above it."""
     task: Task = _REVERIE
     """The task of the metrics in the headings."""
+    narrow: "Table | None" = None
+    """The table for a narrow terminal, if there is another."""
 
     def __repr__(self) -> str:
         return self.to_markdown()
@@ -209,39 +213,56 @@ class Table:
         return f"<tr>{''.join(cells)}</tr>"
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of what is printed: a title, tables and a note, each if there is one."""
+
+    tables: Sequence[Table] = ()
+    title: str = ""
+    note: str = ""
+    style: str = "dim"
+    """How a terminal shows the note."""
+
+    def to_text(self) -> str:
+        """Return the lines of the part in aligned columns, for a pipe or a file."""
+        tables = (table.to_text() for table in self.tables)
+        return "\n".join(filter(None, [self.title, *tables, self.note]))
+
+
 FORMATS = ("table", "json", "csv", "markdown", "latex")
 """What ``--format`` offers for scores."""
 
 
 @dataclass(frozen=True)
 class Printout:
-    """A result in each of the ``FORMATS``; those that are not asked for are not written."""
+    """A result in each of its formats; those that are not asked for are not written."""
 
-    table: Callable[[], Table]
+    parts: Callable[[], Sequence[Part]]
+    """The result for people."""
     json: Callable[[], str]
-    csv: Callable[[], str]
-    narrow: Callable[[], Table] | None = None
-    """The table for a narrow terminal, if there is another."""
+    csv: Callable[[], str] = str
     papers: Mapping[str, Callable[[], Table]] = field(default_factory=dict)
     """The table as papers show it, by the formats that have another one than people."""
 
-    @property
-    def layouts(self) -> Sequence[Table]:
-        """The layouts of the table, the widest first."""
-        return [self.table(), *([] if self.narrow is None else [self.narrow()])]
+    @classmethod
+    def of_table(cls, table: Callable[[], Table], **formats: Any) -> Self:
+        """Return a result that is one table."""
+        papers = dict.fromkeys(("markdown", "latex"), table) | formats.pop("papers", {})
+        return cls(lambda: [Part([table()])], papers=papers, **formats)
 
     def text(self, layout: str) -> str:
         """Return the result in one of the formats."""
         match layout:
-            case "table":
-                return self.table().to_text()
             case "json":
                 return self.json()
             case "csv":
                 return self.csv()
+            case "markdown":
+                return self.papers[layout]().to_markdown()
+            case "latex":
+                return self.papers[layout]().to_latex()
             case _:
-                table = self.papers.get(layout, self.table)()
-                return table.to_markdown() if layout == "markdown" else table.to_latex()
+                return "\n\n".join(part.to_text() for part in self.parts())
 
 
 def _aligned(column: Sequence[str], *, is_text: bool) -> Sequence[str]:
@@ -381,33 +402,40 @@ def metric_cells(metrics: Iterable[Metric], values: Mapping[str, float]) -> Sequ
 # Terminals.
 
 
-def print_table(console: "Console", *layouts: Table) -> None:
-    """Print on a terminal the first of a table's layouts that fits, and the first one's notes.
+def print_parts(console: "Console", parts: Sequence[Part]) -> None:
+    """Print the parts of a result on a terminal."""
+    for part in parts:
+        if part.title:
+            console.print(part.title, style="bold", markup=False, highlight=False)
+        for table in part.tables:
+            print_table(console, table)
+        if part.note:
+            end = "\n" if part is parts[-1] else "\n\n"
+            console.print(part.note, style=part.style, markup=False, highlight=False, end=end)
 
-    A layout whose last text column can be wrapped fits as well. If none does, the first one is
-    printed as plain text and the terminal breaks its lines: nothing is cut.
+
+def print_table(console: "Console", table: Table) -> None:
+    """Print on a terminal a table or, if it does not fit, its narrow layout, and its notes.
+
+    A layout whose last text column can be wrapped fits as well. If none does, the table is printed
+    as plain text and the terminal breaks its lines: nothing is cut.
     """
-    first, *_ = layouts
-    for layout in layouts:
+    for layout in filter(None, (table, table.narrow)):
         if _fits_wrapped(console, layout):
             console.print(_rich_table(layout))
             if not any(layout.headings):  # without headings, rich adds no empty line
                 console.print()
             break
     else:
-        text = replace(first, caption="", findings=(), notes=()).to_text()
+        text = replace(table, caption="", findings=(), notes=()).to_text()
         console.print(text, end="\n\n", markup=False, highlight=False, soft_wrap=True)
-    for sentence in first.findings:
+    for sentence in table.findings:
         console.print(sentence, style="bold", markup=False, highlight=False)
-    if first.findings:
+    if table.findings:
         console.print()
-    print_lines(console, [*filter(None, [first.caption]), *first.notes], style="dim")
-
-
-def print_lines(console: "Console", lines: Iterable[str], style: str) -> None:
-    """Print lines as they are, unwrapped, so that they can be copied."""
-    for line in lines:
-        console.print(line, style=style, markup=False, highlight=False, soft_wrap=True)
+    for line in [*filter(None, [table.caption]), *table.notes]:
+        # As they are, unwrapped, so that they can be copied.
+        console.print(line, style="dim", markup=False, highlight=False, soft_wrap=True)
 
 
 def fits(console: "Console", table: Table) -> bool:

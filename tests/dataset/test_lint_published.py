@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from reverie_eval.dataset import DatasetFiles, Finding, LintReport, Spread, lint_dataset
-from reverie_eval.reporting.datasets import lint_text
+from reverie_eval.reporting.datasets import lint_printout
 from tests.conftest import REPOSITORY
 
 pytestmark = pytest.mark.dataset
@@ -273,4 +273,4 @@ def test_names_that_are_mostly_not_visible(report: LintReport) -> None:
 
 def test_the_documented_tables_are_those_that_are_printed(report: LintReport) -> None:
     page = REPOSITORY / "docs" / "reference" / "reverie-v1-lint.txt"
-    assert page.read_text() == f"{lint_text(report)}\n"
+    assert page.read_text() == f"{lint_printout(report).text('text')}\n"

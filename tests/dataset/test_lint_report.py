@@ -10,7 +10,8 @@ from pydantic import TypeAdapter
 from rich.console import Console
 
 from reverie_eval.dataset import DatasetFiles, LintReport, lint_dataset
-from reverie_eval.reporting.datasets import print_lint
+from reverie_eval.reporting.datasets import lint_printout
+from reverie_eval.reporting.tables import print_parts
 from tests.support.broken_datasets import DATA, listed, write_published_flat
 from tests.support.flat_world import TUB, Run
 
@@ -120,9 +121,9 @@ def test_missing_files(words: list[str], reasons: list[str], run: Run) -> None:
 def test_the_tables_fit_the_terminal(columns: int, flat: Path) -> None:
     HIDDEN_TARGET(flat)
     screen = io.StringIO()
-    print_lint(
+    print_parts(
         Console(file=screen, width=columns, force_terminal=True, color_system=None),
-        lint_dataset(DatasetFiles.find(flat)),
+        lint_printout(lint_dataset(DatasetFiles.find(flat))).parts(),
     )
     shown = screen.getvalue()
     assert max(map(len, shown.splitlines())) <= columns

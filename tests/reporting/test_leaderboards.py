@@ -10,11 +10,11 @@ from rich.console import Console
 
 from reverie_eval.reporting.service import (
     METHOD_FLAGS,
+    leaderboard_parts,
     leaderboard_table,
-    leaderboard_text,
     narrow_leaderboard_table,
-    print_leaderboard,
 )
+from reverie_eval.reporting.tables import print_parts
 from reverie_eval.schemas.service import Leaderboard
 
 SCORES = {"path_length": 12.34, "success": 0.5454, "rgspl": 0.3503, "ndtw": 0.61}
@@ -47,7 +47,7 @@ LONG = board(
 @pytest.mark.parametrize("columns", [20, 40, 60, 72, 80, 100, 140, 300])
 def test_a_terminal_of_any_width_shows_everything(columns: int) -> None:
     screen = io.StringIO()
-    print_leaderboard(Console(file=screen, width=columns), LONG)
+    print_parts(Console(file=screen, width=columns), leaderboard_parts(LONG))
     words = " ".join(screen.getvalue().split())
     for name in ("Somewhere", "transformer", "[bold]rich[/bold]", "(anonymous)", "漢字", "Partial"):
         assert name in words
@@ -60,7 +60,7 @@ def test_a_terminal_of_any_width_shows_everything(columns: int) -> None:
 def test_a_pipe_gets_aligned_columns() -> None:
     ours, theirs = {"name": "Ours", **NOTHING}, {"name": "B", **NOTHING, "human": True}
     two = board(row(1, "Blue", ours), row(10, "Red", theirs))
-    assert leaderboard_text(two).splitlines() == [
+    assert leaderboard_parts(two)[0].to_text().splitlines() == [
         "rank  team  method   TL m   SR %  RGSPL %  entries   published  notes",
         "   1  Blue  Ours    12.34  54.54    35.03        7  2027-06-01",
         "  10  Red   B       12.34  54.54    35.03        7  2027-06-01  human",
@@ -112,7 +112,7 @@ def test_what_the_organiser_says_and_what_is_not_ranked_is_shown() -> None:
 def test_what_the_board_is_sorted_by_is_shown() -> None:
     table = leaderboard_table(board(row(1, "Blue", {"name": "Ours"}), metric="ndtw"))
     assert "nDTW %" in table.headings
-    assert leaderboard_text(board(metric="ndtw")).splitlines() == [
+    assert leaderboard_parts(board(metric="ndtw"))[0].to_text().splitlines() == [
         "split:test|protocol:official-v1|data:abababababab, sorted by nDTW",
         "no results are published yet",
     ]

@@ -1,6 +1,7 @@
 """One table in every layout, by hand."""
 
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -129,10 +130,10 @@ def test_lines_below_a_table_in_html() -> None:
     assert "><code>split:a|n:3</code><br>note</caption>" in signed
 
 
-def printed(columns: int, *layouts: Table) -> str:
+def printed(columns: int, table: Table, narrow: Table | None = None) -> str:
     """Return what a terminal of this width shows."""
     screen = io.StringIO()
-    print_table(Console(file=screen, width=columns), *layouts)
+    print_table(Console(file=screen, width=columns), replace(table, narrow=narrow))
     return screen.getvalue()
 
 

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import get_args
 
 import click
 
@@ -15,11 +15,7 @@ from reverie_eval.dataset import EXCLUDED_NAMES, MAX_DISTANCE, BoxRules, Occlusi
 from reverie_eval.ground_truth import Bundle, bundle_folder, bundle_name
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.output import check_outputs, note, show, with_progress
-
-if TYPE_CHECKING:
-    from reverie_eval.dataset import DatasetDescription, LintReport
-
+from reverie_eval_cli.output import check_outputs, note, show_printout, with_progress
 
 _CAVEAT = (
     "these are exact projections of oriented boxes, unlike the released v1 files: 4.9 % of the "
@@ -103,7 +99,7 @@ def lint(*, task: str, layout: str, output: str | None, **paths: Path | None) ->
     Exit status: 0 no errors, 1 errors found, 2 usage or system error.
     """
     from reverie_eval.dataset import DatasetFiles, lint_dataset
-    from reverie_eval.reporting.datasets import lint_text, print_lint
+    from reverie_eval.reporting.datasets import lint_printout
 
     check_outputs([output], paths.values())
     try:
@@ -111,10 +107,7 @@ def lint(*, task: str, layout: str, output: str | None, **paths: Path | None) ->
     except DatasetError as error:  # no dataset to check is a usage error, not a finding
         raise ReverieEvalError(str(error)) from error
     report = lint_dataset(files, progress=with_progress)
-    if layout == "json":
-        show(lambda: _as_json(report), output)
-    else:
-        show(lambda: lint_text(report), output, lambda console: print_lint(console, report))
+    show_printout(lint_printout(report), layout, output)
     return 0 if report.sound else 1
 
 
@@ -138,8 +131,7 @@ def describe(
     """
     from reverie_eval.dataset import DatasetFiles, describe_dataset
     from reverie_eval.reporting.datasets import (
-        description_text,
-        print_description,
+        description_printout,
         write_figures,
     )
     from reverie_eval.reporting.figures import check_matplotlib
@@ -151,21 +143,7 @@ def describe(
     description = describe_dataset(files, progress=with_progress)
     if figures:
         write_figures(description, figures)
-    if layout == "json":
-        show(lambda: _as_json(description), output)
-    else:
-        show(
-            lambda: description_text(description),
-            output,
-            lambda console: print_description(console, description),
-        )
-
-
-def _as_json(report: "DatasetDescription | LintReport") -> str:
-    from pydantic import TypeAdapter
-
-    adapter: TypeAdapter[Any] = TypeAdapter(type(report))
-    return adapter.dump_json(report, indent=2).decode()
+    show_printout(description_printout(description), layout, output)
 
 
 @click.command()

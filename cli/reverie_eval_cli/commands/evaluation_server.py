@@ -19,7 +19,7 @@ from reverie_eval.schemas.wire import TOKEN_VARIABLE
 from reverie_eval.tasks import name_on_server
 from reverie_eval.text import printable
 from reverie_eval_cli import options
-from reverie_eval_cli.output import note, show
+from reverie_eval_cli.output import note, show_printout
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ def login(*, server: ServerOptions) -> None:
     input.
     """
     from reverie_eval.client.logins import Logins
-    from reverie_eval.text import printable
 
     logins = Logins.load()
     logins.save()  # an invitation works once: see first that its token can be kept
@@ -126,8 +125,8 @@ def leaderboard(
     output: str | None,
 ) -> None:
     """Show a server's leaderboard."""
-    from reverie_eval.reporting.service import leaderboard_text, print_leaderboard
-    from reverie_eval.text import printable
+    from reverie_eval.reporting.service import leaderboard_parts
+    from reverie_eval.reporting.tables import Printout
 
     with server.connect() as client:
         print_banner(client)
@@ -138,19 +137,16 @@ def leaderboard(
             name = splits[0].name
         else:
             name = name_on_server(task, split)
-        if layout == "csv":
-            lines = client.leaderboard_csv(name, metric, board=board).splitlines()
-            show(lambda: "\n".join(map(printable, lines)), output)
-            return
-        found = client.leaderboard(name, metric, board=board)
-    if layout == "json":
-        show(lambda: found.model_dump_json(indent=2, ensure_ascii=True), output)
-    else:
-        show(
-            lambda: leaderboard_text(found),
-            output,
-            lambda console: print_leaderboard(console, found),
+        shown = Printout(
+            lambda: leaderboard_parts(client.leaderboard(name, metric, board=board)),
+            json=lambda: client.leaderboard(name, metric, board=board).model_dump_json(
+                indent=2, ensure_ascii=True
+            ),
+            csv=lambda: "\n".join(
+                map(printable, client.leaderboard_csv(name, metric, board=board).splitlines())
+            ),
         )
+        show_printout(shown, layout, output)
 
 
 @click.command()

@@ -4,7 +4,7 @@ import functools
 import hashlib
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -254,7 +254,7 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
     for further, table in result_tables(submission, server).items():
         if further:
             print(f"\n{printable(further)}")
-        show_table(table, table.stacked())
+        show_table(replace(table, narrow=table.stacked()))
     print(
         "",
         *submission_lines(

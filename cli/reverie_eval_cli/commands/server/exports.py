@@ -1,6 +1,7 @@
 """``reverie-eval server inspect|evidence|download|export...``: what was submitted, to read."""
 
 import gc
+from collections.abc import Iterator
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -15,12 +16,11 @@ from reverie_eval.reporting.service import (
     same_files_table,
     teams_table,
 )
-from reverie_eval.reporting.tables import Table
-from reverie_eval.schemas.evidence import EvidenceReport
+from reverie_eval.reporting.tables import Part, Printout
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.organising import Folder, actor, server_folder
-from reverie_eval_cli.output import STANDARD_OUTPUT, note, open_output, write_text
+from reverie_eval_cli.output import STANDARD_OUTPUT, note, open_output, show_printout, write_text
 
 if TYPE_CHECKING:
     from reverie_eval.server.operations.export import Format
@@ -75,33 +75,22 @@ def evidence(
         report = state.evidence.report_on_all(split, team)
     for submission, reason in report.unreadable.items():
         note(f"{submission} is left out: {reason}")
-    match layout:
-        case "json":
-            text = report.model_dump_json(indent=2)
-        case "csv":
-            text = _main_table(report, team).to_csv()
-        case _:
-            text = _as_text(report, team)
-    write_text(f"{text}\n", output)
+    of_teams = teams_table(report.teams) if team is None else history_table(report.history)
 
+    def parts() -> Iterator[Part]:
+        yield Part(note=f"{count_text(report.submissions, 'submission')} to {report.split}")
+        if report.same_files:
+            yield Part([same_files_table(report.same_files)], "The same file from several teams:\n")
+        if report.similar:
+            yield Part([pairs_table(report)], "The most similar files of two teams:\n")
+        if report.teams:
+            heading = "Files of each team:" if team is None else f"Submissions of {team}:"
+            yield Part([of_teams], f"{heading}\n")
 
-def _main_table(report: EvidenceReport, team: str | None) -> Table:
-    return teams_table(report.teams) if team is None else history_table(report.history)
-
-
-def _as_text(report: EvidenceReport, team: str | None) -> str:
-    parts = [f"{count_text(report.submissions, 'submission')} to {report.split}"]
-    if report.same_files:
-        parts += [
-            "The same file from several teams:",
-            same_files_table(report.same_files).to_text(),
-        ]
-    if report.similar:
-        parts += ["The most similar files of two teams:", pairs_table(report).to_text()]
-    if report.teams:
-        heading = "Files of each team:" if team is None else f"Submissions of {team}:"
-        parts += [heading, _main_table(report, team).to_text()]
-    return "\n\n".join(parts)
+    shown = Printout(
+        lambda: list(parts()), lambda: report.model_dump_json(indent=2), of_teams.to_csv
+    )
+    show_printout(shown, layout, output)
 
 
 @click.command()

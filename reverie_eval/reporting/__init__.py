@@ -5,6 +5,7 @@ Code imports the modules by name, so that scoring a file loads neither pydantic 
 ====================  ==========================================================
 tables                one Table, its formats, and how terminals show it
 scores, comparisons   scores, rankings, runs and differences in every format
+results               methods side by side, as papers show them
 service               what an evaluation server replies
 datasets              the faults and contents of a dataset
 drawing               lines by class, as SVG and with matplotlib
@@ -19,7 +20,7 @@ report                the HTML report; report_sections has its words and numbers
 
 from typing import TYPE_CHECKING, Any
 
-from reverie_eval.reporting.scores import results_table
+from reverie_eval.reporting.results import results_table
 
 if TYPE_CHECKING:
     from reverie_eval.reporting.figures import plot_budgets, plot_curve

@@ -19,7 +19,8 @@ from reverie_eval.analysis import (
 from reverie_eval.errors import ProtocolError
 from reverie_eval.logs import cost_number, cost_text
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting.scores import results_table, table_of_scores
+from reverie_eval.reporting.results import results_table
+from reverie_eval.reporting.scores import table_of_scores
 from reverie_eval.reporting.tables import MISSING, Printout, Table, metric_cells
 from reverie_eval.schemas.report import Report, RunsReport, ScoreReport
 from reverie_eval.scoring import Intervals, Scores
@@ -96,10 +97,10 @@ def against_report(compared: Against) -> AgainstReport:
 
 def against_printout(compared: Against, name: str) -> Printout:
     """Return a comparison with published means in each format; ``name`` is the submission's."""
-    return Printout(
+    return Printout.of_table(
         lambda: against_table(compared, name),
-        lambda: compared.to_report().model_dump_json(indent=2),
-        lambda: against_table(compared, name).to_csv(),
+        json=lambda: compared.to_report().model_dump_json(indent=2),
+        csv=lambda: against_table(compared, name).to_csv(),
     )
 
 

@@ -32,17 +32,16 @@ from reverie_eval.reporting.scores import (
     ranking_printout,
     runs_printout,
     scores_printout,
-    watch_heading,
-    watch_line,
     write_episodes,
 )
-from reverie_eval.reporting.tables import FORMATS, Printout
+from reverie_eval.reporting.tables import FORMATS, Printout, metric_cells
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     TABLE_KEYS,
     Clustering,
     Failure,
     score_files,
+    scored_metrics,
 )
 from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
 from reverie_eval.tasks import DEFAULT_TASK, find_task
@@ -63,6 +62,8 @@ _KEYS = dict.fromkeys(("csv", "json"), frozenset(CATALOGUE))
 """The metrics of formats that have more than the table has."""
 _SECONDS_BETWEEN_LOOKS = 1.0
 """A file that has not changed for so long is taken to be complete."""
+_WATCH_WIDTH = 7
+"""Characters in a column, such as ``RGSPL %`` and ``100.00``."""
 _INTERVALS = frozenset({"--ci", "--cluster", "--confidence"})
 _PRINTING = frozenset({"--format", "--output"})
 
@@ -306,15 +307,22 @@ def watch_for_files(wanted: Wanted) -> int:
     for name in wanted.submissions:
         if not (has_magic(name) or Path(name).exists()):
             raise click.UsageError(f"{name}: there is no such file or folder to watch")
-    print(watch_heading(evaluator), flush=True)
+    task = evaluator.ground_truth.task
+    metrics = task.table_metrics(scored_metrics(evaluator.protocol, evaluator.track))
+    _print_line([metric.heading for metric in metrics], "file")
     with suppress(KeyboardInterrupt):
         for file in watch_files(wanted.submissions, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
             try:
-                # Flushed line by line, for a log or a pipe that someone follows.
-                print(watch_line(file, evaluator(file), evaluator), flush=True)
+                _print_line(metric_cells(metrics, evaluator(file)), file)
             except (SubmissionError, OSError) as error:
                 print(_failure(file, error), file=sys.stderr)
     return 0
+
+
+def _print_line(cells: Sequence[str], file: str) -> None:
+    """Print the cells of a file, its path last so that the columns stay in line."""
+    # Flushed line by line, for a log or a pipe that someone follows.
+    print("  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), file]), flush=True)
 
 
 def _failure(file: str, error: Failure) -> str:

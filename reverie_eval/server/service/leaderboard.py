@@ -15,7 +15,7 @@ import msgspec
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting.scores import methods_table
+from reverie_eval.reporting.results import methods_table
 from reverie_eval.reporting.tables import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, Method
 from reverie_eval.server.errors import MalformedError

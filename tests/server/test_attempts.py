@@ -10,8 +10,8 @@ from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
 from reverie_eval.errors import Problem, SubmissionError
-from reverie_eval.schemas.joining import Rejection
 from reverie_eval.schemas.organising import NewMerge
+from reverie_eval.schemas.people import Rejection
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service import attempts
 from reverie_eval.server.service.attempts import (

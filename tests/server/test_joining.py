@@ -18,7 +18,7 @@ import time_machine
 from limits.storage import MemoryStorage
 from sqlalchemy import select
 
-from reverie_eval.schemas.joining import Rejection
+from reverie_eval.schemas.people import Rejection
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.runtime import JoinLimit
 from reverie_eval.server.operations.doctor import examine

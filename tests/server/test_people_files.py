@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.schemas.joining import NewPeopleImport, PersonInvitation
+from reverie_eval.schemas.people import NewPeopleImport, PersonInvitation
 from reverie_eval.server.errors import TableError
 from reverie_eval.server.service.people_files import import_people, invitations_csv
 from tests.support.acting import NOON

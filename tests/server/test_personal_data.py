@@ -14,8 +14,8 @@ from threading import Barrier
 import pytest
 from sqlalchemy import delete, select
 
-from reverie_eval.schemas.joining import Rejection
 from reverie_eval.schemas.organising import NewMerge
+from reverie_eval.schemas.people import Rejection
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries

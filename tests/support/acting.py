@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from sqlalchemy import select
 
-from reverie_eval.schemas.joining import NewJoinRequest, NewPersonToJoin
 from reverie_eval.schemas.organising import (
     NewPerson,
     NewReview,
@@ -17,6 +16,7 @@ from reverie_eval.schemas.organising import (
     ReviewEntry,
     TokenKind,
 )
+from reverie_eval.schemas.people import NewJoinRequest, NewPersonToJoin
 from reverie_eval.schemas.service import Role, Verdict
 from reverie_eval.server.service import people, reviews, tokens
 from reverie_eval.server.service.audit import AuditLog

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form
 from fastapi.responses import Response
 
-from reverie_eval.schemas.joining import MOST_PEOPLE, NewJoinRequest
+from reverie_eval.schemas.people import MOST_PEOPLE, NewJoinRequest
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.schemas.wire import LONGEST_SECRET
 from reverie_eval.server.errors import NotSignedInError

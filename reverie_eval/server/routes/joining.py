@@ -4,7 +4,7 @@ from functools import partial
 
 from fastapi import APIRouter, Request
 
-from reverie_eval.schemas.joining import (
+from reverie_eval.schemas.people import (
     AcceptedRequest,
     JoinReply,
     JoinRequestReport,

@@ -7,7 +7,7 @@ from fastapi.responses import StreamingResponse
 
 from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.evidence import EvidenceReport
-from reverie_eval.schemas.personal_data import PersonalData
+from reverie_eval.schemas.people import PersonalData
 from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser, TokenHint

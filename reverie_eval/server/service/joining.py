@@ -12,7 +12,8 @@ import msgspec
 from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.joining import (
+from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
+from reverie_eval.schemas.people import (
     AcceptedRequest,
     JoinReply,
     JoinRequestReport,
@@ -20,7 +21,6 @@ from reverie_eval.schemas.joining import (
     PersonInvitation,
     Rejection,
 )
-from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.server.errors import ConflictError, NotAllowedError, NotFoundError
 from reverie_eval.server.service import people
 from reverie_eval.server.service.outbox import announce

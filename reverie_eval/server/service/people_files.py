@@ -5,12 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pydantic import ValidationError
 
 from reverie_eval.errors import Problem
-from reverie_eval.schemas.joining import (
+from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport
+from reverie_eval.schemas.people import (
     NewPeopleImport,
     PeopleImportReport,
     PersonInvitation,
 )
-from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport
 from reverie_eval.server.errors import TableError
 from reverie_eval.server.service import people
 from reverie_eval.server.service.csv_files import CsvRow, csv_text, read_csv

@@ -8,7 +8,7 @@ from sqlalchemy import delete, or_, select
 from sqlalchemy.orm import Session, lazyload
 
 from reverie_eval.schemas.organising import PersonReport
-from reverie_eval.schemas.personal_data import PersonalData, SessionRecord, SubmissionRecord
+from reverie_eval.schemas.people import PersonalData, SessionRecord, SubmissionRecord
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.attempts import attempt_report

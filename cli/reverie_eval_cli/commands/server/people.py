@@ -7,7 +7,6 @@ from typing import get_args
 
 import click
 
-from reverie_eval.schemas.joining import NewPeopleImport, Rejection
 from reverie_eval.schemas.organising import (
     MOST_EXTRA,
     NewGrant,
@@ -16,6 +15,7 @@ from reverie_eval.schemas.organising import (
     NewTeam,
     PersonChange,
 )
+from reverie_eval.schemas.people import NewPeopleImport, Rejection
 from reverie_eval.schemas.service import Role
 from reverie_eval.text import count_text
 from reverie_eval_cli import options

@@ -14,7 +14,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from starlette.datastructures import FormData, UploadFile
 
-from reverie_eval.schemas.joining import PersonInvitation
+from reverie_eval.schemas.people import PersonInvitation
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Snapshot

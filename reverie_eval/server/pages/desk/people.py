@@ -10,7 +10,6 @@ from typing import Annotated, get_args
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
-from reverie_eval.schemas.joining import NewPeopleImport, Rejection
 from reverie_eval.schemas.organising import (
     NewMerge,
     NewPerson,
@@ -19,6 +18,7 @@ from reverie_eval.schemas.organising import (
     PersonChange,
     TokenKind,
 )
+from reverie_eval.schemas.people import NewPeopleImport, Rejection
 from reverie_eval.schemas.service import ProblemDocument, Role
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot, TokenHint

@@ -1,12 +1,22 @@
-"""Joining a server: requests, which anyone may send, and files of people to be added."""
+"""People of a server: requests to join, files of people to add, what is stored of a person."""
 
 from datetime import datetime
 
 from pydantic import Field, model_validator
 from typing_extensions import Self
 
-from reverie_eval.schemas.organising import LONGEST_FILE, NewPerson, NewTokenReport
-from reverie_eval.schemas.wire import Email, Line, Name, TeamName, WireModel
+from reverie_eval.schemas.organising import (
+    LONGEST_FILE,
+    AttemptReport,
+    AuditReport,
+    NewPerson,
+    NewTokenReport,
+    PersonReport,
+    TokenReport,
+)
+from reverie_eval.schemas.report import SplitName
+from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.wire import Email, Line, Name, Sha256, SubmissionId, TeamName, WireModel
 
 MOST_PEOPLE = 10
 """In one request; more can be added later."""
@@ -101,3 +111,38 @@ class PeopleImportReport(WireModel):
     """People who already existed; they stay as they are."""
     invitations: list[PersonInvitation]
     """Shown only once."""
+
+
+class SubmissionRecord(WireModel):
+    """A submission that a person sent; its scores are the team's."""
+
+    id: SubmissionId
+    split: SplitName
+    team: TeamName
+    sha256: Sha256
+    size: int = Field(examples=[4_204_511])
+    """Bytes of the file."""
+    received_at: datetime
+    published_at: datetime | None
+    withdrawn_at: datetime | None
+    method: Method
+
+
+class SessionRecord(WireModel):
+    """A browser session."""
+
+    created_at: datetime
+    expires_at: datetime
+
+
+class PersonalData(WireModel):
+    """All that the server stores about a person, the oldest first."""
+
+    person: PersonReport
+    tokens: list[TokenReport]
+    sessions: list[SessionRecord]
+    submissions: list[SubmissionRecord]
+    attempts: list[AttemptReport]
+    """Uploads with their outcomes, of the last 90 days."""
+    audit: list[AuditReport]
+    """What they did, and what was done to them."""

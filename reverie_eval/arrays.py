@@ -25,14 +25,14 @@ LARGEST_OBJECT_ID = INT32_END - 1
 ROUNDING = 1e-9
 """Relative; numbers that differ by less are equal, because the order of summation may differ."""
 
+# How numpy packs arrays. Each other method has exceptions of its own for damaged files.
 _METHODS = (ZIP_STORED, ZIP_DEFLATED)
-"""How numpy packs arrays. Each other method has exceptions of its own for damaged files."""
 # numpy parses the header of each array as Python source, hence the last two of the first line.
+# Exceptions that zipfile and numpy raise for damaged files.
 _DAMAGE = (
     *(ValueError, TypeError, AttributeError, KeyError, EOFError, tokenize.TokenError, SyntaxError),
     *(NotImplementedError, RuntimeError, BadZipFile, zlib.error),
 )
-"""Exceptions that zipfile and numpy raise for damaged files."""
 
 
 def offsets_of(lengths: IntArray) -> IntArray:

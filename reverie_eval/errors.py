@@ -21,9 +21,10 @@ from typing import ClassVar
 
 SHOWN_PROBLEMS = 20
 """The most problems that an error's text lists one by one: with their title they fit a screen."""
+# How many problems of each kind the text lists where not all are listed.
 _SHOWN_OF_A_KIND = 3
-"""How many problems of each kind the text lists where not all are listed."""
 
+# What needs a package, and the extra that brings it, by the package's name.
 _PARTS: Mapping[str, tuple[str, str]] = {
     "PIL": ("pictures need", "report"),
     "cryptography": ("receipts need", "client"),
@@ -37,7 +38,6 @@ _PARTS: Mapping[str, tuple[str, str]] = {
     "tenacity": ("calling a server needs", "client"),
     "yaml": ("metadata in YAML need", "report"),
 }
-"""What needs a package, and the extra that brings it, by the package's name."""
 
 
 @dataclass(frozen=True, slots=True)

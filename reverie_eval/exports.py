@@ -25,8 +25,8 @@ from reverie_eval.version import __version__
 
 SCHEMA_VERSION = "0.3.0"
 _LIBRARY = "reverie-eval"
+# The split whose scores are exported rounded, without intervals and episodes, as a server does.
 _PRIVATE_SPLIT = "test"
-"""The split whose scores are exported rounded, without intervals and episodes, as a server does."""
 _UNITS = {"fraction": "proportion", "metres": "metres", "count": "count"}
 
 
@@ -226,8 +226,8 @@ def _bound(value: float) -> float | str:
 # The Hugging Face Hub.
 
 
+# The Hub's kind of task that is closest to walking through buildings.
 _TASK_TYPE = "robotics"
-"""The Hub's kind of task that is closest to walking through buildings."""
 
 
 def model_index(scores: Scores, model: str) -> Mapping[str, Any]:

@@ -7,8 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
+# The permissions of a file for its group and for others.
 _OTHERS = 0o077
-"""The permissions of a file for its group and for others."""
 
 
 def is_private(path: Path) -> bool:

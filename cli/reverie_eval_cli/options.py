@@ -35,8 +35,8 @@ ALL_PROTOCOLS = "all"
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
 _PER_CENT = 100
 _NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?")
+# Later dates are beyond what a token needs, and close to what Python's calendar ends at.
 _MOST_DAYS = 100 * 365
-"""Later dates are beyond what a token needs, and close to what Python's calendar ends at."""
 PATH = click.Path(path_type=Path)
 
 

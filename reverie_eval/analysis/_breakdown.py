@@ -92,8 +92,8 @@ _VIEWPOINTS = _Ranges((2, 3, 4, 6), "", are_counts=True)
 _LEVELS = (*(f"level {number}" for number in range(10)), NO_LEVEL)
 _JUMPS = ("no jump", "jumps")
 _ALL_LANGUAGES = "all"
+# The slices that papers on RxR report, and the tags of its instructions.
 _LANGUAGES = (_ALL_LANGUAGES, "en", "en-IN", "en-US", "hi", "hi-IN", "te", "te-IN")
-"""The slices that papers on RxR report, and the tags of its instructions."""
 
 
 def _by_length(scores: Scores) -> Sequence[str]:

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
     from reverie_eval.metrics.engine import IntervalEngine
 
+# More would not be seen in a chart of 400 pixels.
 _MOST_BUDGETS = 100
-"""More would not be seen in a chart of 400 pixels."""
+# The cost that is shown if none is chosen: the first that is known and not 0. Seconds are not among
+# them, because they are those of a machine.
 _CHOSEN = ("money", "input_tokens", "actions")
-"""The cost that is shown if none is chosen: the first that is known and not 0. Seconds are not
-among them, because they are those of a machine."""
 
 
 class CostDifference(NamedTuple):

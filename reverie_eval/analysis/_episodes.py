@@ -245,8 +245,8 @@ def _goal_viewpoints(protocol: Protocol, truth: GroundTruth, row: int) -> IntArr
 # Which episodes to look at.
 
 
+# Episodes of each kind; readers learn more from different routes than from more of them.
 _N_EXAMPLES = 3
-"""Episodes of each kind; readers learn more from different routes than from more of them."""
 
 
 def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:

@@ -23,12 +23,12 @@ HONEST_SPREAD = 1.5
 SAMPLED_EPISODES = 512
 """Episodes in which all files are compared to find the most similar pairs."""
 
+# Groups of files that the jackknife leaves out one by one.
 _GROUPS = 10
-"""Groups of files that the jackknife leaves out one by one."""
 _ALMOST = 1e-6
+# The step of the numerical derivative of the usual variance, as a share of the mean's excess over
+# 1.
 _STEP = 1e-3
-"""The step of the numerical derivative of the usual variance, as a share of the mean's excess over
-1."""
 
 
 class Spread(NamedTuple):

@@ -12,10 +12,10 @@ from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from reverie_eval.metrics.engine import IntervalEngine
 
+# Degrees of freedom per cluster. Differences of two results have heavy tails, as they are 0 in most
+# clusters: a variance estimated with a kurtosis of 5 is as certain as that of half as many normal
+# values. Measured in docs/explanation/evidence.md.
 _SHARE_OF_FREEDOM = 0.5
-"""Degrees of freedom per cluster. Differences of two results have heavy tails, as they are 0 in
-most clusters: a variance estimated with a kurtosis of 5 is as certain as that of half as many
-normal values. Measured in docs/explanation/evidence.md."""
 
 
 class Ranks(NamedTuple):

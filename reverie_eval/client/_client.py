@@ -44,8 +44,8 @@ T = TypeVar("T")
 _quote = partial(quote, safe="")
 _JSON = {"Content-Type": "application/json"}
 _GZIP = {"Content-Type": "application/gzip"}
+# Submissions that are fetched at a time.
 _PAGE = 100
-"""Submissions that are fetched at a time."""
 
 
 class Client:

@@ -248,8 +248,8 @@ def _root_cause(error: BaseException) -> BaseException:
     return _root_cause(inner) if inner else error
 
 
+# Paths that exist on every server with this version of the API.
 _ALWAYS_PRESENT = ("/server", "/splits", "/me", "/key", "/tokens")
-"""Paths that exist on every server with this version of the API."""
 
 
 def problem_of(response: httpx.Response) -> ProblemDocument | None:

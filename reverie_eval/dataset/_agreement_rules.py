@@ -33,8 +33,8 @@ from reverie_eval.geometry import (
 from reverie_eval.metrics import SUCCESS_DISTANCE
 from reverie_eval.tasks import Annotation
 
+# Metres from camera to centre. All objects that v1 lists are nearer, except for ten.
 _REACH = 2.0
-"""Metres from camera to centre. All objects that v1 lists are nearer, except for ten."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,15 +148,15 @@ def distance_spreads(distances: Distances) -> list[Spread]:
 # Neighbouring views.
 
 
+# Degrees: about one pixel in the middle of a view.
 _AGREEMENT = 0.15
-"""Degrees: about one pixel in the middle of a view."""
+# The fewest pairs of boxes of which a majority says something about the dataset.
 _ENOUGH = 20
-"""The fewest pairs of boxes of which a majority says something about the dataset."""
 
+# The views by row: looking down, level, and looking up.
 _ROWS = np.arange(N_VIEWS).reshape(-1, N_HEADINGS)
-"""The views by row: looking down, level, and looking up."""
+# The view to the right of each; the last view of a row is followed by its first.
 _NEXT = np.roll(_ROWS, -1, axis=1)
-"""The view to the right of each; the last view of a row is followed by its first."""
 LOWER_PAIRS, LEVEL_PAIRS, UPPER_PAIRS = np.stack([_ROWS, _NEXT], axis=-1)
 ROW_PAIRS = np.stack([_ROWS[:-1], _ROWS[1:]], axis=-1).reshape(-1, 2)
 _CENTRE_PAIRS = (

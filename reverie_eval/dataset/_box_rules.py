@@ -144,8 +144,8 @@ BOX_RULES: Sequence[Rule[Boxes]] = (
     ),
 )
 
+# How often a name must be listed for its share of visible objects to mean something.
 _OFTEN = 100
-"""How often a name must be listed for its share of visible objects to mean something."""
 _VISIBLE_FROM_FEW = (
     ("seen-once", "one viewpoint", 1),
     ("seen-twice", "two viewpoints", 2),
@@ -259,10 +259,10 @@ def visibility_spreads(boxes: Boxes) -> list[Spread]:
     ]
 
 
+# A box is a sliver if its shorter side has at most so many pixels.
 _SLIVER = 4
-"""A box is a sliver if its shorter side has at most so many pixels."""
+# An object is a speck if its largest box has an area of at most so many pixels.
 _SPECK = 100
-"""An object is a speck if its largest box has an area of at most so many pixels."""
 _SIDES = (("left", "left"), ("top", "upper"), ("right", "right"), ("bottom", "lower"))
 
 

@@ -21,8 +21,8 @@ from reverie_eval.ground_truth import (
 )
 from reverie_eval.tasks import Annotation, find_task
 
+# The centre of an object of which none is published.
 _UNKNOWN = (np.inf, np.inf, np.inf)
-"""The centre of an object of which none is published."""
 
 
 def compile_split(

@@ -34,8 +34,8 @@ from reverie_eval.dataset._reader import (
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.tasks import DEFAULT_TASK, Annotation, Task, find_task
 
+# The published splits, in the order in which they are shown.
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
-"""The published splits, in the order in which they are shown."""
 _ALL_BOXES = "BBoxes.json"
 _CONNECTIVITY = "_connectivity.json"
 

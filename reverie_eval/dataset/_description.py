@@ -28,12 +28,11 @@ from reverie_eval.version import __version__
 
 T = TypeVar("T")
 
+# A word is frequent if it occurs at least so often in the instructions that are described.
+#
+# The dataset's own training vocabulary uses the same limit: `build_vocab(min_count=5)` in
+# `tasks/REVERIE/utilsFast.py` of its repository.
 _FREQUENT = 5
-"""A word is frequent if it occurs at least so often in the instructions that are described.
-
-The dataset's own training vocabulary uses the same limit: ``build_vocab(min_count=5)`` in
-``tasks/REVERIE/utilsFast.py`` of its repository.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +223,7 @@ class PaperComparison:
     paper: int | float
 
 
+# The paper's numbers for each quantity, by the splits that each covers.
 _PUBLISHED: Sequence[tuple[str, Measure, Mapping[tuple[str, ...], float]]] = (
     (
         "instructions",
@@ -242,7 +242,6 @@ _PUBLISHED: Sequence[tuple[str, Measure, Mapping[tuple[str, ...], float]]] = (
     ("objects at the goal", of_targets(lambda targets: targets.goal_objects.mean), {_ALL: 7}),
     ("boxes at the goal", of_targets(lambda targets: targets.goal_boxes.mean), {_ALL: 50}),
 )
-"""The paper's numbers for each quantity, by the splits that each covers."""
 
 
 def compare_with_paper(

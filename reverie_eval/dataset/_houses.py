@@ -44,11 +44,12 @@ _KINDS: Mapping[str, str] = MappingProxyType(
         "E": "segment",
     }
 )
+# Number of words in a line whose letter may also mean a portal: P according to the documentation, R
+# in files that Matterport's own viewer wrote. The number of words tells which one it is.
 _SHARED: Mapping[str, int] = MappingProxyType({"R": 20, "P": 13})
-"""Number of words in a line whose letter may also mean a portal: P according to the documentation,
-R in files that Matterport's own viewer wrote. The number of words tells which one it is."""
+# Number of words in a portal's line.
 _PORTAL = 15
-"""Number of words in a portal's line."""
+# The index of the header's word that gives the number of lines of each kind.
 _COUNTS: Mapping[str, int] = MappingProxyType(
     {
         "image": 3,
@@ -63,11 +64,9 @@ _COUNTS: Mapping[str, int] = MappingProxyType(
         "level": 12,
     }
 )
-"""The index of the header's word that gives the number of lines of each kind."""
 _NO_CATEGORY = -1
+# The smallest sine of the angle between two axes that span a box; below it, they count as parallel.
 _PARALLEL = 1e-3
-"""The smallest sine of the angle between two axes that span a box; below it, they count as
-parallel."""
 
 _Numbers = tuple[float, ...]
 

@@ -107,11 +107,11 @@ def _scaled(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.ldexp(vectors, -exponent))
 
 
+# Metres from the optical axis to the image's edges, one metre in front of the camera.
 _RIGHT, _UP = WIDTH / 2 / FOCAL_LENGTH, HEIGHT / 2 / FOCAL_LENGTH
-"""Metres from the optical axis to the image's edges, one metre in front of the camera."""
 
+# Inward normals of the frustum's sides, which meet at the camera.
 _SIDES = np.array([(-1, 0, _RIGHT), (1, 0, _RIGHT), (0, -1, _UP), (0, 1, _UP)])
-"""Inward normals of the frustum's sides, which meet at the camera."""
 _SIDES /= np.linalg.norm(_SIDES, axis=1, keepdims=True)
 
 _NEAR_CORNERS = NEAR * np.array(
@@ -119,17 +119,16 @@ _NEAR_CORNERS = NEAR * np.array(
 )
 _FRUSTUM_STARTS = np.concatenate([_NEAR_CORNERS, _NEAR_CORNERS])
 _FRUSTUM_STEPS = np.concatenate([np.roll(_NEAR_CORNERS, -1, axis=0) - _NEAR_CORNERS, _NEAR_CORNERS])
+# Edges of the frustum: four around its near face, and four that leave it and never end.
 _FRUSTUM_ENDS = np.repeat([1.0, np.inf], 4)
-"""Edges of the frustum: four around its near face, and four that leave it and never end."""
 
+# Metres from a plane within which a point counts as lying in it.
+#
+# The upper and lower rows of views end at the horizon, so the top of a table at eye height lies in
+# that plane. Rounding errors, some 1e-15 metres in a building, must not decide whether it is shown.
 _SLACK = 1e-9
-"""Metres from a plane within which a point counts as lying in it.
-
-The upper and lower rows of views end at the horizon, so the top of a table at eye height lies in
-that plane. Rounding errors, some 1e-15 metres in a building, must not decide whether it is shown.
-"""
+# Decimals to which pixels are rounded before they become whole, so that all machines agree.
 _DECIMALS = 6
-"""Decimals to which pixels are rounded before they become whole, so that all machines agree."""
 
 
 class BoxesInViews(NamedTuple):
@@ -225,9 +224,9 @@ def _shown_corners(seen: OrientedBoxes) -> tuple[FloatArray, BoolArray]:
     return pixels, np.tile(within, 2)[..., None]
 
 
+# Edges by start and step, and where each enters and leaves a convex body, in steps from its start;
+# it leaves before it enters if it is outside.
 _ClippedEdges = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-"""Edges by start and step, and where each enters and leaves a convex body, in steps from its start;
-it leaves before it enters if it is outside."""
 
 
 def _edges_of_boxes(seen: OrientedBoxes) -> _ClippedEdges:

@@ -11,9 +11,9 @@ import numpy as np
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 from reverie_eval.geometry._views import HEIGHT, VIEW_AXES, WIDTH, axes, pixels_of, rays_of
 
+# Share of its terms within which rounding may change the sign of an orientation: three times the
+# bound of Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, section 4.2.
 _UNSURE = 1e-15
-"""Share of its terms within which rounding may change the sign of an orientation: three times the
-bound of Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, section 4.2."""
 
 
 def are_inside(point: FloatArray, corners: FloatArray) -> BoolArray:
@@ -73,9 +73,9 @@ def _exact_side(*coordinates: float) -> int:
     return (area > 0) - (area < 0)
 
 
+# Depth of a ray in a view, as a share of its depth in the camera, below which no image shows it.
+# Cutting there, and not at 0, keeps the division of the projection finite.
 _MIN_DEPTH = 1e-3
-"""Depth of a ray in a view, as a share of its depth in the camera, below which no image shows it.
-Cutting there, and not at 0, keeps the division of the projection finite."""
 
 
 def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:

@@ -84,8 +84,8 @@ PUBLIC_TEXTS = frozenset({"instruction", "language"})
 """Texts that are public; the categories of targets and candidates belong to the solution."""
 _HEADER = "header"
 _OTHER_SPLIT = "other_split/"
+# Less what the process's umask takes away.
 _FOR_EVERYONE = 0o666
-"""Less what the process's umask takes away."""
 _FOR_ITS_OWNER = 0o600
 _TEXT = "text/"
 

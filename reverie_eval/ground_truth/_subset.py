@@ -20,11 +20,11 @@ from reverie_eval.tasks import BUILT_IN, find_task
 from reverie_eval.text import count_text, tokenize
 
 _DIGEST_SHOWN = 12
+# The fields of a record that can hold its id, in any of the tasks.
 _ID_KEYS = [
     *dict.fromkeys(key for name in BUILT_IN for key in find_task(name).id_field.names),
     "id",
 ]
-"""The fields of a record that can hold its id, in any of the tasks."""
 _JSON = ("[", "{", '"')
 
 

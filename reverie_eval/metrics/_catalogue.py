@@ -59,8 +59,8 @@ def _point_error(error: Callable[[Array, Array], Array], at: Inputs) -> Array:
     return error(at.lookups.point, at.outline)
 
 
+# A metric in [0, 1] of which more is better, as most of them are.
 _fraction = partial(Metric, unit="fraction", better="higher")
-"""A metric in [0, 1] of which more is better, as most of them are."""
 
 _METRICS = (
     Metric(

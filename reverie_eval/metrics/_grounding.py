@@ -25,8 +25,8 @@ Environments", CVPR 2020, section 3 on the evaluation of REVERIE success.
 LOOSE_IOU_THRESHOLD, STRICT_IOU_THRESHOLD = 0.25, 0.75
 """Reported along with the benchmark's own threshold, to separate near misses from exact boxes."""
 
+# Share of an area by which rounding may miss a tie. One pixel of a whole image is 3e-6.
 _TIE = 1e-9
-"""Share of an area by which rounding may miss a tie. One pixel of a whole image is 3e-6."""
 
 
 def candidate_match(predicted_object: IntArray, target_object: IntArray) -> BoolArray:

@@ -32,24 +32,24 @@ SIMULATED_BELOW = 400
 WORLDS = 10_000
 """Simulated comparisons: in 19 of 20 plans, the share of significant ones is exact to a point."""
 
+# Simulated comparisons in memory at once.
 _SIDE_BY_SIDE = 200
-"""Simulated comparisons in memory at once."""
+# A simulated comparison has at least so many resamples. A real one has 10,000, with which power is
+# the same to 0.3 points, unless clusters are so few that p-values are far apart.
 _FEWEST_RESAMPLES = 1_000
-"""A simulated comparison has at least so many resamples. A real one has 10,000, with which power is
-the same to 0.3 points, unless clusters are so few that p-values are far apart."""
+# A simulated comparison draws about so many clusters, if that gives more resamples; so designs of
+# any size take about as long.
 _DRAWN_CLUSTERS = 200_000
-"""A simulated comparison draws about so many clusters, if that gives more resamples; so designs of
-any size take about as long."""
+# Where the distribution of an estimated variance is looked at.
 _QUANTILES = (np.arange(20) + 0.5) / 20
-"""Where the distribution of an estimated variance is looked at."""
 _BOUNDS = np.array([[-1.0], [1.0]])
 _MOST_EPISODES = 10_000_000
 _MOST_RUNS = 1_000
+# Simulated comparisons where an answer by formula is corrected.
 _FEWER_WORLDS = 2_000
-"""Simulated comparisons where an answer by formula is corrected."""
 _CORRECTIONS = 2
+# A difference that is too small to be found.
 _EXACT = 1e-6
-"""A difference that is too small to be found."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,10 +37,10 @@ with naming_missing_parts():
     from scipy.special import stdtrit
 
 _BISECTIONS = 50
+# Smaller p-values are not told apart: `1 - p` would lose their digits.
 _SMALLEST_P = 1e-12
-"""Smaller p-values are not told apart: ``1 - p`` would lose their digits."""
+# A published 0 or 100 % counts as so far within the bounds: there, rates would not vary at all.
 _INSIDE = 1e-9
-"""A published 0 or 100 % counts as so far within the bounds: there, rates would not vary at all."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ SWAPS_PER_COMPARISON = 1_000
 MOST_SWAPS = 100_000
 """Enough for 100 comparisons; more would take minutes for hundreds of them."""
 
+# Resamples held in memory at once.
 _BATCH = 500
-"""Resamples held in memory at once."""
 
 
 def bootstrap_means(

@@ -31,26 +31,26 @@ ANSWER_STYLE = text_of("shared/answer.css")
 """The style sheet for pages with pictures of answers; :func:`answer_picture` includes it."""
 WIDTH, HEIGHT = 400, 300
 """Size of the view, in units of the page."""
+# Units of the page per pixel of a view.
 _SCALE = WIDTH / VIEW_WIDTH
-"""Units of the page per pixel of a view."""
 _GAP = 8
+# Units of the page per degree of the panorama.
 _DEGREE = WIDTH / 360
-"""Units of the page per degree of the panorama."""
+# Degrees above and below the horizon that views show.
 _HIGHEST = 60
-"""Degrees above and below the horizon that views show."""
 _STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
 _TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
 _WAY_RADIUS = 4
+# Degrees between the lines of the grid.
 _STEP = 30
-"""Degrees between the lines of the grid."""
+# Width of a letter in a label by its role, in units of the page.
 _LETTER: Mapping[str, float] = MappingProxyType({"other": 6.4, "target": 8.3, "answer": 8.3})
-"""Width of a letter in a label by its role, in units of the page."""
+# Height of a line of labels, in units of the page.
 _LINE = 15.0
-"""Height of a line of labels, in units of the page."""
+# Baselines of the highest and the lowest label, in units of the page.
 _HIGHEST_LINE, _LOWEST_LINE = 12, HEIGHT - 4
-"""Baselines of the highest and the lowest label, in units of the page."""
+# Directions whose depth is less than this fraction of their length are clipped.
 _MIN_DEPTH = 0.05
-"""Directions whose depth is less than this fraction of their length are clipped."""
 
 Role = Literal["other", "target", "answer"]
 

@@ -16,8 +16,8 @@ from reverie_eval.geometry import HEIGHT, WIDTH, axes, rays_of, view_angles
 from reverie_eval.reporting.skyboxes import Skybox, find_skybox
 from reverie_eval.text import count_text
 
+# Points on each edge of a box: enough for a curve, as straight edges are curved in a panorama.
 _POINTS = 9
-"""Points on each edge of a box: enough for a curve, as straight edges are curved in a panorama."""
 _ELEVATIONS = {-30: "30° down", 0: "level", 30: "30° up"}
 
 

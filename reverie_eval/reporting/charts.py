@@ -23,13 +23,13 @@ from reverie_eval.reporting.drawing import Lines, path, path_data, text_at
 from reverie_eval.scoring import Scores
 
 _MOST_BARS = 60
+# Percent of the walks that a chart shows: a few walks of hundreds of metres would squeeze all
+# others together.
 _SHOWN_WALKS = 99
-"""Percent of the walks that a chart shows: a few walks of hundreds of metres would squeeze all
-others together."""
+# The share of the solved episodes that a chart of budgets shows: a few may be very expensive.
 _SHOWN_SUCCESS = 0.99
-"""The share of the solved episodes that a chart of budgets shows: a few may be very expensive."""
+# Colours of the style sheet.
 _MOST_SERIES = 6
-"""Colours of the style sheet."""
 _MILLIMETRE = 1e-3
 WIDTH, HEIGHT = 400, 250
 _LEFT, _RIGHT, _TOP, _BOTTOM = 42, 12, 10, 40

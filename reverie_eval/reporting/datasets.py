@@ -138,6 +138,7 @@ def _shown(found: Count) -> Sequence[str]:
 
 
 _SOURCE = "paper: Qi et al., REVERIE, CVPR 2020, section 3"
+# Names for the splits that a number of the paper covers.
 _GROUPS: Mapping[tuple[str, ...], str] = MappingProxyType(
     {
         (): "",
@@ -145,7 +146,6 @@ _GROUPS: Mapping[tuple[str, ...], str] = MappingProxyType(
         ("train", "val_seen", "val_unseen", "test"): "all",
     }
 )
-"""Names for the splits that a number of the paper covers."""
 
 
 def description_printout(description: DatasetDescription) -> Printout:
@@ -214,6 +214,7 @@ GOAL_OBJECTS = of_targets(lambda targets: targets.goal_objects)
 GOAL_BOXES = of_targets(lambda targets: targets.goal_boxes)
 PATH_STEPS = of_targets(lambda targets: targets.path_steps)
 PATH_LENGTH = of_targets(lambda targets: targets.path_length)
+# The rows of the table of splits: label, value, and how it is shown.
 _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], str]]] = (
     ("items", lambda part: part.items, _number),
     ("instructions", lambda part: part.instructions, _number),
@@ -234,7 +235,6 @@ _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], st
     ("path length (m)", PATH_LENGTH, _mean),
     (_RANGE, PATH_LENGTH, _range),
 )
-"""The rows of the table of splits: label, value, and how it is shown."""
 
 
 # Figures.
@@ -242,8 +242,8 @@ _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], st
 
 _FORMATS = ("svg", "png")
 _SHOWN_CATEGORIES = 15
+# Bars in a row of histograms, at most.
 _MOST_BARS = 80
-"""Bars in a row of histograms, at most."""
 
 
 class _Quantity(NamedTuple):

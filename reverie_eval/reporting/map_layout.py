@@ -34,24 +34,24 @@ KEY_CLASSES: Mapping[SignKind, str] = MappingProxyType(
     }
 )
 """The class that shows the look of a sign in a key; the other signs are marks."""
+# Smallest margin around the viewpoints of the episode, in metres.
 _MARGIN = 1.5
-"""Smallest margin around the viewpoints of the episode, in metres."""
+# Smallest width of a map, in metres.
 _LEAST_METRES = 8.0
-"""Smallest width of a map, in metres."""
+# Viewpoints farther from the middle than this, in widths and heights, are not drawn.
 _SIGHT = 0.75
-"""Viewpoints farther from the middle than this, in widths and heights, are not drawn."""
+# Units of the page between two routes; the first is half of it to the right of the edges, so that
+# the way there and the way back are two lines.
 _LANE = 3.4
-"""Units of the page between two routes; the first is half of it to the right of the edges, so that
-the way there and the way back are two lines."""
+# Units of the page between the stops of two agents at the same viewpoint.
 _ASIDE = 6.0
-"""Units of the page between the stops of two agents at the same viewpoint."""
 _ARROW_SIZE = 9.0
+# Position along a leg: beyond its middle, so that arrows of both directions are side by side.
 _ARROW_SHARE = 0.62
-"""Position along a leg: beyond its middle, so that arrows of both directions are side by side."""
+# Greatest length of the scale's bar, as a fraction of the width.
 _BAR_SHARE = 0.25
-"""Greatest length of the scale's bar, as a fraction of the width."""
+# Horizontal field of view of a view, radians.
 _VIEW_ANGLE = 2 * np.arctan(VIEW_WIDTH / 2 / FOCAL_LENGTH)
-"""Horizontal field of view of a view, radians."""
 _SIGHT_RADIUS, _SIGHT_POINTS = 30.0, 9
 _NO_LINES: Mapping[str, Sequence[FloatArray]] = MappingProxyType({})
 

@@ -30,6 +30,7 @@ _STAR = np.array(
 )
 _LABEL_WIDTH, _ASIDE = 50.0, 10.0
 _RADIUS = {"start": 5.5, "goal": 7.0}
+# Path data of the signs in a key that are lines.
 _KEY_LINES: Mapping[SignKind, str] = MappingProxyType(
     {
         "sight": "M8 8L34 0V16z",
@@ -39,7 +40,6 @@ _KEY_LINES: Mapping[SignKind, str] = MappingProxyType(
         "elsewhere": "M12 8h0M28 8h0",
     }
 )
-"""Path data of the signs in a key that are lines."""
 
 
 def map_svg(episode_map: EpisodeMap) -> str:

@@ -13,12 +13,12 @@ from reverie_eval.ground_truth import NavigationGraph
 from reverie_eval.reporting.answers import AnswerView
 from reverie_eval.text import count_text
 
+# Smallest distance between the floors of two storeys, in metres.
 _LEAST_STOREY_HEIGHT = 2.0
-"""Smallest distance between the floors of two storeys, in metres."""
+# Metres by which most viewpoints on one floor differ in height, at most.
 _FLOOR_TOLERANCE = 0.5
-"""Metres by which most viewpoints on one floor differ in height, at most."""
+# Viewpoints at one height that make a storey; fewer are a landing.
 _LEAST_VIEWPOINTS = 3
-"""Viewpoints at one height that make a storey; fewer are a landing."""
 _JUMP, _GOAL_VIEWPOINT = "jump between unconnected viewpoints", "goal viewpoint"
 _OFF_LEVEL = "on another level than the start"
 _ELSEWHERE = "on a level that the episode does not reach"

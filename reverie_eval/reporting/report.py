@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 _TEMPLATE = "report.html.jinja"
+# Rows of a breakdown that are shown; the others are folded.
 _SHOWN_GROUPS = 10
-"""Rows of a breakdown that are shown; the others are folded."""
 _LISTED_CHANGES = 50
 
 

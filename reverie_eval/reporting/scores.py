@@ -27,8 +27,8 @@ _DUE_TO_RUNS = (
     "due to runs: the part of the mean's variance that more runs would reduce; the rest is due to "
     "the choice of episodes"
 )
+# A row's name, its value for a metric, and how the value is shown.
 _Row = tuple[str, Callable[[Metric], float], Callable[[Metric, float], str]]
-"""A row's name, its value for a metric, and how the value is shown."""
 
 
 def scores_printout(results: Sequence[Scores]) -> Printout:

@@ -52,13 +52,13 @@ METHOD_FLAGS = {
 """What a reader must know to compare a method with others."""
 OBJECT_FLAGS = frozenset({"ground_truth_objects", "navigation_only"})
 """Flags that matter only if methods also predict objects."""
+# Why a result is not ranked.
 _STANDINGS = {
     "reported": "reported, not scored",
     "other-dataset": "reported on {dataset}, not scored",
     "other-rules": "scored under other rules",
     "disqualified": "disqualified",
 }
-"""Why a result is not ranked."""
 _WARNINGS = ("flagged", "disqualified")
 _FINGERPRINT_SHOWN = 12
 

@@ -33,12 +33,12 @@ PANORAMAS_VARIABLE = "REVERIE_EVAL_PANORAMAS"
 DEMO_PANORAMAS = DEMO_BUNDLES / "panoramas"
 """The skyboxes of the demo world, by scan and viewpoint."""
 _FACES = 6
+# Pixels of a photograph for each pixel of a view.
 _SHRINK = 0.625
-"""Pixels of a photograph for each pixel of a view."""
+# Quality of JPEG: a page with two answers and a target, all with many details, is below 300 kB.
 _QUALITY = 70
-"""Quality of JPEG: a page with two answers and a target, all with many details, is below 300 kB."""
+# Pages show the same pictures again and again; each takes 100 kB at most.
 _PICTURES_KEPT = 128
-"""Pages show the same pictures again and again; each takes 100 kB at most."""
 _log = logging.getLogger(__name__)
 
 

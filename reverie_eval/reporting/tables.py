@@ -31,8 +31,8 @@ MARK = "*"
 
 _REVERIE = find_task(DEFAULT_TASK)
 _ANY_WIDTH = 1000
+# Characters: on a terminal, a wrapped column is not narrower.
 _NARROWEST_TEXT = 12
-"""Characters: on a terminal, a wrapped column is not narrower."""
 
 
 class Bold(str):
@@ -326,13 +326,13 @@ _NAMED = {
     "|": "bar",
     "±": "pm",
 }
+# Escapes of characters that LaTeX, or its default font encoding, takes for something else.
 _SPECIAL = str.maketrans(
     {letter: f"\\{letter}" for letter in "&%$#_{}"}
     | {letter: f"{{{letter}}}" for letter in "[]*"}  # options of the \\ that ends a row
     | {letter: rf"\text{name}{{}}" for letter, name in _NAMED.items()}
     | dict.fromkeys("\n\r", " ")  # two of them would end a paragraph
 )
-"""Escapes of characters that LaTeX, or its default font encoding, takes for something else."""
 
 
 def latex_text(text: str) -> str:

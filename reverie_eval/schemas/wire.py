@@ -33,13 +33,13 @@ LONGEST_LINE = 500
 LONGEST_LINK = 500
 LONGEST_TEXT = 2000
 
+# Characters that are printable to Python but invisible: fillers and variation selectors (Unicode's
+# property `Default_Ignorable_Code_Point`), and the braille pattern without dots.
 _BLANK = re.compile(
     r"[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef\u2800]"
 )
-"""Characters that are printable to Python but invisible: fillers and variation selectors (Unicode's
-property ``Default_Ignorable_Code_Point``), and the braille pattern without dots."""
+# The beginning of a link: a scheme (RFC 3986, section 3.1) without a space after the colon.
 _LINK = re.compile(r"[a-z][a-z0-9+.-]*:(?=\S)", re.IGNORECASE)
-"""The beginning of a link: a scheme (RFC 3986, section 3.1) without a space after the colon."""
 _NAMED_ADDRESS = re.compile(r"[^<>]*<([^<>]*)>")
 _MONTH_AND_YEAR = re.compile(r"([0-9]{1,2})/([0-9]{4})")
 _DAY_MONTH_OR_YEAR = re.compile(r"2[0-9]{3}(-[0-9]{2}){0,2}")

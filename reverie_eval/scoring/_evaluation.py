@@ -325,6 +325,7 @@ def why_not(protocol: Protocol, truth: GroundTruth, track: Track) -> str | None:
 _FIRST_ONLY = "it reads only the first viewpoint of each hop"
 _NO_TEXT = "no object id written as text is correct"
 
+# The differences from the official form at which the 2022 challenge's script fails.
 _STOPPING: Mapping[str, str] = MappingProxyType(
     {
         "keyed": "it expects a list of records",
@@ -335,7 +336,6 @@ _STOPPING: Mapping[str, str] = MappingProxyType(
         "navigation only": "it expects predObjId in each record",
     }
 )
-"""The differences from the official form at which the 2022 challenge's script fails."""
 
 _NOT_DIAGNOSED: Mapping[HopReading, str] = MappingProxyType(
     {

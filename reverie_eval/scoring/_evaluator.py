@@ -167,10 +167,10 @@ def _listed(records: Records) -> Iterable[Mapping[str, Any]]:
     return records
 
 
+# Files that are sent to a process together: scoring them takes about a second.
 _CHUNK = 50
-"""Files that are sent to a process together: scoring them takes about a second."""
+# Files for which one more process pays: to start it takes about as long as to score them.
 _FOR_ONE = 50
-"""Files for which one more process pays: to start it takes about as long as to score them."""
 
 TABLE_KEYS = frozenset(metric.key for metric in find_task(DEFAULT_TASK).table_metrics(CATALOGUE))
 """The metrics that a score table may show."""

@@ -29,8 +29,8 @@ FEW_CLUSTERS = 5
 docs/explanation/uncertainty.md measures."""
 
 _MIN_CLUSTERS = 2
+# Resamples of so many tables, with all metrics, take 60 MB.
 _TABLES_AT_ONCE = 50
-"""Resamples of so many tables, with all metrics, take 60 MB."""
 
 
 @dataclass(frozen=True, slots=True)

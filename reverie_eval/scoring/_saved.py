@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 FORMAT_VERSION = 1
 _HEADER = "header"
 _BOXES = "boxes/"
+# Only of a task with points.
 _POINT = "point"
-"""Only of a task with points."""
 _COLUMNS = (
     *("viewpoint", "offsets", "predicted_object", "answer_is_text", "has_leading_zeros"),
     *(f"{_BOXES}{field.name}" for field in fields(BoxAnswers)),

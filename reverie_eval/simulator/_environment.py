@@ -35,8 +35,8 @@ from reverie_eval.submissions import NO_POINT, join_items, official_point
 from reverie_eval.tasks import turns_of
 from reverie_eval.text import count_text
 
+# Viewpoint, heading and elevation.
 _Pose: TypeAlias = tuple[int, float, float]
-"""Viewpoint, heading and elevation."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,6 +41,7 @@ IDS: Mapping[str, str] = MappingProxyType(
 )
 """The registered id of each task."""
 
+# The part of observations that a key belongs to; those without one are always there.
 _PART_OF: Mapping[str, Part] = MappingProxyType(
     {
         "instruction": "instruction",
@@ -51,7 +52,6 @@ _PART_OF: Mapping[str, Part] = MappingProxyType(
         "image": "pictures",
     }
 )
-"""The part of observations that a key belongs to; those without one are always there."""
 
 
 class GymnasiumEnvironment(gymnasium.Env[Observed, Chosen]):
@@ -226,6 +226,7 @@ def _read(space: spaces.Space[Any], value: Any) -> Any:
             return value
 
 
+# How keys are read that are not attributes of the same name.
 _READERS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {
         "direction": attrgetter("heading", "elevation"),
@@ -234,7 +235,6 @@ _READERS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
         "image": lambda it: it.image(),
     }
 )
-"""How keys are read that are not attributes of the same name."""
 
 
 for _name, _id in IDS.items():

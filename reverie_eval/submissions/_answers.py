@@ -37,18 +37,18 @@ from reverie_eval.submissions._predictions import MOST, BoxAnswers
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._trajectories import Trajectory
 
+# Radians.
 _STRAIGHT_UP = math.pi / 2
-"""Radians."""
 _NONE = "none"
+# What libraries write where there is no value, as text in lower case.
 _NOTHING = ("nan", "null")
-"""What libraries write where there is no value, as text in lower case."""
 _MOST_DIGITS = len(str(LARGEST_OBJECT_ID))
+# Pixels by which rounding alone may push a scaled box beyond the image.
 _SLACK = 1e-6
-"""Pixels by which rounding alone may push a scaled box beyond the image."""
 ENOUGH_BOXES = 20
 """Fewer boxes say nothing about how they were meant."""
+# Pixels: fractions of an image reach no farther, as sides or as corners.
 _TINY = 2
-"""Pixels: fractions of an image reach no farther, as sides or as corners."""
 
 Camera: TypeAlias = tuple[float, float]
 """Heading and elevation, radians."""

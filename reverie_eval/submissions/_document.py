@@ -376,10 +376,10 @@ def _named(names: Sequence[Any], rows: Sequence[Any]) -> Sequence[Mapping[str, A
 _POSITION_KEYS = ("position", "pos", "location", "agent_position", "xyz")
 _PATHS_OF_POSITIONS = ("positions", "locations", "waypoints", "poses", "states")
 _AXES = ("x", "y", "z")
+# The fields with lists that the annotations of the tasks have, and predictions do not.
 _TEXTS_OF_ANNOTATIONS = ("instructions", "dialog_history", "timed_instruction")
-"""The fields with lists that the annotations of the tasks have, and predictions do not."""
+# A position and a rotation: x, y, z and a quaternion.
 _MOST_COORDINATES = 7
-"""A position and a rotation: x, y, z and a quaternion."""
 
 
 def _check_viewpoints(document: Any) -> None:

@@ -231,14 +231,14 @@ def records_of_other_splits(others: Sequence[str], found: int, expected: int, sp
 
 MAX_PROBLEMS = 10_000
 """Checking stops after this many problems; fixing these nearly always fixes the rest."""
+# The numbers of records and poses in the location of a problem, and the keys of records.
 _ANY_INDEX = re.compile(r"""^\["[^"]*"\]|\[\d+\]""")
-"""The numbers of records and poses in the location of a problem, and the keys of records."""
+# The codes of problems with one field of one record.
 _OF_FIELDS = (
     *("wrong-type", "missing-field", "not-finite", "empty-trajectory", "empty-box", "wrong-view"),
     *("two-answers", "wrong-camera", "unknown-viewpoint", "other-scan", "wrong-start"),
     *("unreachable", "duplicate-episode"),
 )
-"""The codes of problems with one field of one record."""
 
 
 def limit_problems(given: Iterable[Problem]) -> Sequence[Problem]:

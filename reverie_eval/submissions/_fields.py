@@ -42,23 +42,23 @@ ID_KEYS = frozenset(key for name in BUILT_IN for key in find_task(name).id_field
 """The fields in which any of the tasks has its ids."""
 RECORD_FIELDS = ID_KEYS.union({TRAJECTORY_KEY, *ANSWER_KEYS, *BOX_KEYS})
 """The fields by which a record of any task is recognised."""
+# What codebases write besides -1 and null where the agent predicts no object.
 _ABSTENTIONS = ("None", "-1", "")
-"""What codebases write besides -1 and null where the agent predicts no object."""
 
+# Names that resemble an id's, but are an index where a record has the path id beside them.
 _INDICES = ("instr_idx", "instrIdx", "instruction_idx", "instruction_index")
-"""Names that resemble an id's, but are an index where a record has the path id beside them."""
+# Names that resemble a spelling, but mean something else in the dataset's own files.
 _UNRELATED = ("instruction", "instructions")
-"""Names that resemble a spelling, but mean something else in the dataset's own files."""
 
 _MARKS = re.compile(r"[\W_]+")
 _SHORT = 5
+# Longer names are not compared: no spelling of a known field is half as long.
 _LONGEST = 40
-"""Longer names are not compared: no spelling of a known field is half as long."""
 MAX_COMPARED = 1_000
 """Different names that are compared with the known ones in a file: each takes a tenth of a
 millisecond."""
+# How similar a name must be to a spelling: one letter more, less, or in the wrong place.
 _CLOSE = 0.87
-"""How similar a name must be to a spelling: one letter more, less, or in the wrong place."""
 
 
 def is_abstention(value: Any) -> bool:
@@ -215,8 +215,8 @@ def _meant_by(field: object, fields: Fields) -> str | None:
     return fields.meant_by[close[0]] if close else None
 
 
+# The common types come first: checking against an abstract class takes ten times as long.
 _NUMBER_TYPES = (float, int, Real)
-"""The common types come first: checking against an abstract class takes ten times as long."""
 
 
 def is_list(value: Any) -> TypeGuard[Sequence[Any]]:
@@ -256,8 +256,8 @@ _TENSOR = re.compile(
     re.DOTALL,
 )
 _TENSORFLOWS = re.compile(r"<tf\.(?:Tensor|Variable)[ :].*?\bnumpy=(?P<value>.*)>", re.DOTALL)
+# A text as Python prints it, or bytes.
 _QUOTED = re.compile(r"b?(?P<quote>['\"])(?P<value>.*)(?P=quote)", re.DOTALL)
-"""A text as Python prints it, or bytes."""
 _POINT_WITHOUT_DIGITS = re.compile(r"(?<=\d)\.(?!\d)")
 _BETWEEN_NUMBERS = re.compile(r"(?<=[\d\]])\s+(?=[-\d\[])")
 _TO_JSON = str.maketrans("'()", '"[]')

@@ -18,12 +18,12 @@ from reverie_eval.submissions._answers import ENOUGH_BOXES
 from reverie_eval.submissions._predictions import MOST, BoxAnswers, Predictions, SubmissionColumns
 from reverie_eval.text import first_few, printable
 
+# Letters of a field's name that are shown.
 _LONGEST = 40
-"""Letters of a field's name that are shown."""
 _MOST_FIELDS = 8
+# The share of predicted objects that must be visible where the agents stop; below it, the ids
+# probably mean something else, or are in another order: agents choose among what they see.
 _FEW = 0.25
-"""The share of predicted objects that must be visible where the agents stop; below it, the ids
-probably mean something else, or are in another order: agents choose among what they see."""
 
 UNNAMED_ANSWERS = (
     "no record has predObjId or predBox; if one of these fields is the predicted object, rename it "
@@ -105,16 +105,16 @@ def answer_hints(submission: SubmissionColumns, ground_truth: GroundTruth) -> It
     yield f"{found}; object ids are those of the box files, numbered within each building"
 
 
+# More boxes are not compared with the annotation.
 _SAMPLE = 500
-"""More boxes are not compared with the annotation."""
+# Pixels: the largest square that vision models usually take. Of the annotated boxes of val_unseen,
+# five in six reach beyond its right or lower edge.
 _SMALL_IMAGE = 384
-"""Pixels: the largest square that vision models usually take. Of the annotated boxes of val_unseen,
-five in six reach beyond its right or lower edge."""
+# Share of the boxes by which another reading must fit better than the one that was used.
 _BETTER = 0.25
-"""Share of the boxes by which another reading must fit better than the one that was used."""
 
+# Boxes, shape (n, 4), and their views, shape (n,).
 _Drawn: TypeAlias = tuple[FloatArray, IntArray]
-"""Boxes, shape (n, 4), and their views, shape (n,)."""
 
 
 def box_hints(boxes: BoxAnswers) -> Iterator[str]:

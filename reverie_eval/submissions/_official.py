@@ -43,9 +43,9 @@ _LISTS = frozenset({list, tuple})
 _NUMBERS = frozenset({float, int, np.float64, np.float32})
 _INTEGERS = frozenset({int, np.int64, np.int32})
 
+# Bytes that are decoded at once. The objects of so many stay in the processor's cache, and memory
+# is used again: the time for each episode and the memory do not grow with the file.
 _CHUNK = 1 << 16
-"""Bytes that are decoded at once. The objects of so many stay in the processor's cache, and memory
-is used again: the time for each episode and the memory do not grow with the file."""
 _BETWEEN_RECORDS = re.compile(rb"\}[ \t\r\n]*,[ \t\r\n]*\{")
 
 

@@ -39,23 +39,23 @@ class Known(typing.Protocol):
     def __contains__(self, instr_id: object, /) -> bool: ...
 
 
+# Returns what an id would be without a mistake, given the ids that are known.
 _Correction: TypeAlias = Callable[[str, Known], str]
-"""Returns what an id would be without a mistake, given the ids that are known."""
+# What stands between the parts of an id.
 _MARK = re.compile(r"[^A-Za-z0-9]+")
-"""What stands between the parts of an id."""
 _INSTRUCTION = re.compile(r"\d{1,9}$")
 _VIEWPOINT = re.compile(r"(?<![0-9a-f])[0-9a-f]{32}(?![0-9a-f])")
 _DIGITS = re.compile(r"\d+")
 _DECIMALS = re.compile(r"(\d+)(?:\.0+(?!\d))?")
+# Longer ids are not compared; Python refuses to convert thousands of digits.
 _LONGEST = 60
-"""Longer ids are not compared; Python refuses to convert thousands of digits."""
 _MOST_PARTS = 3
+# Share of unknown ids that must fit a split's ids without some of their parts.
 _NEARLY_ALL = 0.9
-"""Share of unknown ids that must fit a split's ids without some of their parts."""
 
 _BETWEEN_PARTS = re.compile("[_-]")
+# An id that tells nothing of its task.
 _NUMBER_ID = re.compile(r"[\d#]+")
-"""An id that tells nothing of its task."""
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ MAX_MEBIBYTES_VARIABLE = "REVERIE_EVAL_MAX_MEBIBYTES"
 MAX_MEBIBYTES = 128
 """Enough for 3,521 trajectories of a thousand poses. It limits the unpacked size too."""
 
+# Bytes to unpack at a time: Python reserves memory for as many, and since 3.12 twice for gzip.
 _PIECE = 1 << 20
-"""Bytes to unpack at a time: Python reserves memory for as many, and since 3.12 twice for gzip."""
 _JSON_BRACKETS = (("[", "]"), ("{", "}"))
 _ENDINGS = (".json", ".json.gz", ".zip")
 RECEIPT_ENDING = ".receipt.json"
@@ -38,23 +38,24 @@ RECEIPT_ENDING = ".receipt.json"
 _JSON_SUFFIX = re.compile(r"(?<=.)(\.json)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
+# The first bytes of each member; in compressed bytes, one position in 16 million has the same.
 _GZIP_MEMBER = _GZIP_MAGIC + b"\x08"
-"""The first bytes of each member; in compressed bytes, one position in 16 million has the same."""
+# Writers that compress by blocks make a few thousand. Empty ones have 20 bytes, and each takes as
+# long as a kilobyte of text.
 _MAX_GZIP_MEMBERS = 10_000
-"""Writers that compress by blocks make a few thousand. Empty ones have 20 bytes, and each takes as
-long as a kilobyte of text."""
+# The first bytes of an archive with files, and of an empty one.
 _ZIP_MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
-"""The first bytes of an archive with files, and of an empty one."""
+# The first bytes of a file's entry in the directory of an archive.
 _ZIP_ENTRY = b"PK\x01\x02"
-"""The first bytes of a file's entry in the directory of an archive."""
+# Opening an archive takes a hundred times the 46 bytes of each entry in memory.
 _MAX_ZIP_ENTRIES = 1000
-"""Opening an archive takes a hundred times the 46 bytes of each entry in memory."""
+# The most digits of a limit in mebibytes, which is a terabyte then.
 _MOST_DIGITS = 6
-"""The most digits of a limit in mebibytes, which is a terabyte then."""
 _ENCRYPTED = 0x1
+# What zip programs use by default. Python unpacks the other methods in one step, ignoring the
+# limit, so a small archive could fill the memory.
 _METHODS = (ZIP_STORED, ZIP_DEFLATED)
-"""What zip programs use by default. Python unpacks the other methods in one step, ignoring the
-limit, so a small archive could fill the memory."""
+# What `zipfile` raises on archives whose bytes were damaged, or crafted.
 _DAMAGED_ZIP = (
     BadZipFile,
     EOFError,
@@ -64,7 +65,6 @@ _DAMAGED_ZIP = (
     ValueError,
     zlib.error,
 )
-"""What ``zipfile`` raises on archives whose bytes were damaged, or crafted."""
 
 
 def read_bytes(source: Source) -> bytes:
@@ -212,6 +212,7 @@ def _is_system_file(member: ZipInfo) -> bool:
     return not name or name.startswith(".") or "__MACOSX" in folders
 
 
+# What people send instead of a result file, by its first bytes.
 _NOT_JSON = {
     b"PK\x03\x04": "a zip archive within another",
     b"\xfd7zXZ": "an xz archive",
@@ -226,10 +227,9 @@ _NOT_JSON = {
     b"version https://git-lfs": "a git-lfs pointer, not the file itself",
     b"<": "a web page",
 }
-"""What people send instead of a result file, by its first bytes."""
 _TAR_MARK = b"ustar"
+# The offset of that mark.
 _TAR_MARK_AT = 257
-"""The offset of that mark."""
 _PYTHON_LITERAL = re.compile(rb"[\s\[{(]+'")
 
 

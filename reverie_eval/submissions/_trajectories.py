@@ -301,8 +301,8 @@ def _is_hop(element: Any) -> bool:
 
 PATH_KEY = "path"
 _NO_OBJECTS = frozenset({list, tuple, str})
+# The id of an episode of DUET's own files of SOON; NaviLLM writes a prefix before it.
 _DUETS_ID = re.compile(r"(?:[A-Za-z]\w*_)?\d+-\d+_\d+")
-"""The id of an episode of DUET's own files of SOON; NaviLLM writes a prefix before it."""
 
 
 def is_item(record: Mapping[str, Any]) -> bool:

@@ -23,8 +23,8 @@ else:
 
 _FILE = Path(__file__).with_name("codebases.toml")
 _ON_GITHUB = re.compile(r"github\.com[:/]([^/]+/[^/]+)")
+# How similar an unknown name must be to be asked about: FAST is not FSTTA.
 _CLOSE = 0.7
-"""How similar an unknown name must be to be asked about: FAST is not FSTTA."""
 
 
 class CodebaseEvaluator(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

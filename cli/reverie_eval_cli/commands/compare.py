@@ -25,8 +25,8 @@ from reverie_eval_cli.output import (
     write_text,
 )
 
+# A published mean: RGS=41.2.
 _MEAN = re.compile(r"[A-Za-z_]+(=[0-9.]+%?)(,[A-Za-z_]+=[0-9.]+%?)*")
-"""A published mean: RGS=41.2."""
 
 
 @click.command()

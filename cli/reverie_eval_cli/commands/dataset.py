@@ -17,12 +17,12 @@ from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.output import check_outputs, note, show_printout, with_progress
 
+# The share is what `benchmarks/released_boxes.py` measures.
 _CAVEAT = (
     "these are exact projections of oriented boxes, unlike the released v1 files: 4.9 % of the "
     "boxes there do not contain their object's centre (documentation: Build boxes from "
     "Matterport's files)"
 )
-"""The share is what ``benchmarks/released_boxes.py`` measures."""
 
 
 @click.command("compile")

@@ -58,12 +58,12 @@ from reverie_eval_cli.output import (
 
 _ALL = options.ALL_PROTOCOLS
 _REVERIE = find_task(DEFAULT_TASK)
+# The metrics of formats that have more than the table has.
 _KEYS = dict.fromkeys(("csv", "json"), frozenset(CATALOGUE))
-"""The metrics of formats that have more than the table has."""
+# A file that has not changed for so long is taken to be complete.
 _SECONDS_BETWEEN_LOOKS = 1.0
-"""A file that has not changed for so long is taken to be complete."""
+# Characters in a column, such as `RGSPL %` and `100.00`.
 _WATCH_WIDTH = 7
-"""Characters in a column, such as ``RGSPL %`` and ``100.00``."""
 _INTERVALS = frozenset({"--ci", "--cluster", "--confidence"})
 _PRINTING = frozenset({"--format", "--output"})
 

@@ -17,6 +17,7 @@ from typing import Any
 from reverie_eval.agents._episode import Agent, Episode
 from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
 from reverie_eval.agents._reference import AGENTS
+from reverie_eval.agents.chat import ChatAgent
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Observation
 from reverie_eval.text import did_you_mean
@@ -25,7 +26,12 @@ ENTRY_POINTS = "reverie_eval.agents"
 """The group of entry points by which packages offer agents of their own."""
 
 BUILT_IN: Mapping[str, type[Agent]] = MappingProxyType(
-    {**AGENTS, "nearest-first": NearestFirstAgent, "word-match": WordMatchAgent}
+    {
+        **AGENTS,
+        "nearest-first": NearestFirstAgent,
+        "word-match": WordMatchAgent,
+        "chat": ChatAgent,
+    }
 )
 """The agents of this package, by name."""
 
@@ -87,6 +93,15 @@ class AgentSource:
         found = self._find()
         _check_options(self.name, found, self.options)
         return str(getattr(found, "version", ""))
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        """What of the options can change an answer: all, or what the class's ``identity`` says.
+
+        Raises ReverieEvalError as :meth:`make` does.
+        """
+        identity = getattr(self._find(), "identity", None)
+        return self.options if identity is None else identity(**self.options)
 
     @property
     def digest(self) -> str:

@@ -14,6 +14,14 @@ TREATMENTS: Mapping[str, Treatment] = MappingProxyType(
     {
         # What the agent did cannot be done where it is: it ends there, without an answer.
         "reverie_eval.errors.ActionError": "answer",
+        # A language model: it refused, its reply was cut off or has no action also after it was
+        # asked again, or it was sent more than it can read. All other errors of its endpoint stop
+        # the run, as a wrong key and an unknown model do.
+        "reverie_eval.agents.chat.errors.RefusalError": "answer",
+        "reverie_eval.agents.chat.errors.CutReplyError": "answer",
+        "reverie_eval.agents.chat.errors.WrongActionError": "answer",
+        "reverie_eval.agents.chat.errors.LongPromptError": "answer",
+        "reverie_eval.agents.chat.errors.BusyError": "retry",
         # An agent says so itself.
         "reverie_eval.runner.TransientError": "retry",
         # The network, or the other end.

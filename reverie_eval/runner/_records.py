@@ -45,7 +45,7 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     agent_digest: str
     """A digest of the file that defines the agent."""
     options: Mapping[str, Any]
-    """The agent's options."""
+    """The agent's options, or what of them can change an answer."""
     seed: int
     """Seed from which, with its id, each episode has a seed of its own."""
     limits: Limits
@@ -72,6 +72,8 @@ class Circumstance(msgspec.Struct, frozen=True, kw_only=True):
     """ISO 8601, in UTC."""
     jobs: int
     """Number of processes."""
+    options: Mapping[str, Any]
+    """The agent's options as they were given, also those that cannot change an answer."""
     ground_truth: str
     """The path of the bundle."""
     boxes: str | None

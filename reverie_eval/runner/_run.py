@@ -180,7 +180,7 @@ def _identity(plan: Plan, environment: Environment) -> Identity:
         agent=plan.agent.title,
         agent_version=plan.agent.version,
         agent_digest=plan.agent.digest,
-        options=plan.agent.options,
+        options=plan.agent.identity,
         seed=plan.seed,
         limits=plan.limits,
         boxes=_source_of_boxes(plan),
@@ -205,6 +205,7 @@ def _circumstance(plan: Plan, jobs: int) -> Circumstance:
     return Circumstance(
         started=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         jobs=jobs,
+        options=plan.agent.options,
         ground_truth=plan.ground_truth.origin,
         boxes=None if plan.boxes is None else str(plan.boxes),
         pictures=None if plan.pictures is None else str(plan.pictures),

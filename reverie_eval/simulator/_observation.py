@@ -1,9 +1,12 @@
 """What an agent observes, and what it can do."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar, overload
 
+import numpy as np
+
 from reverie_eval.arrays import Array
+from reverie_eval.geometry import view_angles
 from reverie_eval.simulator._pictures import Picture
 
 Part: TypeAlias = Literal["instruction", "geometry", "names", "boxes", "pictures"]
@@ -112,8 +115,8 @@ class Observation:
     picture: Picture = field(repr=False, compare=False)
     notes: Notes = field(repr=False, compare=False)
 
-    def image(self) -> Array:
-        """Return what the camera shows.
+    def image(self, view: int | None = None) -> Array:
+        """Return what the camera shows, or one of the 36 views from the same viewpoint.
 
         Returns
         -------
@@ -128,7 +131,11 @@ class Observation:
             If there is no skybox of this viewpoint.
         """
         self.notes.add("pictures")
-        return self.picture.render()
+        picture = self.picture
+        if view is not None:
+            heading, elevation = view_angles(np.array([view]))[0].tolist()
+            picture = replace(picture, heading=heading, elevation=elevation)
+        return picture.render()
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from reverie_eval.agents import BUILT_IN
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval_cli.commands.run import run_agent
 from tests.conftest import REPOSITORY
+from tests.support.endpoints import endpoint
 from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
 
@@ -174,6 +175,58 @@ def test_a_failed_episode_is_filled_on_request_and_the_table_says_so(
 def test_the_help_lists_our_agents() -> None:
     assert all(name in (run_agent.help or "") for name in BUILT_IN)
     assert all(f"`{name}`" in PAGE for name in BUILT_IN)
+
+
+def test_a_language_model_runs_by_options_of_its_own(
+    folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "prices.toml").write_text("date = 2026-11-26\n[m]\ninput=1\ncached=1\noutput=1\n")
+    (folder / "list").write_text("1308_18_0\n1308_18_1\n")
+    monkeypatch.setenv("MY_KEY", "sk-1")
+    words = ["run", "chat", "--split", SPLIT, "--episodes-from", "list", "-o", "run"]
+    words += ["--model", "m", "--key-from", "MY_KEY", "--observe", "objects", "--history", "map"]
+    words += ["--prices", "prices.toml", "--max-cost", "1", "--option", "moves=1"]
+    with endpoint("sk-1") as served:
+        outcome = run(*words, "--endpoint", served.url)
+        again = run(*words, "--endpoint", served.url, "--cache", "elsewhere")
+    assert (outcome.status, again.out) == (0, outcome.out)
+    assert "cost $0.00" in outcome.err
+    assert "annotators' labels: perfect perception" in outcome.err
+    assert (folder / "run" / "replies.jsonl").read_text().count("\n") == len(served.requests)
+    assert {request["model"] for request in served.requests} == {"m"}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        pytest.param([], "missing a required argument: 'model'", id="nothing"),
+        pytest.param(["--observe", "all"], "choose one of: geometry, objects, views", id="class"),
+        pytest.param(
+            ["--observe", "views"], "--observe views needs --pictures FOLDER", id="no pictures"
+        ),
+        pytest.param(
+            [
+                "--model",
+                "m",
+                "--endpoint",
+                "http://h/v1",
+                "--observe",
+                "objects",
+                "--max-cost",
+                "1",
+            ],
+            "a limit of the cost needs prices",
+            id="no prices",
+        ),
+    ],
+)
+def test_what_a_language_model_lacks_is_said(
+    words: list[str], message: str, folder: Path, run: Run
+) -> None:
+    outcome = run("run", "chat", "--split", SPLIT, "-o", "run", *words)
+    assert outcome.status == 2
+    assert message in outcome.err
+    assert not (folder / "run").exists()
 
 
 def test_a_terminal_shows_progress(

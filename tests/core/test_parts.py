@@ -22,6 +22,8 @@ GOOD, MEDIOCRE = str(SAMPLES / "good.json"), str(SAMPLES / "mediocre.json")
 SCORED = (GOOD, "--split", "val_unseen")
 SERVER = ("--server", "http://127.0.0.1:1")
 
+CHAT = ("run", "chat", "--model", "m", "--endpoint", "http://127.0.0.1:1", "--observe", "objects")
+
 Words: TypeAlias = tuple[str, ...]
 Outcomes: TypeAlias = Mapping[Words, tuple[int, str, str]]
 """The status of each command, its output and what it says to standard error."""
@@ -70,6 +72,7 @@ MISSING: Mapping[Words, str] = {
         "metadata in YAML need: pip install 'reverie-eval[report]'"
     ),
     ("login", *SERVER): CALLS,
+    (*CHAT, "--split", "val_unseen", "-o", "chat"): CALLS,
     ("submit", *SCORED, "--method", "Ours", *SERVER): CALLS,
     ("leaderboard", *SERVER): CALLS,
     ("verify", GOOD): "receipts need: pip install 'reverie-eval[client]'",

@@ -1,24 +1,34 @@
 """The tutorials lead where they say: every command runs, and prints what is shown below it."""
 
 import re
+import runpy
 import shlex
+import socket
 import sys
 from collections.abc import Iterator
 from io import StringIO
+from pathlib import Path
+from subprocess import Popen
 
 import pytest
 
 from tests.conftest import REPOSITORY
 from tests.support.processes import Laptop
+from tests.support.waiting import wait_until
 
 TUTORIALS = REPOSITORY / "docs" / "tutorials"
 ADDRESS = "http://127.0.0.1:8000"
+FAKE_PORT = "8001"
 STARTED_BY_HAND = ("python3", "pip", ".")
+
+
+def page_of(name: str) -> str:
+    return (TUTORIALS / f"{name}.md").read_text()
 
 
 def steps(name: str) -> Iterator[tuple[list[str], str]]:
     """Return the commands of a tutorial, each with what the page shows below it."""
-    text = (TUTORIALS / f"{name}.md").read_text()
+    text = page_of(name)
     for block, shown in re.findall(r"```sh\n(.*?)```\n(?:\n```\n(.*?)```)?", text, re.DOTALL):
         *others, last = block.splitlines()
         yield from ((shlex.split(line), "") for line in others)
@@ -57,3 +67,62 @@ def test_submitting_to_a_server(laptop: Laptop, monkeypatch: pytest.MonkeyPatch)
             monkeypatch.setattr(sys, "stdin", StringIO(printed))  # `login` reads the invitation
             printed = laptop.run(*(word.replace(ADDRESS, server.url) for word in words)).out
             assert timeless(shown) in timeless(printed.replace(server.url, ADDRESS))
+
+
+def save_files(page: str, folder: Path, port: str = "") -> None:
+    """Write the files that a tutorial says to save, with a port that is free."""
+    text = (TUTORIALS / f"{page}.md").read_text()
+    for name, content in re.findall(
+        r"ave [^`]* as `([\w.]+)`[^`]*```\w+\n(.*?)```", text, re.DOTALL
+    ):
+        (folder / name).write_text(content.replace(FAKE_PORT, port) if port else content)
+
+
+def take_steps(page: str, laptop: Laptop, port: str = "") -> str:
+    """Type what a tutorial says; return what was printed beside what the page shows."""
+    said = ""
+    for (program, *words), shown in steps(page):
+        if program == "reverie-eval":
+            outcome = laptop.run(*(word.replace(FAKE_PORT, port or FAKE_PORT) for word in words))
+            assert shown in outcome.out
+            said += outcome.err
+        elif program == "tail":
+            assert laptop.shell(f"{program} {' '.join(words)}").out.startswith('{"episode":')
+        else:
+            assert program in STARTED_BY_HAND
+    return said
+
+
+def test_a_first_agent(laptop: Laptop, capsys: pytest.CaptureFixture[str]) -> None:
+    save_files("agent", laptop.folder)
+    assert len((laptop.folder / "matching.py").read_text().splitlines()) <= 30
+    said = take_steps("agent", laptop)
+    (note,) = re.findall(r"what that was made from:\n\n```\n(.*?)\n```", page_of("agent"))
+    assert note in said
+    runpy.run_path(str(laptop.folder / "look.py"))
+    (shown,) = (shown for words, shown in steps("agent") if words == ["python3", "look.py"])
+    assert capsys.readouterr().out == shown
+
+
+def test_a_language_model(laptop: Laptop) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = str(free.getsockname()[1])
+    save_files("chat", laptop.folder, port)
+    with Popen([sys.executable, laptop.folder / "fake_model.py"]) as model:
+        try:
+            wait_until(lambda: is_listening(int(port)))
+            said = take_steps("chat", laptop, port)
+        finally:
+            model.kill()
+    lines = re.findall(r"^(?:read: |[\d,]+ tokens).*$", page_of("chat"), re.MULTILINE)
+    assert len(lines) == 3
+    assert all(f"{line}\n" in said for line in lines)
+    assert "nothing was left to run" in said
+
+
+def is_listening(port: int) -> bool:
+    try:
+        socket.create_connection(("127.0.0.1", port)).close()
+    except OSError:
+        return False
+    return True

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from fixtures.demo_world.world import demo_world
 from reverie_eval import GroundTruth, GroundTruthError, ReverieEvalError, validate
@@ -39,6 +38,7 @@ from tests.simulator.test_recorded_states import viewpoints
 from tests.support.amounts import is_evidence
 from tests.support.buildings import forget_buildings
 from tests.support.oracle import Item, Scan, Viewpoint, World
+from tests.support.skyboxes import write_skybox
 from tests.support.sweeps import expected
 from tests.support.worlds import ground_truth_of, write_world
 
@@ -419,10 +419,7 @@ def test_pictures_are_those_of_the_simulator(
     record["pose"] = pose.ravel().tolist()
     (tmp_path / f"{scan}_connectivity.json").write_text(json.dumps([record]))
     (tmp_path / "scans.txt").write_text(scan)
-    skyboxes = tmp_path / scan / "matterport_skybox_images"
-    skyboxes.mkdir(parents=True)
-    noise = np.random.default_rng(0).integers(0, 256, (16, 96, 3), np.uint8)
-    Image.fromarray(noise).save(skyboxes / f"{name}_skybox_small.jpg")
+    write_skybox(tmp_path, truth)
     simulator = MatterSim.Simulator()
     simulator.setNavGraphPath(str(tmp_path))
     simulator.setDatasetPath(str(tmp_path))
@@ -435,6 +432,8 @@ def test_pictures_are_those_of_the_simulator(
     assert image.shape == (480, 640, 3)
     assert image.dtype == np.uint8
     assert (image == simulator.getState()[0].rgb[..., ::-1]).all()
+    view = environment.step(Turn(math.pi / 3, 0.0))  # 60 degrees, level: the view 14
+    assert (view.image() == environment.step(Turn(1.0, 0.5)).image(view=14)).all()
 
 
 def test_a_viewpoint_without_a_skybox_is_named(truth: GroundTruth, tmp_path: Path) -> None:

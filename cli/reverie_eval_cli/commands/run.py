@@ -16,6 +16,7 @@ from reverie_eval.reporting.scores import scores_printout
 from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
+from reverie_eval_cli.commands._chat import ChatOptions, chat_options
 from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import episode_bar, note, show_printout
 
@@ -39,10 +40,10 @@ class RunOptions:
     max_steps: int
     max_seconds: float | None
 
-    def plan(self, agent: str, truth: GroundTruth) -> Plan:
-        """Return what is to be run."""
+    def plan(self, agent: str, truth: GroundTruth, named: Mapping[str, Any]) -> Plan:
+        """Return what is to be run; some of the agent's options have names of their own."""
         return Plan(
-            agent=AgentSource(agent, self.agent_options()),
+            agent=AgentSource(agent, {**named, **self.agent_options()}),
             ground_truth=truth,
             boxes=self.boxes,
             pictures=self.pictures,
@@ -119,6 +120,7 @@ def _read_option(text: str) -> tuple[str, Any]:
         help="Seconds after which an episode is stopped, once an action has ended.",
     ),
 )
+@chat_options
 @options.with_default(
     "--jobs", metavar="N", type=options.Number(min=1), default=1, help="Number of processes."
 )
@@ -135,20 +137,23 @@ def run_agent(
     output: Path,
     episodes_from: Path | None,
     run_options: RunOptions,
+    chat_options: ChatOptions,
     jobs: int,
     fill_missing: bool,
 ) -> None:
     """Run an agent on a split, and score it.
 
     AGENT is a file.py with a class `Agent`, file.py:Name, module:Name, the name of an agent that a
-    package offers, or one of ours: shortest, random, stop, nearest-first or word-match.
+    package offers, or one of ours: shortest, random, stop, nearest-first, word-match, or chat, a
+    language model.
 
     The same command goes on with a run that was killed or stopped. FOLDER gets submission.json,
     run.json, episodes.jsonl and steps.jsonl.
     """
     gc.enable()  # off in this command, which pays off in short lives only
     truth = truth_options.find(episodes_from)
-    plan = run_options.plan(agent, truth)
+    named = chat_options.given_to(agent, output, run_options.pictures)
+    plan = run_options.plan(agent, truth, named)
     episodes, done = len(truth.episodes.instr_ids), _done_in(output)
     with episode_bar(episodes, done) as advance:
 
@@ -184,7 +189,9 @@ def _outcome(totals: Totals) -> Iterable[str]:
     ended = ", ".join(f"{number:,} {state}" for state, number in states.items() if number)
     steps = count_text(totals.steps, "step")
     yield f"{ended}; {count_text(totals.attempts, 'attempt')}, {steps}, {totals.seconds:,.1f} s"
-    yield f"read: {', '.join(totals.read) or 'nothing'}"
+    labels = {"names", "boxes"} & {*totals.read}
+    note = "; names and boxes are annotators' labels: perfect perception" if labels else ""
+    yield f"read: {', '.join(totals.read) or 'nothing'}{note}"
     tokens = (totals.input_tokens, totals.output_tokens)
     if tokens != (None, None):
         money = "unknown" if totals.money is None else f"${totals.money:,.2f}"

@@ -15,7 +15,7 @@ from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
 
 PAGE = (REPOSITORY / "docs" / "how-to" / "run.md").read_text("utf-8")
-(AGENT,) = re.findall(r"```python\n(.+?)\n```", PAGE, re.DOTALL)
+AGENT = re.findall(r"```python\n(.+?)\n```", PAGE, re.DOTALL)[0]
 (TABLE,) = re.findall(r"prints\n\n```\n(.+?)\n```", PAGE, re.DOTALL)
 
 

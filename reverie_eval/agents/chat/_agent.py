@@ -28,8 +28,8 @@ History = Literal["full", "map"]
 _CUT = "length"
 _REFUSED = frozenset({"content_filter", "refusal"})
 _QUALITY = 85
+# Fields of a request that settings may not have.
 _OUR_FIELDS = frozenset({"model", "messages", "response_format", "stream", "n"})
-"""Fields of a request that settings may not have."""
 
 
 class ChatAgent:

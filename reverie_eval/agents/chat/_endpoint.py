@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 LONGEST_RETRY_AFTER = 300
 """Seconds; an endpoint that asks for a longer pause ends the run, which can go on later."""
 
+# Statuses, besides those from 500 on, that another attempt may overcome.
 _WAIT = frozenset({408, 409, 425, 429})
-"""Statuses, besides those from 500 on, that another attempt may overcome."""
+# Statuses of endpoints that do not know ``response_format``.
 _WRONG_FORMAT = frozenset({400, 404, 415, 422, 501})
-"""Statuses of endpoints that do not know ``response_format``."""
+# Seconds to wait for a connection.
 _CONNECT = 10.0
-"""Seconds to wait for a connection."""
 _MOST_SHOWN = 300
 
 

@@ -19,8 +19,8 @@ else:
     import tomli as tomllib
 
 _CLASSES = ("input", "cached", "output")
+# Prices are those of a million tokens.
 _UNIT = 1e-6
-"""Prices are those of a million tokens."""
 
 
 @dataclass(frozen=True)

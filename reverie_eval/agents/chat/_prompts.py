@@ -13,6 +13,8 @@ DEFAULT_PROMPTS = Path(__file__).parent / "prompts"
 """The folder of our own."""
 
 _SYSTEM = frozenset({"instruction", "moves"})
+# The names of the files, without ``.txt``, and the placeholders of each. The first four begin an
+# episode: the answer is an object, a box, the place alone, or the end of a route.
 _PLACEHOLDERS: Mapping[str, frozenset[str]] = {
     "object": _SYSTEM,
     "box": _SYSTEM,
@@ -21,8 +23,6 @@ _PLACEHOLDERS: Mapping[str, frozenset[str]] = {
     "step": frozenset({"map", "place", "neighbours", "visible", "moves_left"}),
     "repair": frozenset({"problem"}),
 }
-"""The names of the files, without ``.txt``, and the placeholders of each. The first four begin an
-episode: the answer is an object, a box, the place alone, or the end of a route."""
 _SHOWN = 12
 
 

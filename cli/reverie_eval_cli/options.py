@@ -274,6 +274,14 @@ def grouped(
     return decorate
 
 
+def sample_of(truth: GroundTruth, episodes_from: Path) -> GroundTruth:
+    """Return the ground truth of the episodes that a file lists."""
+    try:
+        return truth.subset(read_episode_ids(episodes_from))
+    except SubsetError as error:
+        raise RejectedSubmission(f"{episodes_from}: {error}") from None
+
+
 @dataclass(frozen=True)
 class TruthOptions:
     """What ``--split``, ``--ground-truth`` and ``--task`` say."""
@@ -285,12 +293,7 @@ class TruthOptions:
     def find(self, episodes_from: Path | None = None) -> GroundTruth:
         """Find the ground truth of the split, or of the episodes that a file lists."""
         truth = find_ground_truth(self.ground_truth, self.split, self.task)
-        if episodes_from is None:
-            return truth
-        try:
-            return truth.subset(read_episode_ids(episodes_from))
-        except SubsetError as error:
-            raise RejectedSubmission(f"{episodes_from}: {error}") from None
+        return truth if episodes_from is None else sample_of(truth, episodes_from)
 
 
 @dataclass(frozen=True)

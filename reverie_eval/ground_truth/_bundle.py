@@ -9,7 +9,7 @@ import hashlib
 import os
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -103,6 +103,10 @@ class BundleHeader:
     """SHA-256 of the arrays, as :func:`fingerprint_of` computes it."""
     task: str = DEFAULT_TASK
     """The name of the task; headers of the default task do not have it."""
+    episodes: tuple[str, ...] = ()
+    """The instr_ids of a declared sample, which alone is scored; headers of a whole split do not
+    have them. The arrays are those of the split, so its fingerprint stays, and so does a signature
+    that names the sample."""
     format_version: int = FORMAT_VERSION
 
 
@@ -134,6 +138,7 @@ class Bundle:
         *,
         texts: Mapping[str, Array] = MappingProxyType({}),
         task: str = DEFAULT_TASK,
+        episodes: tuple[str, ...] = (),
     ) -> Self:
         """Build a bundle from arrays, each converted to the type that the format defines."""
         formats = {**PUBLIC_ARRAYS, **SOLUTION_ARRAYS, **TARGET_ARRAYS, **OPTIONAL_SOLUTION_ARRAYS}
@@ -143,7 +148,7 @@ class Bundle:
             name: frozen(array.astype(formats[name.partition("/")[0]]))
             for name, array in arrays.items()
         }
-        header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed), task)
+        header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed), task, episodes)
         return cls(header, typed, other_splits, texts)
 
     @property
@@ -166,7 +171,12 @@ class Bundle:
             self.other_splits,
             texts=texts,
             task=self.header.task,
+            episodes=self.header.episodes,
         )
+
+    def of_sample(self, instr_ids: Sequence[str]) -> Self:
+        """Return the bundle of a declared sample of its episodes."""
+        return replace(self, header=replace(self.header, episodes=tuple(instr_ids)))
 
     def save(self, path: Path) -> None:
         """Write the bundle; the file appears complete or not at all.
@@ -194,6 +204,8 @@ class Bundle:
         written = asdict(self.header)
         if self.header.task == DEFAULT_TASK:
             del written["task"]
+        if not self.header.episodes:
+            del written["episodes"]
         return written
 
     @classmethod
@@ -216,6 +228,7 @@ class Bundle:
         is_complete = members.keys() >= PUBLIC_ARRAYS.keys() and (
             needed & members.keys() in (set(), needed)
         )
+        is_complete &= is_complete and set(header.episodes) <= set(members["instr_id"].tolist())
         if not is_complete or fingerprint_of(members) != header.fingerprint:
             raise GroundTruthError(f"{path} is damaged: its contents do not match its header")
         arrays = {name: frozen(array) for name, array in members.items()}

@@ -9,7 +9,6 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from typing_extensions import Self
 
 from reverie_eval.arrays import Array, FloatArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
@@ -124,7 +123,7 @@ class GroundTruth:
         return self if self.subset_of is None else self.subset_of[0]
 
     @classmethod
-    def load(cls, file: str | PathLike[str]) -> Self:
+    def load(cls, file: str | PathLike[str]) -> "GroundTruth":
         """Read a bundle and check that it is complete; its arrays are read-only.
 
         Raises
@@ -137,12 +136,12 @@ class GroundTruth:
         return cls.from_bundle(Bundle.load(Path(file)), origin=str(file))
 
     @classmethod
-    def from_bundle(cls, bundle: Bundle, origin: str = "memory") -> Self:
-        """Build the ground truth from a bundle's arrays."""
+    def from_bundle(cls, bundle: Bundle, origin: str = "memory") -> "GroundTruth":
+        """Build the ground truth from a bundle's arrays: of its sample, if it declares one."""
         arrays = bundle.arrays
         item = arrays["episode_task"]
         heading = arrays.get("task_heading", np.zeros(len(arrays["task_start"])))
-        return cls(
+        truth = cls(
             header=bundle.header,
             graph=NavigationGraph.from_arrays(arrays),
             episodes=Episodes(
@@ -157,6 +156,7 @@ class GroundTruth:
             other_splits=bundle.other_splits,
             origin=origin,
         )
+        return truth.subset(bundle.header.episodes) if bundle.header.episodes else truth
 
     def __repr__(self) -> str:
         kind = "public, " if self.solution is None else ""

@@ -356,6 +356,12 @@ class SplitReport(WireModel):
     task: str = Field("reverie", examples=["reverie"])
     """The benchmark that it belongs to."""
     episodes: int = Field(examples=[6292])
+    """Those that are scored: of a declared sample, fewer than the split has."""
+    subset: str = Field("", examples=["3ccb750a9648"])
+    """The digest of the episodes of a declared sample; empty for a whole split. The list itself is
+    at ``/api/v1/splits/{split}/episodes.txt``."""
+    split_episodes: int = Field(examples=[6292])
+    """All episodes of the split."""
     visibility: Literal["private", "open"]
     """Private: only rounded means leave the server."""
     protocol: str

@@ -417,6 +417,21 @@ def test_compiling(line: str, written: str, *, is_public: bool, here: Path, run:
     assert out.endswith(f"fingerprint {truth.fingerprint}\n")
 
 
+def test_compiling_a_sample(here: Path, run: Run) -> None:
+    (here / "ids.txt").write_text("\n".join(GroundTruth.load("full.npz").episodes.instr_ids[:2]))
+    line = "compile dataset {split} --episodes-from ids.txt -o"
+    status, out, err = run(*words(f"{line} some.npz"))
+    assert (status, err) == (0, "")
+    assert "some.npz: custom val_unseen, 5 episodes, 1 scan" in out
+    assert "\nscores a sample of 2 episodes\n" in out
+    scored = run(*words("submit.json {split} --ground-truth"), "some.npz")
+    assert scored == run(*words("submit.json {split} {full} --episodes-from ids.txt"))._replace(
+        out=scored.out
+    )
+    assert "|subset:" in scored.out
+    assert "name the file, as the split has another" in run(*words(f"{line} folder")).err
+
+
 # Converting, agents and schemas are tried in full elsewhere; here, how they are called.
 
 

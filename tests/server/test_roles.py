@@ -46,6 +46,7 @@ GET    /session                                   401    401   401    401       
 DELETE /session                                   401    401   401    401        401      401         401
 GET    /splits                                    200    200   200    200        200      401         401
 GET    /splits/{split}                            200    200   200    200        200      401         401
+GET    /splits/{split}/episodes.txt               200    200   200    200        200      200         200
 GET    /splits/{split}/leaderboard                200    200   200    200        200      200         200
 GET    /splits/{split}/leaderboard.csv            200    200   200    200        200      200         200
 GET    /splits/{split}/also/{further}/leaderboard      200  200   200    200        200      200         200

@@ -166,6 +166,7 @@ READS = (
     "/keys",
     "/splits",
     "/splits/{split}",
+    "/splits/{split}/episodes.txt",
     "/splits/{split}/leaderboard",
     "/splits/{split}/leaderboard.csv",
     "/splits/{split}/also/{further}/leaderboard",

@@ -10,7 +10,7 @@ from typing import get_args
 
 import click
 
-from reverie_eval import DatasetError, ReverieEvalError
+from reverie_eval import DatasetError, GroundTruth, ReverieEvalError
 from reverie_eval.dataset import EXCLUDED_NAMES, MAX_DISTANCE, BoxRules, Occlusion
 from reverie_eval.ground_truth import Bundle, bundle_folder, bundle_name
 from reverie_eval.text import count_text
@@ -38,9 +38,22 @@ _CAVEAT = (
     help="The bundle to write; or a folder, existing or ending in /, for SPLIT.npz or "
     "SPLIT.public.npz, in it or in its folder of the task's name.",
 )
+@click.option(
+    "--episodes-from",
+    metavar="FILE",
+    type=options.PATH,
+    help="Declare a sample: the bundle scores only the episodes whose instr_ids FILE lists, one a "
+    "line or as JSON.",
+)
 @click.option("--public", is_flag=True, help="Leave out the solution: a bundle to validate with.")
 def compile_bundle(
-    *, split: str, output: str, public: bool, task: str, **paths: Path | None
+    *,
+    split: str,
+    output: str,
+    episodes_from: Path | None,
+    public: bool,
+    task: str,
+    **paths: Path | None,
 ) -> None:
     """Compile a split's files into a ground-truth bundle.
 
@@ -57,12 +70,18 @@ def compile_bundle(
     notes = list(origin_notes(bundle.header))
     if public:
         bundle = bundle.public()
+    if episodes_from is not None:
+        truth = options.sample_of(GroundTruth.from_bundle(bundle), episodes_from)
+        bundle = bundle.of_sample(truth.episodes.instr_ids)
     file = _bundle_file(output, bundle)
-    check_outputs([file], [*files.annotations.values(), files.boxes, files.object_positions])
+    sources = [*files.annotations.values(), files.boxes, files.object_positions]
+    check_outputs([file], [episodes_from, *sources])
     bundle.save(file)
     parts = {"episode": "instr_id", "scan": "scan_id", "viewpoint": "viewpoint_id"}
     counts = [count_text(len(bundle.arrays[array]), noun) for noun, array in parts.items()]
     print(f"{file}: {bundle.header.dataset} {split}, {', '.join(counts)}")
+    if bundle.header.episodes:
+        print(f"scores a sample of {count_text(len(bundle.header.episodes), 'episode')}")
     if bundle.is_public:
         print("no solution included: it can validate submissions, not score them")
     print(f"fingerprint {bundle.header.fingerprint}")
@@ -76,6 +95,8 @@ def _bundle_file(output: str, bundle: Bundle) -> Path:
     # As with cp: a slash at the end says that a folder is meant, there or not.
     if output.endswith(os.sep):
         path.mkdir(parents=True, exist_ok=True)
+    if path.is_dir() and bundle.header.episodes:
+        raise ReverieEvalError(f"{path} is a folder; name the file, as the split has another")
     if path.is_dir():
         path = bundle_folder(path, bundle.header.task)
         path.mkdir(exist_ok=True)

@@ -75,6 +75,20 @@ def show_split(split: SplitName, call: Anybody) -> SplitReport:
     return report
 
 
+@router.get(
+    "/{split}/episodes.txt",
+    response_class=Response,
+    responses=file_reply("text/plain", "not-found", schema=TEXT, example="4_402_2\n4_402_1\n"),
+)
+def download_episodes(split: SplitName, server: Server) -> Response:
+    """List the instr_ids of the episodes that are scored, one a line, as ``--episodes-from`` reads.
+
+    A submission to a declared sample has these episodes and no others.
+    """
+    ids = server.board(split).truth.episodes.instr_ids
+    return PlainTextResponse("".join(f"{each}\n" for each in ids))
+
+
 @router.post(
     "/{split}/submissions",
     status_code=status.HTTP_201_CREATED,
@@ -241,6 +255,8 @@ def _report(
         name=board.name,
         task=board.task.name,
         episodes=len(board.truth.episodes.instr_ids),
+        subset=board.truth.subset_digest,
+        split_episodes=board.n_split,
         visibility=board.split.visibility,
         protocol=board.split.protocol,
         track=board.split.track,

@@ -33,6 +33,7 @@ from reverie_eval.server.errors import NotFoundError, no_split
 from reverie_eval.server.settings import Settings, SettingsError, Split
 from reverie_eval.submissions import check_value_count, parse_predictions
 from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task, name_on_server
+from reverie_eval.text import count_text
 from reverie_eval.version import __version__
 
 MAX_VALUES = 5_000_000
@@ -87,6 +88,18 @@ class Board:
         return [self, *self.also.values()]
 
     @property
+    def sample(self) -> str:
+        """The name of the declared sample that it ranks; empty for the whole split."""
+        if not self.truth.subset_digest:
+            return ""
+        return self.name.removeprefix(f"{name_on_server(self.task.name, self.truth.split)}-")
+
+    @property
+    def n_split(self) -> int:
+        """The number of episodes of the split, of which a sample has some."""
+        return len(_whole(self.truth).episodes.instr_ids)
+
+    @property
     def title(self) -> str:
         """Its heading: ``Val unseen leaderboard``, or ``R2R test leaderboard: strict``."""
         title = self.full_title
@@ -97,8 +110,10 @@ class Board:
     @property
     def full_title(self) -> str:
         """Its title where the benchmark must be named: ``REVERIE val unseen leaderboard``."""
+        split = self.truth.split.replace("_", " ")
+        of_sample = f", sample {self.sample}" if self.sample else ""
         further = f": {self.further}" if self.further else ""
-        return f"{self.task.title} {self.truth.split.replace('_', ' ')} leaderboard{further}"
+        return f"{self.task.title} {split} leaderboard{of_sample}{further}"
 
     @property
     def is_private(self) -> bool:
@@ -171,9 +186,19 @@ class Board:
         answers_only = self.split.track == "grounding"
         predictions = parse_predictions(content, self.task, answers_only=answers_only)
         try:
-            return PreparedSubmission.of(predictions, truth, self.split.track)
+            prepared = PreparedSubmission.of(predictions, truth, self.split.track)
         except SubmissionError as error:
             raise SubmissionError([self._named_here(each) for each in error.problems]) from None
+        # Every episode of the sample occurs once by now, so the others are not in it.
+        n_episodes = len(truth.episodes.instr_ids)
+        others = len(predictions.instr_ids) - n_episodes
+        if self.sample and others:
+            message = (
+                f"{count_text(others, 'record')} of episodes that are not in the sample "
+                f"{self.sample}; send those of its {count_text(n_episodes, 'episode')} alone"
+            )
+            raise SubmissionError([Problem("beyond-sample", "file", message)])
+        return prepared
 
     def _named_here(self, problem: Problem) -> Problem:
         """Return a problem in which the split that the file seems to be for has its name here."""
@@ -358,10 +383,15 @@ def _public_solution(boards: Mapping[str, Board], settings: Settings) -> Iterato
 
 def _have_same_solution(board: Board, other: Board) -> bool:
     """Whether two splits have the same targets and paths, whatever they are called."""
-    one, two = board.truth.require_solution(), other.truth.require_solution()
+    one, two = (_whole(each.truth).require_solution() for each in (board, other))
     return np.array_equal(one.target_object, two.target_object) and np.array_equal(
         one.path, two.path
     )
+
+
+def _whole(truth: GroundTruth) -> GroundTruth:
+    """Return the ground truth of the split that a declared sample is of."""
+    return truth.subset_of[0] if truth.subset_digest and truth.subset_of else truth
 
 
 def tasks_of(boards: Mapping[str, Board]) -> Sequence[Task]:
@@ -412,7 +442,12 @@ def load_board(name: str, split: Split, path: Path) -> Board:
             f'{find_task(split.task).title}; set task = "{truth.task.name}", or use another bundle'
         )
     known = name_on_server(split.task, truth.split)
-    if known != name:
+    if truth.subset_digest and not re.fullmatch(rf"{re.escape(known)}-[a-z0-9_-]{{1,40}}", name):
+        raise GroundTruthError(
+            f"this is the ground truth of a sample of {known}; call it {known}- and a name of "
+            f"lower-case letters, digits, - and _, such as {known}-{truth.subset_digest}"
+        )
+    if known != name and not truth.subset_digest:
         raise GroundTruthError(f"this is the ground truth of {known}, not of {name}")
     if split.visibility == "private" and not is_private(path):
         raise GroundTruthError(f"others can read the solution; run `chmod 600 {path}`")

@@ -49,6 +49,7 @@ class LazyGroup(Group):
         if cmd_name not in self._attributes:
             if ctx.resilient_parsing:  # while completing, nothing is an error
                 return None
+            # click suggests the closest name.
             raise NoSuchCommand(cmd_name, possibilities=self._attributes, ctx=ctx)
         module, _, attribute = self._attributes[cmd_name].partition(":")
         # Only the command that runs is imported: those of the server load a web framework.

@@ -49,12 +49,14 @@ class Choice(click.Choice[str]):
         ctx: click.Context | None,  # noqa: ARG002
     ) -> str:
         """Say what was given, and what can be."""
+        # click would list all choices; after a slip, the closest one is enough.
         return f"unknown value {value!r}{did_you_mean(value, self.choices)}"
 
 
 class Number(click.IntRange):
     """A whole number in a range."""
 
+    # As errors and the help name it; click says "integer range".
     name = "whole number"
 
 
@@ -99,6 +101,7 @@ class Time(click.ParamType[datetime]):
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> datetime:
         """Read a time."""
+        # Without its zone, a time is another moment on another machine.
         time = value if isinstance(value, datetime) else _read_time(str(value))
         if time is None:
             example = "such as 2027-06-01T12:00:00Z"
@@ -114,6 +117,8 @@ class DayOrTime(click.ParamType[str]):
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return it as written: a day is its first second, or at the end of a phase its last."""
         try:
+            # Kept as written: whether a day means its first or its last second depends on the end
+            # of a phase.
             date.fromisoformat(value)
         except ValueError:
             if _read_time(value) is None:
@@ -130,6 +135,7 @@ def _read_time(text: str) -> datetime | None:
         time = datetime.fromisoformat(text)
     except ValueError:
         return None
+    # Guessing a zone would move deadlines.
     return None if time.tzinfo is None else time
 
 
@@ -332,6 +338,7 @@ def checked(
     model: type[Request], name_of: Callable[[str], str] = str, /, **fields: object
 ) -> Request:
     """Return what options ask for, checked as the API checks it; an error names wrong fields."""
+    # Only organisers' commands check with the models of the API, which are slow to load.
     from pydantic import ValidationError
 
     from reverie_eval.server.wrong_values import wrong_value

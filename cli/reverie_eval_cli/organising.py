@@ -119,6 +119,7 @@ def read_text(file: Path) -> str:
     try:
         # Spreadsheets begin UTF-8 with a mark of byte order.
         return file.read_text("utf-8-sig")
+    # Excel writes other encodings unless it is told not to; a guess would garble names.
     except UnicodeDecodeError as error:
         raise ReverieEvalError(f"{file}: invalid UTF-8 from byte {error.start} on") from None
 

@@ -33,6 +33,7 @@ class RejectedSubmission(click.ClickException):
 
     def show(self, file: Any = None) -> None:
         """Print the problems to standard error."""
+        # Not in click's form, which begins with "Error": editors jump to `file: location`.
         print(self.message, file=file or sys.stderr)
 
 
@@ -54,6 +55,7 @@ def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Sco
     """Score all, with the logs of runs; if some are rejected, list the problems of each."""
     scores: list[Scores] = []
     rejections: list[str] = []
+    # All files before any is reported: one round of corrections, not one for each file.
     for submission in with_progress(submissions, "Scoring", len(submissions)):
         try:
             scored, run = evaluator(submission), find_run(submission)
@@ -93,6 +95,7 @@ def open_output(file_name: str, *, mode: int = 0o666) -> Iterator[TextIO]:
         return
     with (
         staged_file(Path(file_name), mode=mode) as file,
+        # A name on disk need not be valid UTF-8, and csv writes its own line ends.
         io.TextIOWrapper(file, "utf-8", errors="backslashreplace", newline="") as text,
     ):
         yield text
@@ -154,6 +157,7 @@ def with_progress(items: Iterable[T], description: str, total: int | None = None
     from rich.console import Console
     from rich.progress import track
 
+    # On standard error, and gone when done: the result stays alone on standard output.
     return track(items, description, total, console=Console(stderr=True), transient=True)
 
 
@@ -181,6 +185,7 @@ def episode_bar(total: int, done: int) -> Iterator[Callable[[], None]]:
     began = time.monotonic()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, completed=done, rate="")
+        # Of this command alone: what was done before took no time now.
         finished = count(1)
 
         def advance() -> None:
@@ -199,6 +204,7 @@ def transfer_bar(description: str) -> Iterator[Callable[[int, int], None] | None
     from rich.console import Console
     from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 
+    # Without markup: a file's name may have brackets.
     columns = TextColumn("{task.description}", markup=False), BarColumn(), DownloadColumn()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(description, total=None)

@@ -73,6 +73,7 @@ class ServerOptions:
             if error.document.code != "not-signed-in":
                 raise
             if os.environ.get(TOKEN_VARIABLE):
+                # The server advises to sign in, which would not help while the variable is set.
                 reason, _, _ = str(error).partition("; ")
                 raise ReverieEvalError(
                     f"{TOKEN_VARIABLE} is not a valid token ({reason}); correct it, or unset it to "

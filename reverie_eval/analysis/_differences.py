@@ -90,6 +90,7 @@ def describe_differences(
     from reverie_eval.metrics.uncertainty import holm, mcnemar_p
 
     columns = [(name, key) for name, change in changes.items() for key in change]
+    # Counted on differences up to rounding, as `changes` are.
     higher = np.array([(changes[name][key] > 0).sum() for name, key in columns])
     lower = np.array([(changes[name][key] < 0).sum() for name, key in columns])
     mcnemar = mcnemar_p(higher, lower)

@@ -160,6 +160,7 @@ class Runs(Scored):
             raise ProtocolError(reason)
         keys = common_keys(runs.values())
         means = crossed_means(runs, keys, cluster)
+        # Checked and completed as everywhere, though nothing is resampled.
         level = IntervalEngine.of(confidence).confidence
         ends = means.interval(bounds_of(keys, attrgetter("bounds")), level)
         intervals = RunIntervals.of(

@@ -110,6 +110,7 @@ class DatasetFiles:
         }
         if object_positions:
             needed["object-positions"] = object_positions
+        # All at once: each path that is missing costs a round otherwise.
         problems = [
             Problem(
                 "missing-input",

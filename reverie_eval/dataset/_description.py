@@ -330,6 +330,7 @@ def describe_dataset(
     def describe(splits: tuple[str, ...]) -> SplitDescription:
         return SplitDescription.of({split: facts[split] for split in splits}, viewpoint_counts)
 
+    # The splits that were found; the paper's numbers are compared as far as these go.
     alone = {split: describe((split,)) for split in facts}
     buildings, viewpoints = len(viewpoint_counts), sum(viewpoint_counts.values())
     paper: Sequence[PaperComparison] = ()

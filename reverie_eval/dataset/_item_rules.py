@@ -22,6 +22,7 @@ def _count_items(items: Sequence[Annotation], which: Callable[[Annotation], bool
 
 
 def _without_solution(items: Items) -> Count:
+    # A split without any is a private one, and sound.
     has_solution = items.split.has_solution
     return _count_items(items.split.items, lambda item: has_solution and not item.has_solution)
 

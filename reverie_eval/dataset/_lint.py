@@ -93,9 +93,11 @@ def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> Li
         Information, warnings and errors by section; ``sound`` if there are no errors.
     """
     dataset = read_dataset(files, progress)
+    # By name: a report must not depend on the order of a folder.
     splits = sorted(dataset.splits, key=lambda split: split.name)
     items = [Items(split, dataset.graphs, _other_splits(split, splits)) for split in splits]
     boxes = dataset.boxes
+    # A section without anything to count would look like one that passed.
     box_sections = _BOX_SECTIONS if files.boxes else ()
     sections = [
         _section("files", FILE_RULES, dataset.reader),
@@ -116,10 +118,12 @@ def check_sound(dataset: Dataset, purpose: Purpose) -> None:
         *file_problems(dataset.reader, purpose),
         *find_problems(GRAPH_RULES, graphs, files.connectivity, purpose),
     ]
+    # Boxes are used with the solution alone.
     if dataset.has_solution and files.boxes:
         for _, rules, _ in _BOX_SECTIONS:
             found += find_problems(rules, boxes, files.boxes, purpose)
     for split in dataset.splits:
+        # Without other splits: episodes that two of them share are for lint to find.
         items = Items(split, graphs)
         found += find_problems(ITEM_RULES, items, split.path, purpose)
         if split.has_solution and files.boxes:
@@ -150,6 +154,7 @@ def _annotations(items: Items, boxes: Boxes, task: Task) -> LintSection:
     counts = [rule.check(items) for rule in ITEM_RULES]
     if not task.has_targets:
         return LintSection("annotations", split.name, counts)
+    # The published test file is sound without one.
     if not split.has_solution:
         return LintSection("annotations", split.name, counts, note=_NO_SOLUTION)
     targets = Targets(split, items.with_target, boxes)

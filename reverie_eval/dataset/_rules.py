@@ -129,9 +129,11 @@ def find_problems(
 ) -> Iterator[Problem]:
     """Check the rules that are errors for a purpose, and yield a problem for each broken rule."""
     for rule in rules:
+        # A warning says what a dataset is like; no command stops for it.
         if rule.severity == "error" and purpose not in rule.tolerated_by:
             found = rule.find(subject)
             if found.number:
+                # One problem for each rule: thousands of equal ones would hide the others.
                 examples = first_few(found.examples, of=found.number)
                 message = f"{found} {rule.says}: {examples}. {rule.advice}"
                 yield Problem(rule.code, str(where), message)
@@ -162,6 +164,7 @@ def spread(code: str, says: str, unit: str, values: Array) -> Spread:
     >>> lengths.number, lengths.mean, lengths.percentiles["50"], lengths.percentiles["100"]
     (3, 3.0, 2.0, 6.0)
     """
+    # numpy has no percentiles of nothing.
     if not values.size:
         return Spread(code, says, unit, 0, None, {})
     at_percentiles = np.percentile(values, PERCENTILES).tolist()

@@ -55,6 +55,7 @@ class Episodes:
         """Return some of the episodes."""
         instr_ids = tuple(self.instr_ids[row] for row in rows)
         public = self.item[rows], self.start[rows], self.heading[rows]
+        # Texts are taken only when they are read: most subsets are only scored.
         return Episodes(instr_ids, *public, taken_from=(self, rows))
 
     @cached_property
@@ -140,6 +141,7 @@ class GroundTruth:
         """Build the ground truth from a bundle's arrays: of its sample, if it declares one."""
         arrays = bundle.arrays
         item = arrays["episode_task"]
+        # Bundles of earlier versions have none, and not every dataset does.
         heading = arrays.get("task_heading", np.zeros(len(arrays["task_start"])))
         truth = cls(
             header=bundle.header,
@@ -226,6 +228,7 @@ class GroundTruth:
 
     def _paths_to_region(self, solution: Solution) -> Iterator[IntArray]:
         """Yield each item's planner's path if it ends at a goal, else the route to a goal."""
+        # Many items start at the same viewpoint.
         routes = cache(self.graph.routes_from)
         path, offsets = solution.further_paths["planner"]
         goal, goal_offsets = solution.goals()
@@ -272,6 +275,7 @@ class GroundTruth:
     @property
     def shared_provenance(self) -> str:
         """A description of this ground truth for others, without the folder of its file."""
+        # A report that is sent to others need not show the folders of a machine.
         return self._described(Path(self.origin).name)
 
     def _described(self, origin: str) -> str:
@@ -296,6 +300,7 @@ class GroundTruth:
             If the task has no target objects.
         """
         annotated = self.require_targets().target_categories
+        # Spellings that differ in case or spaces are one category.
         names = [category_text(name).strip().lower() or NO_CATEGORY for name in annotated]
         return [names[item] for item in self.episodes.item]
 

@@ -62,6 +62,7 @@ def _point_error(error: Callable[[Array, Array], Array], at: Inputs) -> Array:
 # A metric in [0, 1] of which more is better, as most of them are.
 _fraction = partial(Metric, unit="fraction", better="higher")
 
+# Tables, pages and exports keep this order.
 _METRICS = (
     Metric(
         key="path_length",
@@ -69,6 +70,7 @@ _METRICS = (
         name="trajectory length",
         definition="metres along the navigation graph, summed from pose to pose",
         unit="metres",
+        # A short walk may be one that never set out.
         better="neither",
         compute=lambda at: path_length(at.lookups.leg_length, at.lookups.offsets),
     ),
@@ -111,6 +113,7 @@ _METRICS = (
         label="RGS",
         name="remote grounding success",
         definition="the predicted object is the target object, or the predicted box matches it",
+        # Not of a trajectory: the grounding track has none.
         needs=_ANSWER,
         protocol_fields=_ANSWER_FIELDS,
         compute=lambda at: remote_grounding_success(
@@ -164,6 +167,7 @@ _METRICS = (
         "path",
         unit="metres",
         better="lower",
+        # Along the graph: in a straight line, the room next door is near.
         compute=lambda at: navigation_error(at.lookups.goal_distance, at.lookups.offsets),
     ),
     Metric(
@@ -184,6 +188,7 @@ _METRICS = (
         "path",
         unit="metres",
         better="lower",
+        # As a table, because each pose is measured from each node.
         compute=lambda at: dtw(at.lookups.pose_to_node, at.lookups.n_poses, at.lookups.n_nodes),
     ),
     _fraction(

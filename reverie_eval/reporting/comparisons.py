@@ -151,6 +151,7 @@ def comparison_printout(comparison: Comparison) -> Printout:
     """Return a comparison in each format; papers get the scores, with the differences as notes."""
 
     def paper() -> Table:
+        # A paper's table has no room for differences; as notes, they become comments of its LaTeX.
         notes = [*sentences(comparison), *comparison_table(comparison).notes]
         return replace(results_table(comparison.scores), notes=notes)
 
@@ -256,6 +257,7 @@ def _difference_cells(comparison: Comparison, name: str, metric: Metric) -> Sequ
     """Return the difference from the first in a metric, its interval, p and verdict."""
     if name == comparison.first:
         return [*[MISSING] * 4, "baseline"]
+    # A file without answers is compared in navigation alone.
     if metric.key not in comparison[name]:
         return [MISSING] * 5
     found = comparison[name][metric.key]
@@ -291,6 +293,7 @@ def procedures(comparison: Comparison) -> Sequence[str]:
     corrected = ", corrected by Holm's method" if len(comparison) > 1 else ""
     if comparison.pairs and len(comparison) > 1:
         corrected += f" for all {comparison.pairs:,} pairs, among which the best was chosen"
+    # Runs are tested by Student's t, files by swaps.
     if not isinstance(resampled, Intervals):
         lone = [name for name, each in comparison.scores.items() if isinstance(each, Scores)]
         fixed = f"; {', '.join(lone)}: one run, without variance between runs" if lone else ""
@@ -314,6 +317,7 @@ def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Itera
         f"{label} high": lambda metric, found: signed(metric, found.interval.high),
         "p": lambda _, found: _p_cell(found.p_value),
     }
+    # Of means over runs, no episode is simply right or wrong.
     if isinstance(comparison.intervals[name], Intervals):
         rows |= {
             "won : lost": _won_and_lost,

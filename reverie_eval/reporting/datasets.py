@@ -123,6 +123,7 @@ def _spread_row(spread: Spread) -> Sequence[str]:
 
 def _three_digits(value: float) -> str:
     """Format a value with three digits, large ones as whole numbers."""
+    # Three digits say enough; a count is exact.
     if value == round(value) or abs(value) >= 100:
         return f"{value:,.0f}"
     return f"{value:#.3g}"
@@ -173,6 +174,7 @@ def _description_tables(description: DatasetDescription) -> Sequence[Table]:
         rows=[[label, *(cell_of(value, text) for value in values)] for label, values, text in rows],
         text_columns=frozenset({0}),
     )
+    # Only REVERIE's paper counts what is counted here.
     if not description.paper:
         return [splits]
     paper = Table(
@@ -319,6 +321,7 @@ def _draw_histograms(
     figure = _figure(1.3 + 1.5 * len(splits))
     grid = figure.subplots(len(splits), len(quantities), sharex="col", sharey="col", squeeze=False)
     for column, quantity, all_axes in zip(columns, quantities, grid.T, strict=True):
+        # All splits in the same bins, or their heights could not be compared.
         together = np.concatenate([each.values for each in column.values()])
         edges = quantity.edges(together, _MOST_BARS // len(quantities))
         paper = [each.paper for each in description.paper if each.quantity == quantity.name]

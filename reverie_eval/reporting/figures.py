@@ -128,6 +128,7 @@ class Plots:
             If the ground truth was compiled without what the grouping needs.
         """
         table = self.scores.breakdown(by, intervals=True)
+        # The largest ones: in small groups, scores are chance.
         shown = table.head(_SHOWN_GROUPS)
         metric = self.scores.ground_truth.task.primary_metric(self.scores)
         primary, scale = metric.key, 100 if metric.unit == "fraction" else 1
@@ -255,6 +256,7 @@ def _sorted_steps(scores: Mapping[float, Scored]) -> Sequence[float]:
 def plot_comparison(comparison: Comparison, ax: "Axes | None" = None) -> "Axes":
     """Draw the differences from the first submission; see :meth:`Comparison.plot`."""
     first = comparison.scores[comparison.first]
+    # Fractions alone: beside metres, their differences would be flat.
     metrics = [
         metric
         for metric in first.ground_truth.task.table_metrics(first.keys())

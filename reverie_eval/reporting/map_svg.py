@@ -49,6 +49,7 @@ def map_svg(episode_map: EpisodeMap) -> str:
 
 def map_picture(episode_map: EpisodeMap) -> str:
     """Draw a still map that includes its style sheet, for a file or any page."""
+    # A page has the style sheet once; a file has to bring its own.
     own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{MAP_STYLE}</style>"
     return _Drawing(episode_map).still(*own)
 

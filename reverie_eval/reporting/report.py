@@ -89,6 +89,7 @@ def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") ->
         not text.
     """
     check_names(scores)
+    # Colours, captions and columns are those of one submission or of a pair.
     if len(scores) not in (1, 2):
         raise ProtocolError(f"a report is about one submission or two; got {len(scores)}")
     environment = Environment(
@@ -96,6 +97,7 @@ def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") ->
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
+        # A name that the template misspells is an error, not an empty place.
         undefined=StrictUndefined,
     )
     return environment.get_template(_TEMPLATE).render(_context(scores, cluster))
@@ -155,6 +157,7 @@ def _comparison(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, 
     check_comparable(scores)
     (name, first), (other_name, other) = scores.items()
     why_not = Intervals.why_not(first.ground_truth, cluster)
+    # A report of a small split still shows who won which episodes.
     comparison = None if why_not else Comparison.of(scores, cluster)
     changes = [
         _change(other_name, scores, episodes_won(first, other)),

@@ -51,6 +51,7 @@ class Bar:
 
     def percent(self, value: float) -> float:
         """Return where a value is on the bar, in percent of its full length."""
+        # The end of an interval may be beyond the longest bar.
         return min(max(100 * value / self.full, 0.0), 100.0)
 
     @property
@@ -118,6 +119,7 @@ class Chart:
 
 def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
     """Return the headline metrics of every submission."""
+    # The second submission may have metrics that the first lacks.
     metrics = list(dict.fromkeys(metric for each in scores.values() for metric in each.headline))
     return {
         name: [_score_cell(metric, each) for metric in metrics] for name, each in scores.items()
@@ -300,6 +302,7 @@ def charts(scores: Submissions) -> Iterator[Chart]:
 
 def _walk_charts(scores: Submissions) -> Iterator[Chart]:
     (name, first), *_ = scores.items()
+    # The first submission alone: dots of two would cover each other.
     walks = Walks.of(first)
     hidden = int((~walks.is_shown).sum())
     longer = f" Not shown: {count_text(hidden, 'longer walk')}." if hidden else ""

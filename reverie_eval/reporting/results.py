@@ -117,6 +117,7 @@ def _interval(metric: Metric, values: Mapping[str, float]) -> str:
 def _means(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[str]:
     cells = [metric_cell(metric, it) for it in values]
     shown = [float(cell) for cell in cells if cell != MISSING]
+    # One method is not the best of one.
     if metric.better == "neither" or len(shown) < 2:
         return cells
     best = max(shown) if metric.better == "higher" else min(shown)
@@ -138,6 +139,7 @@ def _check_comparable(every: Sequence[Scored]) -> None:
         (each.protocol.name, each.qualifier, each.ground_truth.header.dataset) for each in every
     }
     signatures = sorted({each.signature for each in every})
+    # Two splits have two signatures, but not more.
     if len(scored_under) > 1 or len(signatures) > len({each.split for each in every}):
         raise ProtocolError(f"these scores are not comparable: {', '.join(signatures)}")
 

@@ -61,9 +61,11 @@ def score_table(results: Sequence[Scores]) -> Table:
     first = results[0]
     metrics = first.ground_truth.task.table_metrics(first.keys())
     has_several = len(results) > 1
+    # Rows of languages and of protocols at once would be a table of tables.
     by_language = [] if has_several else list(_language_rows(first, metrics))
     has_names = has_several or first.intervals is not None or bool(by_language)
     named = [row for scores in results for row in _rows(scores, first, metrics)] + by_language
+    # The mark is explained only where there is one.
     is_marked = any(cell.endswith(MARK) for _, *cells in named for cell in cells)
     return table_of_scores(
         first,
@@ -257,6 +259,7 @@ def _language_rows(scores: Scores, metrics: Sequence[Metric]) -> Iterator[Sequen
 
 def _mean(metric: Metric, scores: Scores, first: Scores) -> str:
     value = metric_cell(metric, scores)
+    # As shown, not as computed: digits that nobody sees make no difference.
     return value if value in (MISSING, metric_cell(metric, first)) else value + MARK
 
 

@@ -124,6 +124,7 @@ def _board_notes(board: Leaderboard) -> Sequence[str]:
     metric = CATALOGUE.get(board.metric)
     label = metric.label if metric else board.metric
     data = board.fingerprint[:_FINGERPRINT_SHOWN]
+    # There the agent was placed at the goal: a reader must not compare it with the full track.
     track = "track:grounding|" if "|track:grounding|" in board.signature else ""
     about = f"split:{board.split}|protocol:{board.protocol}|{track}data:{data}, sorted by {label}"
     empty = [] if _all_rows(board) else ["no results are published yet"]
@@ -144,6 +145,7 @@ def _metrics(board: Leaderboard) -> Sequence[Metric]:
     present: set[str] = set().union(*(row.scores for row in _all_rows(board)))
     shown = list(headline_of(board.signature, present))
     sorted_by = CATALOGUE.get(board.metric)
+    # An order that nobody can see would look like an error.
     if sorted_by and sorted_by.key in present and sorted_by not in shown:
         shown.append(sorted_by)
     return shown
@@ -157,12 +159,14 @@ def _flags(board: Leaderboard) -> Mapping[str, str]:
 
 def _date(row: LeaderboardRow) -> str:
     """Return when a result was published, or reported; empty if that is not known."""
+    # A reported result was never submitted: its date is what its paper says.
     if row.submission_id is None:
         return row.reported_date or ""
     return f"{row.published_at:%Y-%m-%d}"
 
 
 def _names_of(row: LeaderboardRow) -> tuple[str, str]:
+    # Strangers write these names; they must not control the terminal.
     return printable(row.team) or "(anonymous)", printable(row.method.name)
 
 
@@ -178,6 +182,7 @@ def _row_notes(row: LeaderboardRow, flags: Mapping[str, str]) -> Sequence[str]:
     method = row.method.model_dump()
     declared = [words for flag, words in flags.items() if method[flag]]
     undeclared = undeclared_of(method, flags)
+    # One phrase for all: a list of everything would push the notes out of sight.
     if len(undeclared) == len(flags):
         return [*standing, *verdicts, "nothing declared"]
     missing = [f"not declared: {', '.join(undeclared)}"] if undeclared else []
@@ -212,6 +217,7 @@ def headline_of(signature: str, scored: Collection[str]) -> Sequence[Metric]:
     The task decides which they are; if it is not installed here, all known metrics are returned.
     """
     task = known_task(signature)
+    # A newer server may have a task that is not installed here.
     if task is None:
         return [metric for key, metric in CATALOGUE.items() if key in scored]
     return task.headline_metrics(scored)
@@ -249,6 +255,7 @@ def result_tables(submission: SubmissionReport, server: str) -> Mapping[str, Tab
 
     The name of the split's own leaderboard is "".
     """
+    # Held back by a phase: an empty table would look like a score of 0.
     if submission.scores_held_until is not None:
         return {}
     return {

@@ -128,6 +128,7 @@ class Evaluator:
             )
         if not records:  # the share of a process may be empty
             return
+        # Checked at once: a wrong record is named while the batch that made it is at hand.
         predictions = read_predictions(
             records, self.ground_truth.task, answers_only=is_grounding(self.track)
         )

@@ -87,6 +87,7 @@ class Scores(Scored):
             episodes=table,
             hints=hints,
             qualifier=qualifier,
+            # A protocol that scores no boxes has no note on them either.
             boxes=lookups.boxes if "iou" in table else None,
             submission=lookups.submission,
         )
@@ -231,6 +232,7 @@ class Scores(Scored):
         ``instruction``, without those that the protocol does not define or the ground truth lacks.
         """
         truth = self.ground_truth
+        # Read one by one, because any of them may be missing.
         columns: Mapping[str, Callable[[], Sequence[str]]] = {
             "outcome": lambda: self.outcomes,
             **({} if self.boxes is None else {"box_outcome": lambda: self.box_outcomes}),

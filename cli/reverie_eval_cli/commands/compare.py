@@ -110,6 +110,7 @@ def compare(
     # Somebody who names a folder has not chosen a first file.
     if baseline is None and len(methods) > len(submissions):
         baseline = BEST
+    # A baseline is given as its file, and compared under its name.
     name_of = {runs[0]: name for name, runs in methods.items() if len(runs) == 1}
     evaluator = scoring.evaluator(scoring.find(episodes_from))
     # Scored in one go, so that the problems of all files are listed together, then dealt out to

@@ -178,6 +178,7 @@ def export_eval_results(
     """
     from reverie_eval.exports import evaluation_results
 
+    # When it was computed, which is now; a file has no trustworthy date.
     at = datetime.now(timezone.utc)
     results = evaluation_results(scores, "/".join(benchmark), task_id, at)
     show(lambda: _yaml(results).rstrip(), output)

@@ -15,6 +15,7 @@ from reverie_eval_cli.output import show
 if TYPE_CHECKING:
     from reverie_eval.metrics.power import Design
 
+# Percent, as tables show rates; arithmetic takes fractions.
 _PERCENT = options.Decimal(0, 100, min_open=True)
 
 

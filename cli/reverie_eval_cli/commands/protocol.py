@@ -31,6 +31,7 @@ def protocol(*, codebase: str | None, output: str | None) -> None:
     """
     from reverie_eval.tasks import find_codebase
 
+    # A reader who does not know the name yet wants the whole list.
     if codebase is None:
         show(lambda: "\n".join(_overview()), output)
         return

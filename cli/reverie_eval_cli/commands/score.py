@@ -102,6 +102,7 @@ class Wanted:
         }
         return (option for option, value in values.items() if value)
 
+    # Read once: ways that need both truth and evaluator share it.
     @cached_property
     def truth(self) -> GroundTruth:
         """The ground truth of the chosen episodes."""
@@ -189,6 +190,7 @@ def score(*, wanted: Wanted) -> int:
     inputs = [*wanted.submissions, wanted.scoring.ground_truth, wanted.episodes_from]
     check_outputs([wanted.output, wanted.episodes], inputs)
     way = _way_of(wanted)
+    # Refused rather than ignored: a score without the asked intervals looks like one that has none.
     refused = [option for option in wanted.given if option not in way.takes]
     if refused:
         raise click.UsageError(f"{', '.join(refused)} cannot be combined with {way.meaning}")

@@ -18,6 +18,7 @@ _SAMPLE_SPLIT = "val_unseen"
 
 @click.command()
 @click.argument("folder", required=False, type=options.PATH)
+# This machine alone, until somebody decides otherwise.
 @options.with_default("--host", default="127.0.0.1", help="Address to listen at.")
 @options.with_default(
     "--port",
@@ -44,6 +45,7 @@ def serve(*, folder: Path | None, host: str, port: int, workers: int | None) -> 
     from reverie_eval.server.operations.run import WORKERS, run_server
 
     gc.enable()  # off in this command, which pays off in short lives only
+    # A demo that is there already keeps its people and results.
     token = None if folder or _DEMO.exists() else _make_demo()
     root = folder or _DEMO
     settings = check_sound(root, note)
@@ -74,6 +76,7 @@ def _announcement(folder: Path, token: str | None) -> Callable[[str], None]:
     """Return what prints where the server listens, and how to try it or to sign in."""
 
     def announce(url: str) -> None:
+        # A person who tries the demo wants lines to copy.
         if token:
             further = (
                 "try, in another terminal:\n"

@@ -153,9 +153,11 @@ def draw_episodes(
     check_outputs([output], [truth_options.ground_truth])
     truth = truth_options.find()
     scans = map(truth.graph.scan_of, truth.episodes.start.tolist())
+    # One stratum for all, unless scans are to be in proportion.
     strata = dict(zip(truth.episodes.instr_ids, scans if stratify else repeat(""), strict=False))
     chosen = draw_subset(strata, number, seed, truth.split)
     write_text("".join(f"{instr_id}\n" for instr_id in chosen), output)
+    # As signatures name it, to be quoted with scores; not part of the list.
     print(f"subset:{truth.subset(chosen).subset_digest}|n:{number}", file=sys.stderr)
 
 

@@ -181,6 +181,7 @@ def _warn(line: str) -> None:
 
 def _split(client: "Client", name: str) -> "SplitReport":
     splits = {split.name: split for split in client.splits()}
+    # Before the file is sent: a wrong name should not cost an upload.
     if name not in splits:
         known = printable(did_you_mean(name, splits))
         raise ReverieEvalError(f"{client.url} has no split {name!r}{known}")
@@ -195,6 +196,7 @@ def _check(client: "Client", split: "SplitReport", own_name: str, content: bytes
     try:
         truth = find_ground_truth(None, own_name, split.task)
     except (ReverieEvalError, OSError):
+        # Whatever is wrong with a bundle here, the server has its own.
         truth = None
     # The fingerprint tells whether the bundle here is the server's: another version would find
     # other problems.
@@ -210,6 +212,7 @@ def _keep(accepted: "Accepted", receipt: str | None, submission: str) -> Sequenc
     try:
         return keep_receipts(accepted.submission, receipt, submission)
     except OSError as error:
+        # The result is there already; a full disk must not hide it.
         reason = f"{error.filename}: {error.strerror}"
         _warn(f"scored, but the receipt could not be written ({reason}); {_AGAIN} with --receipt")
         return ()
@@ -222,6 +225,7 @@ def _asked(
     asked: dict[str, Any] = {}
     if changes := method.changes(before.method, submission):
         asked["method"] = changes
+    # Sent again, a file that is published already changes nothing.
     if publish and before.status != "published":
         asked["published"] = True
     if show and not before.shows_episodes:

@@ -51,8 +51,8 @@ _HEADINGS = 12
 _TURN = math.pi * 2.0 / _HEADINGS
 _TILT = math.pi / 6.0
 _ALL_HEADINGS = [step * _TURN for step in range(_HEADINGS)]
+# The environment variable that names the folder of the tables; empty for none.
 _CACHE_VARIABLE = "MATTERSIM_CACHE"
-"""The environment variable that names the folder of the tables; empty for none."""
 
 Mat = np.ndarray
 """Pictures are arrays; the original's matrices offer the same buffer protocol."""
@@ -613,9 +613,9 @@ def _constants(*values: float) -> np.ndarray:
     return np.array(values, np.float32)
 
 
+# Between the ranges that have a formula each: (a x + b) / (c x + d) has an arctangent by the
+# polynomial, which is less than that of x by an angle given in two parts.
 _EDGES = _constants(7 / 16, 11 / 16, 19 / 16, 39 / 16)
-"""Between the ranges that have a formula each: (a x + b) / (c x + d) has an arctangent by the
-polynomial, which is less than that of x by an angle given in two parts."""
 _A, _B = _constants(1, 2, 1, 1, 0), _constants(0, -1, -1, -1.5, -1)
 _C, _D = _constants(0, 1, 1, 1.5, 1), _constants(1, 2, 1, 1, 0)
 _HIGH = _constants(0, 4.6364760399e-01, 7.8539812565e-01, 9.8279368877e-01, 1.5707962513)
@@ -667,17 +667,17 @@ def _atan2f(y: np.ndarray, x: np.ndarray) -> np.ndarray:
 # Pictures. A skybox is a strip of six square faces of a cube around the viewpoint. In the first
 # generation, each face has a file of its own, as Matterport publishes them.
 
+# In the name of a skybox, stands for the position of each face in the strip.
 _ANY_FACE = "*"
-"""In the name of a skybox, stands for the position of each face in the strip."""
 
+# The position of each face in the strip, in the cube's own directions: y, z, x, -z, -x and -y.
 _UP, _FRONT, _RIGHT, _BACK, _LEFT, _DOWN = range(6)
-"""The position of each face in the strip, in the cube's own directions: y, z, x, -z, -x and -y."""
+# Pixels are blended from their four neighbours in this many steps along each side.
 _STEPS = 64
-"""Pixels are blended from their four neighbours in this many steps along each side."""
+# Bits that two numbers of steps add to a colour that is multiplied by both.
 _BITS = 12
-"""Bits that two numbers of steps add to a colour that is multiplied by both."""
+# The first bits of red, green and blue in an integer of 64 bits: one product blends all three.
 _LANES = 0, 21, 42
-"""The first bits of red, green and blue in an integer of 64 bits: one product blends all three."""
 _SKYBOXES_KEPT = 8
 
 
@@ -883,8 +883,8 @@ def _no_file(file: str, what: str) -> ValueError:
     return ValueError(f"MatterSim: Could not open navigation graph file: {file}, is {what} valid?")
 
 
+# By file, for all simulators of the process.
 _BUILDINGS: Dict[str, _Building] = {}
-"""By file, for all simulators of the process."""
 
 
 def _building(file: str) -> _Building:
@@ -894,8 +894,8 @@ def _building(file: str) -> _Building:
     return building
 
 
+# The version of the kept tables: another number when they have other fields.
 _FORMAT = 1
-"""The version of the kept tables: another number when they have other fields."""
 
 
 def _table(file: str) -> np.ndarray:

@@ -51,7 +51,9 @@ def rotate(*, folder: Folder, reason: str | None, lost: bool) -> None:
     """
     from reverie_eval.server.operations.keys import replace_lost_key, rotate_key
 
+    # Without a reason, the model's own applies.
     asked = options.checked(KeyRotation, **({"reason": reason} if reason else {}))
+    # Rotating reads the key in use, which is what is lost.
     change = replace_lost_key if lost else rotate_key
     new = change(folder.settings, actor(), asked.reason)
     print(f"the signing key is now {new.key_id}")
@@ -107,6 +109,7 @@ def list_tokens(*, folder: Folder) -> None:
     """List tokens and invitations by their first characters."""
     from reverie_eval.server.service import tokens
 
+    # One time for all rows, or a token could be valid in one and expired in the next.
     known, at = folder.all_of(tokens.list_tokens), now()
     rows = [
         (
@@ -133,6 +136,7 @@ def revoke_token(*, folder: Folder, begins: str) -> None:
     """
     from reverie_eval.server.service import tokens
 
+    # The last token may be the stolen one: warned about, not refused.
     with folder.revoking() as transaction:
         revoked = tokens.revoke_token(transaction, begins)
     print(f"token {revoked.hint} of {revoked.person} revoked")
@@ -165,6 +169,7 @@ def _create(
     new = options.checked(NewToken, person=name, team=team, kind=kind, expires_at=ends)
     with folder.acting() as transaction:
         created = create_token(transaction, new)
+    # Alone on standard output, to be assigned: TOKEN=$(reverie-eval server token add ...).
     print(created.token)
     until = f", until {minute(ends)} UTC" if ends else ""
     print(f"{TOKEN_NAMES[kind]} of {name}{until}; it is not shown again", file=sys.stderr)

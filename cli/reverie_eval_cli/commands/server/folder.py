@@ -97,6 +97,7 @@ def upgrade(*, folder: Folder) -> None:
     from reverie_eval.server.operations.checks import database_errors
     from reverie_eval.server.operations.folder import upgrade_folder
 
+    # What a database says of a broken upgrade is for its developers: it is named in our words.
     with database_errors():
         upgrade_folder(folder.path)
     print(f"{folder}: the database is up to date with this version")
@@ -111,6 +112,7 @@ def tidy(*, folder: Folder, dry_run: bool) -> None:
     The setting keep_uploads_days says how old; a running server does this once a day. Rows, scores
     and receipts stay.
     """
+    # Files are kept unless the organiser has decided otherwise.
     if folder.settings.keep_uploads_days is None:
         print("keep_uploads_days is not set: all files are kept")
         return
@@ -136,6 +138,7 @@ def audit(*, folder: Folder, layout: str) -> None:
 
     with folder.reading() as session:
         found = audit_reports(session, entries(session))
+    # For programs, which check the chain of digests.
     if layout == "json":
         print(json.dumps([entry.model_dump(mode="json") for entry in found], indent=2))
         return
@@ -162,6 +165,7 @@ def notify(*, folder: Folder) -> int:
     from reverie_eval.server.jobs.delivery import send_test
     from reverie_eval.server.settings import SETTINGS_FILE
 
+    # All channels are tried: one that fails does not hide another.
     outcomes = list(send_test(folder.settings))
     if not outcomes:
         file = folder.path / SETTINGS_FILE
@@ -200,6 +204,7 @@ def backup(*, folder: Folder, output: Path, verify: bool) -> int:
     print("it contains solutions and the signing key: keep it where nobody else can read it")
     for setting, name in report.moved.items():
         note(f"{setting} is outside of the folder; a restore puts it at {name} in the folder")
+    # A restore without them opens another database than this one.
     variables = variables_set()
     if variables:
         note(f"environment variables are not in a backup; set here: {', '.join(variables)}")

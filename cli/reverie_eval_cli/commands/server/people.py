@@ -87,6 +87,7 @@ def merge(*, folder: Folder, name: str, into: str) -> None:
     people = count_text(report.people, "person", "people")
     submissions = count_text(report.submissions, "submission")
     print(f"{people} and {submissions} of {name} moved to {into}")
+    # Such a file is one submission from now on, so both numbers together would be too high.
     if report.repeats:
         print(f"{count_text(report.repeats, 'file')} had been submitted by both")
 
@@ -114,6 +115,7 @@ def revoke_team(*, folder: Folder, name: str) -> None:
     """
     from reverie_eval.server.service.tokens import revoke_tokens_of_team
 
+    # A stolen token may be the last organiser's: ending it is not refused here, but warned about.
     with folder.revoking() as transaction:
         revoked = revoke_tokens_of_team(transaction, name)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")
@@ -197,8 +199,10 @@ def edit(
 
     given = {"name": new_name, "email": email, "team": move_to}
     wanted = {field: value for field, value in given.items() if value is not None}
+    # Silence would look as if something had been changed.
     if not wanted:
         raise click.UsageError("nothing to change; give --name, --email or --move-to")
+    # An empty address removes it; without the option, it stays.
     change = options.checked(PersonChange, **(wanted | ({"email": None} if email == "" else {})))
     with folder.acting() as transaction:
         known = people.person_named(transaction.session, name, team)
@@ -227,6 +231,7 @@ def import_people(*, folder: Folder, file: Path, invite: bool, dry_run: bool) ->
     if dry_run:
         rows = [(each.team, each.name, each.email or "-", each.role) for each in report.added]
         print_list(("team", "person", "e-mail", "role"), rows)
+    # Alone on standard output, for a script that sends them; the counts go elsewhere.
     if report.invitations:
         print(people_files.invitations_csv(report.invitations), end="")
     done = "would be added" if dry_run else "added"
@@ -294,9 +299,11 @@ def delete(*, folder: Folder, name: str, team: str | None, yes: bool) -> None:
     from reverie_eval.server.service.personal_data import delete_person
 
     if not yes:
+        # A script cannot answer a question, and must not hang on one.
         if not sys.stdin.isatty():
             raise click.UsageError("deleting a person cannot be undone; confirm it with --yes")
         click.confirm(f"Delete {name}? This cannot be undone.", abort=True, err=True)
+    # Their tokens end with them, and one of these may be the last organiser's.
     with folder.revoking() as transaction:
         person_id = person_named(transaction.session, name, team).id
         deleted = delete_person(transaction, person_id)
@@ -315,6 +322,7 @@ def list_requests(*, folder: Folder) -> None:
     from reverie_eval.server.service.joining import list_requests
 
     known = folder.all_of(list_requests)
+    # What an organiser has to judge: who asks, for which team, and what for.
     rows = [
         (
             str(each.id),
@@ -343,6 +351,7 @@ def accept(*, folder: Folder, numbers: Sequence[int]) -> None:
     from reverie_eval.server.service.people_files import invitations_csv
 
     with folder.acting() as transaction:
+        # In one transaction: if one request cannot be accepted, none is.
         accepted = accept_requests(transaction, numbers)
     invitations = [each for one in accepted for each in one.invitations]
     print(invitations_csv(invitations), end="")
@@ -364,4 +373,5 @@ def reject(*, folder: Folder, numbers: Sequence[int], reason: str) -> None:
     rejection = options.checked(Rejection, reason=reason)
     with folder.acting() as transaction:
         reject_requests(transaction, numbers, rejection)
+    # A number that is given twice is one request.
     print(f"{count_text(len(set(numbers)), 'request')} rejected")

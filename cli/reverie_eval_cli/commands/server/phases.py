@@ -68,6 +68,7 @@ def set_phase(
     """
     from reverie_eval.server.service.schedules import with_phase
 
+    # Applied within the transaction to what is there then: of two changes at once, none is lost.
     def change(timetable: "Timetable", _: datetime) -> NewSchedule:
         fields = with_phase(timetable.latest, name, opens, closes, release_scores)
         return options.checked(NewSchedule, **fields)
@@ -122,6 +123,7 @@ def _change_schedule(folder: Folder, split: str, change: "Change") -> None:
     with folder.acting() as transaction:
         effect = Schedules(folder.settings.splits).change(transaction, split, change)
     print(f"{split}: {_text(effect.after)}")
+    # What was shown cannot be held back again.
     if effect.shown:
         print(f"{split}: scores held back until now are shown: {effect.shown}")
 
@@ -141,10 +143,12 @@ def diff(*, folder: Folder) -> None:
     with folder.reading() as session:
         reports = Schedules(settings.splits).list_all(session)
         notice = notices.current(session)
+    # Side by side, because what the desk has set overrides the file.
     rows = [
         (each.split, _text(each.settings), _text(each.desk), _text(each.in_effect))
         for each in reports
     ]
+    # Without a time, nobody has posted it: it is that of the settings file.
     posted = notice if notice.created_at else None
     standing = [_of_server(each) for each in (notices.of_settings, posted, notice)]
     print_list(("of", "settings file", "desk", "in effect"), [("all splits", *standing), *rows])
@@ -177,6 +181,7 @@ def snapshot(*, folder: Folder, split: str, title: str) -> None:
     settings have now (`organiser`). When a phase has ended, the server takes one automatically.
     """
     new = options.checked(NewSnapshot, split=split, title=title)
+    # The whole server, not its database alone: a snapshot is signed with its key.
     with folder.open() as state, state.transactions.begin(actor()) as transaction:
         taken = state.snapshots.take(transaction, new)
     print(f"{split}: snapshot {taken.number}, {taken.title}, as of {minute(taken.as_of)} UTC")
@@ -207,6 +212,7 @@ def list_entries(*, folder: Folder) -> None:
     """List the entries with their numbers, the latest first."""
     from reverie_eval.server.service.news import list_news
 
+    # Numbers are shown because `news remove` takes them.
     known = folder.all_of(list_news)
     rows = [(str(each.id), minute(each.created_at), each.text) for each in known]
     print_list(("number", "posted (UTC)", "text"), rows)
@@ -251,6 +257,7 @@ def show(*, folder: Folder) -> None:
 @click.argument("text")
 def set_banner(*, folder: Folder, text: str) -> None:
     """Show a banner on all pages: TEXT is one line. A pause stays."""
+    # Checked first, as the pages check it: a banner has to fit on a line.
     _change_notice(folder, banner=options.checked(NewNotice, banner=text).banner)
 
 
@@ -272,6 +279,7 @@ def pause_all(*, folder: Folder) -> None:
 @server_folder
 def resume_all(*, folder: Folder) -> None:
     """Accept submissions again, as phases allow. The banner stays."""
+    # The desk cannot undo what the settings file says.
     if _change_notice(folder, paused=False).paused:
         note("the settings file still pauses submissions: `paused = true`")
 

@@ -215,6 +215,7 @@ def rescore(
     if reason is None and not dry_run:
         raise click.UsageError("give a --reason, or --dry-run to change nothing")
     settings, jobs = folder.settings, jobs or os.cpu_count() or 1
+    # A preview needs no reason, because nothing is shown to anyone.
     if reason is None or dry_run:
         changes = rescoring.preview(settings, split, bundle, jobs=jobs, progress=_progress)
     else:
@@ -245,6 +246,7 @@ def _print(changes: Sequence[ResultChange], task: Task) -> None:
     """Print a table for each leaderboard of the split."""
     if not changes:
         note("there are no submissions")
+    # They come leaderboard by leaderboard, as groupby needs them.
     for further, group in groupby(changes, attrgetter("board")):
         if further:
             print(f"\n{further}")
@@ -333,6 +335,7 @@ def import_results(
         note(f"not read: {', '.join(report.unread)}")
     done = "would be added" if dry_run else "added"
     counts = [f"{len(report.added):,} {done}", f"{report.known:,} already there"]
+    # Rows of the file that are there twice: worth a look, but not an error.
     if report.repeated:
         counts.append(f"{len(report.repeated):,} repeated")
     print(f"{split}: {count_text(report.rows, 'row')}: {', '.join(counts)}")
@@ -409,6 +412,7 @@ def edit(*, folder: Folder, number: int, changes: Mapping[str, str]) -> None:
     from reverie_eval.server.service.reported import change_reported
     from reverie_eval.server.service.reported_files import read_change
 
+    # Read as the columns of a file are, so that both take the same words.
     change, tasks = options.checked(ReportedChange, **read_change(changes)), folder.settings.tasks
     with folder.acting() as transaction:
         changed = change_reported(transaction, number, change, tasks)

@@ -29,8 +29,8 @@ from benchmarks.bars import Figure, judge
 from fixtures.published import published_folder, unpack_dataset
 from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
-from reverie_eval.agents import run_agent
 from reverie_eval.dataset import DatasetFiles, compile_split
+from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewPerson, NewTeam
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service import soundness

@@ -23,8 +23,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval import GroundTruth
-from reverie_eval.agents import run_agent
 from reverie_eval.dataset import DatasetFiles, compile_split
+from reverie_eval.runner import run_agent
 from reverie_eval.simulator import MatterSim
 
 EACH = 10

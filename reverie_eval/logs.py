@@ -29,9 +29,9 @@ EPISODES = "episodes.jsonl"
 STEPS = "steps.jsonl"
 SUBMISSION = "submission.json"
 
-State = Literal["answered", "stopped", "failed", "interrupted"]
-"""How an attempt ended: the agent ended the episode; it was stopped, as by a limit; it raised an
-error that is not an answer; or the whole run ended before it did."""
+State = Literal["ended", "cut_off", "failed", "interrupted"]
+"""How an attempt ended: by the agent, with an answer or a Stop; cut off by a limit, or because the
+agent did what cannot be done; by an error that is not an answer; or with the whole run."""
 
 COSTS: Mapping[str, str] = MappingProxyType(
     {
@@ -90,7 +90,7 @@ class Step(msgspec.Struct, frozen=True, kw_only=True):
     arguments: Any
     """The fields of the action."""
     seconds: Amount
-    """How long the agent took to choose."""
+    """How long the agent took to choose; of a batch that it chose for, an equal share."""
     input_tokens: Count | None = None
     """All that were sent to a model, cached ones included; null if there is no such number."""
     cached_tokens: Count | None = None
@@ -113,7 +113,8 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True):
     attempt: Count
     """Counted from 1, for each episode."""
     state: State
-    """``answered``, ``stopped``, ``failed`` or ``interrupted``."""
+    """``ended`` by the agent, with an answer or a ``Stop``; ``cut_off`` by a limit, or because the
+    agent did what cannot be done; ``failed`` by another error; ``interrupted`` with the run."""
     reason: str = ""
     """Which limit it was, or which error; empty if the agent ended the episode."""
     steps: Count

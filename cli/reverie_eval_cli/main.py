@@ -33,7 +33,6 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "protocol": "protocol:protocol",
                 "subset": "submissions:draw_episodes",
                 "convert": "submissions:convert_submission",
-                "agent": "submissions:agent",
                 "export": "export:export",
             },
             "Train and run an agent": {

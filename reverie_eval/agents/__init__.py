@@ -1,19 +1,19 @@
 """Agents: how they are called, reference agents, and how one is found by its name.
 
-An agent has two methods, ``start(episode)`` and ``act(observation)``, which returns an action.
+An agent has two methods, ``start(episode)`` and ``act(observation)``, which returns an action; or
+``act_batch(episodes, observations)``, which returns one for each episode. An agent that remembers
+nothing can be a function that does what ``act`` does.
 """
 
-from reverie_eval.agents._episode import Agent, Episode, Solved
+from reverie_eval.agents._episode import Agent, BatchAgent, Episode, Solved
 from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
 from reverie_eval.agents._finding import BUILT_IN, ENTRY_POINTS, AgentSource
 from reverie_eval.agents._reference import (
     AGENTS,
     MAX_RANDOM_STEPS,
     RandomAgent,
-    Record,
     ShortestAgent,
     StopAgent,
-    run_agent,
 )
 
 __all__ = [
@@ -23,13 +23,12 @@ __all__ = [
     "MAX_RANDOM_STEPS",
     "Agent",
     "AgentSource",
+    "BatchAgent",
     "Episode",
     "NearestFirstAgent",
     "RandomAgent",
-    "Record",
     "ShortestAgent",
     "Solved",
     "StopAgent",
     "WordMatchAgent",
-    "run_agent",
 ]

@@ -2,7 +2,7 @@
 
 import random
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from reverie_eval.ground_truth import GroundTruth
@@ -18,6 +18,25 @@ class Agent(Protocol):
 
     def act(self, observation: Observation, /) -> Action:
         """Choose the next action."""
+
+
+class BatchAgent(Protocol):
+    """Walks several episodes at a time, for models that choose many actions at once."""
+
+    batch_size: int
+    """How many episodes it takes at a time, at most."""
+
+    def start(self, episode: "Episode", /) -> None:
+        """Begin an episode, while others go on."""
+
+    def act_batch(
+        self, episodes: Sequence["Episode"], observations: Sequence[Observation], /
+    ) -> Sequence[Action]:
+        """Choose the next action in each of the episodes that were begun and are not over.
+
+        An action must not depend on which other episodes there are: that is chance.
+        :class:`Episode` objects can be keys of a dictionary, for what is remembered of each.
+        """
 
 
 class Solved(NamedTuple):

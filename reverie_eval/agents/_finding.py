@@ -1,11 +1,14 @@
 """Agents by name: those of this package, those that others install, and the user's own."""
 
+import ast
 import hashlib
 import importlib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Mapping
+import sysconfig
+import traceback
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,7 +17,7 @@ from pathlib import Path
 from types import FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any
 
-from reverie_eval.agents._episode import Agent, Episode
+from reverie_eval.agents._episode import Agent, BatchAgent, Episode
 from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
 from reverie_eval.agents._reference import AGENTS
 from reverie_eval.agents.chat import ChatAgent
@@ -47,8 +50,8 @@ class AgentSource:
     ----------
     name : str
         A name in ``BUILT_IN``, an entry point, ``module:Name``, ``file.py:Name``, or ``file.py``,
-        whose agent is called ``Agent``. What is named is a class with the methods of
-        :class:`Agent`, or a function that takes an observation and returns an action.
+        whose agent is called ``Agent``. What is named is a class with the methods of :class:`Agent`
+        or :class:`BatchAgent`, or a function that takes an observation and returns an action.
     options : mapping, optional
         Arguments of the class, or further ones of the function.
     """
@@ -56,7 +59,7 @@ class AgentSource:
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def make(self) -> Agent:
+    def make(self) -> Agent | BatchAgent:
         """Return a new agent.
 
         Raises
@@ -69,13 +72,22 @@ class AgentSource:
         _check_options(self.name, found, self.options)
         if not isinstance(found, type):
             return _Function(partial(found, **self.options))
-        with _naming(f"{self.name} cannot be made"):
+        with _naming(f"{self.name} cannot be made", self._module_file.parent):
             made: Any = found(**self.options)
-        if not (callable(getattr(made, "start", None)) and callable(getattr(made, "act", None))):
+        is_batch = callable(getattr(made, "act_batch", None))
+        is_whole = is_batch or callable(getattr(made, "act", None))
+        if not (is_whole and callable(getattr(made, "start", None))):
             raise ReverieEvalError(
-                f"{self.name} is not an agent; its class needs start(episode) and act(observation)"
+                f"{self.name} is not an agent; its class needs start(episode) and "
+                "act(observation), or act_batch(episodes, observations)"
             )
-        agent: Agent = made
+        size = getattr(made, "batch_size", None)
+        if is_batch and not (isinstance(size, int) and size >= 1):
+            raise ReverieEvalError(
+                f"{self.name} has act_batch, and needs a batch_size: how many episodes it takes "
+                f"at a time, a whole number from 1, not {size!r}"
+            )
+        agent: Agent | BatchAgent = made
         return agent
 
     @property
@@ -105,10 +117,25 @@ class AgentSource:
 
     @property
     def digest(self) -> str:
-        """A digest of the file that defines the agent."""
-        source = inspect.getsourcefile(self._find())
-        content = Path(source).read_bytes() if source else b""
-        return hashlib.sha256(content).hexdigest()[:_DIGEST_SHOWN]
+        """A digest of the file that defines the agent, and of those beside it that it imports."""
+        content, file = hashlib.sha256(), self._module_file
+        if file.is_file():
+            module_name = self._find().__module__
+            root = file.parents[module_name.count(".") + (file.stem == "__init__")]
+            for each in _own_files(file, root):
+                content.update(each.relative_to(file.parent).as_posix().encode())
+                content.update(each.read_bytes())
+        return content.hexdigest()[:_DIGEST_SHOWN]
+
+    def place(self, error: BaseException) -> str:
+        """Return where in the agent's own files an error was raised: its file at least."""
+        return _place(error, self._module_file.parent) or self._module_file.name
+
+    @property
+    def _module_file(self) -> Path:
+        """The file that defines the agent; one that does not exist if it was typed somewhere."""
+        module = sys.modules.get(self._find().__module__)
+        return Path(getattr(module, "__file__", None) or self.title).resolve()
 
     @property
     def needs_solution(self) -> bool:
@@ -171,10 +198,13 @@ def _import(name: str) -> ModuleType:
     file = Path(name).resolve()
     if is_file and not file.is_file():
         raise ReverieEvalError(f"there is no file {name}")
-    folder = str(file.parent if is_file else Path.cwd())
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    with _naming(f"{name} cannot be imported"):
+    folder = file.parent if is_file else Path.cwd()
+    if str(folder) not in sys.path:
+        # After Python's own modules, for which an agent's json.py must not be taken.
+        own = {sysconfig.get_path("stdlib"), sysconfig.get_config_var("DESTSHARED")}
+        places = [place for place, each in enumerate(sys.path, 1) if each in own]
+        sys.path.insert(max(places, default=0), str(folder))
+    with _naming(f"{name} cannot be imported", folder):
         return _import_file(file) if is_file else importlib.import_module(name)
 
 
@@ -192,10 +222,55 @@ def _import_file(file: Path) -> ModuleType:
     return sys.modules[name]
 
 
+def _own_files(file: Path, root: Path) -> Collection[Path]:
+    """Return a file and those of its folder that it imports, directly or not, in order.
+
+    The files are read, not run: what was imported depends on what else a process did.
+    """
+    found, folder, queue = set[Path](), file.parent, [file]
+    while queue:
+        each = queue.pop()
+        if each not in found and each.suffix == ".py" and each.is_relative_to(folder):
+            found.add(each)
+            queue += _imported(each, (folder, root))
+    return sorted(found)
+
+
+def _imported(file: Path, roots: Collection[Path]) -> Iterator[Path]:
+    """Yield the files that a file's imports may mean, if they are there."""
+    try:
+        tree = ast.parse(file.read_bytes())
+    except SyntaxError:  # nothing can import it
+        return
+    for node in ast.walk(tree):
+        bases, names = roots, list[str]()
+        if isinstance(node, ast.Import):
+            names = [each.name for each in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            bases = [file.parents[node.level - 1]] if node.level else roots
+            names = [node.module or ".", *(f"{node.module or ''}.{it.name}" for it in node.names)]
+        for base in bases:
+            for name in names:
+                path = base.joinpath(*name.split("."))
+                yield from filter(Path.is_file, (path.with_suffix(".py"), path / "__init__.py"))
+
+
+def _place(error: BaseException, folder: Path) -> str:
+    """Return the last place in the files of a folder that an error came through; or nothing."""
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        file = Path(frame.filename).resolve()
+        # An environment of packages may be in the folder, too.
+        if file.is_relative_to(folder) and "site-packages" not in file.relative_to(folder).parts:
+            return f"{file.name}, line {frame.lineno}"
+    return ""
+
+
 @contextmanager
-def _naming(what: str) -> Iterator[None]:
-    """Say what failed in somebody else's code."""
+def _naming(what: str, folder: Path) -> Iterator[None]:
+    """Say what failed in somebody else's code, and where."""
     try:
         yield
     except (Exception, SystemExit) as error:
-        raise ReverieEvalError(f"{what}: {type(error).__name__}: {error}") from error
+        place = _place(error, folder)
+        shown = f"{what}: {type(error).__name__}: {error}{place and f' ({place})'}"
+        raise ReverieEvalError(shown) from error

@@ -4,18 +4,13 @@ They are baselines of Qi et al., "REVERIE: Remote Embodied Visual Referring Expr
 Indoor Environments", CVPR 2020, section 5.
 """
 
-import random
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, TypeAlias
 
 from reverie_eval.agents._episode import Agent, Episode
-from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.simulator import Action, Answer, Environment, Go, Observation, Stop, run_episode
+from reverie_eval.simulator import Action, Answer, Go, Observation, Stop
 
 MAX_RANDOM_STEPS = 10
-
-Record: TypeAlias = dict[str, Any]
 
 
 class StopAgent:
@@ -67,29 +62,3 @@ AGENTS: Mapping[str, type[Agent]] = MappingProxyType(
     {"shortest": ShortestAgent, "random": RandomAgent, "stop": StopAgent}
 )
 """The reference agents of the paper, by name."""
-
-
-def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Record]:
-    """Run an agent on every episode of a split and return its submission.
-
-    Parameters
-    ----------
-    name : str
-        A name in ``AGENTS``.
-    ground_truth : GroundTruth
-        A bundle with the solution.
-    seed : int
-        Seed for the agent's random choices; the same seed gives the same submission.
-
-    Raises
-    ------
-    GroundTruthError
-        If the bundle is public.
-    """
-    ground_truth.require_solution()
-    environment, rng = Environment(ground_truth), random.Random(seed)  # noqa: S311
-    agent = AGENTS[name]()
-    for row, instr_id in enumerate(environment.episodes):
-        agent.start(Episode(ground_truth, row, rng))
-        run_episode(environment, agent.act, instr_id)
-    return environment.submission()

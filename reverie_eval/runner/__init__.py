@@ -6,6 +6,7 @@ A run's folder has what :class:`Identity` says in ``run.json``, a line for each 
 
 from reverie_eval.errors import RunError
 from reverie_eval.logs import SUBMISSION, Attempt, Step, read_attempts, read_steps
+from reverie_eval.runner._checking import check_agent
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, TREATMENTS, WAITS, TransientError
 from reverie_eval.runner._records import (
     SCHEMA_VERSION,
@@ -15,7 +16,7 @@ from reverie_eval.runner._records import (
     RunCard,
     Totals,
 )
-from reverie_eval.runner._run import Progress, run
+from reverie_eval.runner._run import Progress, Record, run, run_agent
 from reverie_eval.runner._schema import RUN_SCHEMAS, run_schema
 from reverie_eval.runner._walking import Plan
 
@@ -32,13 +33,16 @@ __all__ = [
     "Limits",
     "Plan",
     "Progress",
+    "Record",
     "RunCard",
     "RunError",
     "Step",
     "Totals",
     "TransientError",
+    "check_agent",
     "read_attempts",
     "read_steps",
     "run",
+    "run_agent",
     "run_schema",
 ]

@@ -1,4 +1,4 @@
-"""Which errors are worth another attempt, which count as an answer, and which stop the run.
+"""Which errors are worth another attempt, which cut an episode off, and which stop the run.
 
 The table is data: the first class of an error's bases that it names decides. An error that it does
 not name stops the run, because nobody knows whether it is the agent's, the endpoint's or ours.
@@ -8,19 +8,19 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal
 
-Treatment = Literal["retry", "answer", "stop"]
+Treatment = Literal["retry", "cut_off", "stop"]
 
 TREATMENTS: Mapping[str, Treatment] = MappingProxyType(
     {
         # What the agent did cannot be done where it is: it ends there, without an answer.
-        "reverie_eval.errors.ActionError": "answer",
+        "reverie_eval.errors.ActionError": "cut_off",
         # A language model: it refused, its reply was cut off or has no action also after it was
         # asked again, or it was sent more than it can read. All other errors of its endpoint stop
         # the run, as a wrong key and an unknown model do.
-        "reverie_eval.agents.chat.errors.RefusalError": "answer",
-        "reverie_eval.agents.chat.errors.CutReplyError": "answer",
-        "reverie_eval.agents.chat.errors.WrongActionError": "answer",
-        "reverie_eval.agents.chat.errors.LongPromptError": "answer",
+        "reverie_eval.agents.chat.errors.RefusalError": "cut_off",
+        "reverie_eval.agents.chat.errors.CutReplyError": "cut_off",
+        "reverie_eval.agents.chat.errors.WrongActionError": "cut_off",
+        "reverie_eval.agents.chat.errors.LongPromptError": "cut_off",
         "reverie_eval.agents.chat.errors.BusyError": "retry",
         # An agent says so itself.
         "reverie_eval.runner.TransientError": "retry",

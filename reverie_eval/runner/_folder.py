@@ -21,7 +21,7 @@ from reverie_eval.logs import (
     total_usage,
 )
 from reverie_eval.runner._records import (
-    ANSWERED,
+    KEPT,
     SCHEMA_VERSION,
     Circumstance,
     Identity,
@@ -80,7 +80,7 @@ class RunFolder:
         self.attempts = list(read_attempts(self.path))
         unfinished = self._unfinished_steps()
         if card:
-            if self.attempts or unfinished:
+            if self.kept:  # otherwise there is nothing that another agent would spoil
                 self._check_identity(card.identity)
             self.write_card()
         os.fsync(folder)
@@ -134,9 +134,9 @@ class RunFolder:
         return found
 
     @property
-    def answered(self) -> Mapping[str, Attempt]:
+    def kept(self) -> Mapping[str, Attempt]:
         """The attempt that counts, for each episode that has one."""
-        return {each.episode: each for each in self.attempts if each.state in ANSWERED}
+        return {each.episode: each for each in self.attempts if each.state in KEPT}
 
     def add(self, row: Step | Attempt) -> None:
         """Append a step, or the end of an attempt; that is on disk when this returns."""

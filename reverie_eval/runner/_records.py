@@ -8,18 +8,19 @@ from typing import Any
 import msgspec
 
 from reverie_eval.logs import Attempt, State, total_usage
+from reverie_eval.simulator import MOST_ACTIONS
 
 SCHEMA_VERSION = 1
 """The version of the files in a run's folder."""
 
-ANSWERED: frozenset[State] = frozenset({"answered", "stopped"})
+KEPT: frozenset[State] = frozenset({"ended", "cut_off"})
 """The states of attempts whose record is a part of the submission."""
 
 
 class Limits(msgspec.Struct, frozen=True, kw_only=True):
-    """Where an episode is stopped, if the agent does not end it."""
+    """Where an episode is cut off, if the agent does not end it."""
 
-    steps: int = 200
+    steps: int = MOST_ACTIONS
     """Actions in an episode, at most."""
     seconds: float | None = None
     """Seconds of an episode, looked at between two actions: none that has begun is interrupted."""
@@ -43,17 +44,17 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     agent_version: str
     """The class's ``version``; empty if it has none."""
     agent_digest: str
-    """A digest of the file that defines the agent."""
+    """A digest of the file that defines the agent, and of those beside it that it imports."""
     options: Mapping[str, Any]
     """The agent's options, or what of them can change an answer."""
     seed: int
     """Seed from which, with its id, each episode has a seed of its own."""
     limits: Limits
-    """Where an episode is stopped."""
+    """Where an episode is cut off."""
     boxes: str
     """Where the objects are from: ``solution``, ``none``, or a digest of the files."""
-    pictures: bool
-    """Whether there were pictures to look at."""
+    pictures: str
+    """Where pictures are from: ``none``, or a digest of the names and sizes of the split's."""
     reverie_eval: str
     """The version that showed the observations."""
 
@@ -71,7 +72,7 @@ class Circumstance(msgspec.Struct, frozen=True, kw_only=True):
     started: str
     """ISO 8601, in UTC."""
     jobs: int
-    """Number of processes."""
+    """Number of processes, or of threads."""
     options: Mapping[str, Any]
     """The agent's options as they were given, also those that cannot change an answer."""
     ground_truth: str
@@ -89,9 +90,9 @@ class Circumstance(msgspec.Struct, frozen=True, kw_only=True):
 class Totals(msgspec.Struct, frozen=True, kw_only=True):
     """The outcome of a run. Each episode is one of the first four."""
 
-    answered: int
-    """Episodes that the agent ended."""
-    stopped: int
+    ended: int
+    """Episodes that the agent ended, with an answer or a ``Stop``."""
+    cut_off: int
     """Episodes that were ended for it, without an answer."""
     failed: int
     """Episodes whose last attempt ended in an error."""
@@ -104,7 +105,7 @@ class Totals(msgspec.Struct, frozen=True, kw_only=True):
     steps: int
     """Number of all steps."""
     seconds: float
-    """Seconds of all attempts, added up over processes."""
+    """Seconds of all attempts, added up, also of those that were made at the same time."""
     input_tokens: int | None
     """All that were sent to a model, cached ones included; null if there is no such number."""
     cached_tokens: int | None
@@ -122,7 +123,7 @@ class Totals(msgspec.Struct, frozen=True, kw_only=True):
     def of(cls, attempts: Sequence[Attempt], episodes: Collection[str], filled: int) -> "Totals":
         """Add up the attempts of a run."""
         states = Counter({each.episode: each.state for each in attempts}.values())
-        done = {state: states[state] for state in ("answered", "stopped", "failed")}
+        done = {state: states[state] for state in ("ended", "cut_off", "failed")}
         return cls(
             **done,
             missing=len(episodes) - sum(done.values()),

@@ -3,24 +3,31 @@
 import hashlib
 import os
 import platform
+import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
+from reverie_eval.agents import AgentSource
 from reverie_eval.errors import RunError
+from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.logs import EPISODES, SUBMISSION, Attempt, read_attempts
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, WAITS
 from reverie_eval.runner._folder import RunFolder
-from reverie_eval.runner._records import ANSWERED, Circumstance, Identity, Totals
-from reverie_eval.runner._walking import Job, Plan
-from reverie_eval.runner._workers import walk_here, walk_in_processes
+from reverie_eval.runner._records import KEPT, Circumstance, Identity, Totals
+from reverie_eval.runner._walking import Job, Plan, Rows, Walker
+from reverie_eval.runner._workers import walk_in_processes, walk_in_threads, walk_with_executor
+from reverie_eval.scoring import Executor
 from reverie_eval.simulator import Environment, Stop
 from reverie_eval.submissions import join_items, submission_text
 from reverie_eval.text import count_text, first_few
 from reverie_eval.version import __version__
+
+Record: TypeAlias = dict[str, Any]
+"""An episode's record in a submission, in the official form."""
 
 
 class Progress(NamedTuple):
@@ -36,6 +43,8 @@ def run(
     folder: Path,
     *,
     jobs: int = 1,
+    threads: bool = False,
+    executor: Executor | None = None,
     fill_missing: bool = False,
     on_progress: Callable[[Progress], None] = lambda _: None,
 ) -> Totals:
@@ -47,7 +56,14 @@ def run(
     folder : Path
         A new folder, or one of a run that was ended before its time: that goes on.
     jobs : int
-        Number of processes; with one, it is this one.
+        Number of processes, each with an agent of its own; with one, it is this one.
+    threads : bool
+        Whether they are threads of this process, for agents that wait for an endpoint.
+    executor : optional
+        Runs episodes instead: anything with ``submit(function, argument)`` whose futures have
+        ``done``, ``result`` and ``cancel``, such as an executor of ``concurrent.futures`` or
+        submitit, or Dask's client. It gets twenty episodes at a time, and what these did is on disk
+        when all twenty have ended.
     fill_missing : bool
         Run nothing, and write a submission with a stop at the start, without an answer, for each
         episode that has no answer yet.
@@ -67,19 +83,30 @@ def run(
     episodes = plan.ground_truth.episodes.instr_ids
     if fill_missing and not _has_attempts(folder):
         raise RunError(f"{folder} has no run to fill; run it first, without --fill-missing")
-    if plan.agent.needs_solution:
-        plan.ground_truth.require_solution()
+    _check_solution(plan)
     environment = plan.environment()  # says what is wrong before there is a folder
     identity = _identity(plan, environment)
     with RunFolder(folder, identity, _circumstance(plan, jobs)) as files:
         queue = _Queue([] if fill_missing else episodes, files)
         if queue.waiting:  # an earlier one may have been filled
             files.remove(SUBMISSION)
+
+        def rows() -> Rows:
+            if executor is not None:
+                return walk_with_executor(plan, queue.take, executor, queue.is_stopped)
+            workers = min(jobs, len(queue.waiting))
+            if workers <= 1:
+                return Walker(plan, environment).work(queue.take)
+            if threads:
+                return walk_in_threads(plan, environment, queue.take, workers)
+            return walk_in_processes(plan, queue.take, workers)
+
         try:
-            queue.work_off(plan, min(jobs, len(queue.waiting)), on_progress)
+            if queue.waiting:
+                queue.work_off(rows(), on_progress)
         finally:
-            answered = files.answered
-            left = [each for each in episodes if each not in answered]
+            kept = files.kept
+            left = [each for each in episodes if each not in kept]
             filled = len(left) if fill_missing else 0
             totals = Totals.of(files.attempts, episodes, filled)
             files.write_card(totals)
@@ -89,8 +116,43 @@ def run(
                 f"{first_few(left)} ({folder / EPISODES}); the same command tries them again, and "
                 "--fill-missing writes the submission with a stop at the start for each"
             )
-        files.write(SUBMISSION, submission_text(_records(plan, environment, files)).encode())
+        files.write(SUBMISSION, submission_text(_records(plan, environment, kept)).encode())
     return totals
+
+
+def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Record]:
+    """Run an agent on a split, and return its submission without keeping anything else.
+
+    Parameters
+    ----------
+    name : str
+        As in :class:`AgentSource`.
+    ground_truth : GroundTruth
+    seed : int
+        Seed of the agent's random choices.
+
+    Raises
+    ------
+    RunError
+        If an error ended an episode.
+    GroundTruthError
+        If the agent needs the solution, and the bundle is public.
+    """
+    plan = Plan(AgentSource(name), ground_truth, seed=seed)
+    _check_solution(plan)
+    jobs = iter([Job(each, 1) for each in ground_truth.episodes.instr_ids])
+    kept = {}
+    for row in Walker(plan).work(lambda: next(jobs, None)):
+        if isinstance(row, Attempt):
+            if row.record is None:
+                raise RunError(f"{row.episode}: {row.reason}")
+            kept[row.episode] = row
+    return _records(plan, plan.environment(), kept)
+
+
+def _check_solution(plan: Plan) -> None:
+    if plan.agent.needs_solution:
+        plan.ground_truth.require_solution()
 
 
 def _has_attempts(folder: Path) -> bool:
@@ -106,18 +168,14 @@ class _Queue:
     def __init__(self, episodes: Sequence[str], files: RunFolder) -> None:
         self._files = files
         begun = Counter(each.episode for each in files.attempts)
-        done = files.answered
+        done = files.kept
         self.waiting = deque(Job(each, begun[each] + 1) for each in episodes if each not in done)
         self._retried: Counter[str] = Counter()
         self._in_a_row = 0
         self._stopped = ""
 
-    def work_off(self, plan: Plan, jobs: int, on_progress: Callable[[Progress], None]) -> None:
-        """Make the attempts; raise RunError if an error stops the run."""
-        if jobs > 1:
-            rows = walk_in_processes(plan, self._take, jobs)
-        else:
-            rows = walk_here(plan, self._take)
+    def work_off(self, rows: Rows, on_progress: Callable[[Progress], None]) -> None:
+        """Keep what happens as the attempts are made; raise RunError if an error stops the run."""
         with closing(rows):
             for row in rows:
                 self._files.add(row)
@@ -126,12 +184,17 @@ class _Queue:
         if self._stopped:
             raise RunError(f"the run stopped: {self._stopped}")
 
-    def _take(self) -> Job | None:
+    def take(self) -> Job | None:
+        """Return the next attempt to make; None if there is none now."""
         return self.waiting.popleft() if self.waiting else None
+
+    def is_stopped(self) -> bool:
+        """Whether an error ends the run."""
+        return bool(self._stopped)
 
     def _decide(self, attempt: Attempt) -> float | None:
         """Return the seconds after which an episode is tried again; None if it is not."""
-        if attempt.state in ANSWERED:
+        if attempt.state in KEPT:
             self._in_a_row = 0
             return None
         if not attempt.is_retried:
@@ -140,7 +203,8 @@ class _Queue:
         waits = WAITS[self._retried[attempt.episode] :]
         if waits and not self._stopped:
             self._retried[attempt.episode] += 1
-            self.waiting.appendleft(Job(attempt.episode, attempt.attempt + 1, waits[0]))
+            due = time.time() + waits[0]
+            self.waiting.appendleft(Job(attempt.episode, attempt.attempt + 1, due))
             return waits[0]
         self._in_a_row += 1
         if self._in_a_row == FAILED_IN_A_ROW:
@@ -153,17 +217,16 @@ class _Queue:
         self.waiting.clear()
 
 
-def _records(plan: Plan, environment: Environment, files: RunFolder) -> Sequence[dict[str, Any]]:
+def _records(plan: Plan, environment: Environment, kept: Mapping[str, Attempt]) -> list[Record]:
     """Return the submission's records in the order of the split, missing ones filled."""
-    answered = files.answered
     records = [
-        dict(answered[each].record or {}) if each in answered else _stop_at(environment, each)
+        dict(kept[each].record or {}) if each in kept else _stop_at(environment, each)
         for each in environment.episodes
     ]
     return join_items(records) if plan.ground_truth.task.has_items else records
 
 
-def _stop_at(environment: Environment, episode: str) -> dict[str, Any]:
+def _stop_at(environment: Environment, episode: str) -> Record:
     environment.reset(episode)
     environment.step(Stop())
     return environment.record(episode)
@@ -184,7 +247,7 @@ def _identity(plan: Plan, environment: Environment) -> Identity:
         seed=plan.seed,
         limits=plan.limits,
         boxes=_source_of_boxes(plan),
-        pictures=plan.pictures is not None,
+        pictures=_source_of_pictures(plan),
         reverie_eval=__version__,
     )
 
@@ -192,12 +255,23 @@ def _identity(plan: Plan, environment: Environment) -> Identity:
 def _source_of_boxes(plan: Plan) -> str:
     if plan.boxes is None:
         return "none" if plan.ground_truth.solution is None else "solution"
-    path, digest = Path(plan.boxes), hashlib.sha256()
-    if path.is_dir():  # thousands of files: their names and sizes tell releases from each other
-        for each in sorted(os.scandir(path), key=lambda entry: entry.name):
+    path = Path(plan.boxes)
+    return _sizes([path]) if path.is_dir() else hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _source_of_pictures(plan: Plan) -> str:
+    if plan.pictures is None:
+        return "none"
+    scans = sorted(set(plan.ground_truth.graph.scan_ids))
+    return _sizes(Path(plan.pictures, scan, "matterport_skybox_images") for scan in scans)
+
+
+def _sizes(folders: Iterable[Path]) -> str:
+    """Return a digest of names and sizes, which tell releases of thousands of files apart."""
+    digest = hashlib.sha256()
+    for folder in filter(Path.is_dir, folders):
+        for each in sorted(os.scandir(folder), key=lambda entry: entry.name):
             digest.update(f"{each.name} {each.stat().st_size}\n".encode())
-    else:
-        digest.update(path.read_bytes())
     return digest.hexdigest()
 
 

@@ -1,14 +1,14 @@
-"""One attempt at an episode: the agent's actions, until it ends, a limit is reached or it fails."""
+"""Attempts at episodes: the agent's actions, until it ends, a limit is reached or it fails."""
 
 import hashlib
 import random
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from os import PathLike
-from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple, TypeAlias, get_args
 
 from reverie_eval.agents import AgentSource, Episode
 from reverie_eval.ground_truth import GroundTruth
@@ -16,8 +16,11 @@ from reverie_eval.logs import Attempt, State, Step, total_usage
 from reverie_eval.runner._failures import treatment_of
 from reverie_eval.runner._records import Limits, encode
 from reverie_eval.simulator import Action, Environment, Stop
+from reverie_eval.text import count_text
 
 _ACTIONS = get_args(Action)
+# What the table decides on; an agent's `sys.exit` must not pass for an end of the run.
+_ERRORS = (Exception, SystemExit)
 
 
 class Job(NamedTuple):
@@ -26,8 +29,13 @@ class Job(NamedTuple):
     episode: str
     attempt: int
     """Counted from 1."""
-    wait: float = 0.0
-    """Seconds to wait before it."""
+    due: float = 0.0
+    """When it may begin, in seconds since 1970."""
+
+
+Take: TypeAlias = Callable[[], Job | None]
+"""Returns the next attempt to make; None if there is none now."""
+Rows: TypeAlias = Generator[Step | Attempt]
 
 
 @dataclass(frozen=True)
@@ -47,35 +55,74 @@ class Plan:
 
 
 class Walker:
-    """Runs episodes, one after the other, with one agent."""
+    """Runs episodes with an agent, as many at a time as it takes.
 
-    def __init__(self, plan: Plan) -> None:
+    Parameters
+    ----------
+    plan : Plan
+    environment : Environment, optional
+        One of the plan, if there is one already.
+    most : int, optional
+        Episodes at a time, at most, also if the agent takes more.
+    """
+
+    def __init__(
+        self, plan: Plan, environment: Environment | None = None, most: int | None = None
+    ) -> None:
         self._plan = plan
-        self._environment = plan.environment()
-        self._agent = plan.agent.make()
+        agent: Any = plan.agent.make()
+        self._agent = agent
+        self._is_batch = hasattr(self._agent, "act_batch")
+        size: int = self._agent.batch_size if self._is_batch else 1
+        environment = environment or plan.environment()
+        self._free = [environment.copy() for _ in range(min(size, most or size))]
 
-    def walk(self, job: Job) -> Iterator[Step | Attempt]:
-        """Yield each step, and at last the attempt, whatever the agent does."""
-        time.sleep(job.wait)
-        walk = _Walk(job, self._plan, self._environment)
-        try:
-            self._agent.start(walk.episode)
-            while walk.goes_on():
-                action = self._agent.act(walk.seen)
-                yield walk.note(action)
-                walk.do(action)
-            state: State = "stopped" if walk.reason else "answered"
-        # The table says what is done about which; an agent's `sys.exit` must not pass for an end.
-        except (Exception, SystemExit) as error:  # noqa: BLE001
-            if unfinished := walk.note_failed():
-                yield unfinished
-            treatment = treatment_of(error)
-            walk.reason = _shown(error)
-            state = "stopped" if treatment == "answer" else "failed"
-            if state == "failed":
-                yield walk.attempt(state, treatment == "retry", traceback.format_exc())
+    def work(self, take: Take) -> Rows:
+        """Yield each step, and each attempt when it ends, whatever the agent does."""
+        walks: list[_Walk] = []
+        while True:
+            while self._free and (job := take()) is not None:
+                time.sleep(max(0.0, job.due - time.time()))
+                walks.append(walk := _Walk(job, self._plan, self._free.pop()))
+                with walk.catching():
+                    self._agent.start(walk.episode)
+            if not walks:
                 return
-        yield walk.attempt(state)
+            going = [walk for walk in walks if walk.goes_on()]
+            for walk, action in zip(going, self._choose(going), strict=False):
+                with walk.catching():
+                    yield walk.note(action)
+                    walk.do(action)
+            for walk in [walk for walk in walks if walk.is_done]:
+                walks.remove(walk)
+                self._free.append(walk.environment)
+                yield from walk.end()
+
+    def _choose(self, walks: Sequence["_Walk"]) -> Sequence[Action]:
+        """Return an action for each walk; none if the agent fails, because all of them do then."""
+        if not walks:
+            return []
+        began = time.perf_counter()
+        try:
+            return self._act(walks)
+        except _ERRORS as error:
+            for walk in walks:
+                walk.error = error
+            return []
+        finally:
+            share = (time.perf_counter() - began) / len(walks)
+            for walk in walks:
+                walk.seconds = share
+
+    def _act(self, walks: Sequence["_Walk"]) -> Sequence[Action]:
+        if not self._is_batch:
+            return [self._agent.act(walks[0].seen)]
+        actions = self._agent.act_batch(
+            [walk.episode for walk in walks], [walk.seen for walk in walks]
+        )
+        if not isinstance(actions, Sequence) or len(actions) != len(walks):
+            raise TypeError(f"act_batch returned {actions!r} for {len(walks)} episodes")
+        return actions
 
 
 class _Walk:
@@ -84,31 +131,44 @@ class _Walk:
     def __init__(self, job: Job, plan: Plan, environment: Environment) -> None:
         truth = plan.ground_truth
         self._job = job
-        self._limits = plan.limits
-        self._environment = environment
+        self._plan = plan
         self._steps: list[Step] = []
-        self.reason = ""
-        """Why it was stopped; empty if it was not."""
+        self._reason = ""
+        self.environment = environment
+        self.error: BaseException | None = None
+        self.seconds = 0.0
+        """How long the agent took for its last choice."""
         rng = random.Random(_seed(plan.seed, job.episode))  # noqa: S311
         self.episode = Episode(truth, truth.row_of(job.episode), rng)
         environment.forget_parts_read()
-        self._began = self._chosen = time.perf_counter()
+        self._began = time.perf_counter()
         self.seen = environment.reset(job.episode)
+
+    @contextmanager
+    def catching(self) -> Iterator[None]:
+        """Let an error of the agent end the attempt."""
+        try:
+            yield
+        except _ERRORS as error:
+            self.error = error
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the attempt is to end."""
+        return self.seen.is_over or bool(self._reason) or self.error is not None
 
     def goes_on(self) -> bool:
         """Whether the agent is to choose an action: it ended nothing, and no limit is reached."""
-        if self.seen.is_over:
-            return False
-        self._chosen = time.perf_counter()
-        self.reason = self._limit()
-        return not self.reason
+        if not self.is_done:
+            self._reason = self._limit()
+        return not self.is_done
 
     def _limit(self) -> str:
         """Return the limit that is reached, or an empty text."""
-        most = self._limits
+        most = self._plan.limits
         if len(self._steps) >= most.steps:
-            return f"{most.steps} steps"
-        if most.seconds is not None and self._chosen - self._began >= most.seconds:
+            return count_text(most.steps, "step")
+        if most.seconds is not None and time.perf_counter() - self._began >= most.seconds:
             return f"{most.seconds:g} seconds"
         return ""
 
@@ -119,12 +179,7 @@ class _Walk:
         arguments = {each.name: getattr(action, each.name) for each in fields(action)}
         return self._note(type(action).__name__, arguments)
 
-    def note_failed(self) -> Step | None:
-        """Return a step without an action, if the agent logged anything before it failed."""
-        return self._note("", {}) if self.episode.has_logged else None
-
     def _note(self, action: str, arguments: dict[str, Any]) -> Step:
-        seconds = time.perf_counter() - self._chosen
         usage, notes = self.episode.take_log()
         step = Step(
             episode=self._job.episode,
@@ -135,7 +190,7 @@ class _Walk:
             elevation=self.seen.elevation,
             action=action,
             arguments=arguments,
-            seconds=seconds,
+            seconds=self.seconds,
             notes=notes,
             **asdict(usage),
         )
@@ -145,32 +200,37 @@ class _Walk:
 
     def do(self, action: Action) -> None:
         """Do an action."""
-        self.seen = self._environment.step(action)
+        self.seen = self.environment.step(action)
 
-    def attempt(self, state: State, is_retried: bool = False, error: str = "") -> Attempt:  # noqa: FBT001, FBT002
-        """Return the attempt that it was."""
-        if state == "stopped":
-            self._environment.step(Stop())
-        read = {*self._environment.parts_read, *["solution"] * self.episode.is_solution_read}
-        return Attempt(
+    def end(self) -> Iterator[Step | Attempt]:
+        """Yield what the agent logged before it failed, as a step, and the end."""
+        if self.error and self.episode.has_logged:
+            with self.catching():
+                yield self._note("", {})
+        state: State = "cut_off" if self._reason else "ended"
+        treatment = None
+        if self.error:
+            place = self._plan.agent.place(self.error)
+            self._reason = f"{type(self.error).__name__}: {self.error} ({place})"
+            treatment = treatment_of(self.error)
+            state = "cut_off" if treatment == "cut_off" else "failed"
+        if state == "cut_off":
+            self.environment.step(Stop())
+        is_failed = state == "failed"
+        read = {*self.environment.parts_read, *["solution"] * self.episode.is_solution_read}
+        yield Attempt(
             episode=self._job.episode,
             attempt=self._job.attempt,
             state=state,
-            reason=self.reason,
+            reason=self._reason,
             steps=len(self._steps),
             seconds=time.perf_counter() - self._began,
             read=tuple(sorted(read)),
-            is_retried=is_retried,
-            traceback=error,
-            record=None if state == "failed" else self._environment.record(self._job.episode),
+            is_retried=treatment == "retry",
+            traceback="".join(traceback.format_exception(self.error)) if is_failed else "",
+            record=None if is_failed else self.environment.record(self._job.episode),
             **asdict(total_usage(self._steps)),
         )
-
-
-def _shown(error: BaseException) -> str:
-    """Return an error in a line, with where it was raised."""
-    *_, last = traceback.extract_tb(error.__traceback__)
-    return f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"
 
 
 def _seed(seed: int, episode: str) -> int:

@@ -1,26 +1,46 @@
-"""Who runs the episodes: this process, or several of their own."""
+"""Who runs the episodes: this process, threads of it, processes, or whatever has ``submit``."""
 
-from collections.abc import Callable, Generator
-from multiprocessing import get_context
+import os
+import pickle
+import threading
+import time
+from collections.abc import Callable, Sequence
+from itertools import islice
+from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from signal import SIG_IGN, SIGINT, signal
-from typing import TypeAlias
+from typing import Any
 
 from reverie_eval.errors import ReverieEvalError, RunError
 from reverie_eval.logs import Attempt, Step
-from reverie_eval.runner._walking import Job, Plan, Walker
+from reverie_eval.runner._walking import Job, Plan, Rows, Take, Walker
+from reverie_eval.scoring import Executor
+from reverie_eval.simulator import Environment
 
-Take: TypeAlias = Callable[[], Job | None]
-"""Returns the next attempt to make; None if there is none now."""
-Rows: TypeAlias = Generator[Step | Attempt]
+# What a worker sends beside rows and errors: it asks for an attempt to make, or has none left.
+_TAKE, _END = "take", "end"
+# Attempts that an executor is given at a time: a task may be a job of a cluster.
+_EPISODES_A_TASK = 20
+# Seconds between two looks at what an executor has done.
+_POLL = 0.05
+# The agent that a thread of an executor made last, and the plan that it made it for.
+_LOCAL = threading.local()
 
 
-def walk_here(plan: Plan, take: Take) -> Rows:
-    """Yield what happens as this process runs one episode after the other."""
-    walker = None
-    while (job := take()) is not None:
-        walker = walker or Walker(plan)
-        yield from walker.walk(job)
+def walk_in_threads(plan: Plan, environment: Environment, take: Take, jobs: int) -> Rows:
+    """Yield what happens as threads run episodes, each with an agent of its own.
+
+    Closing it lets each go on to the end of its action, and no further.
+    """
+    # Pipes between threads have no more to say than queues, but are those of processes, too.
+    pipes = [get_context("spawn").Pipe() for _ in range(jobs)]
+    for _, there in pipes:
+        threading.Thread(target=_work, args=(plan, there, environment), daemon=True).start()
+    try:
+        yield from _serve([here for here, _ in pipes], take)
+    finally:
+        for here, _ in pipes:
+            here.close()
 
 
 def walk_in_processes(plan: Plan, take: Take, jobs: int) -> Rows:
@@ -35,13 +55,13 @@ def walk_in_processes(plan: Plan, take: Take, jobs: int) -> Rows:
     # where each step has to be on disk when it is made.
     context = get_context("spawn")
     pipes = [context.Pipe() for _ in range(jobs)]
-    workers = [context.Process(target=_work, args=(plan, there)) for _, there in pipes]
+    workers = [context.Process(target=_work_alone, args=(plan, there)) for _, there in pipes]
     try:
         for worker in workers:
             worker.start()
         for _, there in pipes:
             there.close()  # so that reading fails once its process has ended
-        yield from _share_out([here for here, _ in pipes], take)
+        yield from _serve([here for here, _ in pipes], take)
     except (EOFError, ConnectionError):
         raise RunError(
             "a process was killed while it ran an episode, perhaps for lack of memory; try fewer "
@@ -56,40 +76,109 @@ def walk_in_processes(plan: Plan, take: Take, jobs: int) -> Rows:
                 worker.join()
 
 
-def _share_out(idle: list[Connection], take: Take) -> Rows:
-    busy: list[Connection] = []
-    while True:
-        while idle and (job := take()) is not None:
-            busy.append(idle.pop())
-            busy[-1].send(job)
-        if not busy:
-            return
-        ready = wait(busy)
-        for connection in [each for each in busy if each in ready]:
-            row: Step | Attempt | ReverieEvalError = connection.recv()
-            if isinstance(row, ReverieEvalError):
-                raise row
-            if isinstance(row, Attempt):
-                busy.remove(connection)
-                idle.append(connection)
-            yield row
-            if isinstance(row, Step):
-                connection.send(None)
+def _serve(workers: Sequence[Connection], take: Take) -> Rows:
+    """Give workers what they ask for, until they have ended."""
+    working = list(workers)
+    while working:
+        ready = wait(working)
+        for worker in [each for each in working if each in ready]:
+            message: Step | Attempt | ReverieEvalError | str = worker.recv()
+            if isinstance(message, ReverieEvalError):
+                raise message
+            if message == _END:
+                working.remove(worker)
+            elif isinstance(message, str):
+                worker.send(take())
+            else:
+                yield message
+                worker.send(None)  # nothing more is paid for until this is on disk
 
 
-def _work(plan: Plan, connection: Connection) -> None:
-    """Run the episodes that are sent, until the other end is closed."""
-    signal(SIGINT, SIG_IGN)  # Ctrl-C reaches the whole group; the other end decides
-    walker = None
+def _work(plan: Plan, connection: Connection, environment: Environment | None = None) -> None:
+    """Run the episodes that the other end gives, until it has none or is closed."""
+
+    def take() -> Job | None:
+        connection.send(_TAKE)
+        job: Job | None = connection.recv()
+        return job
+
     try:
-        while True:
-            job = connection.recv()
-            walker = walker or Walker(plan)
-            for row in walker.walk(job):
-                connection.send(row)
-                if isinstance(row, Step):  # nothing more is paid for until this is on disk
-                    connection.recv()
+        for row in Walker(plan, environment).work(take):
+            connection.send(row)
+            connection.recv()
+        connection.send(_END)
     except ReverieEvalError as error:
         connection.send(error)
-    except (EOFError, ConnectionError):  # the run has ended
+    except (EOFError, OSError):  # the run has ended
         pass
+
+
+def _work_alone(plan: Plan, connection: Connection) -> None:
+    signal(SIGINT, SIG_IGN)  # Ctrl-C reaches the whole group; the other end decides
+    os.dup2(2, 1)  # what an agent prints is not a result
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _work(plan, connection)
+
+
+def _end_with_parent() -> None:
+    """Wait until the parent is gone, perhaps killed, and end: an action may take for ever."""
+    if (parent := parent_process()) is not None:
+        parent.join()
+        os._exit(1)
+
+
+def walk_with_executor(
+    plan: Plan, take: Take, executor: Executor, is_stopped: Callable[[], bool]
+) -> Rows:
+    """Yield what happened when an executor has run some episodes; closing it cancels the others.
+
+    Raises
+    ------
+    RunError
+        If it could not run them.
+    """
+    packed = pickle.dumps(plan)
+    futures = []
+    try:
+        while True:
+            while jobs := list(islice(iter(take, None), _EPISODES_A_TASK)):
+                futures.append(executor.submit(_walk_elsewhere, (packed, jobs)))
+            if not futures:
+                return
+            done = [each for each in futures if each.done()]
+            futures = [each for each in futures if each not in done]
+            for future in done:
+                yield from _rows_of(future)
+            if is_stopped():  # only `concurrent.futures` says that something cannot be cancelled
+                futures = [each for each in futures if each.cancel() is False]
+            if not done:
+                time.sleep(_POLL)
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _rows_of(future: Any) -> Sequence[Step | Attempt]:
+    try:
+        rows: Sequence[Step | Attempt] = future.result()
+    except ReverieEvalError:
+        raise
+    except Exception as error:
+        raise RunError(
+            f"the executor could not run some episodes: {type(error).__name__}: {error}; run again "
+            "to go on"
+        ) from error
+    return rows
+
+
+def _walk_elsewhere(task: tuple[bytes, Sequence[Job]]) -> list[Step | Attempt]:
+    """Make attempts in a process of an executor, until one says that the run is to stop."""
+    packed, jobs = task
+    if getattr(_LOCAL, "packed", None) != packed:
+        _LOCAL.walker, _LOCAL.packed = Walker(pickle.loads(packed)), packed  # noqa: S301
+    waiting, rows = list(jobs), list[Step | Attempt]()
+    for row in _LOCAL.walker.work(lambda: waiting.pop(0) if waiting else None):
+        rows.append(row)
+        if isinstance(row, Attempt) and row.state == "failed" and not row.is_retried:
+            waiting.clear()
+    return rows

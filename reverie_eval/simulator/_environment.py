@@ -1,5 +1,6 @@
 """Episodes to walk through: observations, actions, and the submission that comes of them."""
 
+import copy
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,6 +36,9 @@ from reverie_eval.submissions import NO_POINT, join_items, official_point
 from reverie_eval.tasks import turns_of
 from reverie_eval.text import count_text
 
+MOST_ACTIONS = 200
+"""Actions after which an agent that does not end an episode is cut off, if nothing else is said."""
+
 # Viewpoint, heading and elevation.
 _Pose: TypeAlias = tuple[int, float, float]
 
@@ -67,7 +71,7 @@ class Environment:
     Raises
     ------
     ReverieEvalError
-        If ``boxes`` cannot be read, or ``pictures`` is not a folder.
+        If there is no ground truth, ``boxes`` cannot be read, or ``pictures`` is not a folder.
 
     Examples
     --------
@@ -87,17 +91,31 @@ class Environment:
         boxes: str | PathLike[str] | None = None,
         pictures: str | PathLike[str] | None = None,
     ) -> None:
+        if not isinstance(ground_truth, GroundTruth):
+            raise ReverieEvalError(
+                f"an Environment takes a ground truth, such as GroundTruth.load('bundle.npz'), not "
+                f"{ground_truth!r}"
+            )
         if pictures is not None and not Path(pictures).is_dir():
             raise ReverieEvalError(f"{fspath(pictures)}: there is no such folder of pictures")
         self._truth = ground_truth
         self.surroundings = Surroundings(ground_truth, boxes)
         """What is asked, reachable and visible, as one source for all that show it."""
         self._pictures = pictures
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
         self._notes = Notes()
         self._walks: tuple[_Walk, ...] = ()
         self._is_batch = False
         self._ended: dict[int, _Walk] = {}
         self._candidates: dict[int, tuple[Candidate, ...]] = {}
+
+    def copy(self) -> "Environment":
+        """Return an environment in which no episode began yet, and which shares what is loaded."""
+        other = copy.copy(self)
+        other._begin_anew()  # noqa: SLF001
+        return other
 
     @property
     def episodes(self) -> Sequence[str]:
@@ -130,6 +148,10 @@ class Environment:
             If the split has no such episode.
         """
         instr_ids = [episode] if isinstance(episode, str) else episode
+        if not isinstance(instr_ids, list | tuple):
+            raise ReverieEvalError(
+                f"reset() takes an episode's id or a list of them, not {episode!r}"
+            )
         self._walks = tuple(map(self._begun, instr_ids))
         self._is_batch = not isinstance(episode, str)
         return self._observed()
@@ -329,22 +351,25 @@ def _check_box(action: Action, view: int, xywh: Sequence[float]) -> None:
 
 
 def run_episode(
-    environment: Environment, agent: Callable[[Observation], Action], episode: str, most: int = 200
+    environment: Environment,
+    act: Callable[[Observation], Action],
+    episode: str,
+    most: int = MOST_ACTIONS,
 ) -> Observation:
     """Let an agent walk an episode, and return the last observation.
 
     Parameters
     ----------
     environment : Environment
-    agent : callable
+    act : callable
         Chooses the next action.
     episode : str
     most : int
-        Actions after which the agent is stopped without an answer.
+        Actions after which the agent is cut off without an answer.
     """
     seen = environment.reset(episode)
     for _ in range(most):
         if seen.is_over:
             return seen
-        seen = environment.step(agent(seen))
+        seen = environment.step(act(seen))
     return seen if seen.is_over else environment.step(Stop())

@@ -1,6 +1,7 @@
-"""Checks for environments and agents of your own, for a test of yours to call.
+"""A check for environments of your own, for a test of yours to call.
 
-They walk a few episodes, and raise :class:`ConformanceError` with the first thing that is wrong.
+It walks a few episodes, and raises :class:`ConformanceError` with the first thing that is wrong.
+:func:`reverie_eval.runner.check_agent` does it for agents.
 """
 
 import json
@@ -8,13 +9,11 @@ import math
 import random
 import typing
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 from reverie_eval.errors import ActionError, ReverieEvalError
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.simulator._observation import Action, Go, Observation, Part, Stop, Turn
-
-Agent: TypeAlias = Callable[[Observation], Action]
 
 
 class ConformanceError(ReverieEvalError):
@@ -88,44 +87,6 @@ def check_environment(
         _check_refusal(f"{episode}, after its end", pair[0], Stop())
     first, second = (json.dumps(each.submission()) for each in pair)
     _require(first == second, "submission()", "two copies give different ones")
-
-
-def check_agent(
-    make: Callable[[], Agent], environment: AnyEnvironment, *, number: int = 5, most: int = 200
-) -> frozenset[Part]:
-    """Let an agent walk each of some episodes twice, and return the parts that it read.
-
-    Parameters
-    ----------
-    make : callable
-        Returns the agent for an episode, which must do the same each time.
-    environment : Environment
-    number : int
-        Episodes that are walked.
-    most : int
-        Actions after which it must have ended an episode.
-
-    Raises
-    ------
-    ConformanceError
-        If the agent does something else the second time, or does not end an episode.
-    ActionError
-        If it does what cannot be done.
-    """
-    for episode in environment.episodes[:number]:
-        first, second = (_walk(make(), environment, episode, most) for _ in range(2))
-        _require(first == second, episode, "the agent does something else the second time")
-    return environment.parts_read
-
-
-def _walk(agent: Agent, environment: AnyEnvironment, episode: str, most: int) -> list[Action]:
-    """Let an agent walk an episode, and return its actions."""
-    seen, actions = environment.reset(episode), list[Action]()
-    while not seen.is_over:
-        _require(len(actions) < most, episode, f"the agent did not end it in {most} actions")
-        actions.append(agent(seen))
-        seen = environment.step(actions[-1])
-    return actions
 
 
 def _require(is_right: bool, where: str, what: str) -> None:  # noqa: FBT001

@@ -107,9 +107,9 @@ def test_of_a_private_split_only_rounded_means_are_exported(
 ) -> None:
     demo = Path(rv.__file__).parent / "ground_truth" / "demo"
     private = ["--split", "test", "--ground-truth", str(demo / "private" / "test.npz")]
-    submission, collection = tmp_path / "submit.json", tmp_path / "collection"
-    assert main(["agent", "random", *private, "-o", str(submission)]) == 0
-    words = ["export", "every-eval-ever", str(submission), *private, "--model", "a/b"]
+    run, collection = tmp_path / "run", tmp_path / "collection"
+    assert main(["run", "random", *private, "-o", str(run)]) == 0
+    words = ["export", "every-eval-ever", str(run / "submission.json"), *private, "--model", "a/b"]
     assert main([*words, "--instances", "-o", str(collection)]) == 2
     assert "values of single episodes of test are never released" in capsys.readouterr().err
     assert not list(collection.glob("**/*.json*"))

@@ -1,7 +1,6 @@
 """The reference agents: their trajectories on the graphs, their answers and their scores."""
 
 import json
-import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -10,13 +9,13 @@ import numpy as np
 import pytest
 
 from reverie_eval import CATALOGUE, GroundTruth, GroundTruthError, Scores, evaluate
-from reverie_eval.agents import AGENTS, MAX_RANDOM_STEPS, Record, run_agent
+from reverie_eval.agents import AGENTS, MAX_RANDOM_STEPS
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.runner import Record, run_agent
 from reverie_eval.submissions._official import decode_official
-from tests.support.flat_world import Run
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.serving import with_arrays
-from tests.support.worlds import SPLIT, ground_truth_of
+from tests.support.worlds import ground_truth_of
 
 COMMAND = Path(sys.executable).with_name("reverie-eval")
 BUNDLES = {
@@ -188,49 +187,10 @@ def test_poses_look_in_the_direction_of_travel(
     assert last == ["there", pytest.approx(heading), pytest.approx(elevation)]
 
 
-@pytest.mark.parametrize("name", list(AGENTS))
-def test_a_public_bundle_is_not_enough(name: str, truth: GroundTruth) -> None:
+def test_a_public_bundle_is_not_enough_for_shortest(truth: GroundTruth) -> None:
     public = GroundTruth.from_bundle(Bundle.load(BUNDLES[truth.split]).public())
     with pytest.raises(GroundTruthError, match="has no solution"):
-        run_agent(name, public)
-
-
-# The command.
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        pytest.param("shortest", "100.00  100.00  100.00  100.00", id="shortest"),
-        pytest.param("stop", "0.00", id="stop"),
-    ],
-)
-def test_an_agent_is_scored_through_a_pipe(name: str, expected: str) -> None:
-    with subprocess.Popen(
-        [COMMAND, "agent", name, "--split", SPLIT], stdout=subprocess.PIPE, text=True
-    ) as agent:
-        scored = subprocess.run(
-            [COMMAND, "-", "--split", SPLIT],
-            stdin=agent.stdout,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    assert agent.returncode == 0
-    assert expected in scored.stdout.splitlines()[1]
-    assert scored.stderr == ""
-
-
-@pytest.mark.parametrize("options", [[], ["--seed", "0"], ["--seed", "7"]], ids=" ".join)
-def test_the_command_writes_the_agents_submission(
-    options: list[str], tmp_path: Path, demo: GroundTruth, run: Run
-) -> None:
-    file = tmp_path / "random.json"
-    outcome = run("agent", "random", "--split", SPLIT, *options, "-o", str(file))
-    assert outcome == (0, "", "")
-    seed = int(options[-1]) if options else 0
-    assert json.loads(file.read_text()) == run_agent("random", demo, seed)
-    assert run("agent", "random", "--split", SPLIT, *options).out == file.read_text()
+        run_agent("shortest", public)
 
 
 # REVERIE as published.

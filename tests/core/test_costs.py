@@ -60,7 +60,7 @@ def write_log(
     folder: Path, rows: Sequence[Mapping[str, Any]], name: str = "episodes.jsonl"
 ) -> Path:
     folder.mkdir(exist_ok=True)
-    usual = {"attempt": 1, "state": "answered", "seconds": 0.0}
+    usual = {"attempt": 1, "state": "ended", "seconds": 0.0}
     (folder / name).write_text("".join(f"{json.dumps({**usual, **row})}\n" for row in rows))
     return folder
 
@@ -140,11 +140,11 @@ def test_the_log_of_another_split_is_refused(small: Scores, tmp_path: Path) -> N
 
 def test_all_bad_lines_are_listed_with_their_fields(tmp_path: Path) -> None:
     lines = [
-        b'{"episode":"1_1_0","attempt":1,"state":"answered","steps":1,"seconds":0}',
-        b'{"episode":"1_1_0","attempt":1,"state":"answered","steps":1,"seconds":0}',
-        b'{"episode":"1_1_1","attempt":1,"state":"answered","steps":"1","seconds":0}',
+        b'{"episode":"1_1_0","attempt":1,"state":"ended","steps":1,"seconds":0}',
+        b'{"episode":"1_1_0","attempt":1,"state":"ended","steps":1,"seconds":0}',
+        b'{"episode":"1_1_1","attempt":1,"state":"ended","steps":"1","seconds":0}',
         b'{"episode":"1_1_1","attempt":1,"state":"done","steps":1,"seconds":0}',
-        b'{"episode":"1_1_1","attempt":1,"state":"answered","steps":1,"seconds":0,"money":-1}',
+        b'{"episode":"1_1_1","attempt":1,"state":"ended","steps":1,"seconds":0,"money":-1}',
         b'{"episode":"1_1_1","attempt":1,"steps":1,"seconds":0}',
         b"[]",
         b'{"episode":"1_1_1"',

@@ -1,12 +1,11 @@
 """Many files give the same scores wherever they are scored, and one bad file stops no other."""
 
 import json
-import pickle
 import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +15,11 @@ from typing import Any
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.agents import run_agent
+from reverie_eval.runner import run_agent
 from reverie_eval.scoring import Executor
 from reverie_eval.submissions import watch_files
 from tests.conftest import SAMPLES
+from tests.support.executors import EXECUTORS, Pickling
 from tests.support.flat_world import Run
 from tests.support.terminals import COMMAND
 
@@ -54,40 +54,10 @@ def check(scored: rv.ScoredFiles, files: list[str]) -> None:
     assert isinstance(missing, FileNotFoundError)
 
 
-class Pickling:
-    """Runs a function here, after all of it has gone through pickle, as to another machine."""
-
-    def __init__(self) -> None:
-        self.calls = 0
-
-    def submit(self, function: Any, argument: Any, /) -> Any:
-        """Run it, and return what is done already."""
-        self.calls += 1
-        sent, given = pickle.loads(pickle.dumps((function, argument)))
-        done: Future[Any] = Future()
-        done.set_result(pickle.loads(pickle.dumps(sent(given))))
-        return done
-
-
-@pytest.fixture(params=["threads", "pickle", "dask"])
+@pytest.fixture(params=EXECUTORS)
 def executor(request: pytest.FixtureRequest) -> Iterator[Executor]:
-    match request.param:
-        case "threads":
-            with ThreadPoolExecutor(2) as pool:
-                yield pool
-        case "pickle":
-            yield Pickling()
-        case _:
-            from distributed import (
-                Client,
-                LocalCluster,
-            )  # takes long, in every process of the suite
-
-            with (
-                LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,  # type: ignore[no-untyped-call]
-                Client(cluster) as client,  # type: ignore[no-untyped-call]
-            ):
-                yield client
+    with EXECUTORS[request.param]() as executor:
+        yield executor
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

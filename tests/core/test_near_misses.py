@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.agents import run_agent
 from reverie_eval.analysis import episodes_won, gallery, near_misses
+from reverie_eval.runner import run_agent
 from tests.conftest import SAMPLES
 from tests.support.home_world import OTHER_WALKS, WALKS, home_scores
 

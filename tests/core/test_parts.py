@@ -39,7 +39,6 @@ WORKING: Sequence[Words] = [
     ("protocol", "DUET"),
     ("subset", "--split", "val_unseen", "--n", "10"),
     ("convert", *SCORED, "-o", "converted.json"),
-    ("agent", "shortest", "--split", "val_unseen", "-o", "walked.json"),
     ("run", "word-match", "--split", "val_unseen", "-o", "run"),
     ("simulator", "--path"),
     ("compile", "DATASET", "--split", "val_unseen", "-o", "bundle.npz"),

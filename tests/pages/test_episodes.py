@@ -9,7 +9,8 @@ import httpx
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.agents import AGENTS, run_agent
+from reverie_eval.agents import AGENTS
+from reverie_eval.runner import run_agent
 from reverie_eval.server.service import submissions as service
 from tests.support.episode_pages import drawn, linked, listed, picture, send, visitor, walks
 from tests.support.serving import (

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from reverie_eval import evaluate
-from reverie_eval.agents import run_agent
+from reverie_eval.runner import run_agent
 from tests.support.entries import entered, get, named, report_result, tables
 from tests.support.serving import (
     OPEN,

@@ -13,8 +13,8 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval import CATALOGUE, GroundTruth
-from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service.boards import load_board
 from reverie_eval.server.service.episodes import Annotations, Browsing

@@ -40,7 +40,7 @@ def test_what_cannot_be_done_ends_an_episode_without_an_answer(home: Home) -> No
     totals = home.run(lambda *_: Go("far"))
     (reason,) = {each.reason for each in home.attempts}
     assert reason.startswith("ActionError: 'far' is not a neighbour of hall")
-    assert totals.stopped == 4
+    assert totals.cut_off == 4
     assert home.submission["7_5_0"] == STAYED
     assert [step.action for step in read_steps(home.folder)] == ["Go"] * 4
 
@@ -54,10 +54,10 @@ def test_what_is_not_an_action_stops_the_run(returned: object, home: Home) -> No
 
 
 def test_an_unknown_error_stops_the_run_and_the_same_command_goes_on(home: Home) -> None:
-    with pytest.raises(RunError, match=r"stopped: 7_5_1: KeyError: 'x' \(test_failures.py, "):
+    with pytest.raises(RunError, match=r"stopped: 7_5_1: KeyError: 'x' \(runs.py, line "):
         home.run(raising(KeyError("x"), starts=[2]))
     assert [(each.episode, each.state) for each in home.attempts] == [
-        ("7_5_0", "answered"),
+        ("7_5_0", "ended"),
         ("7_5_1", "failed"),
     ]
     assert "raise error" in home.attempts[1].traceback
@@ -70,15 +70,15 @@ def test_an_unknown_error_stops_the_run_and_the_same_command_goes_on(home: Home)
         ("7_5_2", 1),
         ("7_5_3", 1),
     ]
-    assert (totals.answered, totals.attempts) == (4, 5)
+    assert (totals.ended, totals.attempts) == (4, 5)
     assert (totals.input_tokens, totals.money) == (5, 5.0)  # the failed attempt's included
     assert len(home.card.circumstances) == 2
 
 
 def test_an_agent_that_exits_stops_the_run(home: Home) -> None:
-    with pytest.raises(RunError, match=r"stopped: 7_5_1: SystemExit: 3 \(test_failures.py, "):
+    with pytest.raises(RunError, match=r"stopped: 7_5_1: SystemExit: 3 \(runs.py, line "):
         home.run(raising(SystemExit(3), starts=[2]))
-    assert [each.state for each in home.attempts] == ["answered", "failed"]
+    assert [each.state for each in home.attempts] == ["ended", "failed"]
 
 
 def test_an_error_that_passes_is_tried_again(home: Home) -> None:
@@ -86,10 +86,10 @@ def test_an_error_that_passes_is_tried_again(home: Home) -> None:
     assert [(each.attempt, each.state) for each in home.attempts if each.episode == "7_5_1"] == [
         (1, "failed"),
         (2, "failed"),
-        (3, "answered"),
+        (3, "ended"),
     ]
     assert [each.wait for each in home.progress] == [None, 0.0, 0.0, None, None, None]
-    assert (totals.answered, totals.attempts, totals.input_tokens) == (4, 6, 6)
+    assert (totals.ended, totals.attempts, totals.input_tokens) == (4, 6, 6)
 
 
 def test_an_episode_fails_after_its_last_attempt_and_others_go_on(home: Home) -> None:
@@ -100,10 +100,10 @@ def test_an_episode_fails_after_its_last_attempt_and_others_go_on(home: Home) ->
         home.run(raising(TimeoutError("late"), starts=[2, 3, 4]))
     states = Counter((each.episode, each.state) for each in home.attempts)
     assert states == {
-        ("7_5_0", "answered"): 1,
+        ("7_5_0", "ended"): 1,
         ("7_5_1", "failed"): 3,
-        ("7_5_2", "answered"): 1,
-        ("7_5_3", "answered"): 1,
+        ("7_5_2", "ended"): 1,
+        ("7_5_3", "ended"): 1,
     }
     assert not (home.folder / "submission.json").exists()
     begun = len(home.script.begun)

@@ -58,7 +58,8 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def answer_of(source: AgentSource) -> object:
     seen = Environment(ground_truth_of(WORLD)).reset("7_5_0")
-    return getattr(source.make().act(seen), "object_id", None)
+    agent: Any = source.make()
+    return getattr(agent.act(seen), "object_id", None)
 
 
 @pytest.mark.parametrize(
@@ -137,6 +138,6 @@ def test_a_title_has_no_folder() -> None:
 
 
 def test_a_function_keeps_nothing(file: Path) -> None:
-    agent = AgentSource("my_agents:function").make()
-    agent.start(None)  # type: ignore[arg-type]
-    assert agent.act(None) != Stop()  # type: ignore[arg-type]
+    agent: Any = AgentSource("my_agents:function").make()
+    agent.start(None)
+    assert agent.act(None) != Stop()

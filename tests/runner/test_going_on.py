@@ -96,7 +96,7 @@ def test_a_line_that_was_cut_off_is_left_out(home: Home) -> None:
     home.run(to_the_end)
     assert home.folder.joinpath("submission.json").read_bytes() == whole
     last = [(each.attempt, each.state, each.steps) for each in home.attempts[3:]]
-    assert last == [(1, "interrupted", 2), (2, "answered", 3)]
+    assert last == [(1, "interrupted", 2), (2, "ended", 3)]
 
 
 def test_a_damaged_line_is_named(home: Home) -> None:
@@ -113,7 +113,7 @@ def test_two_processes_cannot_run_in_one_folder(home: Home) -> None:
             run(home.plan, home.folder)
         return Stop()
 
-    assert home.run(act).answered == 4
+    assert home.run(act).ended == 4
 
 
 def test_a_folder_with_something_else_is_left_alone(home: Home) -> None:

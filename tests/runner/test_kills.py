@@ -48,7 +48,7 @@ def test_a_run_that_is_killed_goes_on(jobs: int, tmp_path: Path) -> None:
     assert submissions[0] == submissions[1]
 
     attempts, steps = list(read_attempts(killed)), list(read_steps(killed))
-    answered = Counter(each.episode for each in attempts if each.state == "answered")
+    answered = Counter(each.episode for each in attempts if each.state == "ended")
     assert set(answered.values()) == {1}
     assert len(answered) == EPISODES
     last = {each.episode: each.attempt for each in attempts}

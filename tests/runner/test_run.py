@@ -11,9 +11,9 @@ import msgspec
 import pytest
 
 from reverie_eval import GroundTruth
-from reverie_eval.agents import AgentSource, run_agent
+from reverie_eval.agents import AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
-from reverie_eval.runner import Limits, Plan, read_steps, run, run_schema
+from reverie_eval.runner import Limits, Plan, read_steps, run, run_agent, run_schema
 from reverie_eval.simulator import Answer, Environment, Go, Observation, Stop, Turn
 from tests.support.runs import EPISODES, Home, Scripted, scripted, stop, to_the_end
 
@@ -31,7 +31,7 @@ def test_the_submission_is_that_of_the_walks(home: Home) -> None:
     walked = [["hall", 0.0, 0.0], ["north", 0.0, 0.0], ["far", 0.0, 0.0]]
     record = {"trajectory": walked, "predObjId": 5}
     assert home.submission == dict.fromkeys(EPISODES, record)
-    assert (totals.answered, totals.steps, totals.attempts) == (4, 12, 4)
+    assert (totals.ended, totals.steps, totals.attempts) == (4, 12, 4)
 
 
 def test_a_step_has_where_what_and_what_it_cost(home: Home) -> None:
@@ -177,9 +177,9 @@ def test_an_episode_is_random_in_its_own_way(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("steps", "state", "reason", "end"),
     [
-        pytest.param(1, "stopped", "1 steps", "north", id="after one"),
-        pytest.param(2, "stopped", "2 steps", "far", id="before its answer"),
-        pytest.param(3, "answered", "", "far", id="at its answer"),
+        pytest.param(1, "cut_off", "1 step", "north", id="after one"),
+        pytest.param(2, "cut_off", "2 steps", "far", id="before its answer"),
+        pytest.param(3, "ended", "", "far", id="at its answer"),
     ],
 )
 def test_an_episode_is_stopped_after_some_steps(
@@ -191,8 +191,8 @@ def test_an_episode_is_stopped_after_some_steps(
     }
     record = home.submission["7_5_3"]
     assert record["trajectory"][-1][0] == end
-    assert record["predObjId"] == (5 if state == "answered" else -1)
-    assert (totals.answered, totals.stopped) == ((4, 0) if state == "answered" else (0, 4))
+    assert record["predObjId"] == (5 if state == "ended" else -1)
+    assert (totals.ended, totals.cut_off) == ((4, 0) if state == "ended" else (0, 4))
 
 
 def test_an_episode_is_stopped_after_some_seconds(
@@ -204,7 +204,7 @@ def test_an_episode_is_stopped_after_some_seconds(
     monkeypatch.setattr(walking.time, "perf_counter", lambda: float(next(clock)))
     home.run(lambda _, agent: Turn(float(agent.acted)), limits=Limits(seconds=5))
     assert {(each.state, each.reason, each.steps) for each in home.attempts} == {
-        ("stopped", "5 seconds", 2)
+        ("cut_off", "5 seconds", 2)
     }
 
 

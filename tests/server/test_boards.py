@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.agents import run_agent
 from reverie_eval.errors import GroundTruthError, Problem, SubmissionError
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle, GroundTruth
+from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.boards import (
     Board,

@@ -15,7 +15,7 @@ import pytest
 from sqlalchemy import delete
 
 from reverie_eval import evaluate
-from reverie_eval.agents import run_agent
+from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewCorrection
 from reverie_eval.server.service import rank_intervals
 from reverie_eval.server.service.entries import EntriesCache, Row

@@ -16,8 +16,8 @@ import httpx
 import pytest
 from sqlalchemy import event
 
-from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder
+from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.merging import merge_teams

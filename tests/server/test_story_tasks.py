@@ -10,9 +10,9 @@ from urllib.parse import quote
 
 import pytest
 
-from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import CATALOGUE
+from reverie_eval.runner import run_agent
 from reverie_eval.server.service.boards import Board
 from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK
 from tests.conftest import SAMPLES

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from reverie_eval import GroundTruth, Problem, SubmissionError, evaluate, validate
-from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import find_ground_truth
+from reverie_eval.runner import run_agent
 from reverie_eval.submissions import convert
 from reverie_eval.tasks import BUILT_IN, find_task
 from tests.conftest import SAMPLES

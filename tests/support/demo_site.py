@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import httpx
 
 from reverie_eval import CATALOGUE, GroundTruth
-from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.runner import run_agent
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.settings import load_settings

@@ -12,7 +12,7 @@ from random import Random
 from typing import Any, TypeAlias
 
 from reverie_eval import GroundTruth
-from reverie_eval.agents import run_agent
+from reverie_eval.runner import run_agent
 from tests.support.broken_files import MISTAKES
 from tests.support.forms import FORMS
 

@@ -17,9 +17,9 @@ import pytest
 
 from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
-from reverie_eval.agents import run_agent
 from reverie_eval.client.logins import login_path
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import Role
 from reverie_eval.server.operations.checks import acting

@@ -39,9 +39,9 @@ from starlette.types import ASGIApp
 
 from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
-from reverie_eval.agents import run_agent
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.runner import run_agent
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware
 from reverie_eval.server.http.openapi import describe

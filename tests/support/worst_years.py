@@ -22,8 +22,8 @@ import time_machine
 from anyio.from_thread import BlockingPortal
 
 from reverie_eval import GroundTruth
-from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import Bundle
+from reverie_eval.runner import run_agent
 from reverie_eval.server.app import create_app
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings

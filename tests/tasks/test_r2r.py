@@ -9,6 +9,8 @@ from random import Random
 import pytest
 
 from reverie_eval import Evaluator, GroundTruth, Scores, SubmissionError, evaluate, validate
+from reverie_eval.ground_truth import find_ground_truth
+from reverie_eval.runner import run_agent
 from tests.conftest import REPOSITORY
 from tests.support.amounts import amount, tell
 from tests.support.family import (
@@ -205,10 +207,9 @@ def test_a_file_of_another_task_is_recognised() -> None:
         evaluate(good, split="val_unseen", task="r2r")
 
 
-def test_a_missing_fourth_instruction_is_no_problem(demo_world: Path, run: Run) -> None:
+def test_a_missing_fourth_instruction_is_no_problem(demo_world: Path) -> None:
     """The demo's val_seen has a path with four, as the published one has."""
-    agent = run("agent", "shortest", "--task", "r2r", "--split", "val_seen").out
-    records = json.loads(agent)
+    records = run_agent("shortest", find_ground_truth(None, "val_seen", "r2r"))
     (fourth,) = (record for record in records if record["instr_id"].endswith("_3"))
     rest = [record for record in records if record is not fourth]
     scores = evaluate(rest, split="val_seen", task="r2r")
@@ -220,10 +221,9 @@ def test_a_missing_fourth_instruction_is_no_problem(demo_world: Path, run: Run) 
     assert whole.signature == scores.signature
 
 
-def test_a_fourth_instruction_in_batches_and_in_saved_scores(run: Run, tmp_path: Path) -> None:
-    agent = run("agent", "shortest", "--task", "r2r", "--split", "val_seen").out
+def test_a_fourth_instruction_in_batches_and_in_saved_scores(tmp_path: Path) -> None:
     evaluator = Evaluator(split="val_seen", task="r2r")
-    evaluator.update(json.loads(agent))
+    evaluator.update(run_agent("shortest", find_ground_truth(None, "val_seen", "r2r")))
     scores = evaluator.compute()
     assert any("scores the first 3 instructions" in note for note in scores.notes)
     scores.save(tmp_path / "scores.npz")

@@ -30,9 +30,9 @@ from reverie_eval import (
     evaluate_protocols,
     validate,
 )
-from reverie_eval.agents import run_agent
-from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.ground_truth import DEMO_BUNDLES, find_ground_truth
 from reverie_eval.metrics import CATALOGUE
+from reverie_eval.runner import run_agent
 from reverie_eval.scoring._evaluation import check_first_of_hop
 from reverie_eval.server.service.boards import load_board
 from reverie_eval.server.settings import Also, Split
@@ -87,10 +87,10 @@ def test_a_module_is_short(name: str) -> None:
 
 
 @every_task
-def test_the_demo_world_has_every_split(name: str, run: Run) -> None:
+def test_the_demo_world_has_every_split(name: str) -> None:
     for split in ("train", "val_seen", "val_unseen"):
-        agent = run("agent", "shortest", "--task", name, "--split", split)
-        scores = evaluate(json.loads(agent.out), split=split, task=name)
+        truth = find_ground_truth(None, split, name)
+        scores = evaluate(run_agent("shortest", truth), split=split, task=name)
         assert scores["success"] == 1.0
 
 
@@ -328,16 +328,18 @@ def follow(run: Run, last: int) -> Iterator[Outcome]:
 def test_another_package_adds_a_task_in_an_hour(walks: Path, run: Run) -> None:
     """It is compiled, walked and scored by the same commands."""
     assert task_names()[-1] == "walks"
-    *others, scored = follow(run, 4)
-    assert [each.status for each in (*others, scored)] == [0] * 4
+    *others, scored = follow(run, 3)
+    assert [each.status for each in (*others, scored)] == [0] * 3
     assert scored.out.splitlines()[0].split() == ["nDTW", "%", "SR", "%", "SPL", "%"]
     assert scored.out.splitlines()[1].split()[1:] == ["100.00", "100.00"]
     assert "task:walks|split:val_unseen|protocol:official-v1|" in scored.out
-    alone = run("shortest.json", "--task", "walks", "--split", "val_unseen")
+    alone = run("shortest/submission.json", "--task", "walks", "--split", "val_unseen")
     assert (alone.status, "the demo world has no Walks; `reverie-eval" in alone.err) == (2, True)
     (values,) = re.findall(r"```python\n(scores = .*?)```", HOUR, re.DOTALL)
     theirs = pd.Series(1.0, index=[f"walk-{walk['walk']}" for walk in records_of(walks)])
-    script = values.replace("result.json", "shortest.json").replace("print", "assert 0 ==")
+    script = values.replace("result.json", "shortest/submission.json").replace(
+        "print", "assert 0 =="
+    )
     exec(script, {"rv": reverie_eval, "theirs": theirs})
 
 
@@ -357,7 +359,7 @@ def test_a_bundle_of_a_task_that_is_not_installed(
     monkeypatch.undo()
     find_task.__globals__["_installed_task"].cache_clear()
     bundle = str(tmp_path / "bundles" / "walks" / "val_unseen.npz")
-    done = run("agent", "stop", "--split", "val_unseen", "--ground-truth", bundle)
+    done = run("run", "stop", "--split", "val_unseen", "--ground-truth", bundle, "-o", "run")
     assert done.status == 2
     assert "is the ground truth of a task that is not installed: unknown task 'walks'" in done.err
 

@@ -4,6 +4,7 @@ import gc
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -111,18 +112,23 @@ def _read_option(text: str) -> tuple[str, Any]:
         metavar="N",
         type=options.Number(min=1),
         default=_DEFAULTS.steps,
-        help="Actions after which an episode is stopped.",
+        help="Actions after which an episode is cut off.",
     ),
     click.option(
         "--max-seconds",
         metavar="S",
         type=options.Decimal(0, min_open=True),
-        help="Seconds after which an episode is stopped, once an action has ended.",
+        help="Seconds after which an episode is cut off, once the action that was begun has ended.",
     ),
 )
 @chat_options
 @options.with_default(
     "--jobs", metavar="N", type=options.Number(min=1), default=1, help="Number of processes."
+)
+@click.option(
+    "--threads",
+    is_flag=True,
+    help="Threads instead of processes, for an agent that waits for an endpoint.",
 )
 @click.option(
     "--fill-missing",
@@ -139,6 +145,7 @@ def run_agent(
     run_options: RunOptions,
     chat_options: ChatOptions,
     jobs: int,
+    threads: bool,
     fill_missing: bool,
 ) -> None:
     """Run an agent on a split, and score it.
@@ -165,7 +172,15 @@ def run_agent(
                 note(f"{attempt.episode}: {attempt.reason}; again in {progress.wait:g} s")
 
         try:
-            totals = run(plan, output, jobs=jobs, fill_missing=fill_missing, on_progress=show)
+            with redirect_stdout(sys.stderr):  # what an agent prints is not a result
+                totals = run(
+                    plan,
+                    output,
+                    jobs=jobs,
+                    threads=threads,
+                    fill_missing=fill_missing,
+                    on_progress=show,
+                )
         except KeyboardInterrupt:
             note("the same command goes on with this run")
             raise
@@ -185,7 +200,7 @@ def _done_in(folder: Path) -> int:
 
 
 def _outcome(totals: Totals) -> Iterable[str]:
-    states = {"answered": totals.answered, "stopped": totals.stopped, "failed": totals.failed}
+    states = {"ended": totals.ended, "cut off": totals.cut_off, "failed": totals.failed}
     ended = ", ".join(f"{number:,} {state}" for state, number in states.items() if number)
     steps = count_text(totals.steps, "step")
     yield f"{ended}; {count_text(totals.attempts, 'attempt')}, {steps}, {totals.seconds:,.1f} s"
@@ -201,9 +216,9 @@ def _outcome(totals: Totals) -> Iterable[str]:
 
 def _reasons(folder: Path) -> Iterable[str]:
     """Say why most of the episodes ended that the agent did not end."""
-    stopped = [each.reason for each in read_attempts(folder) if each.state == "stopped"]
-    for reason, number in Counter(stopped).most_common(1):
-        yield f"{number:,} of the {len(stopped):,} stopped: {reason}"
+    cut_off = [each.reason for each in read_attempts(folder) if each.state == "cut_off"]
+    for reason, number in Counter(cut_off).most_common(1):
+        yield f"{number:,} of the {len(cut_off):,} cut off: {reason}"
 
 
 def _print_scores(submission: Path, truth: GroundTruth, totals: Totals) -> None:

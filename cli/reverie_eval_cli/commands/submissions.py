@@ -161,23 +161,6 @@ def draw_episodes(
     print(f"subset:{truth.subset(chosen).subset_digest}|n:{number}", file=sys.stderr)
 
 
-@click.command()
-@click.argument("name", type=options.Choice(["shortest", "random", "stop"]))
-@options.truth
-@options.with_default("--seed", type=int, default=0, help="Seed of the random agent.")
-@options.output("the submission")
-def agent(*, name: str, truth_options: TruthOptions, seed: int, output: str | None) -> None:
-    """Write the submission of a reference agent.
-
-    shortest walks to the goal, random anywhere, and stop stays where it starts.
-    """
-    from reverie_eval.agents import run_agent
-
-    check_outputs([output], [truth_options.ground_truth])
-    truth = truth_options.find()
-    write_text(submission_text(run_agent(name, truth, seed)), output)
-
-
 @click.command("demo")
 @click.argument("folder", type=options.PATH, default=Path("demo"))
 def write_samples(*, folder: Path) -> None:

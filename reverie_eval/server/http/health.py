@@ -26,10 +26,10 @@ from anyio.to_thread import run_sync
 from sqlalchemy import insert
 from sqlalchemy.exc import DBAPIError
 
-from reverie_eval.agents import run_agent
 from reverie_eval.errors import GroundTruthError
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.receipts import ReceiptError, verify
+from reverie_eval.runner import run_agent
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     JOB,

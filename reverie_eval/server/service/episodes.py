@@ -16,12 +16,13 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from reverie_eval.agents import AGENTS, run_agent
+from reverie_eval.agents import AGENTS
 from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
 from reverie_eval.metrics import ABSTAINED
+from reverie_eval.runner import run_agent
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, SubmissionReport
 from reverie_eval.scoring import (

@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
@@ -15,15 +16,19 @@ import click
 from reverie_eval import Evaluator, ReverieEvalError, Scores, SubmissionError
 from reverie_eval.files import staged_file
 from reverie_eval.logs import find_run
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.reporting.tables import MARK, Part, Printout, Table
 from reverie_eval.submissions import source_name
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-    from reverie_eval.reporting.tables import Printout, Table
+    from rich.table import Table as RichTable
 
 T = TypeVar("T")
 STANDARD_OUTPUT = "-"
+_ANY_WIDTH = 1000
+# Characters: on a terminal, a wrapped column is not narrower.
+_NARROWEST_TEXT = 12
 
 
 class RejectedSubmission(click.ClickException):
@@ -126,10 +131,8 @@ def _is_rich(stream: TextIO) -> bool:
     return stream.isatty() and find_spec("rich") is not None
 
 
-def show_printout(printout: "Printout", layout: str, output: str | None) -> None:
+def show_printout(printout: Printout, layout: str, output: str | None) -> None:
     """Write a result in one of its formats; a terminal gets tables that fit it."""
-    from reverie_eval.reporting.tables import print_parts
-
     is_for_people = layout in ("table", "text")
     show(
         lambda: printout.text(layout),
@@ -138,11 +141,82 @@ def show_printout(printout: "Printout", layout: str, output: str | None) -> None
     )
 
 
-def show_table(table: "Table") -> None:
+def show_table(table: Table) -> None:
     """Print a table."""
-    from reverie_eval.reporting.tables import print_table
-
     show(table.to_text, None, lambda console: print_table(console, table))
+
+
+def print_parts(console: "Console", parts: Sequence[Part]) -> None:
+    """Print the parts of a result on a terminal."""
+    for part in parts:
+        if part.title:
+            console.print(part.title, style="bold", markup=False, highlight=False)
+        for table in part.tables:
+            print_table(console, table)
+        if part.note:
+            end = "\n" if part is parts[-1] else "\n\n"
+            console.print(part.note, style=part.style, markup=False, highlight=False, end=end)
+
+
+def print_table(console: "Console", table: Table) -> None:
+    """Print on a terminal a table or, if it does not fit, its narrow layout, and its notes.
+
+    A layout whose last text column can be wrapped fits as well. If none does, the table is printed
+    as plain text and the terminal breaks its lines: nothing is cut.
+    """
+    for layout in filter(None, (table, table.narrow)):
+        if _fits_wrapped(console, layout):
+            console.print(_rich_table(layout))
+            if not any(layout.headings):  # without headings, rich adds no empty line
+                console.print()
+            break
+    else:
+        text = replace(table, caption="", findings=(), notes=()).to_text()
+        console.print(text, end="\n\n", markup=False, highlight=False, soft_wrap=True)
+    for sentence in table.findings:
+        console.print(sentence, style="bold", markup=False, highlight=False)
+    if table.findings:
+        console.print()
+    for line in [*filter(None, [table.caption]), *table.notes]:
+        # As they are, unwrapped, so that they can be copied.
+        console.print(line, style="dim", markup=False, highlight=False, soft_wrap=True)
+
+
+def fits(console: "Console", table: Table) -> bool:
+    """Return whether a table fits a terminal without wrapping anything."""
+    options = console.options.update_width(_ANY_WIDTH)
+    return console.measure(_rich_table(table), options=options).maximum <= console.width
+
+
+def _fits_wrapped(console: "Console", table: Table) -> bool:
+    """Return whether a table fits a terminal with its last text column as narrow as allowed."""
+    wrapped = max(table.text_columns, default=None)
+    narrowest = [
+        [cell[:_NARROWEST_TEXT] if number == wrapped else cell for number, cell in enumerate(row)]
+        for row in table.rows
+    ]
+    return fits(console, replace(table, rows=narrowest))
+
+
+def _rich_table(table: Table) -> "RichTable":
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    has_headings, primary = any(table.headings), CATALOGUE[table.task.ranking[0]].heading
+    laid_out = RichTable(box=SIMPLE_HEAD if has_headings else None, show_header=has_headings)
+    for number, heading in enumerate(table.flat_headings):
+        laid_out.add_column(
+            heading,
+            justify="left" if number in table.text_columns else "right",
+            no_wrap=number != max(table.text_columns, default=None),
+            overflow="fold",
+            style="bold" if heading == primary else "",
+        )
+    for row in table.rows:
+        cells = [Text(cell, style="yellow" if cell.endswith(MARK) else "") for cell in row]
+        laid_out.add_row(*cells, style="bold" if row[0] == primary else "")
+    return laid_out
 
 
 def note(text: str) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields
 from operator import attrgetter
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -19,13 +18,11 @@ from reverie_eval.arrays import frozen, read_arrays, take_prefixed
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
 from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
+from reverie_eval.scoring._intervals import Intervals
 from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._scored import FINGERPRINT_SHOWN
+from reverie_eval.scoring._scored import FINGERPRINT_SHOWN, Scored
 from reverie_eval.submissions import BoxAnswers, SubmissionColumns
 from reverie_eval.text import count_text, first_few
-
-if TYPE_CHECKING:
-    from reverie_eval.scoring._scores import Scores
 
 FORMAT_VERSION = 1
 _HEADER = "header"
@@ -66,12 +63,14 @@ class SavedHeader:
     format_version: int = FORMAT_VERSION
 
     @classmethod
-    def of(cls, scores: "Scores", submission: SubmissionColumns) -> Self:
+    def of(cls, scores: Scored, submission: SubmissionColumns, hints: Sequence[str]) -> Self:
         """Describe how a submission was scored."""
         truth, intervals = scores.ground_truth, scores.intervals
-        settings = intervals and IntervalSettings(
-            intervals.cluster, intervals.confidence, intervals.resamples, intervals.seed
-        )
+        settings = None
+        if isinstance(intervals, Intervals):
+            settings = IntervalSettings(
+                intervals.cluster, intervals.confidence, intervals.resamples, intervals.seed
+            )
         return cls(
             task=truth.task.name,
             split=truth.split,
@@ -80,8 +79,8 @@ class SavedHeader:
             fingerprint=truth.fingerprint,
             # The ids themselves: the digest of a subset cannot be turned back into its episodes.
             subset=tuple(scores.instr_ids) if truth.subset_digest else None,
-            hints=tuple(scores.hints),
-            intervals=settings or None,
+            hints=tuple(hints),
+            intervals=settings,
             is_navigation_only=submission.is_navigation_only,
         )
 
@@ -137,8 +136,14 @@ def find_saved_truth(
     return truth if header.subset is None else truth.subset(header.subset)
 
 
-def check_parts(parts: Sequence["Scores"]) -> None:
-    """Raise ProtocolError if there are no parts, or they were not scored alike."""
+def join_parts(parts: Sequence[Scored], submissions: Sequence[SubmissionColumns]) -> Lookups:
+    """Join what was scored in several parts of a split, in the order of the whole.
+
+    Raises
+    ------
+    ProtocolError
+        If there are no parts, they were not scored alike, or they share episodes.
+    """
     if not parts:
         raise ProtocolError("there are no scores to concatenate")
     first = parts[0]
@@ -149,14 +154,8 @@ def check_parts(parts: Sequence["Scores"]) -> None:
                 f"{part.signature}"
             )
     # Whether answers are scored is a property of the whole table, not of a row.
-    kinds = {part.require_submission().is_navigation_only for part in parts}
-    if len(kinds) > 1:
+    if len({each.is_navigation_only for each in submissions}) > 1:
         raise ProtocolError("some of these scores have answers and others have none")
-
-
-def join_parts(parts: Sequence["Scores"]) -> Lookups:
-    """Join what was scored in several parts of a split, in the order of the whole."""
-    first = parts[0]
     whole = first.ground_truth.whole.scored_by(first.protocol)
     instr_ids = [instr_id for part in parts for instr_id in part.instr_ids]
     repeated = [instr_id for instr_id, count in Counter(instr_ids).items() if count > 1]
@@ -167,5 +166,5 @@ def join_parts(parts: Sequence["Scores"]) -> Lookups:
         )
     is_whole = len(instr_ids) == len(whole.episodes.instr_ids)
     order = np.argsort([whole.episodes.index[instr_id] for instr_id in instr_ids])
-    submission = SubmissionColumns.concatenate([part.require_submission() for part in parts])
+    submission = SubmissionColumns.concatenate(list(submissions))
     return Lookups(submission.take(order), whole if is_whole else whole.subset(instr_ids))

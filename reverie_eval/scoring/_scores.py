@@ -36,7 +36,6 @@ from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
 from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups
 from reverie_eval.scoring._saved import (
     SavedHeader,
-    check_parts,
     find_saved_truth,
     join_parts,
     read_saved,
@@ -150,13 +149,12 @@ class Scores(Scored):
             If some have no trajectories.
         """
         listed = list(parts)
-        check_parts(listed)
-        first, *_ = listed
+        lookups = join_parts(listed, [part.require_submission() for part in listed])
         return cls.of(
-            join_parts(listed),
-            first.protocol,
+            lookups,
+            listed[0].protocol,
             hints=list(dict.fromkeys(hint for part in listed for hint in part.hints)),
-            qualifier=first.qualifier,
+            qualifier=listed[0].qualifier,
         )
 
     def __getitem__(self, key: str) -> float:
@@ -359,7 +357,7 @@ class Scores(Scored):
             If the file cannot be written.
         """
         submission = self.require_submission()
-        write_saved(file, SavedHeader.of(self, submission), submission)
+        write_saved(file, SavedHeader.of(self, submission, self.hints), submission)
 
     def require_submission(self) -> SubmissionColumns:
         """Return the trajectories and answers that were scored.

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from reverie_eval.dataset import DatasetFiles, LintReport, lint_dataset
 from reverie_eval.reporting.datasets import lint_printout
-from reverie_eval.reporting.tables import print_parts
+from reverie_eval_cli.output import print_parts
 from tests.support.broken_datasets import DATA, listed, write_published_flat
 from tests.support.flat_world import TUB, Run
 

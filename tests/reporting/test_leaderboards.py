@@ -14,8 +14,8 @@ from reverie_eval.reporting.service import (
     leaderboard_table,
     narrow_leaderboard_table,
 )
-from reverie_eval.reporting.tables import print_parts
 from reverie_eval.schemas.service import Leaderboard
+from reverie_eval_cli.output import print_parts
 
 SCORES = {"path_length": 12.34, "success": 0.5454, "rgspl": 0.3503, "ndtw": 0.61}
 AT = datetime(2027, 6, 1, 23, 59, tzinfo=UTC)

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from reverie_eval.reporting.tables import MARK, MISSING, Bold, Table, print_table
+from reverie_eval.reporting.tables import MARK, MISSING, Bold, Table
+from reverie_eval_cli.output import print_table
 
 TABLE = Table(
     headings=["Method", "SR", "OSR", "SR", "OSR"],

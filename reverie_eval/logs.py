@@ -13,7 +13,7 @@ from itertools import chain
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, BinaryIO, Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -195,24 +195,33 @@ class RunLog:
             raise LogError(problems)
         return cls(Path(folder), attempts)
 
-    @cached_property
-    def steps(self) -> Mapping[str, Sequence[Step]]:
-        """The steps of the last attempt at each episode; empty if there is no ``steps.jsonl``.
+    def steps(self, episode: str) -> Sequence[Step]:
+        """Return the steps of the last attempt at an episode; none without a ``steps.jsonl``.
 
         Raises
         ------
         LogError
-            If lines are invalid; lists all of them.
+            If lines of any episode are invalid; lists all of them.
         """
-        found: dict[str, list[Step]] = {}
-        if not (self.folder / STEPS).exists():
-            return found
-        for step in read_steps(self.folder):
-            of_episode = found.setdefault(step.episode, [])
-            if of_episode and of_episode[-1].attempt != step.attempt:
-                of_episode.clear()
-            of_episode.append(step)
-        return found
+        offsets = self._offsets.get(episode, ())
+        if not offsets:
+            return ()
+        decoder = msgspec.json.Decoder(Step)
+        with (self.folder / STEPS).open("rb") as file:
+            return [decoder.decode(_line_at(file, offset)) for offset in offsets]
+
+    @cached_property
+    def _offsets(self) -> Mapping[str, Sequence[int]]:
+        """Where the steps are in the file: what agents said would take gigabytes of memory."""
+        found: dict[str, tuple[int, list[int]]] = {}
+        if (self.folder / STEPS).exists():
+            for offset, step in _read_located(self.folder / STEPS, Step):
+                attempt, offsets = found.get(step.episode, (0, []))
+                if attempt != step.attempt:
+                    offsets = []
+                offsets.append(offset)
+                found[step.episode] = step.attempt, offsets
+        return {episode: offsets for episode, (_, offsets) in found.items()}
 
     def costs(self, episodes: Sequence[str]) -> Mapping[str, FloatArray]:
         """Return what each episode cost, all attempts together, by the keys of ``COSTS``.
@@ -249,12 +258,13 @@ def mean_costs(costs: Mapping[str, FloatArray]) -> Mapping[str, float | None]:
 
 
 def cost_number(value: float) -> str:
-    """Return an amount with three digits or more.
+    """Return an amount with three digits or more, or a whole number.
 
-    >>> cost_number(0.0017846), cost_number(12_345.6)
-    ('0.00178', '12,346')
+    >>> cost_number(0.0017846), cost_number(12_345.6), cost_number(7)
+    ('0.00178', '12,346', '7')
     """
-    decimals = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+    is_whole = float(value).is_integer()
+    decimals = 0 if is_whole else max(0, 2 - math.floor(math.log10(abs(value))))
     return f"{value:,.{decimals}f}"
 
 
@@ -322,17 +332,29 @@ def read_lines(path: Path, kind: type[Row]) -> Iterator[Row]:
     OSError
         If the file cannot be read.
     """
+    return (row for _, row in _read_located(path, kind))
+
+
+def _read_located(path: Path, kind: type[Row]) -> Iterator[tuple[int, Row]]:
+    """Yield the records with the positions of their lines in the file, in bytes."""
     decoder = msgspec.json.Decoder(kind)
     problems = []
+    offset = 0
     with path.open("rb") as file:
         for number, line in enumerate(file, 1):
             try:
-                yield decoder.decode(line)
+                yield offset, decoder.decode(line)
             except msgspec.DecodeError as error:
                 if line.endswith(b"\n"):
                     problems.append(_problem(path, number, error))
+            offset += len(line)
     if problems:
         raise LogError(problems)
+
+
+def _line_at(file: BinaryIO, offset: int) -> bytes:
+    file.seek(offset)
+    return file.readline()
 
 
 def _problem(path: Path, number: int, error: msgspec.DecodeError) -> Problem:

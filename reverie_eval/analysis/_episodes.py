@@ -10,6 +10,7 @@ from reverie_eval.arrays import Array, FloatArray, IntArray
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.geometry import snap
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
+from reverie_eval.logs import Step
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.scoring import OUTCOMES, Protocol, Scores, is_goal
 from reverie_eval.submissions import SubmissionColumns
@@ -78,6 +79,9 @@ class Episode:
     """The navigation graphs of all scans of the split."""
     solution: Solution
     """The solution of the split."""
+    steps: Sequence[Step] = ()
+    """What the agent did, if :meth:`Scores.with_run` read the log of its steps: those of the last
+    attempt."""
 
     @property
     def stop(self) -> str:
@@ -210,6 +214,7 @@ def episode(scores: Scores, instr_id: str) -> Episode:
         box_outcome=scores.box_outcomes[row],
         graph=graph,
         solution=solution,
+        steps=() if scores.run is None else scores.run.steps(instr_id),
     )
 
 

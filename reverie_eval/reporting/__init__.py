@@ -13,6 +13,7 @@ charts, figures       distributions; all figures with matplotlib
 maps                  an episode from above, as data
 map_layout, map_svg   what is on a map and where; maps as SVG
 answers, answer_svg   what is visible where an agent answered; its pictures
+replay                what an agent did and said, step by step
 skyboxes              photographs for these pictures
 report                the HTML report; report_sections has its words and numbers
 ====================  ==========================================================

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 from pydantic import Field
 
 from reverie_eval.analysis import (
@@ -17,7 +18,7 @@ from reverie_eval.analysis import (
     p_text,
 )
 from reverie_eval.errors import ProtocolError
-from reverie_eval.logs import cost_number, cost_text
+from reverie_eval.logs import COSTS, cost_number, cost_text, mean_costs
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.results import results_table
 from reverie_eval.reporting.scores import table_of_scores
@@ -222,6 +223,17 @@ def _table(
         ],
         findings=_findings(comparison),
     )
+
+
+def cost_table(runs: Mapping[str, Scores]) -> Table:
+    """Return what an episode cost on average, a row per run."""
+    means = {name: mean_costs(run.costs) for name, run in runs.items()}
+    keys = [key for key in COSTS if not all(np.isnan(it.costs[key]).all() for it in runs.values())]
+    rows = [
+        [name, *("unknown" if it is None else cost_number(it) for it in map(mean.get, keys))]
+        for name, mean in means.items()
+    ]
+    return Table(["", *(COSTS[key] for key in keys)], rows, frozenset({0}))
 
 
 def cost_notes(comparison: Comparison) -> Iterator[str]:

@@ -103,7 +103,8 @@ class Layout:
             self._sights(),
             *map(self._legs, self._map.routes),
             self._ends(),
-            self._level_marks(),
+            self._stairs(),
+            self._labels(),
         ]
 
     def is_faint(self, piece: Piece) -> bool:
@@ -187,17 +188,25 @@ class Layout:
             mark = Mark("stop", self._stop_point(route), route.number)
             yield self._at(route.stop, mark, f"stop{whose}")
 
-    def _level_marks(self) -> Iterator[Piece]:
-        """Mark stairs, and say on which levels the episode's ends are if it has several."""
-        if not self._map.leaves_level:
-            return
+    def _stairs(self) -> Iterator[Piece]:
+        """Mark the stairs of the episode, which it has if it is on several levels."""
         for stairs in self._map.stairs.tolist():
             levels = "-".join(map(str, self._map.levels(stairs)))
             yield Piece(stairs, mark=Mark("stairs", self._point[stairs].mean(axis=0), text=levels))
-        stops = (route.stop for route in self._map.routes)
-        for row in dict.fromkeys([self._map.start, self._map.path_end, *stops]):
-            (level,) = self._map.levels([row])
-            yield Piece([row], mark=Mark("label", self._point[row], text=f"level {level}"))
+
+    def _labels(self) -> Iterator[Piece]:
+        """Yield the numbers of logged steps, and the levels of the ends if they differ."""
+        labels: dict[int, list[str]] = {}
+        if len(self._map.routes) == 1:  # the numbers of two agents would cover each other
+            for row, steps in self._map.routes[0].steps.items():
+                labels[row] = list(map(str, steps))
+        if self._map.leaves_level:
+            stops = (route.stop for route in self._map.routes)
+            for row in dict.fromkeys([self._map.start, self._map.path_end, *stops]):
+                (level,) = self._map.levels([row])
+                labels.setdefault(row, []).append(f"level {level}")
+        for row, texts in labels.items():
+            yield Piece([row], mark=Mark("label", self._point[row], text=", ".join(texts)))
 
     def _stop_point(self, route: Route) -> FloatArray:
         """Return where a stop is drawn: beside that of another agent at the same viewpoint."""

@@ -18,6 +18,7 @@ from reverie_eval.reporting.answers import answer_views
 from reverie_eval.reporting.drawing import STAIRS, element, line_data, path, path_data, text_at
 from reverie_eval.reporting.map_layout import HEIGHT, KEY_CLASSES, WIDTH, Layout, Mark, Piece
 from reverie_eval.reporting.maps import EpisodeMap, Sign, SignKind
+from reverie_eval.reporting.replay import replay_html
 from reverie_eval.reporting.resources import text_of
 
 MAP_STYLE = text_of("shared/map.css")
@@ -84,7 +85,8 @@ def episode_html(episode: Episode) -> str:
         '<figure style="margin: 0; max-width: 36rem">'
         f"{map_picture(episode_map)}<figcaption>"
         f"<code>{escape(episode.instr_id)}</code> {instruction}<br>"
-        f"{escape(caption)}</figcaption>{map_key(episode_map)}{answers}</figure>"
+        f"{escape(caption)}</figcaption>{map_key(episode_map)}{answers}"
+        f"{replay_html(episode, episode_map)}</figure>"
     )
 
 

@@ -1,7 +1,7 @@
 """An episode from above, as the data of its map: viewpoints, storeys, routes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -59,6 +59,8 @@ class Route:
     """Shape (n_poses,): rows of the map's viewpoints."""
     sight: float | None = None
     """Heading of the view of the answer, radians; None if no view shows it."""
+    steps: Mapping[int, Sequence[int]] = field(default_factory=dict)
+    """The numbers of the logged steps at a viewpoint, by its row."""
 
     @property
     def legs(self) -> IntArray:
@@ -171,6 +173,7 @@ class EpisodeMap:
                     episode.outcome,
                     rows_of(episode.trajectory),
                     AnswerView.at_stop(episode).heading,
+                    _steps_at(episode, index),
                 )
                 for number, (name, episode) in enumerate(episodes.items(), 1)
             ],
@@ -334,6 +337,15 @@ class EpisodeMap:
             said = [f"{agent} makes {moves}{among}", route.outcome, self.level_note(route)]
             sentences.append(f"{'; '.join(filter(None, said))}.")
         return " ".join(sentences)
+
+
+def _steps_at(episode: Episode, index: Mapping[str, int]) -> Mapping[int, Sequence[int]]:
+    """Return the numbers of the steps at each viewpoint, by its row."""
+    found: dict[int, list[int]] = {}
+    for step in episode.steps:
+        if step.viewpoint_id in index:  # a log may be of other buildings
+            found.setdefault(index[step.viewpoint_id], []).append(step.step)
+    return found
 
 
 def _legs(viewpoint: IntArray) -> IntArray:

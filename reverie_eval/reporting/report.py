@@ -6,6 +6,7 @@ everything else.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 from reverie_eval.analysis import (
@@ -24,6 +25,7 @@ from reverie_eval.reporting.answers import answer_views
 from reverie_eval.reporting.comparisons import comparison_table, procedures, sentences
 from reverie_eval.reporting.map_svg import MAP_STYLE, map_key, map_svg
 from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.replay import replay_html
 from reverie_eval.reporting.resources import as_markup, text_of
 from reverie_eval.scoring import FEW_CLUSTERS, OUTCOMES, Clustering, Intervals, Scores
 from reverie_eval.submissions import check_names
@@ -48,6 +50,8 @@ class Card:
     picture: "Markup"
     answers: Sequence[tuple[str, "Markup", str]]
     """Name of the submission, picture and caption of each."""
+    replays: Sequence["Markup"]
+    """The steps of each submission whose run has a log."""
     map: EpisodeMap
     episode: Episode
     """The first submission's episode."""
@@ -67,12 +71,13 @@ class Change:
 
 
 def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") -> str:
-    """Write a report on a submission, compared with a second one if it is given.
+    """Write a report on a submission, compared with others if they are given.
 
     Parameters
     ----------
     scores : mapping of Scores
-        One or two by name; the report is about the first. With intervals, the report shows them.
+        One or more by name; the report is about the first. With intervals, the report shows them.
+        Of more than two, the others are in the scores, the comparison and the costs.
     cluster : "target" or "scan"
         Episodes with the same one are not treated as independent in the comparison. If all
         episodes have the same one, the report says that they are not compared.
@@ -85,13 +90,11 @@ def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") ->
     Raises
     ------
     ProtocolError
-        If the two submissions cannot be compared, there are not one or two of them, or a name is
-        not text.
+        If there is none, they cannot be compared, or a name is not text.
     """
     check_names(scores)
-    # Colours, captions and columns are those of one submission or of a pair.
-    if len(scores) not in (1, 2):
-        raise ProtocolError(f"a report is about one submission or two; got {len(scores)}")
+    if not scores:
+        raise ProtocolError("a report is about one submission or more; got none")
     environment = Environment(
         loader=PackageLoader("reverie_eval.reporting", "resources"),
         autoescape=True,
@@ -103,17 +106,29 @@ def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") ->
     return environment.get_template(_TEMPLATE).render(_context(scores, cluster))
 
 
-def _context(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any]:
-    (name, first), *_ = scores.items()
+def _context(every: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any]:
+    (name, first), *others = every.items()
+    # Columns, colours and captions of outcomes, groups and maps are those of one or a pair.
+    scores = every if len(others) < 2 else {name: first}
     breakdowns, notes = sections.breakdowns(scores)
+    why_not = Intervals.why_not(first.ground_truth, cluster)
+    if others:
+        check_comparable(every)
+    # A report of a small split still shows who won which episodes.
+    comparison = Comparison.of(every, cluster) if others and not why_not else None
     return {
         "styles": [as_markup(style) for style in (text_of("report.css"), MAP_STYLE, ANSWER_STYLE)],
         "name": name,
         "names": list(scores),
-        "scores": scores,
+        "all_names": list(every),
+        "scores": every,
         "first": first,
-        "score_rows": sections.score_rows(scores),
-        "why_not": Intervals.why_not(first.ground_truth, cluster),
+        "score_rows": sections.score_rows(every),
+        "why_not": why_not,
+        "sentences": sentences(comparison) if comparison else [],
+        "comparison": _differences(comparison) if comparison else None,
+        "procedures": procedures(comparison) if comparison else [f"not compared: {why_not}"],
+        "costs": sections.costs(every, comparison, cluster),
         "main_finding": sections.main_finding(first),
         "has_walks": sections.has_walks(scores),
         "has_outcomes": sections.has_outcomes(scores),
@@ -127,11 +142,7 @@ def _context(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any
         "primary": sections.shared_primary(scores),
         "charts": list(sections.charts(scores)),
         **(_outcomes(scores) if sections.has_outcomes(scores) else {}),
-        **(
-            _comparison(scores, cluster)
-            if len(scores) > 1
-            else {"other_name": None, "sentences": []}
-        ),
+        **(_changes(scores) if len(scores) > 1 else {"other_name": None}),
     }
 
 
@@ -152,22 +163,15 @@ def _outcomes(scores: Mapping[str, Scores]) -> dict[str, Any]:
     }
 
 
-def _comparison(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any]:
-    """Say how the second submission differs from the first, and on which episodes."""
-    check_comparable(scores)
+def _changes(scores: Mapping[str, Scores]) -> dict[str, Any]:
+    """Say on which episodes the second submission differs from the first."""
     (name, first), (other_name, other) = scores.items()
-    why_not = Intervals.why_not(first.ground_truth, cluster)
-    # A report of a small split still shows who won which episodes.
-    comparison = None if why_not else Comparison.of(scores, cluster)
     changes = [
         _change(other_name, scores, episodes_won(first, other)),
         _change(name, scores, episodes_won(other, first)),
     ]
     return {
         "other_name": other_name,
-        "sentences": sentences(comparison) if comparison else [],
-        "comparison": _differences(comparison) if comparison else None,
-        "procedures": procedures(comparison) if comparison else [f"not compared: {why_not}"],
         "outcome_names": list(sections.BEST_OUTCOME_FIRST),
         "outcome_changes": sections.outcome_changes(first, other)
         if sections.has_outcomes(scores)
@@ -207,4 +211,9 @@ def _card(scores: Mapping[str, Scores], instr_id: str) -> Card:
         (name, as_markup(answer_svg(view, number)), view.caption)
         for number, (name, view) in enumerate(answer_views(shown), 1)
     ]
-    return Card(as_markup(map_svg(episode_map)), answers, episode_map, first, captions)
+    replays = [
+        as_markup(f"{escape(name)} {replay}")
+        for name, episode in shown.items()
+        if (replay := replay_html(episode, episode_map))
+    ]
+    return Card(as_markup(map_svg(episode_map)), answers, replays, episode_map, first, captions)

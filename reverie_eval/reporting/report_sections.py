@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reverie_eval.analysis import GROUPINGS, Grouping
+from reverie_eval.analysis import GROUPINGS, Comparison, Grouping, logged
 from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.logs import cost_name
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting.charts import Histogram, Walks
+from reverie_eval.reporting.charts import Histogram, Walks, budget_chart
+from reverie_eval.reporting.comparisons import cost_notes, cost_table
 from reverie_eval.reporting.resources import as_markup
 from reverie_eval.reporting.tables import metric_cell
-from reverie_eval.scoring import OUTCOMES, Scores
+from reverie_eval.scoring import OUTCOMES, Clustering, Scores
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
@@ -291,6 +293,37 @@ def scans_worst_first(scores: Submissions) -> Breakdown:
 
     scans = breakdown_by(scores, GROUPINGS["scan"])
     return Breakdown(scans.grouping, sorted(scans.rows, key=order))
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What an episode cost in the runs that have a log, and what a budget buys."""
+
+    names: Sequence[str]
+    table: "Markup"
+    chart: Chart | None
+    notes: Sequence[str]
+
+
+def costs(scores: Submissions, comparison: Comparison | None, cluster: Clustering) -> Costs | None:
+    """Return the costs of runs; None if no submission has the log of one."""
+    runs = logged(scores)
+    if not runs:
+        return None
+    table = as_markup(cost_table(runs).to_html())
+    notes = [] if comparison is None else list(cost_notes(comparison))
+    try:
+        curves = {name: each.success_within(cluster=cluster) for name, each in runs.items()}
+    except ProtocolError as error:
+        return Costs(list(runs), table, None, [*notes, f"no success within a budget: {error}"])
+    first = next(iter(curves.values()))
+    chart = Chart(
+        as_markup(budget_chart(curves).svg()),
+        f"{first.metric.label} within a budget",
+        f"Share of all episodes that were solved ({first.metric.name}) at a cost of at most the "
+        f"budget, in {cost_name(first.cost)}. {first.label} intervals, each of its budget alone.",
+    )
+    return Costs(list(runs), table, chart, notes)
 
 
 def charts(scores: Submissions) -> Iterator[Chart]:

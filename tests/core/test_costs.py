@@ -102,7 +102,7 @@ def test_a_cost_is_that_of_all_attempts_and_unknown_is_not_0(logged: Scores) -> 
         "seconds": 1.0,
     }
     assert logged.notes[-1] == (
-        "cost per episode: 5.25 actions, 1.00 s; unknown: input tokens of 1 episode, cached "
+        "cost per episode: 5.25 actions, 1 s; unknown: input tokens of 1 episode, cached "
         "tokens, output tokens, reasoning tokens, money of 2 episodes"
     )
 
@@ -174,9 +174,8 @@ def test_a_replay_is_of_the_last_attempt(tmp_path: Path) -> None:
         for attempt, step, action in steps
     ]
     log = RunLog.read(write_log(write_log(tmp_path, LOG), rows, "steps.jsonl"))
-    assert {each: [step.action for step in it] for each, it in log.steps.items()} == {
-        "1_1_0": ["Stop"]
-    }
+    assert [step.action for step in log.steps("1_1_0")] == ["Stop"]
+    assert log.steps("2_2_0") == ()
 
 
 # Success against cost.

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from reverie_eval.reporting.report import report_html
-from tests.support.home_world import OTHER_WALKS, home_scores
+from tests.support.home_world import OTHER_WALKS, home_log, home_scores
 
 A4 = 688
 """Pixels between the margins."""
@@ -22,7 +22,10 @@ NAMES = [
 def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
     """Write a report on two submissions."""
     mine, theirs = tmp_path_factory.mktemp("mine"), tmp_path_factory.mktemp("theirs")
-    scores = (home_scores(mine), home_scores(theirs, OTHER_WALKS))
+    scores = (
+        home_scores(mine).with_run(home_log(mine, said="to the left " * 40)),
+        home_scores(theirs, OTHER_WALKS).with_run(home_log(theirs, OTHER_WALKS)),
+    )
     named = zip(request.param, scores, strict=True)
     return report_html({name: each.with_intervals() for name, each in named})
 

@@ -139,16 +139,14 @@ def compare(
 
 
 @click.command()
-@options.submission
-@click.argument("other", required=False, type=click.Path(allow_dash=True))
+@options.submissions
 @options.scoring
 @options.episodes_from
 @options.cluster
 @options.output("the report")
 def report(
     *,
-    submission: str,
-    other: str | None,
+    submissions: Sequence[str],
     scoring: ScoringOptions,
     episodes_from: Path | None,
     cluster: Clustering,
@@ -156,11 +154,12 @@ def report(
 ) -> None:
     """Write an HTML report with scores, outcomes and maps.
 
-    With OTHER, a second result file, the report also compares the two.
+    The report is about the first SUBMISSION. A second one is compared with it throughout; further
+    ones are in the scores, the comparison and the costs.
     """
     from reverie_eval.reporting import report_html
 
-    submissions = [submission, *filter(None, [other])]
+    submissions = find_files(submissions)
     check_outputs([output], [*submissions, scoring.ground_truth, episodes_from])
     # A page of HTML would flood the terminal.
     if output is None and sys.stdout.isatty():

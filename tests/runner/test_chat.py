@@ -464,12 +464,13 @@ Visible from here:
 - object 30: picture, 69° right
 - object 33: window, 117° right
 
-You have 0 moves left."""
+You have no moves left."""
 MAP = """Your map:
 - place 1 leads to 2, 3, 4, 5; visible: bench, picture, plant, rug
 - place 2 leads to 1, 6, 7; visible: picture, radiator, window
 - place 6 leads to 2, 8; visible: picture, radiator, window
 Your way so far: 1, 2, 6
+Not visited yet: 3, 4, 5, 7, 8
 Your last thought: On.
 
 """

@@ -3,26 +3,32 @@
 ``scripts/evidence runs [NUMBER]`` kills that many, with one process and with four.
 """
 
+import hashlib
+import json
 import random
 import signal
 import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from reverie_eval.runner import read_attempts, read_steps
 from tests.conftest import REPOSITORY
 from tests.support.amounts import amount, is_evidence, tell
-from tests.support.ledgers import PAUSE, run_with_ledger
+from tests.support.endpoints import Behaviour, endpoint, saying, well_behaved
+from tests.support.ledgers import PAUSE, run_chat, run_with_ledger
 
 KILLS = amount(in_suite=2)
 EPISODES = min(198, 12 + 4 * KILLS)
 PROGRAM = """
 import sys
 from pathlib import Path
+from tests.support.endpoints import Behaviour, endpoint, saying, well_behaved
 from tests.support.ledgers import run_with_ledger
 run_with_ledger(*map(Path, sys.argv[1:3]), *map(int, sys.argv[3:]))
 """
@@ -36,7 +42,7 @@ def test_a_run_that_is_killed_goes_on(jobs: int, tmp_path: Path) -> None:
     words = [sys.executable, "-c", PROGRAM, *map(str, (ledger, killed, EPISODES, jobs))]
     for _ in range(KILLS):
         with subprocess.Popen(words, cwd=REPOSITORY) as process:
-            wait_for_steps(killed / "steps.jsonl", rng.randint(1, 6 + 6 * jobs), process)
+            wait_for_lines(killed / "steps.jsonl", rng.randint(1, 6 + 6 * jobs), process)
             time.sleep(rng.uniform(0, 2 * PAUSE))
             process.send_signal(signal.SIGKILL)
         hits += process.returncode == -signal.SIGKILL
@@ -63,12 +69,71 @@ def test_a_run_that_is_killed_goes_on(jobs: int, tmp_path: Path) -> None:
     tell(**{f"with {jobs} processes": f"{hits} kills, {interrupted} episodes interrupted"})
 
 
-def wait_for_steps(log: Path, more: int, process: subprocess.Popen[bytes]) -> None:
-    """Wait until a run has made some more steps, or has ended."""
+def wait_for_lines(log: Path, more: int, process: subprocess.Popen[bytes]) -> None:
+    """Wait until a run has written some more lines, or has ended."""
 
     def count() -> int:
-        return log.read_bytes().count(b"\n") if log.exists() else 0
+        return content_of(log).count(b"\n")
 
     end = count() + more
     while count() < end and process.poll() is None:
         time.sleep(0.002)
+
+
+CHAT = """
+import json, sys
+from tests.support.ledgers import run_chat
+run_chat(*json.loads(sys.argv[1]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("jobs", [1, 4 if is_evidence() else 2])
+def test_no_reply_of_a_language_model_is_paid_twice(jobs: int, tmp_path: Path) -> None:
+    """The endpoint looks whether what it is asked for is on disk already."""
+    rng, episodes = random.Random(jobs), min(84, 6 + 3 * KILLS)
+    killed, alone, hits = tmp_path / "killed", tmp_path / "alone", 0
+    twice: list[str] = []
+
+    def reply(request: Mapping[str, Any]) -> Behaviour:
+        key = hashlib.sha256(json.dumps(request["messages"]).encode()).hexdigest()
+        if not alone.exists() and key.encode() in content_of(killed / "replies.jsonl"):
+            twice.append(key)
+        chosen = json.loads(well_behaved(request).document["choices"][0]["message"]["content"])
+        time.sleep(PAUSE)
+        return saying(json.dumps({**chosen, "thought": key}))
+
+    with endpoint() as served:
+        served.good = reply
+        words = [sys.executable, "-c", CHAT, json.dumps([served.url, str(killed), episodes, jobs])]
+        for _ in range(KILLS):
+            with subprocess.Popen(words, cwd=REPOSITORY) as process:
+                wait_for_lines(killed / "replies.jsonl", rng.randint(1, 2 + 2 * jobs), process)
+                time.sleep(rng.uniform(0, 2 * PAUSE))
+                process.send_signal(signal.SIGKILL)
+            hits += process.returncode == -signal.SIGKILL
+        for folder in (killed, alone):
+            run_chat(served.url, str(folder), episodes)
+        received = served.sent
+    submissions = [(folder / "submission.json").read_bytes() for folder in (killed, alone)]
+    assert submissions[0] == submissions[1]
+    assert (hits, twice) == (KILLS, [])
+    paid, wanted = (
+        [json.loads(line)["key"] for line in content_of(folder / "replies.jsonl").splitlines()]
+        for folder in (killed, alone)
+    )
+    assert len({*paid}) == len(paid)
+    assert {*paid} == {*wanted}
+    # Replies that were on their way to a process that was killed are lost.
+    assert 0 <= received - len(paid) - len(wanted) <= KILLS * jobs
+    # All that is on disk is in the log of steps, once.
+    logged = [key for step in read_steps(killed) for key in step.notes.get("replies", ())]
+    assert sorted(logged) == sorted(paid)
+    tokens = [sum(each.input_tokens or 0 for each in read_attempts(it)) for it in (killed, alone)]
+    assert tokens == [100 * len(paid)] * 2
+    tell(**{f"a language model with {jobs} processes": f"{hits} kills, {len(paid)} replies"})
+
+
+def content_of(file: Path) -> bytes:
+    """Return what is in a file, nothing if it does not exist."""
+    return file.read_bytes() if file.exists() else b""

@@ -38,6 +38,16 @@ class Agent(RandomAgent):
 
 def run_with_ledger(ledger: Path, folder: Path, episodes: int, jobs: int = 1) -> None:
     """Run some episodes of the longest split of the demo world."""
-    truth = GroundTruth.load(DEMO_BUNDLES / "r4r" / "train.npz")
     agent = AgentSource("tests.support.ledgers:Agent", {"ledger": str(ledger)})
-    run(Plan(agent, truth.subset(truth.episodes.instr_ids[:episodes])), folder, jobs=jobs)
+    run(_plan(agent, "r4r/train", episodes), folder, jobs=jobs)
+
+
+def run_chat(url: str, folder: str, episodes: int, jobs: int = 1) -> None:
+    """Let a language model walk some episodes of the demo world."""
+    options = {"model": "m", "endpoint": url, "observe": "objects", "moves": 3, "cache": folder}
+    run(_plan(AgentSource("chat", options), "val_unseen", episodes), Path(folder), jobs=jobs)
+
+
+def _plan(agent: AgentSource, split: str, episodes: int) -> Plan:
+    truth = GroundTruth.load(DEMO_BUNDLES / f"{split}.npz")
+    return Plan(agent, truth.subset(truth.episodes.instr_ids[:episodes]))

@@ -179,7 +179,7 @@ class ChatAgent:
             place=here,
             neighbours=describing.ways(seen, neighbours, self._explored, views),
             visible=visible,
-            moves_left=f"You have {count_text(left, 'move')} left.",
+            moves_left=f"You have {count_text(left, 'move') if left else 'no moves'} left.",
         )
         choices = Choices(
             {self._explored.number(each.viewpoint_id): each.viewpoint_id for each in neighbours},

@@ -1,7 +1,7 @@
 """What an agent observes, in words."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from reverie_eval.geometry import FOCAL_LENGTH, N_HEADINGS, STEP, WIDTH
 from reverie_eval.simulator import Candidate, Neighbour, Observation
@@ -48,12 +48,20 @@ class Explored:
     def map(self, thought: str) -> str:
         """Return a description of all visited places, with what was thought last."""
         lines = [
-            f"- place {number} leads to {', '.join(map(str, ways))}{self._objects.get(number, '')}"
+            f"- place {number} leads to {_list(ways)}{self._objects.get(number, '')}"
             for number, ways in self._ways.items()
         ]
-        walked = ", ".join(map(str, self._walked))
-        last = [f"Your last thought: {thought}"] * bool(thought)
-        return "\n".join(["Your map:", *lines, f"Your way so far: {walked}", *last])
+        unknown = sorted(set(self._numbers.values()) - self._ways.keys())
+        ends = [
+            f"Your way so far: {_list(self._walked)}",
+            *[f"Not visited yet: {_list(unknown)}"] * bool(unknown),
+            *[f"Your last thought: {thought}"] * bool(thought),
+        ]
+        return "\n".join(["Your map:", *lines, *ends])
+
+
+def _list(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
 
 
 def ways(

@@ -4,8 +4,7 @@ Distances from cameras to objects show how objects were chosen for the lists.
 
 From one view to the next, the camera turns in place by 30 degrees. So a vertical edge has the same
 azimuth in both of two level views that show it. The azimuths differ if views are numbered
-differently or mirrored, or if images have another size. Centres need not agree exactly in any two
-views: a rectangle in one view is not a rectangle in another.
+differently or mirrored, or if images have another size.
 """
 
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
+from reverie_eval.arrays import Array, BoolArray, FloatArray
 from reverie_eval.dataset._box_rules import touches_border
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import Centres
@@ -25,10 +24,7 @@ from reverie_eval.geometry import (
     N_HEADINGS,
     N_VIEWS,
     STEP,
-    VIEW_AXES,
     WIDTH,
-    degrees_between,
-    rays_of,
 )
 from reverie_eval.metrics import SUCCESS_DISTANCE
 from reverie_eval.tasks import Annotation
@@ -63,17 +59,6 @@ class Distances:
         """Shape (n_items,): metres from the goal to the target; NaN if unknown."""
         pairs = [(viewpoints_of(item)[-1], target_of(item)) for item in self.items]
         return np.asarray(np.linalg.norm(self._offsets(pairs), axis=1))
-
-    @cached_property
-    def n_within_reach(self) -> int:
-        """The number of pairs of a viewpoint and a near object that is listed somewhere."""
-        boxes, scans = self.boxes, self.boxes.graphs.scans
-        objects = {(boxes.viewpoints[n].scan_id, object_id) for n, object_id, _ in boxes.entries}
-        return sum(
-            int((np.linalg.norm(scans[scan_id].position - centre, axis=1) < _REACH).sum())
-            for scan_id, object_id in objects
-            if scan_id in scans and (centre := self._centre(scan_id, object_id)) is not None
-        )
 
     def _offsets(self, pairs: Sequence[tuple[ViewpointKey, int]]) -> FloatArray:
         graphs, offsets = self.boxes.graphs, np.full((len(pairs), 3), np.nan)
@@ -120,19 +105,6 @@ DISTANCE_RULES: Sequence[Rule[Distances]] = (
         "of one is not a success.",
         lambda distances: _listed_where(distances, distances.listed > SUCCESS_DISTANCE),
     ),
-    info(
-        "within-reach",
-        f"pairs of a viewpoint and an object listed anywhere, less than {_REACH:g} metres apart",
-        lambda distances: Count(distances.n_within_reach),
-    ),
-    info(
-        "unlisted-within-reach",
-        "such pairs in which the viewpoint does not list the object",
-        lambda distances: Count(
-            distances.n_within_reach - int((distances.listed < _REACH).sum()),
-            distances.n_within_reach,
-        ),
-    ),
 )
 
 
@@ -153,22 +125,13 @@ _AGREEMENT = 0.15
 # The fewest pairs of boxes of which a majority says something about the dataset.
 _ENOUGH = 20
 
-# The views by row: looking down, level, and looking up.
-_ROWS = np.arange(N_VIEWS).reshape(-1, N_HEADINGS)
-# The view to the right of each; the last view of a row is followed by its first.
-_NEXT = np.roll(_ROWS, -1, axis=1)
-LOWER_PAIRS, LEVEL_PAIRS, UPPER_PAIRS = np.stack([_ROWS, _NEXT], axis=-1)
-ROW_PAIRS = np.stack([_ROWS[:-1], _ROWS[1:]], axis=-1).reshape(-1, 2)
-_CENTRE_PAIRS = (
-    ("level", "a level view and the next", LEVEL_PAIRS),
-    ("lower", "a view that looks down and the next", LOWER_PAIRS),
-    ("upper", "a view that looks up and the next", UPPER_PAIRS),
-    ("row", "a view and the one above", ROW_PAIRS),
-)
+_LEVEL = np.arange(N_HEADINGS, 2 * N_HEADINGS)
+# Each level view and the one to its right; the last is followed by the first.
+_PAIRS = np.stack([_LEVEL, np.roll(_LEVEL, -1)], axis=-1)
 
 
 def _edges_apart(boxes: Boxes) -> Count:
-    pairs = neighbours(boxes, LEVEL_PAIRS)
+    pairs = neighbours(boxes)
     is_apart = edge_differences(boxes, pairs).max(axis=1, initial=0.0) > _AGREEMENT
     return Count.where(is_apart, lambda row: boxes.box_text(pairs[row, 0]))
 
@@ -200,35 +163,24 @@ VIEW_RULES: Sequence[Rule[Boxes]] = (
 
 def view_spreads(boxes: Boxes) -> list[Spread]:
     """Measure by how much neighbouring views disagree."""
-    left, right = edge_differences(boxes, neighbours(boxes, LEVEL_PAIRS)).T
+    left, right = edge_differences(boxes, neighbours(boxes)).T
     says = "angle between the {} edges of an object in a level view and the next"
     return [
         spread("left-edge-agreement", says.format("left"), "deg", left),
         spread("right-edge-agreement", says.format("right"), "deg", right),
-        *(
-            spread(
-                f"{code}-centre-agreement",
-                f"angle between the centres of an object's boxes in {words}",
-                "deg",
-                centre_differences(boxes, neighbours(boxes, views)),
-            )
-            for code, words, views in _CENTRE_PAIRS
-        ),
     ]
 
 
-def neighbours(boxes: Boxes, views: IntArray) -> Array:
-    """Pair the boxes of an object in two views: return their rows, shape (n_pairs, 2).
+def neighbours(boxes: Boxes) -> Array:
+    """Pair the boxes of an object in two neighbouring level views: their rows, (n_pairs, 2).
 
-    ``views``, shape (n, 2), has the views that make a pair. Boxes that touch a border are left out:
-    such a box may be cut, and its edge is not the object's.
+    Boxes that touch a border are left out: such a box may be cut, and its edge is not the object's.
     """
-    # Views out of range have a rule of their own; as an index, -1 would be the last view.
-    is_view = np.isin(boxes.box_view, _ROWS)
-    usable = np.flatnonzero(is_view & ~touches_border(boxes.box_xywh).any(axis=1))
+    is_usable = np.isin(boxes.box_view, _LEVEL) & ~touches_border(boxes.box_xywh).any(axis=1)
+    usable = np.flatnonzero(is_usable)
     box_in = np.full((len(boxes.entries), N_VIEWS), -1)
     box_in[boxes.box_entry[usable], boxes.box_view[usable]] = usable
-    pairs = box_in[:, views].reshape(-1, 2)
+    pairs = box_in[:, _PAIRS].reshape(-1, 2)
     return np.asarray(pairs[(pairs >= 0).all(axis=1)])
 
 
@@ -242,11 +194,3 @@ def edge_differences(boxes: Boxes, pairs: Array) -> FloatArray:
     azimuth = np.arctan((edge - WIDTH / 2) / FOCAL_LENGTH)
     # The second camera has turned by STEP, so the same edge has an azimuth smaller by STEP in it.
     return np.asarray(np.rad2deg(np.abs(azimuth[:, 0] - azimuth[:, 1] - STEP)))
-
-
-def centre_differences(boxes: Boxes, pairs: Array) -> FloatArray:
-    """Return the degrees between the directions of the centres of boxes in two views."""
-    left, top, width, height = boxes.box_xywh.T
-    rays = rays_of(np.stack([left + width / 2, top + height / 2], axis=-1)[pairs])
-    world = np.einsum("nvi,nvij->nvj", rays, VIEW_AXES[boxes.box_view[pairs]])
-    return degrees_between(world[:, 0], world[:, 1])

@@ -263,7 +263,6 @@ def visibility_spreads(boxes: Boxes) -> list[Spread]:
 _SLIVER = 4
 # An object is a speck if its largest box has an area of at most so many pixels.
 _SPECK = 100
-_SIDES = (("left", "left"), ("top", "upper"), ("right", "right"), ("bottom", "lower"))
 
 
 def touches_border(xywh: IntArray) -> BoolArray:
@@ -272,20 +271,7 @@ def touches_border(xywh: IntArray) -> BoolArray:
     return np.concatenate([near <= 0, far >= (WIDTH, HEIGHT)], axis=1)
 
 
-def _at_side(boxes: Boxes, side: int) -> Count:
-    return Count.where(touches_border(boxes.box_xywh)[:, side])
-
-
 SIZE_RULES: Sequence[Rule[Boxes]] = (
-    info(
-        "at-border",
-        "boxes that touch a border",
-        lambda boxes: Count.where(np.any(touches_border(boxes.box_xywh), axis=1)),
-    ),
-    *(
-        info(f"at-{side}", f"boxes that touch the {words} border", partial(_at_side, side=number))
-        for number, (side, words) in enumerate(_SIDES)
-    ),
     warning(
         "full-image",
         "boxes that cover the whole image",
@@ -301,22 +287,10 @@ SIZE_RULES: Sequence[Rule[Boxes]] = (
         lambda boxes: Count.where(boxes.box_xywh[:, 2:].min(axis=1) <= _SLIVER, boxes.box_text),
     ),
     warning(
-        "one-pixel",
-        "boxes of a single pixel",
-        "They are counted as slivers too.",
-        lambda boxes: Count.where((boxes.box_xywh[:, 2:] == 1).all(axis=1), boxes.box_text),
-    ),
-    warning(
         "speck",
         f"visible objects whose largest box has at most {_SPECK} pixels",
         "They count as visible although hardly anything can be seen.",
         lambda boxes: _visible_where(boxes, boxes.largest_area <= _SPECK),
-    ),
-    warning(
-        "one-pixel-object",
-        "visible objects whose largest box is a single pixel",
-        "They are counted as specks too.",
-        lambda boxes: _visible_where(boxes, boxes.largest_area == 1),
     ),
 )
 

@@ -216,7 +216,7 @@ CASES = [
     pytest.param(box(1, 2, 10, 10), {"speck": 1}, id="a hundred pixels"),
     pytest.param(
         box(1, 2, 1, 1),
-        {"one-pixel": 1, "sliver": 1, "speck": 1, "one-pixel-object": 1},
+        {"sliver": 1, "speck": 1},
         id="one pixel",
     ),
     pytest.param(
@@ -331,26 +331,6 @@ def test_distances_from_the_camera_to_the_centre(
     assert (objects.number, objects.mean, targets.number, targets.mean) == (1, height, 1, height)
 
 
-@pytest.mark.parametrize(("height", "near"), [(0.0, 1), (1.999, 1), (2.0, 0)])
-def test_a_viewpoint_near_what_it_lists(height: float, near: int, flat: Path) -> None:
-    """The bathtub is above the camera that lists it; the hall's lamp is listed nowhere."""
-    expected = {"within-reach": near, "unlisted-within-reach": 0}
-    assert _near(flat, [8.0, 6.0, height]) == expected
-
-
-def test_a_viewpoint_near_what_it_does_not_list(flat: Path) -> None:
-    """The bathtub is listed in the bathroom, and stands in the hall."""
-    assert _near(flat, [8.0, 0.0, 0.0]) == {"within-reach": 1, "unlisted-within-reach": 1}
-
-
-def _near(flat: Path, tub: Sequence[float]) -> dict[str, int]:
-    centres = flat / OBJECT_POSITIONS
-    lamp = 99
-    write_json(centres, {"flat": {str(TUB): tub, str(lamp): [8, 0, 0]}, "annex": {"1": [0, 0, 0]}})
-    counts = linted(flat, object_positions=centres).sections[-1].counts
-    return {count.code: count.found.number for count in counts if "within" in count.code}
-
-
 def test_object_positions_that_cannot_be_read(flat: Path) -> None:
     centres = flat / OBJECT_POSITIONS
     write_json(centres, {"flat": {"x": [8.0, 6.0, 0.0]}})
@@ -396,9 +376,6 @@ def test_facts_of_a_flat(flat: Path) -> None:
         "visible-objects": 2,
         "visible": 2,
         "seen-once": 2,
-        "at-border": 1,
-        "at-left": 1,
-        "at-bottom": 1,
         "items": 1,
         "episodes": 5,
         "item-scans": 1,

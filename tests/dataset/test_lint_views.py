@@ -8,12 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from reverie_eval.dataset._agreement_rules import (
-    LEVEL_PAIRS,
     VIEW_RULES,
-    centre_differences,
     edge_differences,
     neighbours,
-    view_spreads,
 )
 from reverie_eval.dataset._boxes import Boxes, Entry
 from reverie_eval.dataset._graphs import Graphs
@@ -50,7 +47,7 @@ def test_edges_in_neighbouring_views_agree_up_to_a_pixel(
 ) -> None:
     left = azimuth + 30 * (view - 12)
     boxes = _object([view, view + 1], [_shown(v, left, left + width) for v in (view, view + 1)])
-    pairs = neighbours(boxes, LEVEL_PAIRS)
+    pairs = neighbours(boxes)
     assert pairs.tolist() == [[0, 1]]
     assert (edge_differences(boxes, pairs) < 0.14).all()
 
@@ -73,48 +70,7 @@ def test_edges_in_neighbouring_views_agree_up_to_a_pixel(
 def test_neighbours_are_level_and_not_cut(
     views: list[int], boxes: list[list[int]], pairs: list[list[int]]
 ) -> None:
-    assert neighbours(_object(views, boxes), LEVEL_PAIRS).tolist() == pairs
-
-
-def _around(view: int, azimuth: float, elevation: float) -> list[int]:
-    """Return a small box, in any view, around a direction in degrees."""
-    heading, tilt = np.deg2rad([30 * (view % 12), 30 * (view // 12 - 1)])
-    turn, rise = np.deg2rad([azimuth, elevation])
-    forward, right = np.cos(rise) * np.cos(turn - heading), np.cos(rise) * np.sin(turn - heading)
-    depth = forward * np.cos(tilt) + np.sin(rise) * np.sin(tilt)
-    up = np.sin(rise) * np.cos(tilt) - forward * np.sin(tilt)
-    x, y = 320 + FOCAL * right / depth, 240 - FOCAL * up / depth
-    return [round(x - 5), round(y - 5), 10, 10]
-
-
-@pytest.mark.parametrize(
-    ("views", "azimuth", "elevation", "code"),
-    [
-        pytest.param([14, 15], 75, 10, "level", id="level"),
-        pytest.param([11, 0], 345, -40, "lower", id="downwards, round to the first"),
-        pytest.param([26, 27], 72, 45, "upper", id="upwards"),
-        pytest.param([3, 15], 100, -15, "row", id="downwards and level"),
-        pytest.param([15, 27], 80, 15, "row", id="level and upwards"),
-    ],
-)
-def test_centres_in_neighbouring_views_agree_up_to_a_pixel(
-    views: list[int], azimuth: float, elevation: float, code: str
-) -> None:
-    boxes = _object(views, [_around(view, azimuth, elevation) for view in views])
-    spreads = {spread.code: spread for spread in view_spreads(boxes)}
-    numbers = {
-        kind: spreads[f"{kind}-centre-agreement"].number
-        for kind in ("level", "lower", "upper", "row")
-    }
-    assert numbers == dict.fromkeys(numbers, 0) | {code: 1}
-    assert spreads[f"{code}-centre-agreement"].percentiles["100"] < 0.2
-
-
-def test_centres_apart_are_an_angle_apart() -> None:
-    """Straight ahead in a view is 30 degrees from straight ahead in the next."""
-    boxes = _object([12, 13], [[310, 230, 20, 20]] * 2)
-    apart = centre_differences(boxes, np.array([[0, 1]]))
-    assert apart == pytest.approx([30])
+    assert neighbours(_object(views, boxes)).tolist() == pairs
 
 
 @pytest.mark.parametrize(

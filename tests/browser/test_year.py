@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.support.browser import MILLISECONDS
 from tests.support.serving import PRIVATE
-from tests.support.year import Year, at, begin_year, check, check_site, hand_over, live
+from tests.support.year import Year, at, begin_year, check, hand_over, live
 
 
 class Desk:
@@ -143,7 +143,6 @@ def test_a_year_at_the_desk(tmp_path: Path, browser: Browser) -> None:
         year.move_to(at(12, 20))
         with ThreadPoolExecutor(1) as thread:  # the browser's event loop runs in this one
             successor = thread.submit(hand_over, year).result()
-        check_site(year)
         check(year, successor)
         page.context.close()
         assert organiser.steps == {

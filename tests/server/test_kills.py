@@ -358,7 +358,7 @@ def lab(kind_of_database: str, folder: Path) -> Iterator[Lab]:
 @pytest.mark.slow
 def test_no_kill_loses_an_upload_or_counts_it_twice(lab: Lab) -> None:
     kinds = [*AT_PAUSES, *AT_STEPS, *AT_ANY_MOMENT, *(OF_POSTGRESQL if lab.postgresql else ())]
-    every = 1 if is_evidence() or not lab.postgresql else 2
+    every = 1 if is_evidence() else 2
     kills = [kinds[number % len(kinds)] for number in range(0, amount(len(kinds)), every)]
     lab.calmly()
     for kill in kills:

@@ -639,7 +639,7 @@ def test_the_command_previews_and_then_corrects(
     assert preview.status == 0, preview.err
     assert shown(server, best) == before
     assert "1 -> 1" in preview.out
-    done = run("server", "rescore", *options, "--reason", WHY)
+    done = run("server", "rescore", *options, "--jobs", "1", "--reason", WHY)
     assert (done.status, done.out) == (0, preview.out), done.err
     assert "servers that run use the new ground truth" in done.err
     assert shown(server, best)["report"]["scores"] != before["report"]["scores"]

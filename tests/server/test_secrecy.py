@@ -210,7 +210,7 @@ def everything_declared(ask: Ask, submission_id: str) -> Iterator[httpx.Response
             for who in EVERYBODY:
                 body = {} if method == "get" else {"content": b"{}"}
                 yield ask(who, method.upper(), path, **body)
-                if method == "get":
+                if method == "get" and "{split}" in template:
                     yield ask(who, "GET", path, params={"metric": "rgs"})
 
 
@@ -222,7 +222,9 @@ def everything_shown(ask: Ask, server: Serving, submission_id: str) -> Iterator[
         cookie = signed_in(ask, server.tokens[who]) if who else {}
         for route in routes:
             path = placed(route, submission_id)
-            for query in ({}, {"metric": "rgs", "columns": "all"}):
+            yield ask(ANYBODY, "GET", path, headers=cookie)
+            if "{split}" in route:
+                query = {"metric": "rgs", "columns": "all"}
                 yield ask(ANYBODY, "GET", path, headers=cookie, params=query)
 
 

@@ -10,13 +10,9 @@ from reverie_eval.analysis._breakdown import (
     find_grouping,
 )
 from reverie_eval.analysis._comparison import (
-    BEST,
-    SMALLEST_SHOWN_P,
     ComparedSubmissionsError,
     Comparison,
-    check_comparable,
     compare,
-    p_text,
 )
 from reverie_eval.analysis._costs import (
     BudgetCurve,
@@ -27,7 +23,13 @@ from reverie_eval.analysis._costs import (
     logged,
     success_within,
 )
-from reverie_eval.analysis._differences import Difference
+from reverie_eval.analysis._differences import (
+    BEST,
+    SMALLEST_SHOWN_P,
+    Difference,
+    check_comparable,
+    p_text,
+)
 from reverie_eval.analysis._episodes import (
     Episode,
     Gallery,

@@ -4,7 +4,6 @@ Every submission is compared with the first, on the same episodes. Results on th
 correlated, so differences have intervals of their own, narrower than separate ones suggest.
 """
 
-import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +21,15 @@ from reverie_eval.analysis._costs import (
     cost_differences,
     pareto_front,
 )
-from reverie_eval.analysis._differences import Difference, describe_differences, intervals_of_runs
+from reverie_eval.analysis._differences import (
+    BEST,
+    Difference,
+    baseline_first,
+    check_comparable,
+    describe_differences,
+    intervals_of_runs,
+    p_text,
+)
 from reverie_eval.analysis._runs import Runs
 from reverie_eval.arrays import difference
 from reverie_eval.errors import ProtocolError, SubmissionError, naming_missing_parts
@@ -39,9 +46,8 @@ from reverie_eval.scoring import (
     clusters_of,
     evaluate,
 )
-from reverie_eval.submissions import Submission, check_names, submission_names
+from reverie_eval.submissions import Submission, submission_names
 from reverie_eval.tasks import KnownSplit
-from reverie_eval.text import did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,12 +57,6 @@ if TYPE_CHECKING:
     from reverie_eval.reporting.comparisons import ComparisonReport
 
 Verdict = Literal["better", "worse", "same", "not significant"]
-
-_MIN_SUBMISSIONS = 2
-BEST = "best"
-"""The name that chooses the baseline by its scores."""
-SMALLEST_SHOWN_P = 0.001
-"""The smallest p-value that is shown; smaller ones are ``p < 0.001``."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +121,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
         engine = IntervalEngine.of(confidence, resamples, seed)
         check_comparable(scores)
-        scores = _baseline_first(scores, baseline)
+        scores = baseline_first(scores, baseline)
         (_, first), *others = scores.items()
         changes = {
             name: {
@@ -172,10 +172,6 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     def correctness(self) -> Metric:
         """The metric that defines a correct episode: RGS if all have it, else success."""
         return CATALOGUE["rgs" if all("rgs" in each for each in self.values()) else "success"]
-
-    def is_identical(self, name: str) -> bool:
-        """Whether a submission and the first have the same value in every episode and metric."""
-        return not any(map(attrgetter("is_change"), self[name].values()))
 
     def is_significant(self, name: str) -> bool:
         """Whether interval and test agree that a submission differs in the primary metric."""
@@ -243,7 +239,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
     def sentence(self, name: str) -> str:
         """Return a sentence that says whether a submission is better than the first."""
-        if self.is_identical(name):
+        if not any(each.is_change for each in self[name].values()):
             has_all = self.scores[name].keys() == self.scores[self.first].keys()
             verb = "score" if has_all else "navigate"
             return f"{name} and {self.first} {verb} the same in every episode"
@@ -451,41 +447,3 @@ def compare(
         seed=seed,
         baseline=baseline,
     )
-
-
-def p_text(p_value: float) -> str:
-    """Format a p-value as papers do.
-
-    >>> p_text(0.0312), p_text(0.00009999)
-    ('p = 0.031', 'p < 0.001')
-    """
-    return "p < 0.001" if p_value < SMALLEST_SHOWN_P else f"p = {p_value:.3f}"
-
-
-def check_comparable(scores: Mapping[str, Scored]) -> None:
-    """Check that scores can be compared.
-
-    Raises
-    ------
-    ProtocolError
-        If there are fewer than two, a name is not text, or signatures differ.
-    """
-    if len(scores) < _MIN_SUBMISSIONS:
-        raise ProtocolError("a comparison needs two or more submissions with different names")
-    check_names(scores)
-    signatures = {each.signature for each in scores.values()}
-    if len(signatures) > 1:
-        raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
-
-
-def _baseline_first(scores: Mapping[str, Scored], baseline: str | None) -> Mapping[str, Scored]:
-    """Return the scores with those of the baseline first, the others in their order."""
-    if baseline is None:
-        return scores
-    if baseline == BEST:
-        task = next(iter(scores.values())).ground_truth.task
-        key = task.primary_metric({key for each in scores.values() for key in each}).key
-        baseline = max(scores, key=lambda name: scores[name].get(key, -math.inf))
-    if baseline not in scores:
-        raise ProtocolError(f"no submission is named {baseline!r}{did_you_mean(baseline, scores)}")
-    return {baseline: scores[baseline], **scores}

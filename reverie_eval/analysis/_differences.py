@@ -1,5 +1,6 @@
-"""The difference of a submission from another in one metric, with its tests."""
+"""Differences in one metric between scores that can be compared, with their tests."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -9,6 +10,7 @@ from typing_extensions import Self
 
 from reverie_eval.analysis._runs import RunIntervals, crossed_means, runs_of
 from reverie_eval.arrays import Array, FloatArray
+from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.scoring import (
     Clustering,
@@ -18,6 +20,14 @@ from reverie_eval.scoring import (
     Scored,
     bounds_of,
 )
+from reverie_eval.submissions import check_names
+from reverie_eval.text import did_you_mean
+
+BEST = "best"
+"""The name that chooses the baseline by its scores."""
+SMALLEST_SHOWN_P = 0.001
+"""The smallest p-value that is shown; smaller ones are ``p < 0.001``."""
+_MIN_SUBMISSIONS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,3 +122,41 @@ def describe_differences(
             mcnemar_p=float(mcnemar[column]) if has_mcnemar else None,
         )
     return differences
+
+
+def p_text(p_value: float) -> str:
+    """Format a p-value as papers do.
+
+    >>> p_text(0.0312), p_text(0.00009999)
+    ('p = 0.031', 'p < 0.001')
+    """
+    return "p < 0.001" if p_value < SMALLEST_SHOWN_P else f"p = {p_value:.3f}"
+
+
+def check_comparable(scores: Mapping[str, Scored]) -> None:
+    """Check that scores can be compared.
+
+    Raises
+    ------
+    ProtocolError
+        If there are fewer than two, a name is not text, or signatures differ.
+    """
+    if len(scores) < _MIN_SUBMISSIONS:
+        raise ProtocolError("a comparison needs two or more submissions with different names")
+    check_names(scores)
+    signatures = {each.signature for each in scores.values()}
+    if len(signatures) > 1:
+        raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
+
+
+def baseline_first(scores: Mapping[str, Scored], baseline: str | None) -> Mapping[str, Scored]:
+    """Return the scores with those of the baseline first, the others in their order."""
+    if baseline is None:
+        return scores
+    if baseline == BEST:
+        task = next(iter(scores.values())).ground_truth.task
+        key = task.primary_metric({key for each in scores.values() for key in each}).key
+        baseline = max(scores, key=lambda name: scores[name].get(key, -math.inf))
+    if baseline not in scores:
+        raise ProtocolError(f"no submission is named {baseline!r}{did_you_mean(baseline, scores)}")
+    return {baseline: scores[baseline], **scores}

@@ -243,6 +243,7 @@ def test_tokens_and_money_are_added_up(
     sent = (totals.input_tokens, totals.cached_tokens)
     received = (totals.output_tokens, totals.reasoning_tokens)
     assert (*sent, *received, totals.money) == (*expected[:-1], pytest.approx(expected[-1]))
+    assert {note.get("prices_of") for note in chat.notes} == {"2026-11-26" if given else None}
 
 
 def test_what_was_paid_for_an_empty_reply_counts(chat: Chat, prices: str) -> None:
@@ -393,6 +394,7 @@ def test_a_key_is_nowhere(chat: Chat, monkeypatch: pytest.MonkeyPatch) -> None:
             id="placeholder",
         ),
         pytest.param({"prompts": "money"}, "a $ that is not of a placeholder", id="dollar"),
+        pytest.param({"prompts": "latin"}, "object.txt: 'utf-8' codec can't decode", id="encoding"),
         pytest.param({"model_": "x"}, "its options: model, endpoint, observe", id="option"),
     ],
 )
@@ -412,6 +414,8 @@ def test_what_is_wrong_is_said_before_there_is_a_folder(
         file = Path(f"{name}.txt")
         file.parent.mkdir()
         file.write_text(text)
+    Path("latin").mkdir()
+    Path("latin", "object.txt").write_bytes(b"\xfc")
     with pytest.raises((ReverieEvalError, OSError)) as caught:
         chat.run(**changes)
     assert message in str(caught.value)

@@ -88,7 +88,7 @@ run_chat(*json.loads(sys.argv[1]))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 4 if is_evidence() else 2])
+@pytest.mark.parametrize("jobs", [1, 4])
 def test_no_reply_of_a_language_model_is_paid_twice(jobs: int, tmp_path: Path) -> None:
     """The endpoint looks whether what it is asked for is on disk already."""
     rng, episodes = random.Random(jobs), min(84, 6 + 3 * KILLS)
@@ -131,7 +131,7 @@ def test_no_reply_of_a_language_model_is_paid_twice(jobs: int, tmp_path: Path) -
     assert sorted(logged) == sorted(paid)
     tokens = [sum(each.input_tokens or 0 for each in read_attempts(it)) for it in (killed, alone)]
     assert tokens == [100 * len(paid)] * 2
-    tell(**{f"a language model with {jobs} processes": f"{hits} kills, {len(paid)} replies"})
+    tell(**{f"a language model with {jobs} threads": f"{hits} kills, {len(paid)} replies"})
 
 
 def content_of(file: Path) -> bytes:

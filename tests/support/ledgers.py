@@ -45,7 +45,8 @@ def run_with_ledger(ledger: Path, folder: Path, episodes: int, jobs: int = 1) ->
 def run_chat(url: str, folder: str, episodes: int, jobs: int = 1) -> None:
     """Let a language model walk some episodes of the demo world."""
     options = {"model": "m", "endpoint": url, "observe": "objects", "moves": 3, "cache": folder}
-    run(_plan(AgentSource("chat", options), "val_unseen", episodes), Path(folder), jobs=jobs)
+    plan = _plan(AgentSource("chat", options), "val_unseen", episodes)
+    run(plan, Path(folder), jobs=jobs, threads=True)
 
 
 def _plan(agent: AgentSource, split: str, episodes: int) -> Plan:

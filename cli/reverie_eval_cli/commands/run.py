@@ -17,7 +17,7 @@ from reverie_eval.reporting.scores import scores_printout
 from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.commands._chat import ChatOptions, chat_options
+from reverie_eval_cli.commands._chat import CHAT, ChatOptions, chat_options
 from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import episode_bar, note, show_printout
 
@@ -128,7 +128,8 @@ def _read_option(text: str) -> tuple[str, Any]:
 @click.option(
     "--threads",
     is_flag=True,
-    help="Threads instead of processes, for an agent that waits for an endpoint.",
+    help="Threads instead of processes, for an agent that waits for an endpoint, as chat always "
+    "does.",
 )
 @click.option(
     "--fill-missing",
@@ -177,7 +178,7 @@ def run_agent(
                     plan,
                     output,
                     jobs=jobs,
-                    threads=threads,
+                    threads=threads or agent == CHAT,
                     fill_missing=fill_missing,
                     on_progress=show,
                 )

@@ -140,8 +140,9 @@ class ChatAgent:
         """
         self._paid: list[str] = []
         choices, message, said = self._tell(seen)
+        self._episode.log(asked=said)
         chosen = self._choose([*self._system(seen), *self._messages, message], choices)
-        self._episode.log(asked=said, reply=chosen.text, thought=chosen.thought)
+        self._episode.log(reply=chosen.text, thought=chosen.thought)
         if self._history == "full":
             # Pictures once: they are most of what a model is sent.
             self._messages += [_message("user", said), _message("assistant", chosen.text)]
@@ -216,6 +217,8 @@ class ChatAgent:
     def _log_paid(self, reply: Reply) -> None:
         self._paid.append(reply.key)
         self._episode.log(**asdict(reply.usage), replies=self._paid)
+        if self._budget.prices:
+            self._episode.log(prices_of=self._budget.prices.date)
 
 
 def _read(reply: Reply, choices: Choices) -> Chosen:

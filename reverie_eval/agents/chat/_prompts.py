@@ -43,9 +43,7 @@ class Prompts:
     def __init__(self, folder: Path | None = None) -> None:
         own = [] if folder is None else _texts_in(folder)
         files = {path.stem: path for path in (*DEFAULT_PROMPTS.glob("*.txt"), *own)}
-        self._texts = {name: path.read_text("utf-8") for name, path in sorted(files.items())}
-        for name, text in self._texts.items():
-            _check(files[name], text, _PLACEHOLDERS[name])
+        self._texts = {name: _read(path) for name, path in sorted(files.items())}
 
     @property
     def digest(self) -> str:
@@ -70,9 +68,14 @@ def _texts_in(folder: Path) -> list[Path]:
     return files
 
 
-def _check(file: Path, text: str, known: frozenset[str]) -> None:
+def _read(file: Path) -> str:
+    """Return the text of a file whose placeholders are known."""
+    known = _PLACEHOLDERS[file.stem]
     try:
+        text = file.read_text("utf-8")
         Template(text).substitute(dict.fromkeys(known, ""))
+    except UnicodeDecodeError as error:
+        raise ReverieEvalError(f"{file}: {error}") from None
     except KeyError as error:
         listed = ", ".join(f"${name}" for name in sorted(known)) or "none"
         raise ReverieEvalError(
@@ -80,3 +83,4 @@ def _check(file: Path, text: str, known: frozenset[str]) -> None:
         ) from None
     except ValueError:
         raise ReverieEvalError(f"{file}: a $ that is not of a placeholder is written $$") from None
+    return text

@@ -28,6 +28,7 @@ _SHOWN_OF_A_KIND = 3
 _PARTS: Mapping[str, tuple[str, str]] = {
     "PIL": ("pictures need", "report"),
     "cryptography": ("receipts need", "client"),
+    "gymnasium": ("environments in Gymnasium need", "gymnasium"),
     "httpx": ("calling a server needs", "client"),
     "jinja2": ("an HTML report needs", "report"),
     "matplotlib": ("figures need", "report"),

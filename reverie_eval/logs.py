@@ -4,9 +4,11 @@ A run's folder has a line for each :class:`Attempt` in ``episodes.jsonl`` and on
 :class:`Step` in ``steps.jsonl``. :mod:`reverie_eval.runner` writes them, and others can.
 """
 
+import errno
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import chain
@@ -25,6 +27,7 @@ from reverie_eval.text import count_text, first_few
 
 __all__ = ["COSTS", "Attempt", "RunLog", "Step", "Usage", "read_attempts", "read_steps"]
 
+CARD = "run.json"
 EPISODES = "episodes.jsonl"
 STEPS = "steps.jsonl"
 SUBMISSION = "submission.json"
@@ -306,8 +309,40 @@ def _sum(attempts: Sequence[Attempt]) -> Mapping[str, float | None]:
 def find_run(submission: str) -> Path | None:
     """Return the folder of the run that wrote a submission, if its log is beside it."""
     file = Path(submission)
+    if is_run(file):
+        return file
     has_log = file.name == SUBMISSION and file.with_name(EPISODES).is_file()
     return file.parent if has_log else None
+
+
+def is_run(path: str | PathLike[str]) -> bool:
+    """Whether a path is the folder of a run, which stands for its submission."""
+    return Path(path).is_dir() and Path(path, CARD).is_file()
+
+
+def submission_in(folder: str | PathLike[str]) -> Path:
+    """Return the submission in the folder of a run.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the run has none yet; says what is missing, and how to go on.
+    """
+    submission = Path(folder, SUBMISSION)
+    if submission.exists():
+        return submission
+    states: dict[str, Attempt] = {}
+    with suppress(FileNotFoundError, LogError):  # which the command that goes on will say
+        states |= {each.episode: each for each in read_attempts(folder)}
+    failed = [each for each in states.values() if each.state == "failed"]
+    done = count_text(sum(each.record is not None for each in states.values()), "episode")
+    why = f", and {len(failed):,} failed, such as {failed[0].reason}" if failed else ""
+    raise FileNotFoundError(
+        errno.ENOENT,
+        f"this run has no submission yet: {done} ended{why}; the `reverie-eval run` that began it "
+        "goes on, and with --fill-missing writes a stop at the start for the others",
+        str(folder),
+    )
 
 
 def read_attempts(folder: str | PathLike[str]) -> Iterator[Attempt]:

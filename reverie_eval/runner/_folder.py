@@ -2,7 +2,7 @@
 
 import fcntl
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from typing_extensions import Self
 from reverie_eval.errors import RunError
 from reverie_eval.files import staged_file
 from reverie_eval.logs import (
+    CARD,
     EPISODES,
     STEPS,
     Attempt,
@@ -29,8 +30,9 @@ from reverie_eval.runner._records import (
     Totals,
     encode,
 )
+from reverie_eval.text import count_text, first_few
 
-CARD = "run.json"
+_LOGS = (EPISODES, STEPS)
 
 
 class RunFolder:
@@ -43,18 +45,29 @@ class RunFolder:
     ----------
     path : Path
         A new folder, or one of a run with the same identity.
+    episodes : collection of str
+        Those of the run.
     identity : Identity
     circumstance : Circumstance
 
     Raises
     ------
     RunError
-        If another process is running here, the folder has something else in it, or its run has
-        another identity.
+        If another process is running here, the folder has something else in it, some of its run is
+        lost, or it has another identity.
     """
 
-    def __init__(self, path: Path, identity: Identity, circumstance: Circumstance) -> None:
+    def __init__(
+        self,
+        path: Path,
+        episodes: Collection[str],
+        identity: Identity,
+        circumstance: Circumstance,
+    ) -> None:
+        if path.exists() and not path.is_dir():
+            raise RunError(f"{path} is a file; a run needs a folder, such as runs/{path.stem}")
         self.path = path
+        self._episode_ids = episodes
         self._identity = identity
         path.mkdir(parents=True, exist_ok=True)
         self._open = [os.open(path, os.O_RDONLY)]
@@ -72,20 +85,43 @@ class RunFolder:
             raise RunError(f"{self.path}: another process is running there") from None
         card = self._read_card()
         self._circumstances = [*(card.circumstances if card else ()), circumstance]
-        if card is None:
-            if any(not each.name.startswith(".") for each in self.path.iterdir()):
-                raise RunError(f"{self.path} is not empty and has no {CARD}; choose a new folder")
-            self.write_card()  # before the others, so that a folder with those always has it
+        self._check_files(card)
         self._episodes, self._steps = (self._append_to(name) for name in (EPISODES, STEPS))
         self.attempts = list(read_attempts(self.path))
         unfinished = self._unfinished_steps()
         if card:
             if self.kept:  # otherwise there is nothing that another agent would spoil
                 self._check_identity(card.identity)
-            self.write_card()
+            self._check_lines(card)
+        self.write_card()  # after the others, so that a folder that has it has those too
         os.fsync(folder)
         for steps in unfinished.values():
             self.add(_interrupted(steps))
+
+    def _check_files(self, card: RunCard | None) -> None:
+        if card is None:
+            # A run that was killed as it began has left files without a line.
+            made = [it for it in self.path.iterdir() if it.name not in _LOGS or it.stat().st_size]
+            if any(not each.name.startswith(".") for each in made):
+                raise RunError(f"{self.path} is not empty and has no {CARD}; choose a new folder")
+        elif lost := [name for name in _LOGS if not self._path(name).is_file()]:
+            raise RunError(
+                f"{self.path} has a run whose {' and '.join(lost)} is lost, so it cannot go on; "
+                "restore it, or choose a new folder"
+            )
+
+    def _check_lines(self, card: RunCard) -> None:
+        """Refuse to go on if lines are lost, or are of another run: all would be paid for again."""
+        if card.totals and len(self.attempts) < card.totals.attempts:
+            raise RunError(
+                f"{self._path(EPISODES)} has {count_text(len(self.attempts), 'attempt')}, and "
+                f"{CARD} says {card.totals.attempts:,}; restore it, or choose a new folder"
+            )
+        if foreign := [each for each in self.kept if each not in self._episode_ids]:
+            raise RunError(
+                f"{self._path(EPISODES)} has {count_text(len(foreign), 'episode')} that the split "
+                f"does not have, such as {first_few(foreign)}; restore it, or choose a new folder"
+            )
 
     def _path(self, name: str) -> Path:
         return self.path / name
@@ -125,12 +161,17 @@ class RunFolder:
 
     def _unfinished_steps(self) -> Mapping[tuple[str, int], list[Step]]:
         """Return the steps of attempts that did not end, because the run did."""
-        ended = {(each.episode, each.attempt) for each in self.attempts}
+        expected = {(each.episode, each.attempt): each.steps for each in self.attempts}
         found: dict[tuple[str, int], list[Step]] = {}
         for step in read_steps(self.path):
-            key = step.episode, step.attempt
-            if key not in ended:
-                found.setdefault(key, []).append(step)
+            found.setdefault((step.episode, step.attempt), []).append(step)
+        for (episode, attempt), steps in expected.items():
+            has = len(found.pop((episode, attempt), ()))
+            if has != steps:
+                raise RunError(
+                    f"{self._path(STEPS)} has {count_text(has, 'step')} of attempt {attempt} at "
+                    f"{episode}, and {EPISODES} says {steps:,}; restore it, or choose a new folder"
+                )
         return found
 
     @property

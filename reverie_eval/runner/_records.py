@@ -122,7 +122,8 @@ class Totals(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def of(cls, attempts: Sequence[Attempt], episodes: Collection[str], filled: int) -> "Totals":
         """Add up the attempts of a run."""
-        states = Counter({each.episode: each.state for each in attempts}.values())
+        last = {each.episode: each.state for each in attempts}
+        states = Counter(last.get(episode) for episode in episodes)
         done = {state: states[state] for state in ("ended", "cut_off", "failed")}
         return cls(
             **done,

@@ -86,7 +86,7 @@ def run(
     _check_solution(plan)
     environment = plan.environment()  # says what is wrong before there is a folder
     identity = _identity(plan, environment)
-    with RunFolder(folder, identity, _circumstance(plan, jobs)) as files:
+    with RunFolder(folder, episodes, identity, _circumstance(plan, jobs)) as files:
         queue = _Queue([] if fill_missing else episodes, files)
         if queue.waiting:  # an earlier one may have been filled
             files.remove(SUBMISSION)
@@ -158,7 +158,7 @@ def _check_solution(plan: Plan) -> None:
 def _has_attempts(folder: Path) -> bool:
     try:
         return next(read_attempts(folder), None) is not None
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return False
 
 

@@ -10,12 +10,10 @@ from os import PathLike
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
-from reverie_eval.errors import ActionError
+from reverie_eval.errors import ActionError, naming_missing_parts
 from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, view_angles
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.simulator._environment import Environment
@@ -32,6 +30,10 @@ from reverie_eval.simulator._observation import (
 )
 from reverie_eval.simulator._surroundings import Surroundings
 from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK, find_task
+
+with naming_missing_parts():
+    import gymnasium
+    from gymnasium import spaces
 
 Observed: TypeAlias = dict[str, Any]
 Chosen: TypeAlias = tuple[int, Any]

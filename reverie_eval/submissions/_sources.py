@@ -15,13 +15,14 @@ from typing import BinaryIO, TextIO, TypeAlias
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from reverie_eval.errors import ProtocolError, SubmissionError
+from reverie_eval.logs import is_run, submission_in
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._problems import show
 from reverie_eval.text import count_text, first_few
 
 Source: TypeAlias = str | PathLike[str] | bytes | BinaryIO | TextIO
-"""A path, ``-`` for standard input, the content itself, or an open file."""
+"""A path, also of a run's folder, ``-`` for standard input, the content itself, or an open file."""
 
 STANDARD_INPUT = "-"
 MAX_MEBIBYTES_VARIABLE = "REVERIE_EVAL_MAX_MEBIBYTES"
@@ -119,6 +120,10 @@ def _read_file(file: str | PathLike[str], limit: int) -> bytes:
     try:
         with Path(file).open("rb") as opened:
             return opened.read(limit + 1)
+    except IsADirectoryError:
+        if is_run(file):
+            return _read_file(submission_in(file), limit)
+        raise
     except (OSError, ValueError) as error:
         # Most libraries take JSON as text; here text is a path, and the system's error for one of
         # a hundred thousand letters would not help.
@@ -347,7 +352,7 @@ def _state(name: str) -> tuple[int, int] | None:
 
 def _files(name: str) -> Sequence[str]:
     path = Path(name)
-    if path.is_dir():
+    if path.is_dir() and not is_run(path):
         return sorted(str(file) for file in path.iterdir() if _is_submission(file))
     if has_magic(name) and not path.exists():
         return sorted(glob(name, recursive=True))  # noqa: PTH207  # a pattern may begin with /
@@ -356,7 +361,7 @@ def _files(name: str) -> Sequence[str]:
 
 def _is_submission(file: Path) -> bool:
     ends_so = file.name.endswith(_ENDINGS) and not file.name.endswith(RECEIPT_ENDING)
-    return ends_so and file.is_file()
+    return (ends_so and file.is_file()) or is_run(file)
 
 
 def source_name(file: str | PathLike[str]) -> str:

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from reverie_eval import evaluate
 from reverie_eval.agents import BUILT_IN
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval_cli.commands.run import run_agent
-from tests.conftest import REPOSITORY
+from reverie_eval_cli.main import main
+from tests.conftest import REPOSITORY, SAMPLES
 from tests.support.endpoints import endpoint
 from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
@@ -240,3 +242,65 @@ def test_a_terminal_shows_progress(
     outcome = run("run", "stop", "--split", SPLIT, "-o", "run")
     assert "84/84" in outcome.err
     assert "a second" in outcome.err
+
+
+def test_the_folder_of_a_run_is_a_result(folder: Path, run: Run) -> None:
+    split = ["--split", SPLIT]
+    for name in ("stop", "random"):
+        run("run", name, *split, "-o", f"runs/{name}")
+    of_file = run("runs/stop/submission.json", *split)
+    assert run("runs/stop", *split) == of_file
+    assert run("validate", "runs/stop", *split).status == 0
+    ranked = run("runs", *split)
+    assert [line.split()[1] for line in ranked.out.splitlines()[1:3]] == ["random", "stop"]
+    both = ["compare", "runs/stop", "runs/random", *split]
+    assert (
+        run(*both).out == run(*both[:1], *(f"{it}/submission.json" for it in both[1:3]), *split).out
+    )
+    assert dict(evaluate("runs/stop", split=SPLIT)) == dict(
+        evaluate("runs/stop/submission.json", split=SPLIT)
+    )
+
+
+def test_the_folder_of_a_run_that_did_not_end_says_how_it_goes_on(folder: Path, run: Run) -> None:
+    (folder / "agent.py").write_text(
+        "class Agent:\n"
+        "    begun = 0\n"
+        "    def start(self, episode): self.begun += 1\n"
+        "    def act(self, seen):\n"
+        "        from reverie_eval.simulator import Stop\n"
+        "        return Stop() if self.begun < 8 else self.missing\n"
+    )
+    run("run", "agent.py", "--split", SPLIT, "-o", "runs/x")
+    says = (
+        "runs/x: this run has no submission yet: 7 episodes ended, and 1 failed, such as "
+        "AttributeError: 'Agent' object has no attribute 'missing' (agent.py, line 6); the "
+        "`reverie-eval run` that began it goes on, and with --fill-missing"
+    )
+    for words in (["runs/x"], ["validate", "runs/x"], ["compare", "runs/x", "runs/x"]):
+        outcome = run(*words, "--split", SPLIT)
+        assert outcome.status == 2
+        assert says in outcome.err
+    assert says in run("runs", str(SAMPLES / "good.json"), "--split", SPLIT).err
+
+
+def test_what_an_agent_prints_is_no_result(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (folder / "loud.py").write_text("def Agent(seen): print('loud')\n")
+    for jobs in ("1", "2"):
+        assert main(["run", "loud.py", "--split", SPLIT, "-o", f"x{jobs}", "--jobs", jobs]) == 2
+        out, err = capfd.readouterr()
+        assert (out, "loud" in err) == ("", True)
+
+
+def test_an_agent_without_objects_is_told(folder: Path, run: Run) -> None:
+    Bundle.load(DEMO_BUNDLES / f"{SPLIT}.npz").public().save(Path("public.npz"))
+    words = ["run", "word-match", "--split", SPLIT, "--ground-truth", "public.npz", "-o", "x"]
+    assert "the agent is shown no objects: the bundle is public" in run(*words).err
+
+
+def test_a_file_is_no_folder_for_a_run(folder: Path, run: Run) -> None:
+    for more in ([], ["--fill-missing"]):
+        outcome = run("run", "stop", "--split", SPLIT, "-o", "my_agent.py", *more)
+        assert outcome.status == 2
+        assert "my_agent.py" in outcome.err
+        assert "Not a directory" not in outcome.err

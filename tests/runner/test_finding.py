@@ -1,5 +1,6 @@
 """Agents are found by name, as a file, in a module and by entry point, and say what is wrong."""
 
+import importlib
 import sys
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,10 @@ class NoAgent:
 
 class Failing(Agent):
     def __init__(self): raise KeyError("MY_KEY")
+
+class Unsized(NoAgent):
+    def start(self, episode): pass
+    def act_batch(self, episodes, observations): return [Stop()] * len(episodes)
 
 def function(seen, answer=6): return Answer(answer)
 
@@ -105,9 +110,23 @@ def test_an_agent_is_found(
         pytest.param(
             "word-match", {"viewpoints": 0}, "a whole number from 1, not 0", id="too small"
         ),
-        pytest.param("my_agents:Failing", {}, "cannot be made: KeyError: 'MY_KEY'", id="failing"),
-        pytest.param("broken.py", {}, "cannot be imported: NameError", id="broken"),
-        pytest.param("exiting.py", {}, "cannot be imported: SystemExit: 3", id="exiting"),
+        pytest.param(
+            "my_agents:Failing",
+            {},
+            "cannot be made: KeyError: 'MY_KEY' (my_agents.py, line 20)",
+            id="failing",
+        ),
+        pytest.param("my_agents:Unsized", {}, "needs a batch_size: how many", id="no size"),
+        pytest.param(
+            "broken.py",
+            {},
+            "cannot be imported: NameError: name 'nothing' is not defined (broken.py, line 1)",
+            id="broken",
+        ),
+        pytest.param("unread.py", {}, "cannot be imported: SyntaxError", id="a syntax error"),
+        pytest.param(
+            "exiting.py", {}, "cannot be imported: SystemExit: 3 (exiting.py, line 1)", id="exiting"
+        ),
         pytest.param("needy.py", {}, "cannot be imported: ModuleNotFoundError", id="needy"),
     ],
 )
@@ -115,6 +134,7 @@ def test_what_is_not_an_agent_is_named(
     name: str, options: dict[str, Any], message: str, file: Path
 ) -> None:
     file.with_name("broken.py").write_text("nothing")
+    file.with_name("unread.py").write_text("def (")
     file.with_name("exiting.py").write_text("raise SystemExit(3)")
     file.with_name("needy.py").write_text("import not_installed_here")
     with pytest.raises(ReverieEvalError) as caught:
@@ -129,6 +149,38 @@ def test_a_version_is_given_and_a_digest_is_of_the_file(file: Path) -> None:
     file.write_text(f"{AGENTS}\n# changed")
     (after,) = {each.digest for each in sources}
     assert after != before
+
+
+@pytest.mark.parametrize(
+    ("edited", "digests"),
+    [
+        pytest.param("beside.py", 2, id="imported"),
+        pytest.param("parts/nets.py", 2, id="imported in a function of what is imported"),
+        pytest.param("parts/__init__.py", 2, id="its package"),
+        pytest.param("unrelated.py", 1, id="not imported"),
+    ],
+)
+@pytest.mark.parametrize("name", ["{}/my_agents.py", "{}/my_agents.py:function", "my_agents:Agent"])
+def test_a_digest_is_also_of_what_is_imported_beside_the_file(
+    name: str, edited: str, digests: int, file: Path
+) -> None:
+    folder = file.parent
+    (folder / "parts").mkdir()
+    (folder / "beside.py").write_text("ANSWER = 5\ndef late(): from parts import nets")
+    for other in ("parts/__init__.py", "parts/nets.py", "unrelated.py"):
+        (folder / other).write_text("import beside, numpy.random\n")
+    source = AgentSource(name.format(folder))
+    before = source.digest
+    with (folder / edited).open("a") as opened:
+        opened.write("# changed\n")
+    assert len({source.digest, before}) == digests
+
+
+def test_an_agent_may_have_the_name_of_a_module_of_python(file: Path) -> None:
+    (file.parent / "wave.py").write_text(AGENTS)
+    assert answer_of(AgentSource("wave.py")) == 5
+    sys.modules.pop("wave", None)
+    assert hasattr(importlib.import_module("wave"), "Wave_read")
 
 
 def test_a_title_has_no_folder() -> None:

@@ -1,11 +1,12 @@
 """A run goes on where it ended, with the same identity alone."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from reverie_eval import GroundTruth, ReverieEvalError
@@ -92,11 +93,66 @@ def test_a_line_that_was_cut_off_is_left_out(home: Home) -> None:
         file = home.folder / name
         lines = file.read_bytes().splitlines(keepends=True)
         file.write_bytes(b"".join(lines[:-1]) + lines[-1][:-5])
+    card = msgspec.structs.replace(home.card, totals=None)  # as while it runs
+    (home.folder / "run.json").write_bytes(msgspec.json.encode(card))
     assert len(home.attempts) == 3
     home.run(to_the_end)
     assert home.folder.joinpath("submission.json").read_bytes() == whole
     last = [(each.attempt, each.state, each.steps) for each in home.attempts[3:]]
     assert last == [(1, "interrupted", 2), (2, "ended", 3)]
+
+
+def lose_line(file: Path) -> None:
+    file.write_bytes(b"".join(file.read_bytes().splitlines(keepends=True)[1:]))
+
+
+def rename_episodes(file: Path) -> None:
+    file.write_bytes(file.read_bytes().replace(b"7_5_", b"9_9_"))
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "message"),
+    [
+        pytest.param("episodes.jsonl", Path.unlink, r"episodes\.jsonl is lost", id="episodes"),
+        pytest.param("steps.jsonl", Path.unlink, r"whose steps\.jsonl is lost", id="steps"),
+        pytest.param(
+            "episodes.jsonl", lose_line, r"has 3 attempts, and run\.json says 4", id="an attempt"
+        ),
+        pytest.param(
+            "steps.jsonl", lose_line, "has 2 steps of attempt 1 at 7_5_0, .* says 3", id="a step"
+        ),
+        pytest.param(
+            "*.jsonl", rename_episodes, "has 4 episodes that the split does not have", id="foreign"
+        ),
+    ],
+)
+def test_a_run_of_which_something_is_lost_does_not_go_on(
+    name: str, damage: Callable[[Path], object], message: str, home: Home
+) -> None:
+    home.run(to_the_end)
+    for file in home.folder.glob(name):
+        damage(file)
+    with pytest.raises(RunError, match=message):
+        home.run(to_the_end)
+
+
+def test_a_run_that_was_killed_as_it_began_goes_on(home: Home) -> None:
+    home.folder.mkdir()
+    (home.folder / "episodes.jsonl").touch()
+    assert home.run(stop).ended == 4
+
+
+def test_a_run_with_nothing_but_failures_can_become_another(home: Home) -> None:
+    """What they cost stays on record."""
+
+    def fail(seen: Observation, agent: Scripted) -> Any:
+        agent.episode.log(money=1.0)
+        raise KeyError("x")
+
+    with pytest.raises(RunError, match="KeyError"):
+        home.run(fail, seed=1)
+    assert home.run(stop, seed=2).money == 1.0
+    assert home.card.identity.seed == 2
 
 
 def test_a_damaged_line_is_named(home: Home) -> None:

@@ -507,7 +507,14 @@ def test_neighbours_appear_in_the_views_of_a_sweep_on_the_original(
 # Agents.
 
 
-def test_an_agent_that_does_not_end_is_stopped(environment: Environment) -> None:
+def test_what_is_not_a_ground_truth_or_an_episode_is_named(environment: Environment) -> None:
+    with pytest.raises(ReverieEvalError, match=r"takes a ground truth, such as .*, not 'x\.npz'"):
+        Environment("x.npz")  # type: ignore[arg-type]
+    with pytest.raises(ReverieEvalError, match=r"takes an episode's id or a list of them, not 5"):
+        environment.reset(5)  # type: ignore[call-overload]
+
+
+def test_an_agent_that_does_not_end_is_cut_off(environment: Environment) -> None:
     assert run_episode(environment, lambda _: Turn(1.0), "7_5_0", most=3).is_over
     (record,) = environment.submission()
     assert record == {"instr_id": "7_5_0", "trajectory": [["hall", 1.0, 0.0]], "predObjId": -1}

@@ -1,5 +1,7 @@
 """Every registered environment, by Gymnasium's own checker and side by side with a copy."""
 
+import sys
+from importlib import import_module
 from typing import Any
 
 import gymnasium
@@ -8,11 +10,19 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 from reverie_eval import GroundTruth, evaluate
+from reverie_eval.errors import MissingPartError
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.simulator import ActionError
 from reverie_eval.simulator.gymnasium import IDS, GymnasiumEnvironment
 
 every_id = pytest.mark.parametrize("name", IDS.values())
+
+
+def test_without_gymnasium_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.delitem(sys.modules, GymnasiumEnvironment.__module__)
+    with pytest.raises(MissingPartError, match=r"pip install 'reverie-eval\[gymnasium\]'"):
+        import_module(GymnasiumEnvironment.__module__)
 
 
 def test_every_task_has_an_id() -> None:

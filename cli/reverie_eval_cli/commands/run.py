@@ -162,6 +162,8 @@ def run_agent(
     truth = truth_options.find(episodes_from)
     named = chat_options.given_to(agent, output, run_options.pictures)
     plan = run_options.plan(agent, truth, named)
+    if truth.solution is None and run_options.boxes is None and truth.task.has_targets:
+        note("the agent is shown no objects: the bundle is public, and there is no --boxes")
     episodes, done = len(truth.episodes.instr_ids), _done_in(output)
     with episode_bar(episodes, done) as advance:
 
@@ -196,7 +198,7 @@ def _done_in(folder: Path) -> int:
     """Return how many episodes of a run are done, to begin counting there."""
     try:
         return sum(attempt.record is not None for attempt in read_attempts(folder))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return 0
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, get_args
 
 import click
 
+from reverie_eval.logs import is_run, submission_in
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.tables import cell_of, metric_cell, metric_cells
 from reverie_eval.schemas.organising import (
@@ -76,7 +77,8 @@ def submit(
     file = options.checked(
         EmailedFile, split=split, team=team, person=person, received_at=received, publish=publish
     )
-    chosen = list(map(Path, find_files([str(files)])))
+    found = map(Path, find_files([str(files)]))
+    chosen = [submission_in(path) if is_run(path) else path for path in found]
     # All are described before the first is scored, so that a wrong option leaves nothing half done.
     described = [method.method(str(path)) for path in chosen]
     failed = False

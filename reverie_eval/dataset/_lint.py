@@ -8,20 +8,9 @@ from typing import ClassVar, Literal
 
 from pydantic import ConfigDict
 
-from reverie_eval.dataset._agreement_rules import (
-    DISTANCE_RULES,
-    VIEW_RULES,
-    Distances,
-    distance_spreads,
-    view_spreads,
-)
-from reverie_eval.dataset._box_rules import (
-    BOX_RULES,
-    SIZE_RULES,
-    VISIBILITY_RULES,
-    size_spreads,
-    visibility_spreads,
-)
+from reverie_eval.dataset import _agreement_rules as agreement
+from reverie_eval.dataset import _box_rules as box_rules
+from reverie_eval.dataset import _item_rules as item_rules
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import (
     Centres,
@@ -33,7 +22,6 @@ from reverie_eval.dataset._dataset import (
     read_dataset,
 )
 from reverie_eval.dataset._graphs import FILE_RULES, GRAPH_RULES, graph_spreads
-from reverie_eval.dataset._item_rules import ITEM_RULES, TARGET_RULES, target_spreads
 from reverie_eval.dataset._reader import Progress, Reader, no_progress
 from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_problems
 from reverie_eval.errors import DatasetError, Problem
@@ -41,10 +29,10 @@ from reverie_eval.tasks import Task
 from reverie_eval.version import __version__
 
 _BOX_SECTIONS: Sequence[tuple[str, Sequence[Rule[Boxes]], Callable[[Boxes], list[Spread]]]] = (
-    ("boxes", BOX_RULES, lambda _: []),
-    ("visibility", VISIBILITY_RULES, visibility_spreads),
-    ("box sizes", SIZE_RULES, size_spreads),
-    ("neighbouring views", VIEW_RULES, view_spreads),
+    ("boxes", box_rules.BOX_RULES, lambda _: []),
+    ("visibility", box_rules.VISIBILITY_RULES, box_rules.visibility_spreads),
+    ("box sizes", box_rules.SIZE_RULES, box_rules.size_spreads),
+    ("neighbouring views", agreement.VIEW_RULES, agreement.view_spreads),
 )
 _NO_CENTRES = "left out: give the centres of the objects with --object-positions objpos.json"
 _NO_SOLUTION = "targets left out: the items have no solution, as in the published test file"
@@ -125,10 +113,10 @@ def check_sound(dataset: Dataset, purpose: Purpose) -> None:
     for split in dataset.splits:
         # Without other splits: episodes that two of them share are for lint to find.
         items = Items(split, graphs)
-        found += find_problems(ITEM_RULES, items, split.path, purpose)
+        found += find_problems(item_rules.ITEM_RULES, items, split.path, purpose)
         if split.has_solution and files.boxes:
             targets = Targets(split, items.with_target, boxes)
-            found += find_problems(TARGET_RULES, targets, split.path, purpose)
+            found += find_problems(item_rules.TARGET_RULES, targets, split.path, purpose)
     if found:
         raise DatasetError(found)
 
@@ -151,23 +139,25 @@ def _other_splits(split: Split, splits: Sequence[Split]) -> Mapping[str, str]:
 
 def _annotations(items: Items, boxes: Boxes, task: Task) -> LintSection:
     split = items.split
-    counts = [rule.check(items) for rule in ITEM_RULES]
+    counts = [rule.check(items) for rule in item_rules.ITEM_RULES]
     if not task.has_targets:
         return LintSection("annotations", split.name, counts)
     # The published test file is sound without one.
     if not split.has_solution:
         return LintSection("annotations", split.name, counts, note=_NO_SOLUTION)
     targets = Targets(split, items.with_target, boxes)
-    counts += [rule.check(targets) for rule in TARGET_RULES]
-    return LintSection("annotations", split.name, counts, target_spreads(targets))
+    counts += [rule.check(targets) for rule in item_rules.TARGET_RULES]
+    return LintSection("annotations", split.name, counts, item_rules.target_spreads(targets))
 
 
 def _distances(boxes: Boxes, centres: Centres | None, items: Sequence[Items]) -> LintSection:
     if centres is None:
         return LintSection("distances", note=_NO_CENTRES)
     with_target = [item for each in items for item in each.with_target]
-    distances = Distances(boxes, centres, with_target)
-    return _section("distances", DISTANCE_RULES, distances, distance_spreads(distances))
+    distances = agreement.Distances(boxes, centres, with_target)
+    return _section(
+        "distances", agreement.DISTANCE_RULES, distances, agreement.distance_spreads(distances)
+    )
 
 
 def _section(

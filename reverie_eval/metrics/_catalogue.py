@@ -8,35 +8,9 @@ from functools import partial
 from types import MappingProxyType
 
 from reverie_eval.arrays import Array, IntArray
-from reverie_eval.metrics._grounding import (
-    IOU_THRESHOLD,
-    LOOSE_IOU_THRESHOLD,
-    STRICT_IOU_THRESHOLD,
-    Overlap,
-    detection_success,
-    elevation_error,
-    heading_error,
-    iou,
-    iou_reaches,
-    point_error,
-    remote_grounding_success,
-)
+from reverie_eval.metrics import _grounding as grounding
+from reverie_eval.metrics import _navigation as navigation
 from reverie_eval.metrics._metric import Inputs, Metric, Need, Unit
-from reverie_eval.metrics._navigation import (
-    cls,
-    dtw,
-    jumps,
-    navigation_error,
-    ndtw,
-    oracle_error,
-    oracle_path_success,
-    oracle_success,
-    path_length,
-    sdtw,
-    spl,
-    steps,
-    success,
-)
 
 _TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
 _ANSWER: frozenset[Need] = frozenset({"answer"})
@@ -46,13 +20,13 @@ _BOX: frozenset[Need] = frozenset({"answer", "box"})
 _ANSWER_FIELDS = frozenset({"grounding", "goal", "text_ids_count"})
 
 
-def _boxes(at: Inputs) -> tuple[Overlap, IntArray, int]:
+def _boxes(at: Inputs) -> tuple[grounding.Overlap, IntArray, int]:
     """Return what the metrics of boxes are computed from."""
     return at.lookups.box_overlap, at.lookups.box_row, at.lookups.n_episodes
 
 
 def _iou_reaches(threshold: float, at: Inputs) -> Array:
-    return iou_reaches(threshold, *_boxes(at))
+    return grounding.iou_reaches(threshold, *_boxes(at))
 
 
 def _point_error(error: Callable[[Array, Array], Array], at: Inputs) -> Array:
@@ -72,7 +46,7 @@ _METRICS = (
         unit="metres",
         # A short walk may be one that never set out.
         better="neither",
-        compute=lambda at: path_length(at.lookups.leg_length, at.lookups.offsets),
+        compute=lambda at: navigation.path_length(at.lookups.leg_length, at.lookups.offsets),
     ),
     _fraction(
         key="success",
@@ -81,7 +55,7 @@ _METRICS = (
         definition="the target object is visible where the agent stops",
         of_goal="{goal} where the agent stops",
         protocol_fields=frozenset({"goal"}),
-        compute=lambda at: success(at.at_goal, at.lookups.offsets),
+        compute=lambda at: navigation.success(at.at_goal, at.lookups.offsets),
         is_binary=True,
     ),
     _fraction(
@@ -91,7 +65,7 @@ _METRICS = (
         definition="the target object is visible from any viewpoint of the trajectory",
         of_goal="{goal} from any viewpoint of the trajectory",
         protocol_fields=frozenset({"goal"}),
-        compute=lambda at: oracle_success(at.oracle_at_goal, at.lookups.offsets),
+        compute=lambda at: navigation.oracle_success(at.oracle_at_goal, at.lookups.offsets),
         is_binary=True,
     ),
     _fraction(
@@ -101,7 +75,7 @@ _METRICS = (
         definition="success, times the shortest length divided by the larger of walked and "
         "shortest length",
         protocol_fields=frozenset({"goal", "spl_numerator", "spl_floor"}),
-        compute=lambda at: spl(
+        compute=lambda at: navigation.spl(
             at.metric("success"),
             at.metric("path_length"),
             at.reference_length,
@@ -116,7 +90,7 @@ _METRICS = (
         # Not of a trajectory: the grounding track has none.
         needs=_ANSWER,
         protocol_fields=_ANSWER_FIELDS,
-        compute=lambda at: remote_grounding_success(
+        compute=lambda at: grounding.remote_grounding_success(
             at.is_answer_correct, at.metric("success"), at.needs_success
         ),
         is_binary=True,
@@ -128,7 +102,7 @@ _METRICS = (
         definition="remote grounding success, weighted as SPL is; the benchmark's primary metric",
         needs=_TRAJECTORY | _ANSWER,
         protocol_fields=_ANSWER_FIELDS | {"spl_numerator", "rgspl_floor"},
-        compute=lambda at: spl(
+        compute=lambda at: navigation.spl(
             at.metric("rgs"), at.metric("path_length"), at.reference_length, at.protocol.rgspl_floor
         ),
     ),
@@ -140,7 +114,7 @@ _METRICS = (
         "view; 0 without a predicted box",
         needs=_BOX,
         protocol_fields=frozenset({"grounding"}),
-        compute=lambda at: iou(*_boxes(at)),
+        compute=lambda at: grounding.iou(*_boxes(at)),
     ),
     *(
         _fraction(
@@ -154,9 +128,9 @@ _METRICS = (
             is_binary=True,
         )
         for threshold, use in (
-            (LOOSE_IOU_THRESHOLD, ""),
-            (IOU_THRESHOLD, ", the benchmark's threshold"),
-            (STRICT_IOU_THRESHOLD, ""),
+            (grounding.LOOSE_IOU_THRESHOLD, ""),
+            (grounding.IOU_THRESHOLD, ", the benchmark's threshold"),
+            (grounding.STRICT_IOU_THRESHOLD, ""),
         )
     ),
     Metric(
@@ -168,7 +142,9 @@ _METRICS = (
         unit="metres",
         better="lower",
         # Along the graph: in a straight line, the room next door is near.
-        compute=lambda at: navigation_error(at.lookups.goal_distance, at.lookups.offsets),
+        compute=lambda at: navigation.navigation_error(
+            at.lookups.goal_distance, at.lookups.offsets
+        ),
     ),
     Metric(
         key="oracle_error",
@@ -178,7 +154,7 @@ _METRICS = (
         "the end of the annotated path",
         unit="metres",
         better="lower",
-        compute=lambda at: oracle_error(at.lookups.oracle_distance, at.lookups.offsets),
+        compute=lambda at: navigation.oracle_error(at.lookups.oracle_distance, at.lookups.offsets),
     ),
     Metric(
         key="dtw",
@@ -189,14 +165,16 @@ _METRICS = (
         unit="metres",
         better="lower",
         # As a table, because each pose is measured from each node.
-        compute=lambda at: dtw(at.lookups.pose_to_node, at.lookups.n_poses, at.lookups.n_nodes),
+        compute=lambda at: navigation.dtw(
+            at.lookups.pose_to_node, at.lookups.n_poses, at.lookups.n_nodes
+        ),
     ),
     _fraction(
         key="ndtw",
         label="nDTW",
         name="normalised dynamic time warping",
         definition="exp(-DTW / (3 m x nodes of the annotated path))",
-        compute=lambda at: ndtw(at.metric("dtw"), at.lookups.n_nodes),
+        compute=lambda at: navigation.ndtw(at.metric("dtw"), at.lookups.n_nodes),
     ),
     _fraction(
         key="sdtw",
@@ -204,7 +182,7 @@ _METRICS = (
         name="success weighted by normalised dynamic time warping",
         definition="nDTW if the episode is a success, else 0",
         protocol_fields=frozenset({"goal"}),
-        compute=lambda at: sdtw(at.metric("ndtw"), at.metric("success")),
+        compute=lambda at: navigation.sdtw(at.metric("ndtw"), at.metric("success")),
     ),
     _fraction(
         key="cls",
@@ -212,7 +190,7 @@ _METRICS = (
         name="coverage weighted by length score",
         definition="how closely the trajectory covers the annotated path, times how well the "
         "lengths agree",
-        compute=lambda at: cls(
+        compute=lambda at: navigation.cls(
             at.lookups.pose_to_node,
             at.lookups.n_poses,
             at.lookups.n_nodes,
@@ -236,7 +214,7 @@ _METRICS = (
         definition="poses after the first",
         unit="count",
         better="neither",
-        compute=lambda at: steps(at.lookups.offsets),
+        compute=lambda at: navigation.steps(at.lookups.offsets),
     ),
     Metric(
         key="jumps",
@@ -245,7 +223,7 @@ _METRICS = (
         definition="moves between unconnected viewpoints, counted at shortest-path distance",
         unit="count",
         better="lower",
-        compute=lambda at: jumps(at.lookups.is_jump, at.lookups.offsets),
+        compute=lambda at: navigation.jumps(at.lookups.is_jump, at.lookups.offsets),
     ),
     # The further metrics of other tasks.
     Metric(
@@ -266,7 +244,9 @@ _METRICS = (
         definition="a viewpoint of the trajectory is less than 3 m from the end of the planner's "
         "path",
         needs=_TRAJECTORY | {"planner's path"},
-        compute=lambda at: oracle_path_success(at.lookups.planner_distance, at.lookups.offsets),
+        compute=lambda at: navigation.oracle_path_success(
+            at.lookups.planner_distance, at.lookups.offsets
+        ),
         is_binary=True,
     ),
     _fraction(
@@ -276,7 +256,7 @@ _METRICS = (
         definition="the predicted point is inside the target's outline as seen from the stop",
         needs=_OUTLINE,
         protocol_fields=frozenset({"repeated_outlines"}),
-        compute=lambda at: detection_success(at.lookups.point, at.outline),
+        compute=lambda at: grounding.detection_success(at.lookups.point, at.outline),
         is_binary=True,
     ),
     _fraction(
@@ -287,7 +267,7 @@ _METRICS = (
         needs=_OUTLINE,
         # The goal is among them because some protocols move it, and the shortest length with it.
         protocol_fields=frozenset({"repeated_outlines", "goal", "spl_numerator", "spl_floor"}),
-        compute=lambda at: spl(
+        compute=lambda at: navigation.spl(
             at.metric("detection_success"),
             at.metric("path_length"),
             at.reference_length,
@@ -309,8 +289,8 @@ _METRICS = (
             is_partial=True,
         )
         for what, label, distance, error in (
-            ("heading", "HE", "distance in heading", heading_error),
-            ("elevation", "EE", "distance in elevation", elevation_error),
+            ("heading", "HE", "distance in heading", grounding.heading_error),
+            ("elevation", "EE", "distance in elevation", grounding.elevation_error),
         )
     ),
     Metric(
@@ -323,7 +303,7 @@ _METRICS = (
         better="lower",
         needs=_OUTLINE,
         protocol_fields=frozenset({"repeated_outlines", "point_errors"}),
-        compute=lambda at: point_error(
+        compute=lambda at: grounding.point_error(
             at.metric("heading_error"),
             at.metric("elevation_error"),
             at.metric("detection_success"),

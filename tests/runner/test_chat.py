@@ -21,7 +21,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import Plan, RunCard, RunError, Totals, read_attempts, read_steps, run
 from reverie_eval.simulator import Environment
 from tests.support.endpoints import USAGE, Behaviour, Endpoint, endpoint, failing, saying
-from tests.support.runs import EPISODES, WORLD, some
+from tests.support.runs import EPISODES, WORLD, forget_end, some
 from tests.support.skyboxes import write_skybox
 from tests.support.worlds import ground_truth_of
 
@@ -293,6 +293,7 @@ def test_a_reply_that_was_paid_for_and_not_logged_is_logged_once(chat: Chat) -> 
         (chat.folder / name).read_bytes().splitlines(keepends=True)
         for name in ("replies.jsonl", "steps.jsonl", "episodes.jsonl")
     )
+    forget_end(chat.folder)
     (chat.folder / "episodes.jsonl").write_bytes(episodes[0])
     (chat.folder / "steps.jsonl").write_bytes(b"".join(steps[:2]))
     (chat.folder / "replies.jsonl").write_bytes(b"".join(replies[:3]) + replies[3][:20])

@@ -114,3 +114,9 @@ def stop(seen: Observation, agent: Scripted) -> Any:
 def to_the_end(seen: Observation, agent: Scripted) -> Any:
     """Walk the annotated path and answer: three steps."""
     return [Go("north"), Go("far"), Answer(5)][agent.acted - 1]
+
+
+def forget_end(folder: Path) -> None:
+    """Make the card of a run that ended what it was while the run went on."""
+    card = json.loads((folder / "run.json").read_bytes())
+    (folder / "run.json").write_text(json.dumps({**card, "totals": None}))

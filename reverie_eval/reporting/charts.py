@@ -221,10 +221,11 @@ def budget_chart(curves: Mapping[str, BudgetCurve]) -> "Chart":
     It ends where nearly all that are solved are.
     """
     first = next(iter(curves.values()))
-    high = max(
+    nearly_all = max(
         float(it.budget[np.argmax(it.share >= _SHOWN_SUCCESS * it.share[-1])])
         for it in curves.values()
     )
+    high = 1.05 * nearly_all or 1.0
     bands, steps = {}, {}
     for number, curve in enumerate(curves.values()):
         series = f"series-{number % _MOST_SERIES + 1}"
@@ -242,7 +243,7 @@ def budget_chart(curves: Mapping[str, BudgetCurve]) -> "Chart":
         x_label=f"budget for an episode ({COSTS[first.cost]})",
         y_label=f"{first.metric.label} within the budget (%)",
         low=0.0,
-        high=high or 1.0,
+        high=high,
         top=min(105 * max(float(each.high.max()) for each in curves.values()), 105.0),
         lines={**bands, **steps},
         key={kind: name for kind, name in zip(steps, curves, strict=False) if name},
@@ -310,7 +311,7 @@ class Chart:
 
 
 def _ticks(low: float, high: float) -> FloatArray:
-    # Below 1, the same in smaller units.
-    unit = 10 ** min(0.0, np.floor(np.log10(high - low)))
+    # Counts have whole numbers; budgets may be cents.
+    unit = 1.0 if high - low >= 1 else 10 ** np.floor(np.log10((high - low) / _MOST_TICKS))
     step = next(it * unit for it in round_numbers() if (high - low) / it / unit <= _MOST_TICKS)
     return np.arange(np.ceil(low / step) * step, high + 1e-9, step) + 0.0  # + 0.0: no -0

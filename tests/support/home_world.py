@@ -113,7 +113,7 @@ def home_log(folder: Path, walks: dict[str, tuple[list[str], int]] = WALKS, said
     for id_, (walk, answer) in walks.items():
         attempt = {"episode": id_, "attempt": 1, "seconds": 0.5 * len(walk)}
         cost = {"input_tokens": 10 * len(walk), "money": 0.1 * len(walk)}
-        episodes.append({**attempt, **cost, "state": "answered", "steps": len(walk)})
+        episodes.append({**attempt, **cost, "state": "ended", "steps": len(walk)})
         actions: list[tuple[str, object]] = [("Go", {"viewpoint_id": each}) for each in walk[1:]]
         actions.append(("Answer", {"object_id": answer}))
         steps += [

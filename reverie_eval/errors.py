@@ -35,8 +35,10 @@ _PARTS: Mapping[str, tuple[str, str]] = {
     "pandas": ("a data frame needs", "report"),
     "platformdirs": ("calling a server needs", "client"),
     "pyarrow": ("Parquet files need", "parquet"),
+    "safetensors": ("trained agents need", "agents"),
     "scipy": ("intervals, comparisons and plans need", "analysis"),
     "tenacity": ("calling a server needs", "client"),
+    "torch": ("trained agents need", "agents"),
     "yaml": ("metadata in YAML need", "report"),
 }
 

@@ -38,6 +38,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
             "Train and run an agent": {
                 "simulator": "simulator:simulator",
                 "run": "run:run_agent",
+                "train": "train:train",
             },
             "Send to an evaluation server": {
                 "login": "evaluation_server:login",

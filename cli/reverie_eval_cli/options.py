@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from datetime import date, datetime, timezone
@@ -23,6 +24,11 @@ from reverie_eval.ground_truth import (
 from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, find_task, task_names
 from reverie_eval.text import did_you_mean
 from reverie_eval_cli.output import RejectedSubmission
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.wire import WireModel
@@ -378,8 +384,7 @@ def layout(*names: str, explained: str = "") -> Callable[[Command], Command]:
     )
 
 
-dataset_files = together(
-    click.argument("root", metavar="[DATASET]", required=False, type=PATH),
+dataset_parts = together(
     click.option(
         "--annotations",
         metavar="PATH",
@@ -391,8 +396,35 @@ dataset_files = together(
         "--connectivity", metavar="PATH", type=PATH, help="The folder of connectivity files."
     ),
 )
+"""Where the published files are, if not in a clone."""
+dataset_files = together(
+    click.argument("root", metavar="[DATASET]", required=False, type=PATH), dataset_parts
+)
 """The published files: a clone's root, and where they are if not in it. A command gets them as the
 keyword arguments of :meth:`reverie_eval.dataset.DatasetFiles.find`."""
+agent_option = click.option(
+    "--option",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="An option of the agent; may be repeated.",
+)
+
+
+def read_options(given: Iterable[str]) -> dict[str, Any]:
+    """Read each NAME=VALUE: the value is one of TOML, or else text."""
+    return dict(map(_read_option, given))
+
+
+def _read_option(text: str) -> tuple[str, Any]:
+    name, mark, value = text.partition("=")
+    if not mark:
+        raise click.UsageError(f"--option {text}: expected NAME=VALUE")
+    try:
+        return name, tomllib.loads(f"value = {value}")["value"]
+    except ValueError:
+        return name, value
+
+
 jobs = click.option(
     "--jobs",
     metavar="N",

@@ -16,7 +16,7 @@ def _checked(viewpoints: object) -> int:
     raise ReverieEvalError(f"viewpoints is a whole number from 1, not {viewpoints!r}")
 
 
-class _Explored:
+class Explored:
     """The part of a building that was seen so far."""
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class NearestFirstAgent:
 
     def start(self, episode: Episode) -> None:  # noqa: ARG002
         """Forget the last episode."""
-        self._explored = _Explored()
+        self._explored = Explored()
 
     def act(self, seen: Observation) -> Action:
         """Go on, or stop."""
@@ -93,7 +93,7 @@ class WordMatchAgent:
 
     def start(self, episode: Episode) -> None:  # noqa: ARG002
         """Forget the last episode."""
-        self._explored = _Explored()
+        self._explored = Explored()
         self._best = 0.0
         self._best_at = ""
         self._answer: Action = Stop()

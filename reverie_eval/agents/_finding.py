@@ -49,9 +49,10 @@ class AgentSource:
     Parameters
     ----------
     name : str
-        A name in ``BUILT_IN``, an entry point, ``module:Name``, ``file.py:Name``, or ``file.py``,
-        whose agent is called ``Agent``. What is named is a class with the methods of :class:`Agent`
-        or :class:`BatchAgent`, or a function that takes an observation and returns an action.
+        A name in ``BUILT_IN``, an entry point, the folder of a trained model, ``module:Name``,
+        ``file.py:Name``, or ``file.py``, whose agent is called ``Agent``. What is named is a class
+        with the methods of :class:`Agent` or :class:`BatchAgent`, or a function that takes an
+        observation and returns an action.
     options : mapping, optional
         Arguments of the class, or further ones of the function.
     """
@@ -92,7 +93,9 @@ class AgentSource:
 
     @property
     def title(self) -> str:
-        """The name without the folder of a file."""
+        """The name without the folder of a file or of a model."""
+        if Path(self.name).is_dir():
+            return Path(self.name).resolve().name
         file, mark, name = self.name.rpartition(".py")
         return f"{Path(file).name}{mark}{name}"
 
@@ -145,6 +148,10 @@ class AgentSource:
     def _find(self) -> Callable[..., Any]:
         if self.name in BUILT_IN:
             return BUILT_IN[self.name]
+        if Path(self.name).is_dir():
+            from reverie_eval.agents.trained import find_trained  # torch takes seconds to import
+
+            return find_trained(Path(self.name))
         found: Any
         module_name, _, name = self.name.rpartition(":")
         if self.name.endswith(".py"):

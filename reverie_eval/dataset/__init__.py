@@ -11,8 +11,8 @@ from reverie_eval.dataset._box_building import (
     find_scans,
     list_objects,
 )
-from reverie_eval.dataset._compile import compile_split, origin_notes
-from reverie_eval.dataset._dataset import DatasetFiles
+from reverie_eval.dataset._compile import compile_for_training, compile_split, origin_notes
+from reverie_eval.dataset._dataset import DatasetFiles, scans_of
 from reverie_eval.dataset._description import (
     DatasetDescription,
     Distribution,
@@ -46,6 +46,7 @@ __all__ = [
     "Spread",
     "TargetDescription",
     "build_boxes",
+    "compile_for_training",
     "compile_split",
     "describe_dataset",
     "find_scans",
@@ -55,4 +56,5 @@ __all__ = [
     "origin_notes",
     "parse_house",
     "read_house",
+    "scans_of",
 ]

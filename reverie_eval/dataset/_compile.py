@@ -4,12 +4,21 @@ All problems in the files are found here: any bundle that exists can be scored a
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, IntArray, offsets_of
 from reverie_eval.dataset._boxes import Boxes
-from reverie_eval.dataset._dataset import Centres, DatasetFiles, read_one_split, read_split
+from reverie_eval.dataset._dataset import (
+    Centres,
+    Dataset,
+    DatasetFiles,
+    Items,
+    Targets,
+    read_one_split,
+    read_split,
+)
 from reverie_eval.dataset._lint import check_sound
 from reverie_eval.dataset._reader import Progress, Reader, no_progress, target_of, viewpoints_of
 from reverie_eval.ground_truth import (
@@ -53,8 +62,40 @@ def compile_split(
     DatasetError
         Listing everything in the files of this split that ``reverie-eval lint`` calls an error.
     """
+    return _bundle_of(read_one_split(files, split, progress), dataset)
+
+
+def compile_for_training(
+    files: DatasetFiles, split: str, *, progress: Progress = no_progress
+) -> tuple[Bundle, int]:
+    """Compile the items of a split whose target is visible, and count those that are left out.
+
+    One item of the published train split has a target that no view shows, and annotations of one
+    release have more with the boxes of another: nothing can be learned from them.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`compile_split`, but for these.
+    """
     content = read_one_split(files, split, progress)
+    (whole,) = content.splits
+    lost: Sequence[Annotation] = ()
+    if files.boxes:
+        targets = Targets(whole, Items(whole, content.graphs).with_target, content.boxes)
+        is_visible = targets.is_visible(targets.at_goal)
+        lost = [
+            item for item, is_kept in zip(targets.items, is_visible, strict=True) if not is_kept
+        ]
+    left_out = {id(item) for item in lost}
+    items = [item for item in whole.items if id(item) not in left_out]
+    content = replace(content, splits=[replace(whole, items=items)])
+    return _bundle_of(content, None), len(lost)
+
+
+def _bundle_of(content: Dataset, dataset: str | None) -> Bundle:
     check_sound(content, "compile")
+    files = content.files
     (annotations,), boxes, centres = content.splits, content.boxes, content.centres
     graph, items = content.graphs.ground_truth(), annotations.items
     arrays = graph.to_arrays() | _episode_arrays(items, graph)
@@ -79,6 +120,7 @@ def compile_split(
                 [_centre_of_target(item, centres) for item in items]
             )
     # Episodes of other splits are used in messages only, so problems in their files are ignored.
+    split = annotations.name
     others = {
         name: np.array(read_split(Reader(), name, path, files.task).instr_ids, dtype=np.str_)
         for name, path in files.annotations.items()

@@ -330,6 +330,16 @@ def _read_centres(reader: Reader, files: DatasetFiles) -> Centres | None:
     return reader.read(OBJECT_POSITIONS, files.object_positions, "object_positions") or {}
 
 
+def scans_of(files: DatasetFiles, *, but: str) -> set[str]:
+    """Return the scans of all splits but one, of the files that can be read."""
+    splits = (
+        read_split(Reader(), name, path, files.task)
+        for name, path in files.annotations.items()
+        if name != but
+    )
+    return set().union(*(split.scans for split in splits))
+
+
 def read_split(reader: Reader, name: str, path: Path, task: Task) -> Split:
     """Read an annotation file record by record."""
     annotations: list[Annotation] = []

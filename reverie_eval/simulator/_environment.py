@@ -183,6 +183,21 @@ class Environment:
         self._ended |= {walk.row: walk for walk in self._walks if walk.answer is not None}
         return self._observed()
 
+    def observe(self, episode: str, viewpoint_id: str) -> Observation:
+        """Return what an agent would observe at any viewpoint, facing north and level.
+
+        Nothing is begun or done by it: it is for training, which knows where it wants to look.
+
+        Raises
+        ------
+        ReverieEvalError
+            If the split has no such episode, or no such viewpoint.
+        """
+        viewpoint = self._truth.graph.index.get(viewpoint_id)
+        if viewpoint is None:
+            raise ReverieEvalError(f"the split's buildings have no viewpoint {viewpoint_id!r}")
+        return self._observe(_Walk(self._truth.row_of(episode), ((viewpoint, 0.0, 0.0),)))
+
     def submission(self) -> list[dict[str, Any]]:
         """Return the official record of each episode that ended, as it was walked last."""
         records = [self._record(self._ended[row]) for row in sorted(self._ended)]

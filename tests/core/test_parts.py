@@ -75,6 +75,9 @@ MISSING: Mapping[Words, str] = {
     ("submit", *SCORED, "--method", "Ours", *SERVER): CALLS,
     ("leaderboard", *SERVER): CALLS,
     ("verify", GOOD): "receipts need: pip install 'reverie-eval[client]'",
+    ("train", "mattnet", "--data", "DATASET", "-o", "model"): (
+        "trained agents need: pip install 'reverie-eval[agents]'"
+    ),
     ("serve",): THE_SERVER,
     ("server", "init", "lab"): THE_SERVER,
     ("server", "check", "lab"): THE_SERVER,

@@ -55,7 +55,7 @@ class RunOptions:
     def agent_options(self) -> Mapping[str, Any]:
         """Return the agent's options: those of the file, and then those of the command line."""
         given = {} if self.options_from is None else _read_toml(self.options_from)
-        return {**given, **dict(map(_read_option, self.option))}
+        return {**given, **options.read_options(self.option)}
 
 
 def _read_toml(file: Path) -> dict[str, Any]:
@@ -63,17 +63,6 @@ def _read_toml(file: Path) -> dict[str, Any]:
         return tomllib.loads(file.read_text("utf-8"))
     except ValueError as error:
         raise ReverieEvalError(f"{file}: {error}") from None
-
-
-def _read_option(text: str) -> tuple[str, Any]:
-    """Read NAME=VALUE: the value is one of TOML, or else text."""
-    name, mark, value = text.partition("=")
-    if not mark:
-        raise click.UsageError(f"--option {text}: expected NAME=VALUE")
-    try:
-        return name, tomllib.loads(f"value = {value}")["value"]
-    except ValueError:
-        return name, value
 
 
 @click.command("run")
@@ -84,12 +73,7 @@ def _read_option(text: str) -> tuple[str, Any]:
 @options.grouped(
     "run_options",
     RunOptions,
-    click.option(
-        "--option",
-        metavar="NAME=VALUE",
-        multiple=True,
-        help="An option of the agent; may be repeated.",
-    ),
+    options.agent_option,
     click.option(
         "--options-from", metavar="FILE", type=options.PATH, help="Options of the agent, as TOML."
     ),
@@ -152,8 +136,8 @@ def run_agent(
     """Run an agent on a split, and score it.
 
     AGENT is a file.py with a class `Agent`, file.py:Name, module:Name, the name of an agent that a
-    package offers, or one of ours: shortest, random, stop, nearest-first, word-match, or chat, a
-    language model.
+    package offers, the folder of a trained model, or one of ours: shortest, random, stop,
+    nearest-first, word-match, or chat, a language model.
 
     The same command goes on with a run that was killed or stopped. FOLDER gets submission.json,
     run.json, episodes.jsonl and steps.jsonl.

@@ -1,0 +1,25 @@
+"""The paper's agents, trained on names instead of pictures: what the extra ``agents`` needs.
+
+A model only scores actions or objects. What is observed becomes numbers in ``_coding``; training
+walks episodes in batches (``_imitation``, ``_ranking``), and a trained agent walks them one by one
+in a run (``_agent``), greedily or by the queue of FAST (``_queue``). Each network of a paper is a
+file: ``follower``, ``self_monitor``, ``name_rnn``, ``mattnet``.
+"""
+
+from reverie_eval.agents.trained._agent import MODEL, POINTER, find_trained
+from reverie_eval.agents.trained._model_file import Epoch, ModelCard, read_card
+from reverie_eval.agents.trained._recipes import RECIPES, Recipe
+from reverie_eval.agents.trained._training import TrainingPlan, train
+
+__all__ = [
+    "MODEL",
+    "POINTER",
+    "RECIPES",
+    "Epoch",
+    "ModelCard",
+    "Recipe",
+    "TrainingPlan",
+    "find_trained",
+    "read_card",
+    "train",
+]

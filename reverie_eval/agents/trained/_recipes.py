@@ -1,0 +1,122 @@
+"""The rows of the paper that can be trained, and how each is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+from torch import nn
+
+from reverie_eval.agents.trained._coding import Coder
+from reverie_eval.agents.trained._model_file import ModelCard
+from reverie_eval.agents.trained._navigating import Inputs
+from reverie_eval.agents.trained._pointing import Pointer
+from reverie_eval.agents.trained.follower import Follower
+from reverie_eval.agents.trained.mattnet import MAttNet
+from reverie_eval.agents.trained.name_rnn import NameRnn
+from reverie_eval.agents.trained.self_monitor import SelfMonitor
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.text import did_you_mean
+
+Walk = Literal["greedy", "fast"]
+"""Whether an agent always takes the best action where it is, or the best one that it knows of."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a row of the paper is trained."""
+
+    network: type[Follower | SelfMonitor | NameRnn | MAttNet]
+    epochs: int
+    """At most."""
+    learning_rate: float = 1e-3
+    student: float = 0.0
+    """The share of batches with student forcing."""
+    inputs: Inputs = field(default_factory=Inputs)
+    """What a navigator is given."""
+    erases: bool = False
+    """Whether a pointer reads expressions again without their most important word."""
+    walk: Walk = "greedy"
+
+    @property
+    def is_pointer(self) -> bool:
+        """Whether it points at objects, and does not go anywhere."""
+        return issubclass(self.network, Pointer)
+
+    @property
+    def input_class(self) -> Sequence[str]:
+        """The parts of observations that it reads."""
+        if self.is_pointer:
+            return ("boxes", "instruction", "names")
+        objects = ("boxes", "names") if self.reads_objects else ()
+        return tuple(sorted(["geometry", "instruction", *objects]))
+
+    @property
+    def reads_objects(self) -> bool:
+        """Whether it looks at names and boxes."""
+        return self.is_pointer or self.inputs.names or self.inputs.matches or self.inputs.top
+
+    def with_options(self, options: Mapping[str, Any]) -> "Recipe":
+        """Return the recipe with some of a navigator's inputs switched on or off.
+
+        Raises
+        ------
+        ReverieEvalError
+            If there is no such option, or its value is neither true nor false.
+        """
+        known = [] if self.is_pointer else [each.name for each in fields(Inputs)]
+        for name, value in options.items():
+            if name not in known:
+                raise ReverieEvalError(f"there is no option {name!r}{_or_none(name, known)}")
+            if not isinstance(value, bool):
+                raise ReverieEvalError(f"option {name} is true or false, not {value!r}")
+        return replace(self, inputs=replace(self.inputs, **options))
+
+    def build(self, coder: Coder) -> nn.Module:
+        """Return a network with random weights."""
+        n_words = len(coder.vocabulary.words) + 1
+        if issubclass(self.network, Pointer):
+            return self.network(n_words)
+        return self.network(n_words, len(coder.remembered), self.inputs)
+
+
+def _or_none(name: str, known: Sequence[str]) -> str:
+    return did_you_mean(name, known) if known else "; pointers have none"
+
+
+_SELF_MONITOR = Recipe(SelfMonitor, epochs=12, student=0.5)
+
+RECIPES: Mapping[str, Recipe] = MappingProxyType(
+    {
+        "r2r-tf": Recipe(Follower, epochs=12),
+        "r2r-sf": Recipe(Follower, epochs=12, student=0.5),
+        "self-monitor": _SELF_MONITOR,
+        "fast-short": replace(_SELF_MONITOR, walk="fast"),
+        "fast-lan-only": replace(
+            _SELF_MONITOR, walk="fast", inputs=Inputs(names=False, matches=False, memory=False)
+        ),
+        "interactive": replace(_SELF_MONITOR, walk="fast", inputs=Inputs(top=True)),
+        "name-rnn": Recipe(NameRnn, epochs=12, learning_rate=3e-3),
+        "mattnet": Recipe(MAttNet, epochs=12),
+        "cm-erase": Recipe(MAttNet, epochs=12, erases=True),
+    }
+)
+"""The rows of the paper that can be trained, by name: Qi et al., 2020, tables 2 and 3."""
+
+
+def find_recipe(name: str, options: Mapping[str, Any]) -> Recipe:
+    """Return a recipe.
+
+    Raises
+    ------
+    ReverieEvalError
+        If there is no such recipe or option.
+    """
+    if name not in RECIPES:
+        raise ReverieEvalError(f"there is no agent {name!r} to train{did_you_mean(name, RECIPES)}")
+    return RECIPES[name].with_options(options)
+
+
+def recipe_of(card: ModelCard) -> Recipe:
+    """Return the recipe of a model."""
+    return find_recipe(card.name, card.options)

@@ -1,0 +1,80 @@
+"""The self-monitoring agent: SelfMonitor, and the network of FAST and Interactive.
+
+Ma et al., "Self-Monitoring Navigation Agent via Auxiliary Progress Estimation", ICLR 2019:
+co-grounding of words and views (section 3.1), and a progress monitor (section 3.2).
+
+v_k, the feature of a view, is the vector of a slot: names, geometry, matches, memory.
+"""
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from reverie_eval.agents.trained._coding import MAX_WORDS
+from reverie_eval.agents.trained._navigating import (
+    Attention,
+    Inputs,
+    Navigator,
+    Reading,
+    Scores,
+    SlotEncoder,
+    Slots,
+    State,
+    WordEncoder,
+)
+
+
+def positions(n_words: int, size: int) -> Tensor:
+    """Return PE, float (n_words, size): sines and cosines of each word's number.
+
+    Vaswani et al., "Attention Is All You Need", 2017, section 3.5.
+    """
+    rate = torch.exp(torch.arange(0, size, 2) * (-math.log(10_000) / size))
+    angle = torch.arange(n_words)[:, None] * rate
+    return torch.stack([angle.sin(), angle.cos()], dim=-1).flatten(1)
+
+
+class SelfMonitor(Navigator):
+    """The self-monitoring agent. E: size of an embedding, H: of a hidden state."""
+
+    def __init__(
+        self,
+        n_words: int,
+        n_remembered: int,
+        inputs: Inputs,
+        *,
+        embedding: int = 64,
+        hidden: int = 128,
+        dropout: float = 0.3,
+    ) -> None:
+        super().__init__()
+        self.encoder = WordEncoder(n_words, embedding, hidden, dropout)
+        self.slots = SlotEncoder(embedding, hidden, inputs, n_remembered)
+        self.positions: Tensor
+        self.register_buffer("positions", positions(MAX_WORDS, hidden), persistent=False)
+        self.text = Attention(hidden, hidden)
+        self.visual = Attention(hidden, hidden)
+        self.lstm = nn.LSTMCell(3 * hidden, hidden)
+        self.action = nn.Linear(2 * hidden, hidden)
+        self.monitor = nn.Linear(2 * hidden, hidden)
+        self.progress = nn.Linear(MAX_WORDS + hidden, 1)
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, reading: Reading, state: State, slots: Slots) -> Scores:
+        """Score the actions of B decisions."""
+        g = self.dropout(self.slots(slots, reading.names))  # (B, S, H)
+        n_words = reading.context.shape[1]
+        # (2), (3): the words are told apart by position; the sum is of the words themselves.
+        _, alpha = self.text(state.h, reading.context + self.positions[:n_words])  # (B, L)
+        x = (alpha[:, None] @ reading.context)[:, 0]  # (B, H)
+        v, _ = self.visual(state.h, g, slots.valid)  # (4), (5): (B, H)
+        h, c = self.lstm(torch.cat([x, v, state.action], dim=-1), (state.h, state.c))  # (1)
+        # (6): o_k = (W_a [h, x]) . g(v_k)
+        o = (g @ self.action(self.dropout(torch.cat([h, x], dim=-1)))[..., None])[..., 0]
+        # (7), (8); alpha, of a varying number of words, is padded to the longest instruction.
+        h_pm = c.sigmoid() * self.monitor(torch.cat([state.h, v], dim=-1)).tanh()
+        padded = functional.pad(alpha, (0, MAX_WORDS - n_words))
+        p_pm = self.progress(torch.cat([padded, h_pm], dim=-1)).tanh()[..., 0]
+        return Scores(o.masked_fill(~slots.valid, -torch.inf), h, c, g, p_pm)

@@ -242,7 +242,7 @@ class RunLog:
         yield costs_text(self.costs(episodes))
         attempts = chain.from_iterable(self.attempts.values())
         if read := {part for each in attempts for part in each.read}:
-            yield f"the agent read {', '.join(sorted(read))}"
+            yield f"the agent read {read_text(read)}"
         if missing := [each for each in episodes if each not in self.attempts]:
             count = count_text(len(missing), "episode")
             yield f"the run's log has no attempt at {count}, such as {first_few(missing)}"
@@ -294,6 +294,14 @@ def costs_text(costs: Mapping[str, FloatArray]) -> str:
             unknown[f"{name}{some}"] = None
     parts = [", ".join(known), f"unknown: {', '.join(unknown)}" if unknown else ""]
     return f"cost per episode: {'; '.join(filter(None, parts))}"
+
+
+def read_text(parts: Collection[str]) -> str:
+    """List the parts of observations that were read; say so if some are labels of annotators."""
+    listed = ", ".join(sorted(parts)) or "nothing"
+    if {"names", "boxes"}.isdisjoint(parts):
+        return listed
+    return f"{listed}; names and boxes are annotators' labels: perfect perception"
 
 
 def _sum(attempts: Sequence[Attempt]) -> Mapping[str, float | None]:

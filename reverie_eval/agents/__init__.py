@@ -15,6 +15,7 @@ from reverie_eval.agents._reference import (
     ShortestAgent,
     StopAgent,
 )
+from reverie_eval.agents.chat import ChatAgent
 
 __all__ = [
     "AGENTS",
@@ -24,6 +25,7 @@ __all__ = [
     "Agent",
     "AgentSource",
     "BatchAgent",
+    "ChatAgent",
     "Episode",
     "NearestFirstAgent",
     "RandomAgent",

@@ -127,7 +127,7 @@ def test_episodes_of_the_log_or_the_split_alone_are_said(small: Scores, tmp_path
     scores = small.with_run(write_log(tmp_path / "run", rows))
     assert known(scores.costs["actions"]) == [3, None, None, None]
     assert list(scores.notes[-3:]) == [
-        "the agent read names",
+        "the agent read names; names and boxes are annotators' labels: perfect perception",
         "the run's log has no attempt at 3 episodes, such as 1_1_1, 2_2_0, 3_3_0",
         "the run's log has 1 episode of another split, such as 9_9_0",
     ]

@@ -13,6 +13,7 @@ import click
 
 from reverie_eval import GroundTruth, ReverieEvalError, evaluate
 from reverie_eval.agents import AgentSource
+from reverie_eval.logs import read_text
 from reverie_eval.reporting.scores import scores_printout
 from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
 from reverie_eval.text import count_text
@@ -191,9 +192,7 @@ def _outcome(totals: Totals) -> Iterable[str]:
     ended = ", ".join(f"{number:,} {state}" for state, number in states.items() if number)
     steps = count_text(totals.steps, "step")
     yield f"{ended}; {count_text(totals.attempts, 'attempt')}, {steps}, {totals.seconds:,.1f} s"
-    labels = {"names", "boxes"} & {*totals.read}
-    note = "; names and boxes are annotators' labels: perfect perception" if labels else ""
-    yield f"read: {', '.join(totals.read) or 'nothing'}{note}"
+    yield f"read: {read_text(totals.read)}"
     tokens = (totals.input_tokens, totals.output_tokens)
     if tokens != (None, None):
         money = "unknown" if totals.money is None else f"${totals.money:,.2f}"

@@ -15,7 +15,7 @@ from itertools import chain
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, BinaryIO, Literal, TypeVar
+from typing import Annotated, Any, BinaryIO, Literal, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -403,5 +403,7 @@ def _line_at(file: BinaryIO, offset: int) -> bytes:
 def _problem(path: Path, number: int, error: msgspec.DecodeError) -> Problem:
     """Say what is wrong with a line, and in which field."""
     message, _, field = str(error).replace("`", "").partition(" - at $.")
+    if message.startswith("Invalid enum"):
+        message += f"; expected {', '.join(get_args(State))}"
     where = f"{path}, line {number}{field and f', {field}'}"
     return Problem("log-line", where, message, (number,))

@@ -187,8 +187,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     def costs(self) -> Mapping[str, Mapping[str, CostDifference]]:
         """How much more an episode cost than in the first submission, by name and cost.
 
-        Intervals are by the same resamples as those of scores. Without those whose runs have no
-        log, and costs that are unknown for some episodes.
+        Intervals are by the same resamples as those of scores. Several runs of a method are left
+        out, and so are those without a log, and costs that are unknown for some episodes.
         """
         return cost_differences(self.scores, self._cluster, self._engine)
 

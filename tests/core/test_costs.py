@@ -150,6 +150,7 @@ def test_all_bad_lines_are_listed_with_their_fields(tmp_path: Path) -> None:
         b'{"episode":"1_1_1"',
         b'{"episode":"1_1_1"',  # the last line may have been cut off
     ]
+    states = "ended, cut_off, failed, interrupted"
     file = tmp_path / "episodes.jsonl"
     file.write_bytes(b"\n".join(lines))
     with pytest.raises(LogError) as caught:
@@ -158,7 +159,7 @@ def test_all_bad_lines_are_listed_with_their_fields(tmp_path: Path) -> None:
         "log rejected, 7 problems",
         f"{file}: 2 lines of attempt 1 at 1_1_0; expected one",
         f"{file}, line 3, steps: Expected int, got str",
-        f"{file}, line 4, state: Invalid enum value 'done'",
+        f"{file}, line 4, state: Invalid enum value 'done'; expected {states}",
         f"{file}, line 5, money: Expected float >= 0.0",
         f"{file}, line 6: Object missing required field state",
         f"{file}, line 7: Expected object, got array",

@@ -29,6 +29,7 @@ from reverie_eval.agents.trained._pointing import Candidates, Pointer
 from reverie_eval.agents.trained._queue import MOST_EXPANDED, Choice, Queue
 from reverie_eval.agents.trained._ranking import erase, hinge, ranking_loss
 from reverie_eval.agents.trained._recipes import RECIPES
+from reverie_eval.agents.trained._reinforcement import policy_loss, returns_of
 from reverie_eval.agents.trained._world import World, hold_back, make_coder
 from reverie_eval.agents.trained.mattnet import MAttNet
 from reverie_eval.dataset import DatasetFiles, compile_for_training
@@ -152,9 +153,12 @@ def test_words_that_are_unknown_match_nothing(world: World) -> None:
 class Stub(Navigator):
     """Scores actions in a fixed way."""
 
-    def __init__(self, logits: list[float], progress: float | None) -> None:
+    def __init__(
+        self, logits: list[float], progress: float | None, value: float | None = None
+    ) -> None:
         super().__init__()
         self.encoder = WordEncoder(1000, 2, 2, 0.0)
+        self.value = value
         self.logits, self.progress = torch.tensor(logits), progress
 
     def forward(self, reading: Reading, state: State, slots: Slots) -> Scores:  # noqa: ARG002
@@ -162,7 +166,8 @@ class Stub(Navigator):
         shape = slots.valid.shape
         logits = self.logits[: shape[1]].expand(shape).masked_fill(~slots.valid, -torch.inf)
         progress = None if self.progress is None else torch.full(shape[:1], self.progress)
-        return Scores(logits, state.h, state.c, torch.zeros(*shape, 2), progress)
+        value = None if self.value is None else torch.full(shape[:1], self.value)
+        return Scores(logits, state.h, state.c, torch.zeros(*shape, 2), progress, value)
 
 
 def test_teacher_forcing_is_worked_out_by_hand(world: World) -> None:
@@ -188,6 +193,23 @@ def test_a_student_that_stops_is_told_where_to_go(world: World) -> None:
 def test_hinge_is_worked_out_by_hand() -> None:
     right, wrong = torch.tensor([0.5, 0.5, 0.5]), torch.tensor([0.3, 0.45, 0.7])
     assert hinge(right, wrong).tolist() == pytest.approx([0.0, 0.05, 0.3])
+
+
+def test_returns_are_worked_out_by_hand() -> None:
+    # The second of three episodes is over after one step.
+    rewards = [np.array([1.0, 2.0, 0.0]), np.array([0.0, -1.0]), np.array([2.0])]
+    indices = [np.array([0, 1, 2]), np.array([0, 2]), np.array([0])]
+    first, second, third = returns_of(rewards, indices, 3)
+    assert third.tolist() == [2.0]
+    assert second.tolist() == pytest.approx([0.95 * 2, -1.0])
+    assert first.tolist() == pytest.approx([1 + 0.95 * 0.95 * 2, 2.0, -0.95])
+
+
+def test_the_policy_gradient_is_worked_out_by_hand(world: World) -> None:
+    model = Stub([50.0] + [0.0] * 19, None, value=0.25)
+    # It stops at once: no way is made, and the stop is not a success. The critic expected 0.25.
+    assert not world.is_success(np.array([3]), np.array([world.start[3]])).any()
+    assert policy_loss(model, world, np.array([3])).item() == pytest.approx(0.5 * 0.25**2)
 
 
 class Likes(Pointer):
@@ -247,6 +269,8 @@ def test_every_weight_learns(name: str, world: World, truth: GroundTruth) -> Non
             its = AdvisedWorld(truth, world.coder, pointer, world.coder)
         assert isinstance(model, Navigator)
         loss = imitation_loss(model, its, rows, is_student=False)
+        if recipe.reinforced_from:
+            loss += policy_loss(model, its, rows)
     loss.backward()  # type: ignore[no-untyped-call]
     still = [
         name for name, its in model.named_parameters() if its.grad is None or not its.grad.any()
@@ -261,7 +285,7 @@ def test_padding_and_company_change_no_score(batch: np.ndarray, world: World) ->
 
     def walked(rows: np.ndarray) -> Mapping[tuple[int, int], list[float]]:
         walks, scored = Walks(model, world, rows), {}
-        for number, (active, _, scores) in enumerate(walks.steps()):
+        for number, (_, active, _, scores) in enumerate(walks.steps()):
             for row, logits in zip(active.tolist(), scores.logits, strict=True):
                 scored[row, number] = logits[torch.isfinite(logits)].tolist()
             walks.act(scores.logits.argmax(dim=1) * (number < 4))

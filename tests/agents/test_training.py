@@ -69,7 +69,21 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
         train(TrainingPlan("mattnet", files, seed=1), folder)
 
 
-def test_the_best_epoch_is_kept_and_none_is_waited_for_long(
+@pytest.mark.parametrize(
+    ("seen", "first", "best"),
+    [
+        pytest.param([0.2, 0.5, 0.4], 1, 2, id="the best"),
+        pytest.param([0.2, 0.5, 0.5], 1, 2, id="the earliest of equals"),
+        pytest.param([0.5, 0.2, 0.3], 2, 3, id="none that only prepares"),
+        pytest.param([0.5, 0.2], 5, 2, id="the last, while all prepare"),
+    ],
+)
+def test_the_best_epoch_is_chosen(seen: list[float], first: int, best: int) -> None:
+    curve = [Epoch(loss=0.0, seen=each, unseen=0.1) for each in seen]
+    assert training.best_epoch(curve, first) == best
+
+
+def test_training_ends_three_epochs_after_the_best(
     files: DatasetFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rates = iter([0.1, 0.1, 0.3, 0.2, 0.2, 0.2, 0.1, 0.3, 0.3, 0.1])

@@ -42,8 +42,8 @@ def train(
 ) -> None:
     """Train one of the paper's agents, on names instead of pictures.
 
-    NAME is a navigator (r2r-tf, r2r-sf, self-monitor, fast-short, fast-lan-only or interactive) or
-    a pointer (name-rnn, mattnet or cm-erase). Run it with `reverie-eval run FOLDER`.
+    NAME is a navigator (r2r-tf, r2r-sf, rcm, self-monitor, fast-short, fast-lan-only or
+    interactive) or a pointer (name-rnn, mattnet or cm-erase). `reverie-eval run FOLDER` runs it.
 
     The same command goes on with a training that was interrupted. FOLDER gets model.safetensors and
     card.json, and a copy of the pointer. Needs PyTorch: pip install 'reverie-eval[agents]'.

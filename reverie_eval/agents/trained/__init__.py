@@ -1,9 +1,9 @@
 """The paper's agents, trained on names instead of pictures: what the extra ``agents`` needs.
 
 A model only scores actions or objects. What is observed becomes numbers in ``_coding``; training
-walks episodes in batches (``_imitation``, ``_ranking``), and a trained agent walks them one by one
-in a run (``_agent``), greedily or by the queue of FAST (``_queue``). Each network of a paper is a
-file: ``follower``, ``self_monitor``, ``name_rnn``, ``mattnet``.
+walks episodes in batches (``_imitation``, ``_reinforcement``, ``_ranking``), and a trained agent
+walks them one by one in a run (``_agent``), greedily or by the queue of FAST (``_queue``). Each
+network of a paper is a file: ``follower``, ``rcm``, ``self_monitor``, ``name_rnn``, ``mattnet``.
 """
 
 from reverie_eval.agents.trained._agent import MODEL, POINTER, find_trained

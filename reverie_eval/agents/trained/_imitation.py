@@ -25,6 +25,8 @@ PROGRESS_WEIGHT = 0.5
 class Step(NamedTuple):
     """What a navigator says about the episodes of a batch that are not over."""
 
+    episode: IntArray
+    """int (B,): which of the batch these are."""
     rows: IntArray
     """int (B,): their episodes."""
     viewpoints: IntArray
@@ -59,7 +61,7 @@ class Walks:
             here = torch.from_numpy(self._active)
             reading = self._reading._replace(context=self._reading.context[here])
             self._scores = self._model(reading, self._state, slots)
-            yield Step(rows, viewpoints, self._scores)
+            yield Step(self._active, rows, viewpoints, self._scores)
 
     def act(self, actions: Tensor) -> None:
         """Do an action, int (B,), in each of the episodes that are not over."""
@@ -85,7 +87,7 @@ def imitation_loss(model: Navigator, world: World, rows: IntArray, *, is_student
     whole = world.distance(rows, walks.viewpoints).clip(min=1e-6)
     whole_of = dict(zip(rows.tolist(), whole, strict=True))
     losses, progress_losses = [], []
-    for number, (here, viewpoints, scores) in enumerate(walks.steps()):
+    for number, (_, here, viewpoints, scores) in enumerate(walks.steps()):
         targets = [
             world.slot_towards(at, world.goal[row])
             if is_student

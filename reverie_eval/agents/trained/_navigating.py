@@ -159,6 +159,8 @@ class Scores(NamedTuple):
     """float (B, S, H): the vector of each action."""
     progress: Tensor | None
     """float (B,): the part of the way that is done, in [-1, 1]; None without a progress monitor."""
+    value: Tensor | None = None
+    """float (B,): the reward that is still to come; None without a critic."""
 
     def after(self, action: Tensor) -> State:
         """Return the state after an action, int (B,)."""

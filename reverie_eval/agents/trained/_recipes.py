@@ -14,6 +14,7 @@ from reverie_eval.agents.trained._pointing import Pointer
 from reverie_eval.agents.trained.follower import Follower
 from reverie_eval.agents.trained.mattnet import MAttNet
 from reverie_eval.agents.trained.name_rnn import NameRnn
+from reverie_eval.agents.trained.rcm import Rcm
 from reverie_eval.agents.trained.self_monitor import SelfMonitor
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.text import did_you_mean
@@ -26,12 +27,14 @@ Walk = Literal["greedy", "fast"]
 class Recipe:
     """How a row of the paper is trained."""
 
-    network: type[Follower | SelfMonitor | NameRnn | MAttNet]
+    network: type[Follower | Rcm | SelfMonitor | NameRnn | MAttNet]
     epochs: int
     """At most."""
     learning_rate: float = 1e-3
     student: float = 0.0
     """The share of batches with student forcing."""
+    reinforced_from: int | None = None
+    """The epoch from which batches with student forcing have the policy gradient instead."""
     inputs: Inputs = field(default_factory=Inputs)
     """What a navigator is given."""
     erases: bool = False
@@ -84,12 +87,13 @@ def _or_none(name: str, known: Sequence[str]) -> str:
     return did_you_mean(name, known) if known else "; pointers have none"
 
 
-_SELF_MONITOR = Recipe(SelfMonitor, epochs=12, student=0.5)
+_SELF_MONITOR = Recipe(SelfMonitor, epochs=8, student=0.5)
 
 RECIPES: Mapping[str, Recipe] = MappingProxyType(
     {
-        "r2r-tf": Recipe(Follower, epochs=12),
-        "r2r-sf": Recipe(Follower, epochs=12, student=0.5),
+        "r2r-tf": Recipe(Follower, epochs=8),
+        "r2r-sf": Recipe(Follower, epochs=8, student=0.5),
+        "rcm": Recipe(Rcm, epochs=8, student=0.5, reinforced_from=5),
         "self-monitor": _SELF_MONITOR,
         "fast-short": replace(_SELF_MONITOR, walk="fast"),
         "fast-lan-only": replace(
@@ -97,8 +101,8 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
         ),
         "interactive": replace(_SELF_MONITOR, walk="fast", inputs=Inputs(top=True)),
         "name-rnn": Recipe(NameRnn, epochs=12, learning_rate=3e-3),
-        "mattnet": Recipe(MAttNet, epochs=12),
-        "cm-erase": Recipe(MAttNet, epochs=12, erases=True),
+        "mattnet": Recipe(MAttNet, epochs=8),
+        "cm-erase": Recipe(MAttNet, epochs=8, erases=True),
     }
 )
 """The rows of the paper that can be trained, by name: Qi et al., 2020, tables 2 and 3."""

@@ -1,7 +1,7 @@
 """Training a row of the paper: epochs, early stopping by what is held back, and going on."""
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,7 @@ from reverie_eval.agents.trained._navigating import Navigator
 from reverie_eval.agents.trained._pointing import Pointer
 from reverie_eval.agents.trained._ranking import pointing_rate, ranking_loss
 from reverie_eval.agents.trained._recipes import Recipe, find_recipe
+from reverie_eval.agents.trained._reinforcement import policy_loss
 from reverie_eval.agents.trained._world import World, hold_back, make_coder
 from reverie_eval.arrays import IntArray
 from reverie_eval.dataset import DatasetFiles, compile_for_training, scans_of
@@ -132,11 +133,12 @@ def train(
         number = len(card.curve) + 1
         rng = np.random.default_rng([plan.seed, number])
         torch.manual_seed(int(rng.integers(2**63)))
-        loss = _train_epoch(recipe, world, model, optimizer, parts.trained, rng=rng)
+        shown = _shuffled(world, parts.trained, rng)
+        loss = _train_epoch(model, optimizer, shown, _loss_of(recipe, model, world, number, rng))
         rate = _rate_of(model, world)
         epoch = Epoch(loss=loss, seen=rate(parts.seen), unseen=rate(parts.unseen))
         curve = [*card.curve, epoch]
-        best = max(range(len(curve)), key=lambda index: curve[index].seen + curve[index].unseen) + 1
+        best = best_epoch(curve, recipe.reinforced_from or 1)
         card = msgspec.structs.replace(card, curve=curve, best=best)
         files.keep(card, model, optimizer)
         on_epoch(number, epoch)
@@ -144,21 +146,26 @@ def train(
     return card
 
 
+def best_epoch(curve: Sequence[Epoch], first: int) -> int:
+    """Return the epoch with the best sum of both shares, from 1; of equal ones, the earliest.
+
+    Those before ``first`` only prepare, and count as long as there are no others: the last of them.
+    """
+    numbers = range(min(first, len(curve)), len(curve) + 1)
+    return max(numbers, key=lambda number: curve[number - 1].seen + curve[number - 1].unseen)
+
+
 def _train_epoch(
-    recipe: Recipe,
-    world: World,
     model: nn.Module,
     optimizer: torch.optim.Optimizer,
-    rows: IntArray,
-    *,
-    rng: np.random.Generator,
+    shown: Iterable[IntArray],
+    loss_of: Callable[[IntArray], Tensor],
 ) -> float:
-    """Show each episode once, and return the mean loss of the batches."""
-    shuffled = list(batches(world, rng.permutation(rows), BATCH_SIZE))
+    """Learn from some batches, and return the mean of their losses."""
     losses = []
-    for index in rng.permutation(len(shuffled)):
+    for rows in shown:
         optimizer.zero_grad()
-        loss = _loss(recipe, world, model, shuffled[index], rng)
+        loss = loss_of(rows)
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(model.parameters(), _LARGEST_GRADIENT)
         optimizer.step()
@@ -166,14 +173,28 @@ def _train_epoch(
     return float(np.mean(losses))
 
 
-def _loss(
-    recipe: Recipe, world: World, model: nn.Module, rows: IntArray, rng: np.random.Generator
-) -> Tensor:
+def _shuffled(world: World, rows: IntArray, rng: np.random.Generator) -> Iterator[IntArray]:
+    """Yield each episode once, in batches."""
+    drawn = list(batches(world, rng.permutation(rows), BATCH_SIZE))
+    for index in rng.permutation(len(drawn)):
+        yield drawn[index]
+
+
+def _loss_of(
+    recipe: Recipe, model: nn.Module, world: World, epoch: int, rng: np.random.Generator
+) -> Callable[[IntArray], Tensor]:
+    """Return the loss of batches in an epoch."""
     if isinstance(model, Pointer):
-        return ranking_loss(model, world, rows, erases=recipe.erases)
+        return partial(ranking_loss, model, world, erases=recipe.erases)
     assert isinstance(model, Navigator)  # noqa: S101  # recipes have no others
-    is_student = bool(rng.random() < recipe.student)
-    return imitation_loss(model, world, rows, is_student=is_student)
+
+    def loss_of(rows: IntArray) -> Tensor:
+        is_student = bool(rng.random() < recipe.student)
+        if is_student and recipe.reinforced_from and epoch >= recipe.reinforced_from:
+            return policy_loss(model, world, rows)
+        return imitation_loss(model, world, rows, is_student=is_student)
+
+    return loss_of
 
 
 def _rate_of(model: nn.Module, world: World) -> Callable[[IntArray], float]:

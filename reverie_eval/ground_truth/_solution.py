@@ -13,6 +13,7 @@ from reverie_eval.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    KeyTable,
     find_sorted,
     last_of,
     offsets_of,
@@ -297,12 +298,12 @@ class Solution:
 
     def find(self, target_object: IntArray, viewpoint: IntArray) -> tuple[IntArray, BoolArray]:
         """Return the candidate's row for each object and viewpoint, and whether there is one."""
-        return find_sorted(self._candidate_keys, with_object(viewpoint, target_object))
+        return self._candidate_keys.find(with_object(viewpoint, target_object))
 
     @cached_property
-    def _candidate_keys(self) -> IntArray:
+    def _candidate_keys(self) -> KeyTable:
         # Ascending without a sort, because the compiler orders candidates by viewpoint and object.
-        return with_object(self.candidate_viewpoint, self.candidate_object)
+        return KeyTable(with_object(self.candidate_viewpoint, self.candidate_object))
 
 
 def _without_targets(n_items: int) -> Mapping[str, Array]:

@@ -1,10 +1,9 @@
 """Submissions: from bytes to predictions to aligned columns, or every problem with its location.
 
-There are two lanes from bytes to predictions. The fast lane (``_official``) decodes the plain
-official form straight into columns: nearly every file has it. The careful lane reads everything
-else value by value, and explains what is wrong: ``_document`` finds the records, ``_records`` reads
-them with ``_trajectories`` and ``_answers``. Both give the same :class:`Predictions`, whose ids
-``_alignment`` turns into integers.
+There are two readers. The fast one (``_fast``) reads valid files in all common forms straight into
+columns. The careful one reads everything else value by value, and explains what is wrong:
+``_document`` finds the records, ``_records`` reads them with ``_trajectories`` and ``_answers``.
+Both give the same :class:`Predictions`, whose ids ``_alignment`` turns into integers.
 """
 
 from reverie_eval.submissions._alignment import (
@@ -16,8 +15,8 @@ from reverie_eval.submissions._alignment import (
 from reverie_eval.submissions._answers import NO_POINT, official_point
 from reverie_eval.submissions._conversion import Conversion, convert
 from reverie_eval.submissions._document import are_records
+from reverie_eval.submissions._fields import submission_schema
 from reverie_eval.submissions._hints import answer_hints, submission_hints
-from reverie_eval.submissions._official import submission_schema
 from reverie_eval.submissions._predictions import (
     NO_BOXES,
     BoxAnswers,

@@ -93,7 +93,7 @@ def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
 
 
 def _parse_json(content: bytes | str, log: ReadingLog, *, has_lines: bool = False) -> Any:
-    import json  # rarely needed: most files take the fast lane
+    import json  # rarely needed: most files are valid
 
     try:
         return json.loads(content, object_pairs_hook=_build_object)

@@ -14,11 +14,14 @@ from functools import cache, cached_property, lru_cache
 from numbers import Integral, Real
 from typing import Any, TypeGuard
 
+import msgspec
+
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._faults import Fault
 from reverie_eval.tasks import (
+    ANSWER,
     BOX,
     BUILT_IN,
     IMAGE_SIZE,
@@ -109,6 +112,30 @@ PART_OF_ITEM = Fields(INSTR_ID, (TRAJECTORY, *POINT))
 """The fields of one of an item's trajectories, once it is a record of its own."""
 
 
+def submission_schema() -> dict[str, Any]:
+    """Return the JSON Schema of the official form."""
+    fields = [
+        (each.name, each.type) if each.default is ... else (each.name, each.type, each.default)
+        for each in (INSTR_ID, TRAJECTORY, *ANSWER)
+    ]
+    prediction = msgspec.defstruct(
+        "Prediction", fields, namespace={"__doc__": "What an agent did in one episode."}
+    )
+    schema: dict[str, Any] = msgspec.json.schema(list[prediction])  # type: ignore[valid-type]
+    # What types cannot express: an answer is an object or a box, but not both.
+    schema["$defs"]["Prediction"] |= {
+        "anyOf": [
+            {"required": ["predObjId"]},
+            {"required": ["predBox"], "properties": {"predBox": {"type": "array"}}},
+        ],
+        "not": {
+            "required": ["predObjId", "predBox"],
+            "properties": {"predObjId": {"minimum": 0}, "predBox": {"type": "array"}},
+        },
+    }
+    return schema
+
+
 def id_key_of(record: Mapping[str, Any], task: Task) -> str:
     """Return the field with a record's id, or that in which the task has it."""
     named = (key for key in task.id_field.names if record.get(key) is not None)
@@ -138,7 +165,7 @@ def find_misspelt(
     which is ``optional`` in this record. A known field that is null counts as missing if another
     spelling of the same name has a value.
     """
-    unknown = {field: _meant_by(field, fields) for field in record if field not in fields.all}
+    unknown = {field: field_meant_by(field, fields) for field in record if field not in fields.all}
     if None in map(record.get, fields.all & record.keys()):
         record = _without_respelt_nulls(record, unknown)
     missing = {meant for meant in unknown.values() if meant and not _has(record, meant, fields)}
@@ -200,7 +227,7 @@ def _spelling(field: object) -> str | None:
 
 
 @lru_cache(maxsize=1024)
-def _meant_by(field: object, fields: Fields) -> str | None:
+def field_meant_by(field: object, fields: Fields) -> str | None:
     """Return the known field that a name resembles, if any."""
     spelling = _spelling(field)
     if spelling is None:

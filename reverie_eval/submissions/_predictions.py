@@ -186,8 +186,8 @@ class Predictions(SubmissionColumns):
     """Whether most angles look like degrees."""
     locations: Sequence[RecordLocation] | None = None
     """The location of each record in the file."""
-    pose_locations: Sequence[PoseLocation] | None = None
-    """The location of each pose in its trajectory."""
+    pose_locations: Sequence[PoseLocation] | IntArray | None = None
+    """The location of each pose in its trajectory, or an array with -1 for what it lacks."""
     continues_hop: BoolArray | None = None
     """Shape (n_poses,): whether evaluators that read only the first viewpoint of each hop miss the
     pose."""
@@ -217,7 +217,9 @@ class Predictions(SubmissionColumns):
 
     def location(self, record: int) -> RecordLocation:
         """Return the location of a record in the file."""
-        return RecordLocation(record) if self.locations is None else self.locations[record]
+        if self.locations is None:
+            return RecordLocation(record, id_key=self.signs.id_key)
+        return self.locations[record]
 
     def pose_location(self, record: int, pose: int) -> PoseLocation:
         """Return the location of a pose in its trajectory.
@@ -226,7 +228,7 @@ class Predictions(SubmissionColumns):
         """
         if self.pose_locations is None:
             return pose - int(self.offsets[record]), 0
-        return self.pose_locations[pose]
+        return tuple(int(index) for index in self.pose_locations[pose] if index >= 0)
 
     def content(self, record: int) -> Content:
         """Return what a record predicts, for comparison with another record."""
@@ -253,15 +255,23 @@ class Predictions(SubmissionColumns):
             self,
             viewpoint=self.viewpoint[poses],
             offsets=offsets_of(lengths),
-            pose_locations=[self.pose_locations[pose] for pose in poses],
+            pose_locations=[self.pose_location(-1, pose) for pose in poses],
             continues_hop=self.continues_hop[poses],
         )
 
     def without_trajectories(self) -> "Predictions":
-        """Return only the answers of a file in the plain official form."""
+        """Return only the answers."""
         offsets = np.zeros_like(self.offsets)
         none = self.viewpoint[:0]
-        return replace(self, viewpoint=none, distinct_ids=(), offsets=offsets, has_degrees=False)
+        return replace(
+            self,
+            viewpoint=none,
+            distinct_ids=(),
+            offsets=offsets,
+            has_degrees=False,
+            pose_locations=None,
+            continues_hop=None,
+        )
 
 
 def look_like_degrees(stop_angles: FloatArray) -> bool:

@@ -1,4 +1,4 @@
-"""The careful lane: read records value by value, and explain what cannot be read.
+"""The careful reader: read records value by value, and explain what cannot be read.
 
 Nothing is repaired. A value that has none of the known forms becomes a problem with its location,
 and reading goes on, so that all problems are found at once. A form that differs from the official
@@ -31,6 +31,7 @@ from reverie_eval.submissions._answers import (
     read_point,
 )
 from reverie_eval.submissions._document import are_records, locate_records, parse_document
+from reverie_eval.submissions._fast import convert_official, read_fast
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import (
     ID_KEYS,
@@ -47,7 +48,6 @@ from reverie_eval.submissions._fields import (
     is_list,
     unwrap,
 )
-from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     Numbering,
     Predictions,
@@ -111,9 +111,9 @@ def parse_predictions(
     content: bytes, task: Task = REVERIE, *, answers_only: bool = False
 ) -> Predictions:
     """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
-    predictions = None if task.has_items else decode_official(content, has_answers=task.has_targets)
+    predictions = read_fast(content, task, answers_only=answers_only)
     if predictions is not None:
-        return predictions.without_trajectories() if answers_only else predictions
+        return predictions
     log = ReadingLog()
     document = parse_document(content, log, has_lines=task.has_json_lines)
     return read_carefully(document, log, task, answers_only=answers_only)

@@ -301,8 +301,8 @@ def _is_hop(element: Any) -> bool:
 
 PATH_KEY = "path"
 _NO_OBJECTS = frozenset({list, tuple, str})
-# The id of an episode of DUET's own files of SOON; NaviLLM writes a prefix before it.
-_DUETS_ID = re.compile(r"(?:[A-Za-z]\w*_)?\d+-\d+_\d+")
+DUETS_ID = re.compile(r"(?:[A-Za-z]\w*_)?\d+-\d+_\d+")
+"""The id of an episode of DUET's own files of SOON; NaviLLM writes a prefix before it."""
 
 
 def is_item(record: Mapping[str, Any]) -> bool:
@@ -356,7 +356,7 @@ def split_items(
     count: Counter[object] = Counter()
     for location, record in records:
         given = record.get(INSTR_ID_KEY, location.key)
-        if isinstance(given, str) and _DUETS_ID.fullmatch(given):  # does not identify the item
+        if isinstance(given, str) and DUETS_ID.fullmatch(given):  # does not identify the item
             raise SubmissionError([problems.DUETS_EPISODES.of_record(location, instr_id=given)])
         is_part = isinstance(given, str) and ITEM_MARK in given
         if is_part and not is_item(record):

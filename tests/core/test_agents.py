@@ -12,7 +12,7 @@ from reverie_eval import CATALOGUE, GroundTruth, GroundTruthError, Scores, evalu
 from reverie_eval.agents import AGENTS, MAX_RANDOM_STEPS
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.runner import Record, run_agent
-from reverie_eval.submissions._official import decode_official
+from reverie_eval.submissions._fast import read_fast
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.serving import with_arrays
 from tests.support.worlds import ground_truth_of
@@ -151,7 +151,7 @@ def test_stop_stays_at_the_start_and_predicts_nothing(truth: GroundTruth) -> Non
 @pytest.mark.parametrize("name", list(AGENTS))
 def test_agents_write_the_official_form(name: str, truth: GroundTruth) -> None:
     records = run_agent(name, truth)
-    predictions = decode_official(json.dumps(records).encode())
+    predictions = read_fast(json.dumps(records).encode(), truth.task)
     assert predictions is not None
     assert list(predictions.instr_ids) == list(truth.episodes.instr_ids)
     angles = [pose[1:] for record in records for pose in record["trajectory"]]

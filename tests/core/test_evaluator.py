@@ -15,7 +15,7 @@ import pytest
 import reverie_eval as rv
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.submissions import Submission
-from reverie_eval.submissions._official import convert_official
+from reverie_eval.submissions._fast import convert_official
 from tests.conftest import SAMPLES
 from tests.support.forms import FORMS, Form
 

@@ -14,8 +14,8 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from reverie_eval.submissions import read_predictions
+from reverie_eval.submissions._fast import convert_official
 from reverie_eval.submissions._faults import ReadingLog
-from reverie_eval.submissions._official import convert_official
 from reverie_eval.submissions._records import read_carefully
 from tests.support.json_records import boxes_of, columns_of, places_of, problems_of
 

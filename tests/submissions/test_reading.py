@@ -611,7 +611,7 @@ def test_only_the_first_viewpoints_of_hops() -> None:
     assert places_of(cut) == [("[0]", [(0, 0), (1, 0), (2, 0)]), ("[1]", [(0, 0)])]
     assert hops_of(cut) == [False] * 4
     assert (whole.has_long_hops, cut.has_long_hops) == (True, False)
-    poses = read_predictions(document(record()))
+    poses = read_predictions(document(record(trajectory=f'[["{"a" * 32}", 1.5, 0]]')))
     assert poses.first_of_hops() is poses
 
 
@@ -662,18 +662,18 @@ def test_as_many_values_as_the_limit_are_read(content: bytes, values: int) -> No
         check_value_count(content, values - 1)
 
 
-@pytest.mark.parametrize("lane", ["text", "objects", "hops"])
+@pytest.mark.parametrize("form", ["text", "objects", "hops"])
 def test_a_trajectory_longer_than_any_agent_walks(
-    lane: str, monkeypatch: pytest.MonkeyPatch
+    form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in ("official", "trajectories"):
+    for module in ("fast", "trajectories"):
         monkeypatch.setattr(f"reverie_eval.submissions._{module}.MAX_POSES", 2)
-    pose: Any = ["a", 0.0, 0.0] if lane != "hops" else ["a"]
+    pose: Any = ["a" * 32, 0.0, 0.0] if form != "hops" else ["a" * 32]
     records = [
         {"instr_id": "1_0", "trajectory": [pose] * 2, "predObjId": 1},
         {"instr_id": "1_1", "trajectory": [pose] * 3, "predObjId": 1},
     ]
-    (problem,) = problems_of(records if lane == "objects" else json.dumps(records).encode())
+    (problem,) = problems_of(records if form == "objects" else json.dumps(records).encode())
     assert (problem.code, problem.where) == ("too-large", "[1].trajectory")
     assert "holds 3 elements, more than the 2" in problem.message
 

@@ -1,4 +1,4 @@
-"""The fast lane and the careful one read a submission to the same columns."""
+"""The fast reader and the careful one give the same columns, notes and locations."""
 
 import json
 from collections.abc import Callable
@@ -16,11 +16,13 @@ from reverie_eval.submissions import (
     read_predictions,
 )
 from reverie_eval.submissions._document import parse_document
+from reverie_eval.submissions._fast import read_fast
 from reverie_eval.submissions._faults import ReadingLog
-from reverie_eval.submissions._official import decode_official
 from reverie_eval.submissions._records import read_carefully
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
+from tests.support.both_readers import edited, read_by_both, small_files
+from tests.support.forms import FORMS
 from tests.support.json_records import (
     RIGHT,
     Columns,
@@ -39,12 +41,14 @@ NUMBERS = ["0", "-0", "-1", "3", "3.0", "3e0", "1.", "01", "1e400", "9" * 400, s
 STRANGE = ["null", "true", "{}", "[]", '"', '"a\nb"', '"\\ud800"', '"\\u00e4"', '"a:b"', '[["a"]]']
 
 names = (st.text(max_size=3) | st.sampled_from(["reverie_", "reverie_7_1_0"])).map(json.dumps)
+ids = st.sampled_from([f'"{digit * 32}"' for digit in "0af"])
 angles = st.integers().map(str) | st.floats(allow_nan=False, allow_infinity=False).map(repr)
 texts = st.sampled_from([*NUMBERS, *STRANGE]) | names | angles
 fields = st.sampled_from(list(RIGHT))
 box_fields = st.sampled_from(["predBox", "predView", "predImageSize"])
-poses = st.builds("[{}, {}, {}]".format, names, angles, angles)
-hops = st.lists(names | names.map(lambda name: f"{name}, {name}"), max_size=2).map(
+poses = st.builds("[{}, {}, {}]".format, ids | names, angles, angles)
+right_poses = st.builds("[{}, {}, 0.5]".format, ids, st.sampled_from(["0", "-1.5", "2e-5"]))
+hops = st.lists(ids | ids.map(lambda name: f"{name}, {name}"), max_size=2).map(
     lambda ids: f"[{', '.join(ids)}]"
 )
 right_answers = st.integers(-1, 2**31 - 1).map(str) | st.integers(0, 2**31 + 1).map('"{}"'.format)
@@ -62,10 +66,15 @@ def right_records_of(steps: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
     )
 
 
-right_records = right_records_of(poses)
+right_records = right_records_of(poses) | right_records_of(right_poses)
 records_of_hops = right_records_of(hops)
 other_poses = st.one_of(
-    names, st.just("[]"), names.map("[{}]".format), st.builds("[{}, {}]".format, names, names)
+    ids,
+    ids.map("[{}]".format),
+    names,
+    st.just("[]"),
+    names.map("[{}]".format),
+    st.builds("[{}, {}]".format, names, names),
 )
 other_answers = st.sampled_from(['"3"', '"None"', '""', '"-1"', '"owl"'])
 other_records = st.one_of(
@@ -126,44 +135,59 @@ def damaged_documents(draw: st.DrawFn) -> bytes:
     return content[:begin] + draw(st.binary(max_size=3)) + content[end:]
 
 
-@settings(max_examples=200)
-@given(content=documents | damaged_documents(), chunk=st.sampled_from([1, 100, 1 << 16]))
-def test_the_fast_lane_declines_or_agrees(content: bytes, chunk: int) -> None:
-    """However many bytes it decodes at once."""
-    with patch("reverie_eval.submissions._official._CHUNK", chunk):
-        predictions = decode_official(content)
-    event("taken" if predictions else "declined")
-    if predictions:
-        log = ReadingLog()
-        carefully = read_carefully(parse_document(content, log), log)
-        assert columns_of(predictions) == columns_of(carefully)
-        assert places_of(predictions) == places_of(carefully)
-        assert predictions.answer_is_text.tolist() == carefully.answer_is_text.tolist()
-        assert boxes_of(predictions) == boxes_of(carefully) == []
-        assert predictions.differences == carefully.differences
-        assert hops_of(predictions) == hops_of(carefully)
-        assert predictions.read_as == carefully.read_as
-        assert not carefully.problems
+TASKS = ("reverie", "ndh", "r2r", "r4r", "rxr", "soon")
+
+
+@settings(max_examples=300)
+@given(
+    content=documents | damaged_documents(),
+    task=st.sampled_from(TASKS),
+    answers_only=st.booleans(),
+    piece=st.sampled_from([1, 100, 1 << 16]),
+)
+def test_the_fast_reader_declines_or_agrees(
+    content: bytes, task: str, *, answers_only: bool, piece: int
+) -> None:
+    """However many bytes it reads at once."""
+    with patch("reverie_eval.submissions._fast._PIECE", piece):
+        is_taken = read_by_both(content, find_task(task), answers_only=answers_only)
+    event("taken" if is_taken else "declined")
+
+
+@pytest.mark.parametrize("name", list(small_files()))
+def test_a_byte_more_or_less_is_declined_or_read_alike(name: str) -> None:
+    """In a file of every form, and with every mistake that people make."""
+    content, task = small_files()[name]
+    read_by_both(content, task)
+    for changed in edited(content, 20, seed=name):
+        read_by_both(changed, task)
+
+
+@pytest.mark.parametrize("name", list(FORMS))
+@pytest.mark.parametrize("piece", [1, 1 << 16])
+def test_every_form_is_read_fast(name: str, piece: int) -> None:
+    with patch("reverie_eval.submissions._fast._PIECE", piece):
+        assert read_by_both(FORMS[name].bytes(), find_task("reverie"))
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_every_task_is_read_fast(name: str) -> None:
+    sample = SAMPLES / ("good.json" if name == "reverie" else f"{name}.json")
+    task = find_task(name)
+    assert read_by_both(sample.read_bytes(), task)
+    lines = b"\n".join(json.dumps(each).encode() for each in json.loads(sample.read_bytes()))
+    assert read_by_both(lines, task) == task.has_json_lines if task.has_json_lines else True
 
 
 @pytest.mark.parametrize(
     "between", [",", " ,\n\t", ",,", "", ",\x0b", "}, {", "], [", '"}, {"', ', {"note": "}, {"}, ']
 )
 def test_a_list_is_cut_between_records_only(between: str) -> None:
-    """Whatever is between records: the fast lane cuts here after each record."""
-    content = f"[{record()}{between}{record()}]".encode()
-    with patch("reverie_eval.submissions._official._CHUNK", 1):
-        predictions = decode_official(content)
-    assert (predictions is not None) == (between.strip(" \n\t") == ",")
-    assert predictions is None or columns_of(predictions) == columns_of(read_predictions(content))
-
-
-def test_a_text_that_looks_like_the_space_between_records() -> None:
-    name = json.dumps("a}, {b")
-    content = document(record(instr_id=name), record(trajectory=f"[[{name}, 0, 0]]"))
-    with patch("reverie_eval.submissions._official._CHUNK", 1):
-        assert decode_official(content) is None
-    assert read_predictions(content).instr_ids[0] == json.loads(name)
+    """Whatever is between records: the reader cuts here after each record."""
+    content = f"[{RIGHT_RECORD}{between}{RIGHT_RECORD}]".encode()
+    with patch("reverie_eval.submissions._fast._PIECE", 1):
+        is_taken = read_by_both(content, find_task("reverie"))
+    assert is_taken == (between.strip(" \n\t") == ",")
 
 
 @settings(max_examples=200)
@@ -224,7 +248,7 @@ def with_tuples(value: Any) -> Any:
 
 @settings(max_examples=200)
 @given(content=documents)
-def test_the_careful_lane_reads_common_forms_as_it_reads_others(content: bytes) -> None:
+def test_the_careful_reader_reads_common_forms_as_it_reads_others(content: bytes) -> None:
     """Trajectories that are lists are read by loops in C if they have a common form."""
     try:
         document, other = (parse_document(content, ReadingLog()) for _ in range(2))
@@ -242,45 +266,29 @@ def test_the_careful_lane_reads_common_forms_as_it_reads_others(content: bytes) 
     ]
 
 
-@pytest.mark.parametrize("chunk", [1, 1 << 16])
-def test_the_fast_lane_reads_hops(chunk: int) -> None:
+A, B = f'"{"a" * 32}"', f'"{"b" * 32}"'
+RIGHT_RECORD = record(trajectory=f"[[{A}, 1.5, 0]]")
+
+
+def test_hops_by_the_fast_reader() -> None:
     content = document(
-        record(trajectory='[["hall"], [], ["bath", "loft"]]', predObjId='"3"'),
-        record(instr_id='"7_1_1"', trajectory='[["hall"], ["bath"]]'),
-        record(instr_id='"7_1_2"', trajectory='[["loft"]]', predObjId="4"),
+        record(trajectory=f"[[{A}], [], [{B}, {A}]]", predObjId='"3"'),
+        record(instr_id='"7_1_1"', trajectory=f"[[{B}], [{B}, 1, 2.5, 3], [{A}]]"),
     )
-    with patch("reverie_eval.submissions._official._CHUNK", chunk):
-        predictions = decode_official(content)
+    predictions = read_fast(content, find_task("reverie"))
     assert predictions is not None
     assert columns_of(predictions) == Columns(
-        ["7_1_0", "7_1_1", "7_1_2"],
-        ["hall", "bath", "loft", "hall", "bath", "loft"],
-        [0, 3, 5, 6],
-        [3, 3, 4],
+        ["7_1_0", "7_1_1"],
+        [(A, B)[each == "b"][1:-1] for each in "ababba"],
+        [0, 3, 6],
+        [3, 3],
         has_degrees=False,
     )
     assert places_of(predictions) == [
         ("[0]", [(0, 0), (2, 0), (2, 1)]),
-        ("[1]", [(0, 0), (1, 0)]),
-        ("[2]", [(0, 0)]),
+        ("[1]", [(0, 0), (1, 0), (2, 0)]),
     ]
     assert hops_of(predictions) == [False, False, True, False, False, False]
-    assert predictions.answer_is_text.tolist() == [True, False, False]
-    assert predictions.has_leading_zeros.tolist() == [False] * 3
-    assert not predictions.is_navigation_only
-    assert predictions.differences == {
-        "text ids": 1,
-        "hops": 1,
-        "empty hops": 1,
-        "long hops": 1,
-        "no angles": 6,
-    }
-    assert predictions.read_as == [
-        "1 trajectories of nested hops",
-        "1 hops with more than one viewpoint, every viewpoint counted",
-        "6 poses without heading and elevation",
-        "1 object ids written as text",
-    ]
 
 
 @pytest.mark.parametrize(
@@ -288,25 +296,38 @@ def test_the_fast_lane_reads_hops(chunk: int) -> None:
     [
         pytest.param(record(predObjId=f'"{2**31 - 1}"'), True, id="largest object as text"),
         pytest.param(record(predObjId=f'"{2**31}"'), False, id="larger object as text"),
-        pytest.param(record(predObjId='"03"'), False, id="leading zero"),
-        pytest.param(record(trajectory='[["7", 1.5, 0]]'), True, id="digits for a viewpoint"),
-        pytest.param(record(trajectory='[["hall", "7"]]'), False, id="hop, or angle as text"),
-        pytest.param(record(trajectory='[["hall"], []]'), True, id="empty hop"),
+        pytest.param(record(predObjId='"03"'), True, id="leading zero"),
+        pytest.param(record(predObjId="true"), False, id="boolean"),
+        pytest.param(record(trajectory='[["7", 1.5, 0]]'), False, id="no viewpoint id"),
+        pytest.param(record(trajectory=f"[[{A}], []]"), True, id="empty hop"),
+        pytest.param(record(trajectory=f"[[{A}], [5]]"), False, id="a number alone"),
+        pytest.param(record(trajectory=f"[[{A}], 5]"), False, id="a number among hops"),
+        pytest.param(record(trajectory=f"[{A}, [{A}]]"), False, id="bare, and in a list"),
+        pytest.param(record(trajectory=f"[[[{A}]]]"), False, id="nested too deeply"),
+        pytest.param(record(trajectory=f"[[{A}, 1]]"), False, id="one angle"),
+        pytest.param(record(trajectory=f"[[1, {A}, 2]]"), False, id="an angle first"),
+        pytest.param(record(trajectory=f"[[{A}, true, null]]"), False, id="no numbers"),
+        pytest.param(record(trajectory=f"[[{A}, 1e400, 0]]"), False, id="infinite"),
+        pytest.param(record(trajectory=f"[[{A}, {'9' * 400}, 0]]"), False, id="a long number"),
+        pytest.param(record(trajectory=f"[[{A}, 1e-400, 0]]"), True, id="nearly zero"),
+        pytest.param(record(trajectory=f"[[{A}, 30.5, 0]]"), False, id="degrees, perhaps"),
+        pytest.param(record(trajectory=f"[[{A}, 6.25, 0]]"), False, id="nearly a full turn"),
         pytest.param(record(trajectory="[[]]"), False, id="empty hop only"),
         pytest.param(record(trajectory="[]"), False, id="no pose"),
-        pytest.param(record(instr_id='"reverie_7_1_0"'), False, id="prefix"),
-        pytest.param(record(instr_id='"7:1"'), False, id="colon"),
+        pytest.param(record(instr_id='"reverie_7_1_0"'), True, id="prefix"),
+        pytest.param(record(note=r'"\u00e4: {\"a\": 1}"'), True, id="a field more"),
+        pytest.param(record(note='{"predObjId": 5, "a": [{"b": 1}]}'), True, id="objects in it"),
+        pytest.param(record(note="9" * 4400), False, id="a number that Python refuses"),
+        pytest.param(record(path="1"), True, id="another spelling beside the field"),
+        pytest.param(record(objId="1"), False, id="another spelling of an answer"),
+        pytest.param(record(predBox="null"), False, id="box"),
+        pytest.param(f'{RIGHT_RECORD[:-1]}, "predObjId": 3}}', False, id="a field twice"),
+        pytest.param(f'{RIGHT_RECORD[:-1]}, "pred\\u004fbjId": 3}}', False, id="twice, escaped"),
     ],
 )
-def test_what_the_fast_lane_takes(text: str, *, is_taken: bool) -> None:
-    assert (decode_official(document(text)) is not None) == is_taken
-
-
-def test_the_longest_trajectory_of_the_fast_lane(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reverie_eval.submissions._official.MAX_POSES", 2)
-    two, three = (record(trajectory=f'[{", ".join(["""["hall", 1, 0]"""] * n)}]') for n in (2, 3))
-    assert decode_official(document(record(), two)) is not None
-    assert decode_official(document(record(), three)) is None
+def test_what_the_fast_reader_takes(text: str, *, is_taken: bool) -> None:
+    text = text.replace('[["hall", 1.5, 0]]', f"[[{A}, 1.5, 0]]")
+    assert read_by_both(document(text, text), find_task("reverie")) == is_taken
 
 
 @pytest.mark.parametrize("form", [list, tuple])
@@ -349,7 +370,7 @@ def test_the_longest_trajectory_of_the_fast_lane(monkeypatch: pytest.MonkeyPatch
         ),
     ],
 )
-def test_the_careful_lane_reads_a_trajectory(
+def test_the_careful_reader_reads_a_trajectory(
     trajectory: list[Any],
     viewpoint_ids: str,
     paths: list[tuple[int, ...]],
@@ -390,7 +411,7 @@ def test_the_careful_lane_reads_a_trajectory(
         ),
     ],
 )
-def test_the_careful_lane_reads_an_answer(
+def test_the_careful_reader_reads_an_answer(
     answer: object,
     object_id: int,
     *,
@@ -409,33 +430,3 @@ def test_the_careful_lane_reads_an_answer(
     assert predictions.answer_is_text.tolist() == [is_text] * 2
     assert predictions.has_leading_zeros.tolist() == [has_leading_zeros] * 2
     assert {key: count for key, count in log.differences.items() if count} == differences
-
-
-@pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
-def test_the_fast_lane_accepts_what_agents_write(name: str) -> None:
-    assert decode_official((SAMPLES / name).read_bytes()) is not None
-
-
-@pytest.mark.parametrize("name", ["r2r", "r4r"])
-@pytest.mark.parametrize("chunk", [1, 1 << 16])
-def test_the_fast_lane_reads_a_task_without_objects(name: str, chunk: int) -> None:
-    content = (SAMPLES / f"{name}.json").read_bytes()
-    with patch("reverie_eval.submissions._official._CHUNK", chunk):
-        predictions = decode_official(content, has_answers=False)
-    assert predictions is not None
-    log = ReadingLog()
-    carefully = read_carefully(parse_document(content, log), log, find_task(name))
-    assert columns_of(predictions) == columns_of(carefully)
-    assert predictions.is_navigation_only
-    assert carefully.is_navigation_only
-    assert decode_official(content) is None
-    assert decode_official((SAMPLES / "good.json").read_bytes(), has_answers=False) is None
-
-
-@pytest.mark.parametrize("name", ["good", "r2r"])
-@pytest.mark.parametrize("load", [bytes, json.loads], ids=["text", "objects"])
-def test_the_official_form_takes_the_fast_lane(load: Callable[[bytes], Any], name: str) -> None:
-    """The careful one notes where every record is."""
-    submission = load((SAMPLES / f"{name}.json").read_bytes())
-    task = find_task("r2r" if name == "r2r" else "reverie")
-    assert read_predictions(submission, task).locations is None

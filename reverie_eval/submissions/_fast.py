@@ -1,0 +1,670 @@
+"""The fast reader: a valid file in any common form, in columns, without an object for each pose.
+
+A parser that makes a list, a string and two numbers of each pose spends most of its time on these.
+Here, msgspec checks the JSON but leaves trajectories as text, and numpy reads all of them at once.
+Without the letters and digits of ids and numbers, the text of poses is ``[["",,],["",,],...]``:
+as it is known to be valid JSON, these marks tell the form of every element.
+
+A file is read here if all records have the fields of the first one and nothing is wrong with any.
+Everything else is declined and left to :mod:`reverie_eval.submissions._records`, which explains.
+Both must give the same columns, notes and locations. This reader has no rules of its own: it asks
+those of the other one about each different answer and each field that is not read.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from itertools import chain, repeat
+from operator import attrgetter, itemgetter
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Raw
+
+from reverie_eval.arrays import (
+    LARGEST_OBJECT_ID,
+    Array,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    last_of,
+    offsets_of,
+)
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions._answers import Answer, read_answer
+from reverie_eval.submissions._faults import ReadingLog
+from reverie_eval.submissions._fields import (
+    ANSWER_KEYS,
+    BOX_KEY,
+    ID_KEYS,
+    INSTR_ID_KEY,
+    PART_OF_ITEM,
+    POINT_KEYS,
+    RECORD_FIELDS,
+    TRAJECTORY_KEY,
+    answers_spelt_like,
+    field_meant_by,
+    fields_of,
+)
+from reverie_eval.submissions._predictions import (
+    MOST,
+    Numbering,
+    Predictions,
+    Records,
+    Signs,
+    look_like_degrees,
+)
+from reverie_eval.submissions._problems import RecordLocation
+from reverie_eval.submissions._trajectories import DUETS_ID, MAX_POSES, PATH_KEY, have_types
+from reverie_eval.tasks import ID_PREFIX, ITEM_MARK, Task
+
+_LISTS = frozenset({list, tuple})
+_NUMBERS = frozenset({float, int, np.float64, np.float32})
+_INTEGERS = frozenset({int, np.int64, np.int32})
+
+# Bytes that are read at once. The arrays of so many stay in the processor's cache, and memory is
+# used again: the time for each episode and the memory do not grow with the file.
+_PIECE = 1 << 19
+_SPACE = rb"[ \t\r\n]*"
+_FIRST_FIELD = re.compile(rb'%b\[%b\{%b("[^"\\]*")' % ((_SPACE,) * 3))
+_MOST_FIELDS = 100
+_PLAIN_NAME = re.compile(r'[^"\\:\x00-\x1f]+')
+# Digits; Python refuses to read integers of about twice as many.
+_LONG_NUMBER = 2048
+
+# A viewpoint id is as many hexadecimal digits.
+_ID_LENGTH = 32
+# All that viewpoint ids, numbers and the space between them consist of.
+_WITHOUT_MARKS = b"0123456789abcdefE+-. \t\r\n"
+_QUOTE, _COMMA, _OPEN, _CLOSE, _COLON, _BLANK, _MINUS, _E = b'",[]: -e'
+_ZERO = np.uint8(ord("0"))
+# Bytes in which heading and elevation are looked for.
+_ANGLES_LENGTH = 48
+# The count of numbers of a viewpoint that is not in a list.
+_BARE = -1
+# Bytes from one id to the next. A number in it fits a float if it has no positive exponent.
+_LONGEST_GAP = 300
+_IS_HEXADECIMAL = np.isin(np.arange(256), list(b"0123456789abcdef"))
+# The marks of an element that a file may repeat throughout: a pose, or a viewpoint, bare or in a
+# list. Hops differ from each other.
+_UNIT = re.compile(rb'(?P<list>\[)""(?:,,+)?\](?=[],])|""(?=[],])')
+# Large odd numbers, as hash functions use them: one for each word of an id.
+_MULTIPLIERS = np.array(
+    [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5], np.uint64
+)
+_SLOT_BITS = 16
+_MOST_ROUNDS = 8
+
+
+class _Declined(ValueError):  # noqa: N818  # it tells nobody of an error
+    """The file is not valid, or has an unusual form."""
+
+
+class _Records(NamedTuple):
+    """The records of a document."""
+
+    text: bytes
+    """A list of them, as JSON."""
+    differences: Mapping[str, int]
+    keys: Sequence[str] = ()
+    """Their keys, if they have any."""
+    instr_ids: Sequence[str] = ()
+    """Their ids, if they are the trajectories of items."""
+    locations: Sequence[RecordLocation] | None = None
+
+
+class _Form(NamedTuple):
+    """How the records of a file are read, by the fields of the first one."""
+
+    decode: Callable[[bytes], list[Any]]
+    """Decodes records with these fields and no others."""
+    fields: Mapping[str, str]
+    """The attributes that hold the fields of a decoded record."""
+    id_key: str
+    """The field with the id; empty if the record has none."""
+    walk_key: str
+    answer_keys: Sequence[str]
+    other_keys: Sequence[str]
+    """Fields whose values are not looked at."""
+    ignored: Sequence[str]
+    """Fields that the task does not have."""
+
+
+class _Walks(NamedTuple):
+    """The trajectories of some records."""
+
+    is_within_turn: BoolArray
+    """Shape (n_records,): whether the last pose is surely not in degrees."""
+    viewpoint: IntArray
+    """Shape (n_viewpoints,): the number of each viewpoint id."""
+    n_elements: IntArray
+    """Shape (n_records,): elements of each trajectory: poses, hops or bare viewpoints."""
+    n_viewpoints: IntArray
+    """Shape (n_elements,): viewpoints of each element."""
+    n_numbers: IntArray
+    """Shape (n_elements,): numbers of each element, or ``_BARE``."""
+
+
+class _Part(NamedTuple):
+    """The columns of some records."""
+
+    instr_ids: Sequence[str]
+    predicted_object: IntArray
+    answer_is_text: BoolArray
+    has_leading_zeros: BoolArray
+    point: FloatArray
+    walks: _Walks
+
+
+def read_fast(content: bytes, task: Task, *, answers_only: bool = False) -> Predictions | None:
+    """Read a valid file; return None for one that is not valid, or has an unusual form."""
+    try:
+        return _read(_find_records(content, task), task, answers_only=answers_only)
+    except (_Declined, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+def _require(condition: object) -> None:
+    if not condition:
+        raise _Declined
+
+
+# From a document to a list of records.
+
+
+class _Item(msgspec.Struct, forbid_unknown_fields=True, gc=False):
+    instr_id: str | int
+    trajectory: Raw
+
+
+_decode_keyed = msgspec.json.Decoder(dict[str, Raw]).decode
+_decode_items = msgspec.json.Decoder(list[_Item]).decode
+_decode_lists = msgspec.json.Decoder(list[list[Raw]]).decode
+_decode_fields = msgspec.json.Decoder(list[dict[str, Raw]]).decode
+_decode_numbers = msgspec.json.Decoder(list[float]).decode
+
+
+def _find_records(content: bytes, task: Task) -> _Records:
+    first = content[:1] if content[:1] in (b"[", b"{") else content.lstrip()[:1]
+    if first == b"[":
+        return _split_items(content) if task.has_items else _Records(content, {})
+    _require(first == b"{" and not task.has_items)
+    lines = content.strip().split(b"\n") if task.has_json_lines else ()
+    if len(lines) > 1:
+        # Of a record on several lines, no line is JSON by itself, nor is it with commas between.
+        return _Records(_list_of(lines), {})
+    keyed = _decode_keyed(content)
+    text = _list_of(keyed.values())
+    # Where a key comes twice, the parser drops a value, and with it at least one colon.
+    _require(len(keyed) + text.count(b":") == content.count(b":"))
+    # Fields are keys in a table of columns.
+    _require(RECORD_FIELDS.isdisjoint(keyed))
+    return _Records(text, {"keyed": len(keyed)}, keys=list(keyed))
+
+
+def _split_items(content: bytes) -> _Records:
+    """Return the trajectories of items as records of their own."""
+    items = _decode_items(content)
+    texts = [bytes(item.trajectory) for item in items]
+    is_list = [text.startswith(b"[") for text in texts]
+    trajectories = _decode_lists(
+        _list_of(each if it else _list_of([each]) for each, it in zip(texts, is_list, strict=True))
+    )
+    text = _list_of(chain.from_iterable(trajectories))
+    _require(2 * len(items) + text.count(b":") == content.count(b":"))
+    count: Counter[str] = Counter()
+    instr_ids, locations = [], []
+    for row, (item, parts) in enumerate(zip(items, trajectories, strict=True)):
+        name = str(item.instr_id)
+        _require(ITEM_MARK not in name and not DUETS_ID.fullmatch(name))
+        for index in range(len(parts)):
+            instr_ids.append(f"{name}{ITEM_MARK}{count[name]}")
+            locations.append(RecordLocation(row, trajectory=index))
+            count[name] += 1
+    return _Records(text, {"single trajectories": is_list.count(False)}, (), instr_ids, locations)
+
+
+def _list_of(texts: Iterable[Any]) -> bytes:
+    return b"[%b]" % b",".join(texts)
+
+
+# From a list of records to columns.
+
+
+def _read(records: _Records, task: Task, *, answers_only: bool) -> Predictions:
+    text, keys = records.text, records.keys
+    first = _FIRST_FIELD.match(text)
+    if first is None:
+        raise _Declined
+    # An object inside a record rarely begins with the field that records begin with.
+    between = re.compile(rb"\}%b,%b(?=\{%b%b)" % (*(_SPACE,) * 3, re.escape(first[1])))
+    end = between.search(text)
+    beginning = text if end is None else text[: end.start() + 1] + b"]"
+    form = _form_of(tuple(_decode_fields(beginning)[0]), task, has_keys=bool(keys))
+    _require(form.answer_keys or not answers_only)
+    log, id_numbers = ReadingLog(), _IdNumbers()
+    parts = [
+        _read_piece(piece, form, log, id_numbers, task=task) for piece in _pieces(text, between)
+    ]
+    part = _Part(*map(_join, zip(*parts, strict=True)))
+    walks = part.walks
+    _require(np.count_nonzero(walks.is_within_turn) >= (1 - MOST) * len(part.instr_ids))
+    # A record's own id must be its key.
+    _require(not (keys and form.id_key) or part.instr_ids == keys)
+    instr_ids = records.instr_ids or keys or part.instr_ids
+    n_prefixed = 0
+    if ID_PREFIX in "".join(instr_ids):
+        n_prefixed = sum(map(str.startswith, instr_ids, repeat(ID_PREFIX)))
+        instr_ids = [each.removeprefix(ID_PREFIX) for each in instr_ids]
+    is_navigation_only = not form.answer_keys
+    log.differences.update(records.differences)
+    log.differences["prefixed"] += n_prefixed
+    log.differences["navigation only"] += len(instr_ids) * (is_navigation_only and task.has_targets)
+    if not answers_only:
+        _note_elements(walks, log)
+    pose_locations, continues_hop = _pose_locations(walks)
+    locations = records.locations
+    if keys:
+        id_key = form.id_key or task.id_field.name
+        locations = [RecordLocation(row, key, None, id_key) for row, key in enumerate(keys)]
+    predictions = Predictions(
+        instr_ids=instr_ids,
+        viewpoint=walks.viewpoint,
+        distinct_ids=list(id_numbers.numbering),
+        offsets=offsets_of(np.add.reduceat(walks.n_viewpoints, offsets_of(walks.n_elements)[:-1])),
+        predicted_object=part.predicted_object,
+        has_degrees=False,
+        answer_is_text=part.answer_is_text,
+        has_leading_zeros=part.has_leading_zeros,
+        is_navigation_only=is_navigation_only,
+        point=part.point if task.has_items else None,
+        locations=locations,
+        pose_locations=pose_locations,
+        continues_hop=continues_hop,
+        read_as=log.read_as(),
+        ignored_fields=dict.fromkeys(form.ignored, len(instr_ids)),
+        differences=log.differences,
+        signs=Signs(
+            id_key="instr_id" if task.has_items else form.id_key,
+            has_items=task.has_items,
+            has_points=task.has_items,
+            has_answers=bool((part.predicted_object != ABSTAINED).any()),
+        ),
+    )
+    return predictions.without_trajectories() if answers_only else predictions
+
+
+def _join(columns: Sequence[Any]) -> Any:
+    if isinstance(columns[0], np.ndarray):
+        return np.concatenate(columns)
+    if isinstance(columns[0], _Walks):
+        return _Walks(*map(_join, zip(*columns, strict=True)))
+    return list(chain.from_iterable(columns))
+
+
+def _pieces(text: bytes, between: re.Pattern[bytes]) -> Iterator[bytes]:
+    """Cut a list of records into shorter lists.
+
+    If all of them are lists of records, so is the whole. Where a cut is not between records after
+    all, the lists on either side of it are not JSON.
+    """
+    begin, opening = 0, b""
+    while cut := between.search(text, begin + _PIECE):
+        yield opening + text[begin : cut.start() + 1] + b"]"
+        begin, opening = cut.end(), b"["
+    yield opening + text[begin:]
+
+
+@lru_cache(maxsize=64)
+def _form_of(names: tuple[str, ...], task: Task, *, has_keys: bool) -> _Form:
+    """Return how records with these fields are read, unless their names raise questions."""
+    known = PART_OF_ITEM if task.has_items else fields_of(task)
+    walk_key = PATH_KEY if task.has_items else TRAJECTORY_KEY
+    ids = [name for name in names if name in ID_KEYS]
+    answers = [key for key in ANSWER_KEYS if key in names and known.has_answers]
+    ignored = [name for name in names if name not in known.all and name != walk_key]
+    _require(walk_key in names and len(names) <= _MOST_FIELDS)
+    _require(all(map(_PLAIN_NAME.fullmatch, names)))
+    if task.has_items:
+        _require(set(names) == {walk_key, *POINT_KEYS})
+    else:
+        _require(len(ids) == 1 or (has_keys and not ids))
+        _require(set(ids) <= set(task.id_field.names))
+    # A name that resembles a known one is ignored where the known one has a value.
+    _require({field_meant_by(name, known) for name in ignored} <= {None, known.id.name, walk_key})
+    if known.has_answers:
+        _require(BOX_KEY not in names and not any(map(answers_spelt_like, ignored)))
+    types: dict[str, Any] = dict.fromkeys(names, Raw)
+    types |= dict.fromkeys(ids, str | int if task.has_numbers else str)
+    types |= dict.fromkeys(answers, str | int | None)
+    types |= dict.fromkeys(POINT_KEYS if task.has_items else (), float | list[float] | None)
+    fields = {name: f"field_{index}" for index, name in enumerate(names)}
+    record = msgspec.defstruct(
+        "Record",
+        [(fields[name], kind) for name, kind in types.items()],
+        rename={attribute: name for name, attribute in fields.items()},
+        forbid_unknown_fields=True,
+        gc=False,
+    )
+    others = [name for name, kind in types.items() if kind is Raw and name != walk_key]
+    decode = msgspec.json.Decoder(list[record]).decode  # type: ignore[valid-type]
+    return _Form(decode, fields, ids[0] if ids else "", walk_key, answers, others, ignored)
+
+
+def _read_piece(
+    text: bytes, form: _Form, log: ReadingLog, id_numbers: "_IdNumbers", *, task: Task
+) -> _Part:
+    records = form.decode(text)
+    columns = {name: list(map(attrgetter(it), records)) for name, it in form.fields.items()}
+    others = b",".join(chain.from_iterable(columns[name] for name in form.other_keys))
+    # The parser does not look into texts and numbers that it skips.
+    others.decode()
+    _require(not _has_long_number(others))
+    # Where a field comes twice, it drops a value, and with it at least one colon.
+    n_colons = len(records) * len(columns) + others.count(b":")
+    _require(np.count_nonzero(np.frombuffer(text, np.uint8) == _COLON) == n_colons)
+    instr_ids = columns[form.id_key] if form.id_key else ()
+    if task.has_numbers:
+        instr_ids = list(map(str, instr_ids))
+    answers = _read_answers(
+        [columns[key] for key in form.answer_keys], form.answer_keys, len(records), log
+    )
+    point = np.empty((len(records), 0))
+    if task.has_items:
+        point = _read_points([columns[key] for key in POINT_KEYS], log)
+    return _Part(instr_ids, *answers, point, _read_walks(columns[form.walk_key], id_numbers))
+
+
+def _has_long_number(text: bytes) -> bool:
+    # A number of twice as many digits has a whole block of them, wherever it begins.
+    blocks = range(0, len(text) - _LONG_NUMBER + 1, _LONG_NUMBER)
+    return any(text[begin : begin + _LONG_NUMBER].isdigit() for begin in blocks)
+
+
+# Answers.
+
+
+def _read_answers(
+    columns: Sequence[list[Any]], keys: Sequence[str], n_records: int, log: ReadingLog
+) -> tuple[IntArray, BoolArray, BoolArray]:
+    no = np.zeros(n_records, dtype=np.bool_)
+    if not columns:
+        return np.full(n_records, ABSTAINED), no, no
+    if tuple(keys) == ANSWER_KEYS[:1] and set(map(type, columns[0])) == {int}:
+        # Nearly always: whole numbers under the official name differ in nothing but their range.
+        _require(max(columns[0]) <= LARGEST_OBJECT_ID)
+        objects = np.array(columns[0], dtype=np.int64)
+        _require(objects.min() >= ABSTAINED)
+        return objects, no, no
+    values = list(zip(*columns, strict=True))
+    answers = {value: _read_answer(tuple(keys), value) for value in set(values)}
+    for value, count in Counter(values).items():
+        log.differences.update({key: count * each for key, each in answers[value][1]})
+    objects, are_texts, zeros, _ = zip(*(answers[value][0] for value in values), strict=True)
+    return np.array(objects), np.array(are_texts), np.array(zeros)
+
+
+@lru_cache(maxsize=1 << 13)
+def _read_answer(
+    keys: tuple[str, ...], values: tuple[int | str | None, ...]
+) -> tuple[Answer, Sequence[tuple[str, int]]]:
+    """Return the answer in these fields, and how often each difference occurs in it."""
+    log = ReadingLog()
+    answer = read_answer(RecordLocation(0), dict(zip(keys, values, strict=True)), None, log)
+    _require(not log.all_problems())
+    return answer, list(log.differences.items())
+
+
+def _read_points(columns: Sequence[list[Any]], log: ReadingLog) -> FloatArray:
+    values = list(chain.from_iterable(zip(*columns, strict=True)))
+    listed = [value for value in values if isinstance(value, list)]
+    _require(all(len(value) == 1 for value in listed))
+    plain = chain.from_iterable(v if isinstance(v, list) else [v] for v in values)
+    point = np.array(list(plain), dtype=np.float64).reshape(-1, len(columns))  # NaN for null
+    is_none = np.isnan(point)
+    _require(np.isfinite(point[~is_none]).all() and (is_none[:, 0] == is_none[:, 1]).all())
+    log.differences["listed angles"] += len(listed)
+    log.differences["no point"] += int(is_none[:, 0].sum())
+    return point
+
+
+# Trajectories.
+
+
+def _read_walks(texts: Sequence[Raw], id_numbers: "_IdNumbers") -> _Walks:
+    """Read trajectories from their JSON text."""
+    text = b"".join(texts)
+    n_elements, n_viewpoints, n_numbers = _read_marks(text, len(texts))
+    lengths = np.add.reduceat(n_viewpoints, offsets_of(n_elements)[:-1])
+    _require(lengths.min() > 0 and n_elements.max() <= MAX_POSES)
+    letters = np.frombuffer(text, np.uint8)
+    begin, end = np.flatnonzero(letters == _QUOTE).reshape(-1, 2).T
+    begin = begin + 1
+    _require((end - begin == _ID_LENGTH).all())
+    ids = np.ndarray(len(text) - _ID_LENGTH + 1, f"V{_ID_LENGTH}", text, strides=1)[begin]
+    is_within_turn = np.ones(len(texts), dtype=np.bool_)
+    if n_numbers.max() > 0:
+        _check_numbers(text, begin, np.count_nonzero(ids.view(np.uint8) == _E))
+        is_within_turn = _are_within_turn(text, end[last_of(offsets_of(lengths))])
+    return _Walks(is_within_turn, id_numbers.numbers(ids), n_elements, n_viewpoints, n_numbers)
+
+
+def _read_marks(text: bytes, n_texts: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the elements of each trajectory, and the viewpoints and numbers of each element.
+
+    All of an element shows in the marks but its numbers, which show in the commas between.
+    """
+    written = text.translate(None, _WITHOUT_MARKS)
+    marks = np.frombuffer(written, np.uint8)
+    is_open, is_close = marks == _OPEN, marks == _CLOSE
+    # In JSON, a list that follows another without a comma is that of the next trajectory.
+    ends = np.flatnonzero(is_close[:-1] & is_open[1:])
+    _require(len(ends) + 1 == n_texts and written[:1] == b"[" and written[-1:] == b"]")
+    last, first = np.append(ends, len(marks) - 1), np.append(0, ends + 1)
+    unit = _UNIT.match(written, 1)
+    if unit is not None:
+        size = len(unit[0]) + 1
+        flat = marks.copy()
+        flat[last] = _COMMA
+        flat = np.delete(flat, first)
+        if flat.tobytes() == (unit[0] + b",") * (len(flat) // size):
+            n_elements = (last - first) // size
+            ones = np.ones(n_elements.sum(), dtype=np.int64)
+            return n_elements, ones, ones * (unit[0].count(b",") if unit["list"] else _BARE)
+    is_open[first] = is_close[last] = False
+    opens, closes = np.flatnonzero(is_open), np.flatnonzero(is_close)
+    _require(len(opens) == len(closes) and (opens < closes).all())
+    _require((closes[:-1] < opens[1:]).all())
+    spans = closes - opens
+    # A comma or the end is behind every element, and a beginning before the first.
+    _require(len(marks) == (spans + 2).sum() + n_texts)
+    is_quote = marks == _QUOTE
+    n_commas = np.count_nonzero(marks == _COMMA)
+    _require(len(marks) == np.count_nonzero(is_quote) + n_commas + 2 * (len(opens) + n_texts))
+    quotes_before = np.cumsum(is_quote, dtype=np.int32)
+    n_viewpoints = (quotes_before[closes] - quotes_before[opens]) // 2
+    n_numbers = spans - 3 * n_viewpoints
+    is_empty = spans == 1
+    if is_empty.any():
+        # What looks empty may be a lone number.
+        _require(np.count_nonzero(is_empty) == text.count(b"[]"))
+        n_numbers[is_empty] = 0
+    is_pose = (n_viewpoints == 1) & (n_numbers > 1) & is_quote[opens + 1]
+    _require((is_pose | (n_numbers == 0)).all())
+    return np.diff(np.searchsorted(closes, last), prepend=0), n_viewpoints, n_numbers
+
+
+def _check_numbers(text: bytes, begin: IntArray, n_letters: int | np.integer[Any]) -> None:
+    """Decline numbers that may not fit a float; so many letters "e" are in ids."""
+    _require(len(text) - begin[-1] <= _LONGEST_GAP)
+    _require((begin[1:] - begin[:-1]).max(initial=0) <= _LONGEST_GAP)
+    letters = np.frombuffer(text, np.uint8)
+    is_e = letters == _E
+    n_exponents = np.count_nonzero(is_e) - n_letters
+    _require(b"E" not in text)
+    if n_exponents:
+        # A negative exponent makes a number smaller; ids have no minus sign.
+        _require(n_exponents == np.count_nonzero(is_e[:-1] & (letters[1:] == _MINUS)))
+
+
+def _are_within_turn(text: bytes, end: IntArray) -> BoolArray:
+    """Whether there are no angles behind each position, or two that are surely in radians."""
+    padded = text + bytes(_ANGLES_LENGTH)
+    letters = np.frombuffer(padded, np.uint8)
+    windows = np.ndarray(len(text), f"V{_ANGLES_LENGTH}", padded, strides=1)[end + 2]
+    commas = windows.view(np.uint8).reshape(len(end), -1) == _COMMA
+    first, second = end + 1, end + 2 + np.argmax(commas, axis=1)
+    is_within_turn = (letters[first] == _COMMA) & (letters[second] == _COMMA)
+    for comma in (first, second):
+        angle = comma + 1 + (letters[comma + 1] == _BLANK)
+        digit = angle + (letters[angle] == _MINUS)
+        # Five or less before the point, whatever is behind it; exponents are negative.
+        is_within_turn &= (letters[digit] - _ZERO <= 5) & (letters[digit + 1] - _ZERO > 9)
+    return np.asarray(is_within_turn | (letters[end + 1] == _CLOSE))
+
+
+class _IdNumbers:
+    """Numbers viewpoint ids, of which few differ, without making a text of every one."""
+
+    def __init__(self) -> None:
+        self.numbering = Numbering()
+        self._words = np.zeros((1, _ID_LENGTH // 8), np.uint64)
+        """Shape (n, 4): the ids by their numbers, and room for more."""
+        self._at_slot = np.zeros(1 << _SLOT_BITS, np.int64)
+        """The number of an id by the first bits of its code. Two ids rarely have the same."""
+
+    def numbers(self, ids: Array) -> IntArray:
+        """Return the number of each id; the letters of one are one item."""
+        words = ids.view(np.uint64).reshape(len(ids), -1)
+        slot = (words @ _MULTIPLIERS >> np.uint64(64 - _SLOT_BITS)).astype(np.int64)
+        numbers, left = self._at_slot[slot], np.arange(len(ids))
+        for _ in range(_MOST_ROUNDS):
+            known = self._words.take(numbers[left], axis=0)
+            left = left[_are_unequal(known, words.take(left, axis=0))]
+            if not left.size:
+                return numbers
+            # Of those that share a slot, the one that was written last stays there, and is added.
+            self._at_slot[slot[left]] = left
+            new = left[self._at_slot[slot[left]] == left]
+            self._at_slot[slot[new]] = self._add(ids[new].view(np.uint8), words[new])
+            numbers[left] = self._at_slot[slot[left]]
+        raise _Declined
+
+    def _add(self, letters: Array, words: Array) -> IntArray:
+        _require(_IS_HEXADECIMAL[letters].all())
+        texts = letters.view(f"S{_ID_LENGTH}").astype(np.str_).tolist()
+        numbers = self.numbering.numbers(texts)
+        room = max(len(self.numbering) - len(self._words), 0)
+        self._words = np.concatenate([self._words, np.zeros((room, words.shape[1]), np.uint64)])
+        self._words[numbers] = words
+        return numbers
+
+
+def _are_unequal(words: Array, others: Array) -> BoolArray:
+    # Four booleans at once: `any` along an axis takes ten times as long.
+    return np.asarray((words != others).view(np.uint32).ravel() != 0)
+
+
+# Notes and locations.
+
+
+def _note_elements(walks: _Walks, log: ReadingLog) -> None:
+    """Count how the elements of trajectories differ from poses."""
+    n_viewpoints, n_numbers = walks.n_viewpoints, walks.n_numbers
+    is_hop = n_numbers == 0
+    if is_hop.any():
+        is_other = is_hop & (n_viewpoints != 1)
+        per_record = np.logical_or.reduceat(is_other, offsets_of(walks.n_elements)[:-1])
+        log.differences["hops"] += int(per_record.sum())
+        log.differences["empty hops"] += int((n_viewpoints == 0).sum())
+        log.differences["long hops"] += int((n_viewpoints > 1).sum())
+        log.differences["no angles"] += int(n_viewpoints[is_hop].sum())
+    log.differences["bare viewpoints"] += int((n_numbers == _BARE).sum())
+    log.differences["extra numbers"] += int((n_numbers > 2).sum())
+
+
+def _pose_locations(walks: _Walks) -> tuple[IntArray, BoolArray] | tuple[None, None]:
+    """Return where viewpoints are in their trajectories, and whether each continues a hop.
+
+    None if every element is a list of one viewpoint.
+    """
+    n_viewpoints = walks.n_viewpoints
+    is_bare = walks.n_numbers == _BARE
+    if (n_viewpoints == 1).all() and not is_bare.any():
+        return None, None
+    element = np.arange(len(n_viewpoints)) - np.repeat(
+        offsets_of(walks.n_elements)[:-1], walks.n_elements
+    )
+    step = np.arange(len(walks.viewpoint)) - np.repeat(offsets_of(n_viewpoints)[:-1], n_viewpoints)
+    step[np.repeat(is_bare, n_viewpoints)] = -1
+    return np.column_stack([np.repeat(element, n_viewpoints), step]), step > 0
+
+
+# Python objects.
+
+
+def convert_official(submission: Records, *, has_answers: bool = True) -> Predictions | None:
+    """Read Python objects in the plain official form; return None if they have any other form.
+
+    Angles and object ids may be numpy numbers, which agents often produce.
+    """
+    plain = _plain_columns(submission, [INSTR_ID_KEY, TRAJECTORY_KEY, *ANSWER_KEYS[:has_answers]])
+    if plain is None:
+        return None
+    instr_ids, trajectories, viewpoint_ids, angles, given = plain
+    answers = given[0] if given else [ABSTAINED] * len(instr_ids)
+    if max(map(len, trajectories)) > MAX_POSES:
+        return None
+    try:
+        angle = np.array(angles, dtype=np.float64).T
+        predicted_object = np.array(answers, dtype=np.int64)
+    except OverflowError:  # an integer that does not fit: the careful reader reports it
+        return None
+    is_object = (predicted_object >= ABSTAINED) & (predicted_object <= LARGEST_OBJECT_ID)
+    if not (np.isfinite(angle).all() and is_object.all()) or any(
+        map(str.startswith, instr_ids, repeat(ID_PREFIX))
+    ):
+        return None
+    offsets = offsets_of(np.array(list(map(len, trajectories))))
+    return Predictions(
+        instr_ids=instr_ids,
+        **Numbering.columns(viewpoint_ids),
+        offsets=offsets,
+        predicted_object=predicted_object,
+        has_degrees=look_like_degrees(angle[offsets[1:] - 1]),
+        # Integers alone come this far: text takes the careful reader.
+        answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
+        has_leading_zeros=np.zeros(len(instr_ids), dtype=np.bool_),
+        is_navigation_only=not has_answers,
+        signs=Signs(has_answers=bool((predicted_object != ABSTAINED).any())),
+    )
+
+
+def _plain_columns(submission: Any, fields: Sequence[str]) -> Sequence[Sequence[Any]] | None:
+    """Return ids, trajectories, viewpoint ids, angles and answers, if all have exactly their types.
+
+    Comparing sets of types takes C loops only. Subclasses do not pass, as they may behave in their
+    own way; the careful reader reads them.
+    """
+    if not (submission and have_types([submission], _LISTS) and have_types(submission, {dict})):
+        return None
+    # Keys in another order are equal, and a missing or further one is not.
+    if any(record.keys() != set(fields) for record in submission):
+        return None
+    columns = (list(map(itemgetter(field), submission)) for field in fields)
+    instr_ids, trajectories, *answers = columns
+    if not (
+        have_types(instr_ids, {str})
+        and have_types(trajectories, _LISTS)
+        and all(have_types(each, _INTEGERS) for each in answers)
+    ):
+        return None
+    poses = list(chain.from_iterable(trajectories))
+    if not (all(trajectories) and have_types(poses, _LISTS) and set(map(len, poses)) == {3}):
+        return None
+    viewpoint_ids, *angles = zip(*poses, strict=True)
+    if not (have_types(viewpoint_ids, {str}) and have_types(chain(*angles), _NUMBERS)):
+        return None
+    return instr_ids, trajectories, viewpoint_ids, angles, answers

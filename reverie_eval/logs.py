@@ -325,7 +325,8 @@ def find_run(submission: str) -> Path | None:
 
 def is_run(path: str | PathLike[str]) -> bool:
     """Whether a path is the folder of a run, which stands for its submission."""
-    return Path(path).is_dir() and Path(path, CARD).is_file()
+    # Both, because a result file may be called run.json.
+    return Path(path, CARD).is_file() and Path(path, EPISODES).is_file()
 
 
 def submission_in(folder: str | PathLike[str]) -> Path:

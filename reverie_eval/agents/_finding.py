@@ -8,10 +8,10 @@ import inspect
 import sys
 import sysconfig
 import traceback
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import FunctionType, MappingProxyType, MethodType, ModuleType
@@ -245,21 +245,25 @@ def _own_files(file: Path, root: Path) -> Collection[Path]:
 
 def _imported(file: Path, roots: Collection[Path]) -> Iterator[Path]:
     """Yield the files that a file's imports may mean, if they are there."""
-    try:
-        tree = ast.parse(file.read_bytes())
-    except SyntaxError:  # nothing can import it
-        return
-    for node in ast.walk(tree):
-        bases, names = roots, list[str]()
+    for node in _imports_in(file.read_bytes()):
         if isinstance(node, ast.Import):
-            names = [each.name for each in node.names]
-        elif isinstance(node, ast.ImportFrom):
+            bases, names = roots, [each.name for each in node.names]
+        else:
             bases = [file.parents[node.level - 1]] if node.level else roots
             names = [node.module or ".", *(f"{node.module or ''}.{it.name}" for it in node.names)]
         for base in bases:
             for name in names:
                 path = base.joinpath(*name.split("."))
                 yield from filter(Path.is_file, (path.with_suffix(".py"), path / "__init__.py"))
+
+
+@lru_cache
+def _imports_in(source: bytes) -> Sequence[ast.Import | ast.ImportFrom]:
+    try:
+        nodes = ast.walk(ast.parse(source))
+    except SyntaxError:  # nothing can import it
+        return ()
+    return [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
 def _place(error: BaseException, folder: Path) -> str:

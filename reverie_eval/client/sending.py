@@ -194,8 +194,12 @@ def http_client(server: str, headers: Mapping[str, str]) -> httpx.Client:
     """Return what sends requests to a server, by the environment's proxies and certificates."""
     # A proxy cannot reach a server on this machine, whatever the environment says.
     use_environment = not is_this_machine(httpx.URL(server).host)
+    # Certificates take long to load, and are of no use without TLS and proxies.
+    verify = use_environment or server.startswith("https:")
     try:
-        return httpx.Client(headers=headers, timeout=_TIMEOUT, trust_env=use_environment)
+        return httpx.Client(
+            headers=headers, timeout=_TIMEOUT, trust_env=use_environment, verify=verify
+        )
     except (ImportError, OSError, ValueError) as error:
         raise ServiceError(
             f"the environment sets a proxy or certificates that cannot be used ({error}); "

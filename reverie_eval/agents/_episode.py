@@ -34,8 +34,8 @@ class BatchAgent(Protocol):
     ) -> Sequence[Action]:
         """Choose the next action in each of the episodes that were begun and are not over.
 
-        An action must not depend on which other episodes there are: that is chance.
-        :class:`Episode` objects can be keys of a dictionary, for what is remembered of each.
+        An action must not depend on which other episodes there are: that is chance. What is
+        remembered of an episode can be its :attr:`Episode.memory`.
         """
 
 
@@ -69,6 +69,8 @@ class Episode:
         self.split = truth.split
         self.rng = rng
         """For all random choices; for another library's generator, ``rng.getrandbits(32)``."""
+        self.memory: Any = None
+        """For an agent that walks several episodes at a time: what it remembers of this one."""
         self.is_solution_read = False
         """Whether the agent asked for the solution."""
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval import evaluate
-from reverie_eval.agents import BUILT_IN
+from reverie_eval import GroundTruth, evaluate
+from reverie_eval.agents import BUILT_IN, AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.runner import Plan, check_agent
 from reverie_eval_cli.commands.run import run_agent
 from reverie_eval_cli.main import main
 from tests.conftest import REPOSITORY, SAMPLES
@@ -17,7 +18,7 @@ from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
 
 PAGE = (REPOSITORY / "docs" / "how-to" / "run.md").read_text("utf-8")
-AGENT = re.findall(r"```python\n(.+?)\n```", PAGE, re.DOTALL)[0]
+AGENT, BATCH, *_ = re.findall(r"```python\n(.+?)\n```", PAGE, re.DOTALL)
 (TABLE,) = re.findall(r"prints\n\n```\n(.+?)\n```", PAGE, re.DOTALL)
 
 
@@ -42,6 +43,11 @@ def test_the_agent_of_the_page_runs_and_scores_what_the_page_says(folder: Path, 
     assert (again.status, again.out) == (0, out)
     assert "nothing was left to run" not in err
     assert "nothing was left to run" in again.err
+
+
+def test_the_batch_of_the_page_passes_as_an_agent(folder: Path, demo: GroundTruth) -> None:
+    (folder / "batch.py").write_text(BATCH)
+    assert check_agent(Plan(AgentSource("batch.py"), demo), number=40) == set()
 
 
 def test_an_edited_agent_does_not_pass_for_the_one_that_ran(folder: Path, run: Run) -> None:

@@ -26,18 +26,17 @@ class Agent:
     batch_size = 4
 
     def __init__(self, wrong=0):
-        self.wrong, self.agents = wrong, {}
+        self.wrong = wrong
 
     def start(self, episode):
-        self.agents[episode] = RandomAgent()
-        self.agents[episode].start(episode)
+        episode.memory = RandomAgent()
+        episode.memory.start(episode)
         episode.log(input_tokens=1)
 
     def act_batch(self, episodes, observations):
         assert len(episodes) <= self.batch_size
         pairs = zip(episodes, observations)
-        actions = [self.agents[episode].act(seen) for episode, seen in pairs]
-        return actions[self.wrong:]
+        return [episode.memory.act(seen) for episode, seen in pairs][self.wrong:]
 """
 
 

@@ -1,7 +1,6 @@
 """Work on many things in several processes."""
 
 from collections.abc import Callable, Generator, Sequence
-from multiprocessing import get_context
 from typing import TypeVar
 
 from reverie_eval.errors import ReverieEvalError
@@ -36,6 +35,8 @@ def map_in_processes(
         return
     # `multiprocessing.Pool` waits forever for a process that was killed, and `concurrent.futures`
     # cannot stop running ones.
+    from multiprocessing import get_context
+
     from pebble import ProcessExpired, ProcessPool
 
     # "spawn" starts fresh processes: a forked copy of a process with threads, which a progress bar

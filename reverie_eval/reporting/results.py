@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-from reverie_eval.analysis import Runs
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.tables import (
@@ -108,6 +107,8 @@ def _interval(metric: Metric, values: Mapping[str, float]) -> str:
 
     By its ends: it need not be symmetric, and papers write a standard deviation after ±.
     """
+    from reverie_eval.analysis import Runs  # not imported for scores alone
+
     if not isinstance(values, Runs) or metric.key not in values:
         return ""
     interval = values.intervals[metric.key]
@@ -145,6 +146,8 @@ def _check_comparable(every: Sequence[Scored]) -> None:
 
 
 def _caption(every: Sequence[Scored], metrics: Sequence[Metric]) -> str:
+    from reverie_eval.analysis import Runs
+
     truth = every[0].ground_truth
     world = "the synthetic demo world" if truth.is_demo else truth.header.dataset
     lengths = [metric.label for metric in metrics if metric.unit == "metres"]

@@ -4,11 +4,10 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from reverie_eval.analysis import GROUPINGS, Runs
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.results import results_table
 from reverie_eval.reporting.tables import (
@@ -22,6 +21,9 @@ from reverie_eval.reporting.tables import (
 )
 from reverie_eval.scoring import Scored, ScoredFiles, Scores
 from reverie_eval.submissions import submission_names
+
+if TYPE_CHECKING:
+    from reverie_eval.analysis import Runs
 
 _DUE_TO_RUNS = (
     "due to runs: the part of the mean's variance that more runs would reduce; the rest is due to "
@@ -117,7 +119,7 @@ def ranking_table(scored: ScoredFiles) -> Table:
     )
 
 
-def runs_printout(name: str, runs: Runs) -> Printout:
+def runs_printout(name: str, runs: "Runs") -> Printout:
     """Return the runs of a method, and their mean, in each format."""
 
     def as_csv() -> str:
@@ -139,7 +141,7 @@ def runs_printout(name: str, runs: Runs) -> Printout:
     )
 
 
-def runs_table(runs: Runs) -> Table:
+def runs_table(runs: "Runs") -> Table:
     """Return a row per run, and below them the mean, its interval and its variance."""
     metrics = runs.ground_truth.task.table_metrics(runs.keys())
     shown = [m for m in metrics if m.key in runs]
@@ -216,7 +218,7 @@ def _csv(
     return Table([*names, *keys, *further], cells).to_csv()
 
 
-def _rows_below(runs: Runs) -> Iterator[_Row]:
+def _rows_below(runs: "Runs") -> Iterator[_Row]:
     """Yield the rows below those of the runs."""
     intervals, display = runs.intervals, Metric.display
     yield "mean", lambda metric: runs[metric.key], display
@@ -245,6 +247,8 @@ def _language_rows(scores: Scores, metrics: Sequence[Metric]) -> Iterator[Sequen
     """Yield an empty row and the means over the instructions of each language, if it has some."""
     if not scores.ground_truth.episodes.languages:
         return
+    from reverie_eval.analysis import GROUPINGS
+
     grouping = GROUPINGS["language"]
     slices = [{group, *grouping.wider(group)} for group in grouping.groups(scores)]
     _, *languages = grouping.order  # all of them are the rows above

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from types import MappingProxyType
 
 from reverie_eval.errors import ProtocolError
@@ -38,6 +37,8 @@ def find_task(name: str) -> Task:
 
 @cache
 def _installed_task(name: str) -> Task:
+    from importlib.metadata import entry_points  # takes longer than scoring a small file
+
     found = entry_points(group=ENTRY_POINTS, name=name)
     if not found:
         raise ProtocolError(f"unknown task {name!r}{did_you_mean(name, task_names())}")
@@ -64,4 +65,6 @@ def name_on_server(task: str, split: str) -> str:
 
 def task_names() -> Sequence[str]:
     """Return the names of all tasks, those of this package first."""
+    from importlib.metadata import entry_points
+
     return [*BUILT_IN, *sorted(set(entry_points(group=ENTRY_POINTS).names) - BUILT_IN.keys())]

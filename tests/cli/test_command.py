@@ -80,7 +80,10 @@ def test_python_runs_the_module_alike(module: str) -> None:
     assert subprocess.check_output(command, text=True) == installed("--version").out
 
 
-HEAVY = ("fastapi", "pandas", "pydantic", "rich", "scipy", "shapely")
+HEAVY = (
+    *("fastapi", "pandas", "pydantic", "rich", "scipy", "shapely", "email.message"),
+    *("multiprocessing", "reverie_eval.analysis"),
+)
 LOADED = f"""
 import sys
 from reverie_eval_cli.main import main

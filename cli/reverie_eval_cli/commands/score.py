@@ -18,7 +18,6 @@ import click
 from reverie_eval import (
     Evaluator,
     GroundTruth,
-    Runs,
     ScoredFiles,
     Scores,
     SubmissionError,
@@ -299,6 +298,8 @@ def average_runs(wanted: Wanted) -> int:
     check_outputs([wanted.output], files)
     scores = score_each(files, wanted.evaluator)
     named = dict(zip(submission_names(files), scores, strict=True))
+    from reverie_eval.analysis import Runs  # not imported for files alone
+
     runs = Runs.of(named, wanted.cluster or "target", confidence=wanted.confidence)
     wanted.show(runs_printout(name, runs))
     return 0

@@ -59,6 +59,7 @@ def every_eval_ever(scores: Scores, model: EvaluatedModel, at: datetime) -> Mapp
         When they were computed.
     """
     timestamp = str(int(at.timestamp()))
+    # The collection tells results of a model's makers from those of others.
     relationship = "first_party" if model.evaluator == model.developer else "third_party"
     return {
         "schema_version": SCHEMA_VERSION,

@@ -120,6 +120,8 @@ def check_receipt_path(given: str | None, sha256: str, split: str) -> None:
         raise ReverieEvalError(
             f"{path.parent} is not a folder; the receipt cannot be written there"
         )
+    # Looked at before anything is sent: a submission may be used up only if its receipt can be
+    # kept.
     if path.exists():
         there = _fields_in(path)
         # A receipt of this very file and split may be written again; anything else is somebody's

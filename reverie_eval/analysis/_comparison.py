@@ -416,6 +416,7 @@ def compare(
     (True, True)
     """
     names = submission_names(submissions) if names is None else names
+    # Of two with one name, the second would silently take the place of the first.
     if len(set(names)) != len(submissions):
         given = ", ".join(map(str, names))
         raise ProtocolError(f"every submission needs a name of its own; got {given}")

@@ -325,6 +325,7 @@ def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
     primary = first.ground_truth.task.primary_metric(shared).key
     change = other.episodes[primary] - first.episodes[primary]
     rows = np.flatnonzero(better)
+    # Stable: equal differences stay in the order of the split.
     ordered = rows[np.argsort(-change[rows], kind="stable")]
     return [first.instr_ids[row] for row in ordered.tolist()]
 

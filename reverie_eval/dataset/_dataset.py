@@ -100,6 +100,7 @@ class DatasetFiles:
         if data and not boxes:
             folder, file = data / "BBox", data / _ALL_BOXES
             boxes = file if file.exists() and not folder.exists() else folder
+        # DUET's single file may be named by its folder.
         if boxes and (boxes / _ALL_BOXES).is_file():
             boxes = boxes / _ALL_BOXES
         connectivity = connectivity or (root / "connectivity" if root else None)
@@ -319,6 +320,7 @@ def read_one_split(files: DatasetFiles, name: str, progress: Progress) -> Datase
     split = read_split(reader, name, files.annotations[name], files.task)
     graphs = read_graphs(reader, find_graphs(files.connectivity, split.scans))
     boxes = Boxes([], [], graphs)
+    # Without a solution, nothing needs boxes, which take longest to read.
     if split.has_solution and files.boxes:
         boxes = read_boxes(reader, files.boxes, graphs, split.scans)
     return Dataset(files, reader, [split], graphs, boxes, _read_centres(reader, files))

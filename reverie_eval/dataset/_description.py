@@ -129,6 +129,7 @@ class TargetDescription:
     def of(cls, facts: Sequence[TargetFacts]) -> Self:
         """Describe one or more items."""
         category = {each.object_key: each.category for each in facts}
+        # By object, not by item: several items may have one target.
         named = Counter(name for name in category.values() if name)
         return cls(
             items=len(facts),

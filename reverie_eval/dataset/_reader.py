@@ -62,6 +62,7 @@ class Reader:
             content = path.read_bytes()
             if content.startswith(_GZIP_MAGIC):
                 content = gzip.decompress(content)
+            # Of the unpacked content: a file and its gzip are one source.
             self._digests.setdefault(kind, []).append(hashlib.sha256(content).digest())
             return adapter.validate_python(self._parse(content, path.name))
         except ValidationError as error:

@@ -224,6 +224,7 @@ class Metric:
         """Return the mean over episodes; NaN for a partial metric if no episode has a value."""
         if not self.is_partial:
             return float(values.mean())
+        # Not nanmean, which warns where no episode has a value.
         values = values[~np.isnan(values)]
         return float(values.mean()) if values.size else float("nan")
 
@@ -244,6 +245,7 @@ class Metric:
         '54.53'
         """
         text = f"{100 * value if self.unit == 'fraction' else value:.2f}"
+        # A value that rounds to 0 has no sign.
         return "0.00" if text == "-0.00" else text
 
     def display_one(self, value: float) -> str:

@@ -99,6 +99,7 @@ class Histogram:
         """
         values = {name: each.episodes[key] for name, each in scores.items()}
         metric = CATALOGUE[key]
+        # An answer without a box has an IoU of 0, which says nothing about boxes.
         is_of_boxes = "box" in metric.needs
         if is_of_boxes:
             boxes = {name: each.boxes for name, each in scores.items() if each.boxes is not None}

@@ -12,8 +12,8 @@ from reverie_eval.logs import COSTS, Step, cost_text
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.text import count_text
 
+# Letters of a viewpoint's id, which tell those of a scan apart.
 _SHOWN_OF_ID = 8
-"""Letters of a viewpoint's id, which tell those of a scan apart."""
 _NOTE = "margin: 0.2em 0; max-height: 14em; overflow: auto; white-space: pre-wrap"
 
 

@@ -150,6 +150,7 @@ def _caption(every: Sequence[Scored], metrics: Sequence[Metric]) -> str:
 
     truth = every[0].ground_truth
     world = "the synthetic demo world" if truth.is_demo else truth.header.dataset
+    # A caption stands alone: it says the units, because the headings have none.
     lengths = [metric.label for metric in metrics if metric.unit == "metres"]
     unit = f"{lengths[0]} in metres, all else in percent" if lengths else "In percent"
     parts = [dict(part.split(":", 1) for part in each.signature.split("|")) for each in every]

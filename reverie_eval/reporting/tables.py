@@ -153,6 +153,7 @@ class Table:
             [[heading, cell] for heading, cell in zip(self.flat_headings, row, strict=True) if cell]
             for row in self.rows
         ]
+        # An empty row between blocks, but none before the first.
         rows = [line for block in blocks for line in (["", ""], *block)][1:]
         has_text = any(column > 0 for column in self.text_columns)
         return Table(["", ""], rows, frozenset({0, 1} if has_text else {0}))

@@ -180,10 +180,12 @@ def diagnose(
     """
     truth = find_ground_truth(ground_truth, split, task)
     truth.require_solution()
+    # Before the file is read: it depends on the protocol alone.
     check_first_of_hop(protocol, truth.task)
     chosen = truth.task.protocol(protocol)
     predictions = read_predictions(submission, truth.task)
     whole = PreparedSubmission.of(predictions, truth)
+    # Without notes on literal readings: the second scores are those.
     return replace(whole, predictions=None).score(chosen), whole.truncated().score(chosen)
 
 

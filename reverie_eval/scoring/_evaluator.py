@@ -231,6 +231,7 @@ class ScoredFiles(Mapping[str, Scores]):
             return {}
         key = _ranking_key(self)
         values = {file: each[key] for file, each in self.items() if key in each}
+        # Equal values share the better rank, and the next rank is left out.
         return {
             file: 1 + sum(value > values[file] for value in values.values())
             if file in values

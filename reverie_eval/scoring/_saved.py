@@ -93,6 +93,7 @@ def write_saved(
     if submission.point is not None:
         columns[_POINT] = submission.point
     columns[_HEADER] = np.frombuffer(msgspec.json.encode(header), np.uint8)
+    # A training that is killed while it saves leaves the earlier file.
     with staged_file(Path(file)) as staged:
         np.savez_compressed(staged, **columns)
 

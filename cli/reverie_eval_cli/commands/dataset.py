@@ -62,6 +62,7 @@ def compile_bundle(
     """
     from reverie_eval.dataset import DatasetFiles, compile_split, origin_notes
 
+    # It becomes the name of a file.
     if not re.fullmatch(r"\w+", split):
         raise click.UsageError(f"{split!r} is not a split's name; use letters, digits and _")
     files = DatasetFiles.find(split=split, task=task, **paths)
@@ -241,6 +242,7 @@ def boxes(
         f"{built.boxes:,} boxes",
     ]
     print(f"{output}: {', '.join(counts)}")
+    # Each time: a score on such boxes must not pass for one on the released ones.
     print(_CAVEAT)
 
 

@@ -132,6 +132,7 @@ def leaderboard(
         print_banner(client)
         if not split:
             splits = client.splits()
+            # A new server, or one between two challenges.
             if not splits:
                 raise ReverieEvalError(f"{client.url} has no split that accepts submissions")
             name = splits[0].name
@@ -229,6 +230,7 @@ def _verified(envelope: "Envelope", keys: "Sequence[KeyReport] | str") -> str:
     """Verify a receipt or a snapshot; return its key, and when that was in use, if known."""
     from reverie_eval.receipts import verify, verify_by_history
 
+    # A single key has no history: only that it signed can be told.
     if isinstance(keys, str):
         return verify(envelope, keys)
     key = verify_by_history(envelope, keys)

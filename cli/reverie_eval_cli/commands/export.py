@@ -94,6 +94,7 @@ def export_every_eval_ever(
     from reverie_eval.exports import EvaluatedModel, collection, every_eval_ever
 
     developer, name = model
+    # Most results are computed by those who made the model.
     evaluated = EvaluatedModel(developer, name, evaluator or developer)
     aggregate = every_eval_ever(scores.with_intervals(), evaluated, datetime.now(timezone.utc))
     folder = Path("data", collection(scores), developer, name)

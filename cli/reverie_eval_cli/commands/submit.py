@@ -167,6 +167,7 @@ def submit(
             print(validation_json(split, error.problems))
         return 1
     final = changed or accepted
+    # As the server replied, for scripts; receipts are on disk in either case.
     if layout == "json":
         print(final.model_dump_json(indent=2, ensure_ascii=True))
     else:

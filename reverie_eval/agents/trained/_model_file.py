@@ -16,8 +16,8 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_file
 
 FORMAT_VERSION = 1
+# The one key of the metadata, because safetensors keeps texts alone.
 _KEY = "reverie_eval"
-"""The one key of the metadata, because safetensors keeps texts alone."""
 
 
 class Epoch(msgspec.Struct, frozen=True, kw_only=True):

@@ -43,9 +43,9 @@ PATIENCE = 3
 """Epochs without a better one, after which training ends."""
 _LARGEST_GRADIENT = 5.0
 _LATEST = "latest.safetensors"
+# Files of a training that has not ended: the weights and the optimizer after the last epoch, and
+# the best weights so far.
 _BEST = "best.safetensors"
-"""Files of a training that has not ended: the weights and the optimizer after the last epoch, and
-the best weights so far."""
 
 
 @dataclass(frozen=True)

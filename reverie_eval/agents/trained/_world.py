@@ -14,10 +14,10 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import SUCCESS_DISTANCE
 from reverie_eval.simulator import Environment
 
+# One of so many scans is held back.
 _SHARE_OF_SCANS = 8
-"""One of so many scans is held back."""
+# One of so many pairs of start and goal of the other scans is held back.
 _SHARE_OF_ROUTES = 20
-"""One of so many pairs of start and goal of the other scans is held back."""
 
 
 class Parts(NamedTuple):

@@ -167,6 +167,7 @@ def notify(*, folder: Folder) -> int:
 
     # All channels are tried: one that fails does not hide another.
     outcomes = list(send_test(folder.settings))
+    # Not a success: the organiser expects to hear of faults, and would not.
     if not outcomes:
         file = folder.path / SETTINGS_FILE
         raise ReverieEvalError(f"the settings have no [mail] and no [webhook]; add one to {file}")

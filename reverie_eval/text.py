@@ -33,6 +33,15 @@ def first_few(
     return ", ".join(map(text, listed[:limit])) + more
 
 
+def amount_text(value: float) -> str:
+    """Format an amount with three digits, or all of those before the point.
+
+    >>> [amount_text(value) for value in (0, 0.01234, 12.0, 18250.4)]
+    ['0', '0.0123', '12', '18,250']
+    """
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
+
+
 def did_you_mean(name: object, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: the closest known name, then all.
 

@@ -50,6 +50,14 @@ METHOD_FLAGS = {
     "human": "human",
 }
 """What a reader must know to compare a method with others."""
+METHOD_COSTS = {
+    "actions_per_episode": "actions",
+    "seconds_per_episode": "seconds",
+    "input_tokens_per_episode": "input tokens",
+    "output_tokens_per_episode": "output tokens",
+    "money_per_episode": "US dollars",
+}
+"""What an episode cost, as the team declares it."""
 OBJECT_FLAGS = frozenset({"ground_truth_objects", "navigation_only"})
 """Flags that matter only if methods also predict objects."""
 # Why a result is not ranked.

@@ -8,6 +8,7 @@ from reverie_eval.errors import RunError
 from reverie_eval.logs import SUBMISSION, Attempt, Step, read_attempts, read_steps
 from reverie_eval.runner._checking import check_agent
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, TREATMENTS, WAITS, TransientError
+from reverie_eval.runner._folder import read_card
 from reverie_eval.runner._records import (
     SCHEMA_VERSION,
     Circumstance,
@@ -41,6 +42,7 @@ __all__ = [
     "TransientError",
     "check_agent",
     "read_attempts",
+    "read_card",
     "read_steps",
     "run",
     "run_agent",

@@ -83,7 +83,7 @@ class RunFolder:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise RunError(f"{self.path}: another process is running there") from None
-        card = self._read_card()
+        card = read_card(self.path)
         self._circumstances = [*(card.circumstances if card else ()), circumstance]
         self._check_files(card)
         self._episodes, self._steps = (self._append_to(name) for name in (EPISODES, STEPS))
@@ -132,22 +132,6 @@ class RunFolder:
         with path.open("r+b") as file:  # a line that was cut off is not a record
             file.truncate(sum(len(line) for line in file if line.endswith(b"\n")))
         return self._open[-1]
-
-    def _read_card(self) -> RunCard | None:
-        try:
-            content = self._path(CARD).read_bytes()
-        except FileNotFoundError:
-            return None
-        try:
-            version = msgspec.json.decode(content, type=_Version).schema_version
-            if version == SCHEMA_VERSION:
-                return msgspec.json.decode(content, type=RunCard)
-        except msgspec.DecodeError as error:
-            raise RunError(f"{self._path(CARD)} is not the card of a run: {error}") from None
-        raise RunError(
-            f"{self._path(CARD)} has version {version} of the schema, and this is version "
-            f"{SCHEMA_VERSION}; use the release that began the run"
-        )
 
     def _check_identity(self, begun: Identity) -> None:
         # As it will be read: a tuple is a list then.
@@ -220,6 +204,31 @@ class RunFolder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def read_card(folder: Path) -> RunCard | None:
+    """Return the card of a run, by its folder; None if there is none.
+
+    Raises
+    ------
+    RunError
+        If it is not a card, or has another version of the schema.
+    """
+    path = folder / CARD
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    try:
+        version = msgspec.json.decode(content, type=_Version).schema_version
+        if version == SCHEMA_VERSION:
+            return msgspec.json.decode(content, type=RunCard)
+    except msgspec.DecodeError as error:
+        raise RunError(f"{path} is not the card of a run: {error}") from None
+    raise RunError(
+        f"{path} has version {version} of the schema, and this is version {SCHEMA_VERSION}; use "
+        "the release that began the run"
+    )
 
 
 class _Version(msgspec.Struct):

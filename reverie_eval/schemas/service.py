@@ -149,10 +149,16 @@ class SessionReport(Me):
     """When to sign in again, UTC; earlier if the token is revoked."""
 
 
+InputClass = Literal["geometry", "objects", "views", "other"]
+SampleSize = Annotated[int, Field(ge=1, le=1_000_000)]
+Amount = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+
+
 class Method(WireModel):
     """The description of a method by its team, or by the source of a reported result.
 
-    Whether a property applies to it is true, false, or null: nobody has declared it.
+    Whether a property applies to it is true, false, or null: nobody has declared it. So is null
+    what it was shown, and what an episode cost.
     """
 
     name: Name = Field(examples=["Walker"])
@@ -174,6 +180,21 @@ class Method(WireModel):
     """Only navigates: the file has no answers. Must be declared for such a file."""
     human: bool | None = None
     """People walked the episodes, not a program."""
+    input_class: InputClass | None = Field(None, examples=["views"])
+    """What it was shown of a place: geometry alone, the annotators' objects (perfect perception),
+    views, or something else."""
+    sample_size: SampleSize | None = Field(None, examples=[500])
+    """Number of episodes that it was run on, if answers to the others were filled in without it."""
+    actions_per_episode: Amount | None = Field(None, examples=[12.5])
+    """Mean number of actions that it chose in an episode."""
+    seconds_per_episode: Amount | None = Field(None, examples=[41.3])
+    """Mean time that an episode took, in seconds."""
+    input_tokens_per_episode: Amount | None = Field(None, examples=[18250.0])
+    """Mean number of tokens sent to models in an episode, cached ones included."""
+    output_tokens_per_episode: Amount | None = Field(None, examples=[640.0])
+    """Mean number of tokens that came back in an episode, those of reasoning included."""
+    money_per_episode: Amount | None = Field(None, examples=[0.04])
+    """Mean price of an episode, in US dollars; 0 if it was free."""
 
 
 class MethodChange(Method):

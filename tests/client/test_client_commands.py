@@ -213,6 +213,21 @@ def test_what_no_option_names_is_not_declared_and_can_be_later(run: Run) -> None
 
 
 @pytest.mark.usefixtures("token")
+def test_a_folder_of_a_run_declares_what_the_agent_was_shown_and_used(run: Run) -> None:
+    assert run("run", "nearest-first", "--split", "test", "-o", "mine").status == 0
+    words = ("submit", "mine", "--split", "test", *JSON, "--money-per-episode", "0.5", "--human")
+    method = accepted(run(*words))["submission"]["method"]
+    assert isinstance(method, dict)
+    totals = json.loads(Path("mine/run.json").read_text())["totals"]
+    assert (method["name"], method["input_class"], method["sample_size"], method["human"]) == (
+        *("nearest-first", "geometry", None, True),
+    )
+    assert method["actions_per_episode"] == totals["steps"] / totals["ended"]
+    assert method["seconds_per_episode"] == totals["seconds"] / totals["ended"]
+    assert (method["input_tokens_per_episode"], method["money_per_episode"]) == (None, 0.5)
+
+
+@pytest.mark.usefixtures("token")
 def test_sending_again_publishes_and_renames(run: Run) -> None:
     first = accepted(run(*SUBMIT, *JSON))
     about = ["--paper", "https://x.org/p", "--human", "--publish"]

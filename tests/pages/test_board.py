@@ -150,6 +150,34 @@ def test_every_column_is_explained_below_the_table(five: Serving) -> None:
         assert CATALOGUE[key].definition in unescape(meanings[0])
 
 
+def test_what_was_declared_of_an_episode_has_columns(server: Serving) -> None:
+    sampled = {"input_class": "objects", "sample_size": 60}
+    entered(server, {"rgspl": 0.5}, **named("Ant", money_per_episode=0.0375, **sampled))
+    entered(server, {"rgspl": 0.25}, **named("Bee", input_tokens_per_episode=18250.4))
+    entered(server, {"rgspl": 0.125}, **named("Cat"))
+    usual = [row[1] for row in tables(get(server))[0]]
+    assert usual[0].startswith("Ant Blue objects 60 ep. $0.0375 ")
+    assert "$" not in usual[1] + usual[2]
+    page = get(server, "?columns=all")
+    ant, bee, cat = tables(page)[0]
+    assert [row[-4:-2] for row in (ant, bee, cat)] == [["-", "0.0375"], ["18,250", "-"], ["-", "-"]]
+    assert ant[1].startswith("Ant Blue objects 60 ep.")
+    assert all(each in page.text for each in (">Declared<", ">tokens in<", ">US$<"))
+    assert "Declared by the team, not measured here" in page.text
+    for query, shown in {
+        "input_class=objects": ["Ant"],
+        "input_class=undeclared": ["Bee", "Cat"],
+        "sample_from=61": ["Bee", "Cat"],
+        "money_until=0.0375&sample_from=60": ["Ant"],
+        "money_until=0": [],
+        "money_until=&sample_from=&input_class=": ["Ant", "Bee", "Cat"],
+    }.items():
+        rows = tables(get(server, f"?{query}"))[0]
+        assert [row[1].split()[0] for row in rows if len(row) > 1] == shown, query
+    assert 'href="?">Clear</a>' in get(server, "?money_until=1&input_class=views").text
+    assert server.client.get(f"/boards/{OPEN}?money_until=-1").status_code == 400
+
+
 def test_a_metric_that_nothing_has_is_said_to_be_so(five: Serving) -> None:
     absent = get(five, "?metric=ndtw").text
     nothing = "No result on this leaderboard has a value for"

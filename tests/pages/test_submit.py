@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from reverie_eval.reporting.service import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.callers import COOKIE
@@ -65,7 +65,7 @@ def test_the_whole_way_without_scripts(server: Serving) -> None:
     assert "23 problems in this file." in said(owner.upload(BROKEN, "check"))
     assert f"This file can be scored on {OPEN}." in said(owner.upload(GOOD, "check"))
     assert kept(server) == 0
-    scored = owner.upload(**TYPED)
+    scored = owner.upload(**TYPED, input_class="views", money_per_episode="0.25")
     assert scored.status_code == 303
     assert scored.headers["location"] == f"/submissions/{place_of(scored)}?done=scored"
     page = owner.get(scored.headers["location"])
@@ -81,6 +81,9 @@ def test_the_whole_way_without_scripts(server: Serving) -> None:
         "ensemble": True,
         "navigation_only": None,
         "human": None,
+        **dict.fromkeys(("sample_size", *METHOD_COSTS)),
+        "input_class": "views",
+        "money_per_episode": 0.25,
     }
     assert owner.send("/sign-out", {}).headers["location"] == "/"
     assert owner.get("/team").headers["location"] == "/sign-in?back=/team"
@@ -98,13 +101,16 @@ def test_all_problems_are_shown_with_their_places(owner: Visitor, what: str, sta
     assert kept(owner.server) == 0
 
 
+UNDECLARED = dict.fromkeys((*METHOD_FLAGS, "input_class"), "not declared")
+
+
 @pytest.mark.parametrize("what", ["check", "score"])
 def test_what_was_typed_is_kept_and_escaped(owner: Visitor, what: str) -> None:
     page = owner.upload(BROKEN, what, **TYPED).text
     assert 'value="&lt;b&gt;Bold&lt;/b&gt; walker"' in page
     assert "It says &#34;&lt;/textarea&gt;&lt;script&gt;alert(1)&lt;/script&gt;&#34;." in page
     assert 'value="https://example.org/?a=1&amp;b=2"' in page
-    assert chosen(page) == {**dict.fromkeys(METHOD_FLAGS, "not declared"), "ensemble": "yes"}
+    assert chosen(page) == {**UNDECLARED, "ensemble": "yes"}
     assert re.search(rf'name="split" value="{OPEN}" required checked', page)
     assert "<script>alert" not in page
 
@@ -233,7 +239,7 @@ def test_what_the_organiser_asks_for_has_to_be_said(open_server: OpenServer, fol
     form = owner.get("/submit").text
     assert re.search(r'id="paper"[^>]* required ', form)
     assert re.search(r'<select id="extra_data" name="extra_data" required ', form)
-    assert chosen(form) == {**dict.fromkeys(METHOD_FLAGS, "not declared"), "extra_data": "choose"}
+    assert chosen(form) == {**UNDECLARED, "extra_data": "choose"}
     assert "about the method is missing: paper, extra data" in said(owner.upload())
     complete = owner.upload(paper="https://example.org/", extra_data="false")
     assert complete.status_code == 303

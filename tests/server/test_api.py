@@ -67,6 +67,8 @@ def test_a_split_says_what_is_needed_to_score_alike(server: Serving) -> None:
         "name": PRIVATE,
         "task": "reverie",
         "episodes": len(truth.episodes.instr_ids),
+        "subset": "",
+        "split_episodes": len(truth.episodes.instr_ids),
         "visibility": "private",
         "protocol": "official-v1",
         "track": "full",
@@ -150,6 +152,11 @@ def test_what_is_said_of_a_method_is_kept(server: Serving, way: Any) -> None:
         "extra_data": "true",
         "pre_exploration": "1",
         "ensemble": "false",
+        "input_class": "objects",
+        "sample_size": "60",
+        "actions_per_episode": "12.5",
+        "seconds_per_episode": "",
+        "money_per_episode": "0",
     }
     reply = way(server, said)
     Description(server).check(reply)
@@ -164,6 +171,13 @@ def test_what_is_said_of_a_method_is_kept(server: Serving, way: Any) -> None:
         "ensemble": False,
         "navigation_only": None,
         "human": None,
+        "input_class": "objects",
+        "sample_size": 60,
+        "actions_per_episode": 12.5,
+        "seconds_per_episode": None,
+        "input_tokens_per_episode": None,
+        "output_tokens_per_episode": None,
+        "money_per_episode": 0.0,
     }
 
 
@@ -182,6 +196,10 @@ def test_a_form_may_leave_to_the_query_what_it_does_not_say(server: Serving) -> 
 
 # A field of a method that is wrong.
 WRONG = [
+    pytest.param({"name": "a", "input_class": "pixels"}, "input_class", id="no such class"),
+    pytest.param({"name": "a", "sample_size": "0"}, "sample_size", id="no episode"),
+    pytest.param({"name": "a", "money_per_episode": "-1"}, "money_per_episode", id="paid for it"),
+    pytest.param({"name": "a", "seconds_per_episode": "nan"}, "seconds_per_episode", id="no time"),
     pytest.param({"name": ""}, "name", id="no name"),
     pytest.param({"name": "   "}, "name", id="a blank name"),
     pytest.param({"name": "x" * 101}, "name", id="a long name"),

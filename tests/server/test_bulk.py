@@ -11,6 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from reverie_eval.reporting.service import METHOD_COSTS
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.service.bulk import Archive, archive_of
 from reverie_eval.server.store.tables import Submission
@@ -189,7 +190,8 @@ def test_files_that_were_deleted_for_their_age_are_left_out(server: Serving) -> 
 COLUMNS = [
     *("file", "sha256", "size", "id", "team", "person", "received_at", "status", "published_at"),
     *("withdrawn_at", "name", "description", "paper", "code", "extra_data", "pre_exploration"),
-    *("ground_truth_objects", "ensemble", "navigation_only", "human", "signature"),
+    *("ground_truth_objects", "ensemble", "navigation_only", "human", "input_class"),
+    *("sample_size", *METHOD_COSTS, "signature"),
 ]
 
 
@@ -218,7 +220,7 @@ def test_what_the_archive_says_of_each_submission(server: Serving) -> None:
     times = "2026-03-02T12:00:01Z", "withdrawn", "2026-03-02T12:00:01Z", "2026-03-02T13:00:01Z"
     assert row[: len(COLUMNS)] == [
         *(f"{first}.json", digest, str(len(GOOD)), first, "Blue", OWNER, *times),
-        *("Ünt {漢}", "walks, a lot", "", "", "true", *5 * [""], board.signature),
+        *("Ünt {漢}", "walks, a lot", "", "", "true", *12 * [""], board.signature),
     ]
     assert "\r" not in text
 

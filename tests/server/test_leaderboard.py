@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from reverie_eval import CATALOGUE
+from reverie_eval.reporting.service import METHOD_COSTS
 from reverie_eval.schemas.service import CorrectionReport
 from reverie_eval.server.service.entries import Entry, Row
 from reverie_eval.server.service.leaderboard import (
@@ -163,7 +164,7 @@ def test_the_board_as_csv(server: Serving) -> None:
     first = entered(
         server,
         {"rgspl": 0.25, "success": 0.5},
-        method={"name": 'Our, "best"', "ensemble": True, "human": False, **links},
+        method={"name": 'Our, "best"', "ensemble": True, "human": False, **links, **SAMPLED},
     )
     second = entered(server, {"success": 0.75}, who=OTHER, anonymous_until="2027-01-01T00:00:00Z")
     at = "2026-03-02T12:00:0"
@@ -179,6 +180,9 @@ def test_the_board_as_csv(server: Serving) -> None:
         "ensemble",
         "navigation_only",
         "human",
+        "input_class",
+        "sample_size",
+        *METHOD_COSTS,
     ]
     more = ["standing", "reviews", "source", "reported_date", "dataset", "signature"]
     known = ("ranked", *4 * [""], server.state.boards[OPEN].signature)
@@ -193,12 +197,14 @@ def test_the_board_as_csv(server: Serving) -> None:
         [
             *("1", first, "Blue", f"{at}0Z", "1"),
             *('Our, "best"', *links.values(), *undeclared, "true", "", "false"),
+            *("views", "59", "", "", "", "", "0.25"),
             *known,
             *("0.5", "0.25"),
         ],
         [
             *("", second, "", f"{at}1Z", "1"),
             *("Walker", "", "", *undeclared, *undeclared),
+            *7 * [""],
             *known,
             *("0.75", ""),
         ],
@@ -237,14 +243,16 @@ def reported(name: str, day: str | None) -> Entry:
 
 
 HIDDEN = NOON + timedelta(seconds=1)
+FREE = {"money_per_episode": 0.0, "input_class": "other"}
+SAMPLED = {"sample_size": 59, "money_per_episode": 0.25, "input_class": "views"}
 SHOWN = [
     Row(1, entry("Ant", method={"name": "Ant", "human": None})),
-    Row(2, entry("Bee", method={"name": "Bee", "human": True}, team="Straße")),
+    Row(2, entry("Bee", method={"name": "Bee", "human": True, **SAMPLED}, team="Straße")),
     Row(
         3,
         entry(
             "Cat",
-            method={"name": "Cat", "human": False},
+            method={"name": "Cat", "human": False, **FREE},
             anonymous_until=HIDDEN,
             published_at=NOON + timedelta(days=1),
         ),
@@ -256,14 +264,22 @@ SHOWN = [
 @pytest.mark.parametrize(
     ("wanted", "expected"),
     [
-        pytest.param({"flags": {"human": True}}, ["Bee"], id="declared"),
-        pytest.param({"flags": {"human": False}}, ["Cat"], id="declared not to be so"),
+        pytest.param({"declared": {"human": True}}, ["Bee"], id="declared"),
+        pytest.param({"declared": {"human": False}}, ["Cat"], id="declared not to be so"),
         pytest.param(
-            {"flags": {"human": None}},
+            {"declared": {"human": None}},
             ["Ant", "2026-03-01", "2026-03", "2026", "unknown"],
             id="not declared",
         ),
-        pytest.param({"flags": {"human": True, "ensemble": True}}, [], id="both"),
+        pytest.param({"declared": {"human": True, "ensemble": True}}, [], id="both"),
+        pytest.param({"declared": {"input_class": "views"}}, ["Bee"], id="an input class"),
+        pytest.param(
+            {"declared": {"input_class": None}, "text": "t"}, ["Ant"], id="no input class"
+        ),
+        pytest.param({"sample_from": 60, "text": "t"}, ["Ant", "Cat"], id="most episodes"),
+        pytest.param({"sample_from": 59, "text": "t"}, ["Ant", "Bee", "Cat"], id="enough of them"),
+        pytest.param({"money_until": 0.25}, ["Bee", "Cat"], id="affordable"),
+        pytest.param({"money_until": 0}, ["Cat"], id="free"),
         pytest.param({"since": date(2026, 3, 3)}, ["Cat", "2026-03", "2026"], id="since"),
         pytest.param({"since": date(2026, 4, 1)}, ["2026"], id="since the next month"),
         pytest.param(
@@ -283,7 +299,7 @@ SHOWN = [
 )
 def test_which_rows_a_filter_shows(wanted: Any, expected: list[str]) -> None:
     ranking = ranking_of(*SHOWN)
-    shown = Filter(**{"flags": {}, **wanted}).of(ranking.rows, ranking)
+    shown = Filter(**{"declared": {}, **wanted}).of(ranking.rows, ranking)
     assert [row.entry.method["name"] for row in shown] == expected
     assert Filter({}).of(ranking.rows, ranking) is ranking.rows
 
@@ -411,19 +427,19 @@ def test_what_is_not_ranked_comes_last_in_csv() -> None:
     assert headings[-7:] == [
         *("spl", "rgs", "spl_low", "spl_high", "rank_low", "rank_high", "group")
     ]
-    at, empty = "2026-03-02T12:00:00Z", [""] * 8
+    at, empty, undeclared = "2026-03-02T12:00:00Z", [""] * 8, [""] * 7
     ranks_of_first = ("0.25", "0.75", "1", "2", "1")
     assert rows == [
         [
-            *("1", "walker", "Blue", at, "3", "Walker", *empty),
+            *("1", "walker", "Blue", at, "3", "Walker", *empty, *undeclared),
             *("ranked", "", "", "", "", "sig", "0.5", "", *ranks_of_first),
         ],
         [
-            *("", "", "Blue", at, "", "Paper", *empty),
+            *("", "", "Blue", at, "", "Paper", *empty, *undeclared),
             *("reported", "", "A table", "2020", "v2", *empty),
         ],
         [
-            *("", "cat", "", at, "3", "Cat", *empty),
+            *("", "cat", "", at, "3", "Cat", *empty, *undeclared),
             *("disqualified", told, "", "", "", "", "", "0.0", *empty[:5]),
         ],
     ]

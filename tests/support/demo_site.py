@@ -57,9 +57,10 @@ class Sent(NamedTuple):
 _PUBLISHED = {"published": True}
 _ANONYMOUS = {"published": True, "anonymous_until": "2100-01-01T00:00:00Z"}
 _LONG = "Recurrent walker with a very long name that nobody could pronounce, version 2.1-rc.3"
+_SAMPLED = {"input_class": "objects", "sample_size": 60, "money_per_episode": 0}
 _SENT = (
     Sent(OTHER, OPEN, "stop", 60, {"name": "Stays where it is"}, _PUBLISHED),
-    Sent(OTHER, OPEN, "random 1", 55, {"name": "Random walker"}, _PUBLISHED),
+    Sent(OTHER, OPEN, "random 1", 55, {"name": "Random walker", **_SAMPLED}, _PUBLISHED),
     Sent(MARKED, OPEN, "mediocre", 41, {"name": BOLD, "extra_data": True}, _PUBLISHED),
     Sent(MATE, OPEN, "random 2", 30, {"name": _LONG, "pre_exploration": True}, _ANONYMOUS),
     Sent(
@@ -67,7 +68,17 @@ _SENT = (
         OPEN,
         "good",
         21,
-        {"name": "Walker", "paper": "https://example.org/p", "code": "https://example.org/c"},
+        {
+            "name": "Walker",
+            "paper": "https://example.org/p",
+            "code": "https://example.org/c",
+            "input_class": "views",
+            "actions_per_episode": 12.5,
+            "seconds_per_episode": 41.25,
+            "input_tokens_per_episode": 18250.4,
+            "output_tokens_per_episode": 640,
+            "money_per_episode": 0.0375,
+        },
         _PUBLISHED,
     ),
     Sent(

@@ -12,6 +12,7 @@ import click
 
 from reverie_eval import ReverieEvalError, SubmissionError, validate
 from reverie_eval.ground_truth import find_ground_truth
+from reverie_eval.logs import is_run
 from reverie_eval.tasks import name_on_server
 from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
@@ -44,6 +45,13 @@ _FLAGS = {
     "ensemble": "Several models decide together.",
     "navigation_only": "It only navigates: the file has no answers.",
     "human": "People walked the episodes, not a program.",
+}
+_COSTS = {
+    "actions_per_episode": "Mean number of actions in an episode.",
+    "seconds_per_episode": "Mean time of an episode, in seconds.",
+    "input_tokens_per_episode": "Mean number of tokens sent in an episode, cached ones included.",
+    "output_tokens_per_episode": "Mean number of tokens that came back, reasoning included.",
+    "money_per_episode": "Mean price of an episode, in US dollars.",
 }
 _LONGEST_NAME = 100
 
@@ -81,7 +89,8 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(command)
     def with_method(**values: Any) -> Any:
         # None is not declared; False is declared not to be so. The server keeps the difference.
-        fields = {field: values.pop(field) for field in (*_TEXTS, *_FLAGS)}
+        names = (*_TEXTS, *_FLAGS, "input_class", "sample_size", *_COSTS)
+        fields = {field: values.pop(field) for field in names}
         given = {field: value for field, value in fields.items() if value is not None}
         return command(method=MethodOptions(given), **values)
 
@@ -95,7 +104,54 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
         )
         for field, meaning in _FLAGS.items()
     ]
-    return options.together(*texts, *flags)(with_method)
+    shown = click.option(
+        "--input-class",
+        type=options.Choice(["geometry", "objects", "views", "other"]),
+        help="What it was shown of a place; objects are the annotators': perfect perception.",
+    )
+    size = click.option(
+        "--sample-size",
+        metavar="N",
+        type=options.Number(min=1),
+        help="Number of episodes that it was run on, if others were filled in without it.",
+    )
+    costs = [
+        click.option(
+            _option_of(field), field, metavar="X", type=options.Decimal(min=0), help=meaning
+        )
+        for field, meaning in _COSTS.items()
+    ]
+    return options.together(*texts, *flags, shown, size, *costs)(with_method)
+
+
+def _with_run(method: MethodOptions, submission: str) -> MethodOptions:
+    """Return what options say of the method and, for a run's folder, what its card says besides."""
+    from reverie_eval.runner import read_card
+
+    card = read_card(Path(submission)) if is_run(submission) else None
+    if card is None or card.totals is None:
+        return method
+    totals, read = card.totals, set(card.totals.read)
+    n_run = totals.ended + totals.cut_off
+    # What the agent read decides, not what it was offered. With objects of annotators, it had
+    # perfect perception, whatever else it saw.
+    classes = {"solution": "other", "names": "objects", "boxes": "objects", "pictures": "views"}
+    found = [each for part, each in classes.items() if part in read]
+    used = {
+        "actions_per_episode": totals.steps,
+        "seconds_per_episode": totals.seconds,
+        "input_tokens_per_episode": totals.input_tokens,
+        "output_tokens_per_episode": totals.output_tokens,
+        "money_per_episode": totals.money,
+    }
+    n_tried = n_run + totals.failed
+    of_card = {
+        "name": printable(card.identity.agent)[:_LONGEST_NAME],
+        "input_class": (found or ["geometry"])[0],
+        "sample_size": (n_run or None) if totals.filled else None,
+        **{name: value / n_tried for name, value in used.items() if value is not None and n_tried},
+    }
+    return MethodOptions({**of_card, **method.given})
 
 
 @click.command()
@@ -130,6 +186,9 @@ def submit(
 ) -> int:
     """Send a submission to be scored, and keep the receipt.
 
+    SUBMISSION is a result file, or the folder of a run: then what its `run.json` says of the agent,
+    what it read, and what an episode cost is declared, too.
+
     The file is checked here first if a bundle of the split is at hand. Sending the same file again
     uses no submission and returns the same result. Properties of the method that no option names
     are not declared, which is not a no.
@@ -141,6 +200,7 @@ def submit(
 
     # Everything that can be wrong on this side is looked at before anything is sent.
     token, name = server.token(), name_on_server(task, split)
+    method = _with_run(method, submission)
     described = method.method(submission)  # wrong options are reported before anything is sent
     try:
         content = read_bytes(submission)

@@ -15,7 +15,7 @@ from reverie_eval.server.errors import MalformedError
 
 _PIECE = 1 << 20
 """Bytes that are searched before another thread may run."""
-_MOST_FIELDS = 20
+_MOST_FIELDS = 27
 _LONGEST_HEAD = 8 << 10
 """Bytes of the lines before the content of a field, at most."""
 _LONGEST_PADDING = 256

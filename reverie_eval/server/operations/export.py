@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 from reverie_eval.errors import ReverieEvalError, naming_missing_parts
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting.service import METHOD_FLAGS
+from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.announcements import corrections_of
 from reverie_eval.server.service.boards import Board
@@ -116,6 +116,9 @@ _RESULT = {
     "paper": _TEXT,
     "code": _TEXT,
     **dict.fromkeys(METHOD_FLAGS, _FLAG),
+    "input_class": _TEXT,
+    "sample_size": "integer",
+    **dict.fromkeys(METHOD_COSTS, "number"),
     "signature": _TEXT,
     "source": _TEXT,
     "reported_date": _TEXT,

@@ -16,9 +16,9 @@ from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.comparisons import signed
-from reverie_eval.reporting.service import METHOD_FLAGS, headline_of
+from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS, headline_of
 from reverie_eval.schemas.report import ProblemReport
-from reverie_eval.schemas.service import Snapshot
+from reverie_eval.schemas.service import Amount, InputClass, SampleSize, Snapshot
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
@@ -63,7 +63,8 @@ _DECLARED: Mapping[FlagFilter, bool | None] = {"with": True, "without": False, "
 
 MetricKey = Annotated[str, Field(max_length=100)]
 """Whether the leaderboard has the metric is checked by :meth:`BoardQuery.on`."""
-Day = Annotated[date | None, BeforeValidator(lambda value: value or None)]
+EmptyIsNone = BeforeValidator(lambda value: None if value == "" else value)
+Day = Annotated[date | None, EmptyIsNone]
 
 
 LONGEST_SOUGHT = 100
@@ -82,6 +83,9 @@ class BoardQuery(BaseModel):
     ensemble: FlagFilter = ""
     navigation_only: FlagFilter = ""
     human: FlagFilter = ""
+    input_class: InputClass | Literal["", "undeclared"] = ""
+    sample_from: Annotated[SampleSize | None, EmptyIsNone] = None
+    money_until: Annotated[Amount | None, EmptyIsNone] = None
     since: Day = None
     until: Day = None
     text: Annotated[str, Field(max_length=LONGEST_SOUGHT)] = ""
@@ -125,8 +129,14 @@ class BoardQuery(BaseModel):
     @property
     def shown(self) -> Filter:
         """The filter of the rows."""
-        flags = {flag: _DECLARED[asked] for flag in METHOD_FLAGS if (asked := getattr(self, flag))}
-        return Filter(flags, self.since, self.until, self.text.strip())
+        declared: dict[str, bool | str | None] = {
+            flag: _DECLARED[asked] for flag in METHOD_FLAGS if (asked := getattr(self, flag))
+        }
+        if self.input_class:
+            is_asked = self.input_class != "undeclared"
+            declared["input_class"] = self.input_class if is_asked else None
+        text, cost = self.text.strip(), (self.sample_from, self.money_until)
+        return Filter(declared, self.since, self.until, text, *cost)
 
     @property
     def is_filtered(self) -> bool:
@@ -143,7 +153,8 @@ class BoardQuery(BaseModel):
     @property
     def unfiltered(self) -> str:
         """The query without the filter, for the first page."""
-        filters = (*METHOD_FLAGS, "since", "until", "text", "page")
+        costs = ("input_class", "sample_from", "money_until")
+        filters = (*METHOD_FLAGS, *costs, "since", "until", "text", "page")
         return self.link(**{name: type(self).model_fields[name].default for name in filters})
 
     def direction(self, metric: Metric) -> Literal["ascending", "descending"]:
@@ -246,6 +257,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             query=query,
             groups=_groups(ranking.board, query, [*part.rows, *apart]),
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
+            costs=_costs(query, part.rows),
             scale=Scale.of(part.rows, query.metric),
             schedule=server.schedules.in_effect(session)[board.name],
             own_team=snapshot.caller and snapshot.caller.team_id,
@@ -406,6 +418,18 @@ class Group:
 
     name: Literal["Navigation", "Grounding"]
     columns: Sequence[Metric]
+
+
+def _costs(query: BoardQuery, rows: Sequence[Row]) -> Mapping[str, str]:
+    """Return the declared costs that have a column beside all metrics; there is no room for more.
+
+    Beside headline metrics, a mark of the method has the money.
+    """
+    return {
+        name: words
+        for name, words in METHOD_COSTS.items()
+        if query.columns == "all" and any(row.entry.method.get(name) is not None for row in rows)
+    }
 
 
 def _groups(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Group]:

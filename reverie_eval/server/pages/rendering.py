@@ -10,7 +10,7 @@ from html import unescape
 from http import HTTPStatus
 from importlib.resources import files
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 from urllib.parse import quote, urlsplit
 
 from fastapi import Request
@@ -23,6 +23,7 @@ from starlette.types import Scope
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.metrics.uncertainty import CONFIDENCE
 from reverie_eval.reporting.service import (
+    METHOD_COSTS,
     METHOD_FLAGS,
     WINDOW_LENGTHS,
     flags_of,
@@ -32,7 +33,7 @@ from reverie_eval.reporting.service import (
 )
 from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import Method, ProblemDocument
+from reverie_eval.schemas.service import InputClass, Method, ProblemDocument
 from reverie_eval.schemas.wire import (
     LONGEST_EMAIL,
     LONGEST_ID,
@@ -56,7 +57,7 @@ from reverie_eval.server.pages.labels import name_fields, place_of
 from reverie_eval.server.service.tokens import TOKEN_NAMES, token_state
 from reverie_eval.server.store.tables import Person
 from reverie_eval.tasks import DEFAULT_TASK, Task
-from reverie_eval.text import category_text, count_text
+from reverie_eval.text import amount_text, category_text, count_text
 from reverie_eval.version import __version__
 
 STATIC = "/static"
@@ -267,6 +268,8 @@ def _environment() -> Environment:
             "text": LONGEST_TEXT,
         },
         "flags_of": flags_of,
+        "costs_of_methods": METHOD_COSTS,
+        "input_classes": get_args(InputClass),
         "guide": guide_address,
         "method_fields": Method.model_fields,
         "metrics": CATALOGUE,
@@ -277,6 +280,7 @@ def _environment() -> Environment:
         "window_lengths": WINDOW_LENGTHS,
     }
     environment.filters |= {
+        "amount": amount_text,
         "attributes": attributes,
         "category": category_text,
         "counted": count_text,

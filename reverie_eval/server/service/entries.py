@@ -128,7 +128,7 @@ class _Result(msgspec.Struct):
 
 _REPORT = msgspec.json.Decoder(_Report)
 _FURTHER = msgspec.json.Decoder(dict[str, _Result])
-_METHOD = msgspec.json.Decoder(dict[str, str | bool | None])
+_METHOD = msgspec.json.Decoder(dict[str, str | bool | int | float | None])
 _SCORES = msgspec.json.Decoder(dict[str, float])
 
 

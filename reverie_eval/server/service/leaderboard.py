@@ -74,13 +74,17 @@ class Ranking:
 class Filter:
     """Which rows are shown; their ranks are those on the whole leaderboard."""
 
-    flags: Mapping[str, bool | None]
-    """Required values of a method's flags, None for not declared; others may have any value."""
+    declared: Mapping[str, bool | str | None]
+    """Required values of what a method declares, None for not declared; others may be any."""
     since: date | None = None
     until: date | None = None
     """Days in UTC; both are included, and so are dated months and years that include such a day."""
     text: str = ""
     """Part of the name of the method or the team; case is ignored."""
+    sample_from: int | None = None
+    """The smallest number of episodes that a method was run on; by default on all."""
+    money_until: float | None = None
+    """The highest declared price of an episode, in US dollars."""
 
     def of(self, rows: Sequence[Row], ranking: Ranking) -> Sequence[Row]:
         """Return the rows of a ranking that match."""
@@ -89,11 +93,19 @@ class Filter:
     def _admits(self, row: Row, ranking: Ranking) -> bool:
         method, wanted = row.entry.method, self.text.casefold()
         return (
-            all(method.get(flag) is asked for flag, asked in self.flags.items())
+            all(method.get(name) == asked for name, asked in self.declared.items())
+            and self._admits_cost(method)
             and self._admits_date(row.entry.date)
             and (
                 wanted in method["name"].casefold() or wanted in ranking.team(row.entry).casefold()
             )
+        )
+
+    def _admits_cost(self, method: Mapping[str, Any]) -> bool:
+        size, money = method.get("sample_size"), method.get("money_per_episode")
+        is_large = self.sample_from is None or size is None or size >= self.sample_from
+        return is_large and (
+            self.money_until is None or (money is not None and money <= self.money_until)
         )
 
     def _admits_date(self, day: str) -> bool:

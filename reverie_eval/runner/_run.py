@@ -19,7 +19,7 @@ from reverie_eval.runner._failures import FAILED_IN_A_ROW, WAITS
 from reverie_eval.runner._folder import RunFolder
 from reverie_eval.runner._records import KEPT, Circumstance, Identity, Totals
 from reverie_eval.runner._walking import Job, Plan, Rows, Walker
-from reverie_eval.runner._workers import walk_in_processes, walk_in_threads, walk_with_executor
+from reverie_eval.runner._workers import walk_in_workers, walk_with_executor
 from reverie_eval.scoring import Executor
 from reverie_eval.simulator import Environment, Stop
 from reverie_eval.submissions import join_items, submission_text
@@ -97,9 +97,7 @@ def run(
             workers = min(jobs, len(queue.waiting))
             if workers <= 1:
                 return Walker(plan, environment).work(queue.take)
-            if threads:
-                return walk_in_threads(plan, environment, queue.take, workers)
-            return walk_in_processes(plan, queue.take, workers)
+            return walk_in_workers(plan, environment, queue.take, workers, threads=threads)
 
         try:
             if queue.waiting:

@@ -27,53 +27,43 @@ _POLL = 0.05
 _LOCAL = threading.local()
 
 
-def walk_in_threads(plan: Plan, environment: Environment, take: Take, jobs: int) -> Rows:
-    """Yield what happens as threads run episodes, each with an agent of its own.
+def walk_in_workers(
+    plan: Plan, environment: Environment, take: Take, jobs: int, *, threads: bool
+) -> Rows:
+    """Yield what happens as several workers run episodes, each with an agent of its own.
 
-    Closing it lets each go on to the end of its action, and no further.
-    """
-    # Pipes between threads have no more to say than queues, but are those of processes, too.
-    pipes = [get_context("spawn").Pipe() for _ in range(jobs)]
-    for _, there in pipes:
-        threading.Thread(target=_work, args=(plan, there, environment), daemon=True).start()
-    try:
-        yield from _serve([here for here, _ in pipes], take)
-    finally:
-        for here, _ in pipes:
-            here.close()
-
-
-def walk_in_processes(plan: Plan, take: Take, jobs: int) -> Rows:
-    """Yield what happens as several processes run episodes; closing it ends them.
+    Closing it ends processes at once, and threads when they have chosen an action.
 
     Raises
     ------
     RunError
-        If a process was killed.
+        If a worker was killed.
     """
     # Not the pool of `reverie_eval.processes`: that gives back results, in order and at the end,
     # where each step has to be on disk when it is made.
     context = get_context("spawn")
     pipes = [context.Pipe() for _ in range(jobs)]
-    workers = [context.Process(target=_work_alone, args=(plan, there)) for _, there in pipes]
+    processes = []
     try:
-        for worker in workers:
-            worker.start()
         for _, there in pipes:
+            if threads:
+                threading.Thread(target=_work, args=(plan, there, environment), daemon=True).start()
+                continue
+            processes.append(context.Process(target=_work_alone, args=(plan, there)))
+            processes[-1].start()
             there.close()  # so that reading fails once its process has ended
         yield from _serve([here for here, _ in pipes], take)
     except (EOFError, ConnectionError):
         raise RunError(
-            "a process was killed while it ran an episode, perhaps for lack of memory; try fewer "
+            "a worker was killed while it ran an episode, perhaps for lack of memory; try fewer "
             "--jobs"
         ) from None
     finally:
         for here, _ in pipes:
             here.close()
-        for worker in workers:
-            if worker.pid is not None:
-                worker.terminate()
-                worker.join()
+        for process in processes:
+            process.terminate()
+            process.join()
 
 
 def _serve(workers: Sequence[Connection], take: Take) -> Rows:
@@ -109,8 +99,10 @@ def _work(plan: Plan, connection: Connection, environment: Environment | None = 
         connection.send(_END)
     except ReverieEvalError as error:
         connection.send(error)
-    except (EOFError, OSError):  # the run has ended
+    except (EOFError, ConnectionError):  # the run has ended
         pass
+    finally:
+        connection.close()  # whatever it was, the other end must not wait
 
 
 def _work_alone(plan: Plan, connection: Connection) -> None:

@@ -183,7 +183,7 @@ def test_a_process_that_is_killed_stops_the_run(tmp_path: Path) -> None:
     file = tmp_path / "deadly.py"
     file.write_text("import os, signal\ndef Agent(seen): os.kill(os.getpid(), signal.SIGKILL)\n")
     plan = Plan(AgentSource(str(file)), some(2))
-    with pytest.raises(RunError, match="a process was killed"):
+    with pytest.raises(RunError, match="a worker was killed"):
         run(plan, tmp_path / "run", jobs=2)
 
 

@@ -62,6 +62,18 @@ def test_threads_change_nothing(expected: bytes, tmp_path: Path) -> None:
     assert (tmp_path / "submission.json").read_bytes() == expected
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_ends_ends_the_run(tmp_path: Path) -> None:
+    (tmp_path / "agent.py").write_text("def Agent(seen): raise KeyboardInterrupt")
+    with pytest.raises(RunError, match="a worker was killed while it ran an episode"):
+        run(
+            Plan(AgentSource(f"{tmp_path}/agent.py"), some(9)),
+            tmp_path / "run",
+            jobs=2,
+            threads=True,
+        )
+
+
 @pytest.mark.parametrize("how", [{}, {"jobs": 2, "threads": True}], ids=["alone", "threads"])
 def test_a_batch_changes_nothing(how: Mapping[str, Any], expected: bytes, tmp_path: Path) -> None:
     (tmp_path / "agent.py").write_text(BATCH)

@@ -323,10 +323,10 @@ def find_run(submission: str) -> Path | None:
     return file.parent if has_log else None
 
 
-def is_run(path: str | PathLike[str]) -> bool:
-    """Whether a path is the folder of a run, which stands for its submission."""
+def is_run(folder: str | PathLike[str]) -> bool:
+    """Whether this is the folder of a run, which stands for its submission."""
     # Both, because a result file may be called run.json.
-    return Path(path, CARD).is_file() and Path(path, EPISODES).is_file()
+    return Path(folder, CARD).is_file() and Path(folder, EPISODES).is_file()
 
 
 def submission_in(folder: str | PathLike[str]) -> Path:

@@ -130,9 +130,9 @@ class AgentSource:
                 content.update(each.read_bytes())
         return content.hexdigest()[:_DIGEST_SHOWN]
 
-    def place(self, error: BaseException) -> str:
+    def location(self, error: BaseException) -> str:
         """Return where in the agent's own files an error was raised: its file at least."""
-        return _place(error, self._module_file.parent) or self._module_file.name
+        return _location(error, self._module_file.parent) or self._module_file.name
 
     @property
     def _module_file(self) -> Path:
@@ -209,8 +209,8 @@ def _import(name: str) -> ModuleType:
     if str(folder) not in sys.path:
         # After Python's own modules, for which an agent's json.py must not be taken.
         own = {sysconfig.get_path("stdlib"), sysconfig.get_config_var("DESTSHARED")}
-        places = [place for place, each in enumerate(sys.path, 1) if each in own]
-        sys.path.insert(max(places, default=0), str(folder))
+        positions = [number for number, each in enumerate(sys.path, 1) if each in own]
+        sys.path.insert(max(positions, default=0), str(folder))
     with _naming(f"{name} cannot be imported", folder):
         return _import_file(file) if is_file else importlib.import_module(name)
 
@@ -266,7 +266,7 @@ def _imports_in(source: bytes) -> Sequence[ast.Import | ast.ImportFrom]:
     return [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
-def _place(error: BaseException, folder: Path) -> str:
+def _location(error: BaseException, folder: Path) -> str:
     """Return the last place in the files of a folder that an error came through; or nothing."""
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         file = Path(frame.filename).resolve()
@@ -282,6 +282,6 @@ def _naming(what: str, folder: Path) -> Iterator[None]:
     try:
         yield
     except (Exception, SystemExit) as error:
-        place = _place(error, folder)
-        shown = f"{what}: {type(error).__name__}: {error}{place and f' ({place})'}"
+        location = _location(error, folder)
+        shown = f"{what}: {type(error).__name__}: {error}{location and f' ({location})'}"
         raise ReverieEvalError(shown) from error

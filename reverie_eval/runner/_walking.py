@@ -210,8 +210,8 @@ class _Walk:
         state: State = "cut_off" if self._reason else "ended"
         treatment = None
         if self.error:
-            place = self._plan.agent.place(self.error)
-            self._reason = f"{type(self.error).__name__}: {self.error} ({place})"
+            location = self._plan.agent.location(self.error)
+            self._reason = f"{type(self.error).__name__}: {self.error} ({location})"
             treatment = treatment_of(self.error)
             state = "cut_off" if treatment == "cut_off" else "failed"
         if state == "cut_off":

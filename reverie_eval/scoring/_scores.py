@@ -347,7 +347,7 @@ class Scores(Scored):
         return self.subset(find_words(words, dict(zip(self.instr_ids, instructions, strict=True))))
 
     def save(self, file: str | PathLike[str]) -> None:
-        """Write these scores to a file, which :meth:`load` reads; it contains no answers.
+        """Write these scores to a file, which :meth:`load` reads; without answers and logs of runs.
 
         Raises
         ------

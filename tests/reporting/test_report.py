@@ -123,6 +123,8 @@ def test_what_runs_cost(runs: dict[str, rv.Scores], single: str) -> None:
     assert [len(tables(page, each)[0]) for each in ("scores", "outcomes")] == [3, 4]
     assert 'id="changes"' not in page
     assert 'id="costs"' not in single
+    alone = report_html({"a": runs["a"]}, "scan")
+    assert "no success within a budget: all episodes share one scan" in alone
 
 
 def test_a_replay_lists_what_the_agent_did_and_said(runs: dict[str, rv.Scores]) -> None:

@@ -18,6 +18,7 @@ import http.client
 import itertools
 import os
 import re
+import shutil
 import statistics
 import subprocess
 import sys
@@ -222,6 +223,22 @@ def compare_workers(visibility: str, one: Target, crew: Target, bodies: Iterator
         f"{WORKERS}, the process that answers takes {answering[0]:.1f}"
     )
     return ratio
+
+
+def compare_fields(work: Path, bundle: Path, plain: bytes, with_field: bytes) -> float:
+    """Return the throughput of files with one field more, to that of plain ones: private split."""
+    folder = work / "server"
+    folder.mkdir()
+    shutil.copy(bundle, folder / f"{SPLIT}.npz")
+    tokens = itertools.cycle(make_server(folder, "private"))
+    bodies = variants(with_field), variants(plain)
+    with running(SERVER, folder, 1) as ours:
+        target = Target(*ours, PATH, 201, tokens)
+        rounds = [
+            [upload(target, itertools.islice(each, UPLOADS), COMPARED_AT) for each in bodies]
+            for _ in range(ROUNDS)
+        ]
+    return statistics.median(more.throughput / none.throughput for more, none in rounds)
 
 
 def in_turns(first: Target, second: Target, bodies: Iterator[bytes]) -> Comparison:

@@ -179,6 +179,7 @@ class _Item(msgspec.Struct, forbid_unknown_fields=True, gc=False):
     trajectory: Raw
 
 
+_decode_lines = msgspec.json.Decoder(Raw).decode_lines
 _decode_keyed = msgspec.json.Decoder(dict[str, Raw]).decode
 _decode_items = msgspec.json.Decoder(list[_Item]).decode
 _decode_lists = msgspec.json.Decoder(list[list[Raw]]).decode
@@ -191,10 +192,10 @@ def _find_records(content: bytes, task: Task) -> _Records:
     if first == b"[":
         return _split_items(content) if task.has_items else _Records(content, {})
     _require(first == b"{" and not task.has_items)
-    lines = content.strip().split(b"\n") if task.has_json_lines else ()
-    if len(lines) > 1:
-        # Of a record on several lines, no line is JSON by itself, nor is it with commas between.
-        return _Records(_list_of(lines), {})
+    if task.has_json_lines:
+        lines = _decode_lines(content)
+        if len(lines) > 1:
+            return _Records(_list_of(lines), {})
     keyed = _decode_keyed(content)
     text = _list_of(keyed.values())
     # Where a key comes twice, the parser drops a value, and with it at least one colon.

@@ -135,6 +135,8 @@ def damaged_documents(draw: st.DrawFn) -> bytes:
     return content[:begin] + draw(st.binary(max_size=3)) + content[end:]
 
 
+A, B = f'"{"a" * 32}"', f'"{"b" * 32}"'
+RIGHT_RECORD = record(trajectory=f"[[{A}, 1.5, 0]]")
 TASKS = ("reverie", "ndh", "r2r", "r4r", "rxr", "soon")
 
 
@@ -176,7 +178,23 @@ def test_every_task_is_read_fast(name: str) -> None:
     task = find_task(name)
     assert read_by_both(sample.read_bytes(), task)
     lines = b"\n".join(json.dumps(each).encode() for each in json.loads(sample.read_bytes()))
-    assert read_by_both(lines, task) == task.has_json_lines if task.has_json_lines else True
+    if task.has_json_lines:
+        assert read_by_both(lines, task)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        pytest.param(b"_1", b"\n1", id="a line end in a text"),
+        pytest.param(b"], [", b"]\n[", id="a line end for a comma"),
+        pytest.param(b"}\n{", b"},\n{", id="a comma between lines"),
+    ],
+)
+def test_a_line_is_a_record(old: bytes, new: bytes) -> None:
+    line = record(instr_id='"1196_1"', trajectory=f"[[{A}, 1.5, 0], [{B}, 1.5, 0]]")
+    content = f"{line}\n{line}".encode()
+    assert read_by_both(content, find_task("rxr"))
+    assert not read_by_both(content.replace(old, new, 1), find_task("rxr"))
 
 
 @pytest.mark.parametrize(
@@ -264,10 +282,6 @@ def test_the_careful_reader_reads_common_forms_as_it_reads_others(content: bytes
     assert [each.where for each in by_loops.problems] == [
         each.where for each in by_elements.problems
     ]
-
-
-A, B = f'"{"a" * 32}"', f'"{"b" * 32}"'
-RIGHT_RECORD = record(trajectory=f"[[{A}, 1.5, 0]]")
 
 
 def test_hops_by_the_fast_reader() -> None:

@@ -131,7 +131,7 @@ def test_no_reply_of_a_language_model_is_paid_twice(jobs: int, tmp_path: Path) -
     assert sorted(logged) == sorted(paid)
     tokens = [sum(each.input_tokens or 0 for each in read_attempts(it)) for it in (killed, alone)]
     assert tokens == [100 * len(paid)] * 2
-    tell(**{f"a language model with {jobs} threads": f"{hits} kills, {len(paid)} replies"})
+    tell(**{f"a language model at {jobs} requests a time": f"{hits} kills, {len(paid)} replies"})
 
 
 def content_of(file: Path) -> bytes:

@@ -127,7 +127,7 @@ BROKEN_WORD = quote(str(BROKEN))
             id="conversion that cannot be written",
         ),
         pytest.param(
-            "agent shortest {split} --ground-truth public.npz",
+            "run shortest {split} --ground-truth public.npz -o run",
             2,
             "public.npz is a public bundle",
             id="agent on a public bundle",

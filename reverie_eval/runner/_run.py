@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from datetime import datetime, timezone
+from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -40,7 +41,7 @@ class Progress(NamedTuple):
 
 def run(
     plan: Plan,
-    folder: Path,
+    folder: str | PathLike[str],
     *,
     jobs: int = 1,
     threads: bool = False,
@@ -53,7 +54,7 @@ def run(
     Parameters
     ----------
     plan : Plan
-    folder : Path
+    folder : path
         A new folder, or one of a run that was ended before its time: that goes on.
     jobs : int
         Number of processes, each with an agent of its own; with one, it is this one.
@@ -80,7 +81,7 @@ def run(
     GroundTruthError
         If the agent needs the solution, and the bundle is public.
     """
-    episodes = plan.ground_truth.episodes.instr_ids
+    folder, episodes = Path(folder), plan.ground_truth.episodes.instr_ids
     if fill_missing and not _has_attempts(folder):
         raise RunError(f"{folder} has no run to fill; run it first, without --fill-missing")
     _check_solution(plan)

@@ -110,7 +110,7 @@ def test_an_executor_that_fails_is_named(tmp_path: Path) -> None:
     failed.set_exception(OSError("the worker is gone"))
     broken = SimpleNamespace(submit=lambda *_: failed)
     with pytest.raises(RunError, match="could not run some episodes: OSError: the worker is gone"):
-        run(Plan(AgentSource("stop"), some(2)), tmp_path, executor=broken)
+        run(Plan(AgentSource("stop"), some(2)), str(tmp_path), executor=broken)
 
 
 PROGRAM = """

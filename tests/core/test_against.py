@@ -12,6 +12,7 @@ from reverie_eval import CATALOGUE, PROTOCOLS, ProtocolError, Runs, evaluate, pu
 from reverie_eval.analysis import against
 from reverie_eval.metrics.engine import CrossedMeans
 from reverie_eval.metrics.published import PublishedDifference, Spread
+from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run
 
@@ -134,7 +135,7 @@ def test_a_sentence_says_which_is_better(metric: str, published: float, told: st
 
 def test_a_published_method_is_found_by_its_name() -> None:
     scores = evaluate(GOOD, split=SPLIT)
-    header = replace(scores.ground_truth.header, dataset="reverie-v1")
+    header = replace(scores.ground_truth.header, dataset="REVERIE v1")
     truth = replace(scores.ground_truth, header=header)
     found = evaluate(GOOD, split=SPLIT, ground_truth=truth).against("fast-short")
     assert found.name == "FAST-Short (Qi et al., REVERIE, CVPR 2020)"
@@ -144,7 +145,7 @@ def test_a_published_method_is_found_by_its_name() -> None:
     assert grounding.against("MAttNet").published == {"rgs": 0.5663}
     with pytest.raises(ProtocolError, match="by official-v1 on demo; score by"):
         scores.against("FAST-Short")
-    with pytest.raises(ProtocolError, match="scores are by duet on reverie-v1"):
+    with pytest.raises(ProtocolError, match="scores are by duet on REVERIE v1"):
         evaluate(GOOD, split=SPLIT, ground_truth=truth, protocol="duet").against("RCM")
 
 
@@ -214,6 +215,7 @@ def test_published_results_can_be_compared() -> None:
         assert each.protocol in PROTOCOLS
         assert each.scores.keys() <= CATALOGUE.keys()
         assert each.source.startswith("https://")
+        assert each.dataset in find_task(each.task).releases.values()
     methods = [(each.split, each.method, each.track) for each in published_results()]
     assert len(set(methods)) == len(methods) == 38
 

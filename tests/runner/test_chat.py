@@ -310,7 +310,7 @@ def test_a_line_that_is_not_a_reply_is_named(chat: Chat) -> None:
     cache = chat.folder.with_name("cache")
     cache.mkdir()
     (cache / "replies.jsonl").write_text("{}\n")
-    with pytest.raises(RunError, match=r"replies.jsonl, byte 0: not a reply of a model: .*key"):
+    with pytest.raises(RunError, match=r"replies.jsonl, byte 0: not a reply of a model: .*asked"):
         chat.run(cache=str(cache))
 
 

@@ -88,7 +88,7 @@ run_chat(*json.loads(sys.argv[1]))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 4])
+@pytest.mark.parametrize("jobs", [1, 4] if is_evidence() else [4])
 def test_no_reply_of_a_language_model_is_paid_twice(jobs: int, tmp_path: Path) -> None:
     """The endpoint looks whether what it is asked for is on disk already."""
     rng, episodes = random.Random(jobs), min(84, 6 + 3 * KILLS)

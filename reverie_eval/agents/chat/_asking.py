@@ -5,7 +5,6 @@ import json
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
 from pathlib import Path
 from time import sleep
 from typing import Any, TypeAlias
@@ -115,28 +114,21 @@ class Asker:
     ) -> Reply:
         self._budget.check(self._replies.cost)
         received = self._endpoint.ask(body, response_format)
-        usage = replace(received.usage, money=self._budget.cost(received.usage))
-        model = received.model or self._model
-        is_same = model == (self._replies.model or model)
+        is_same = received.model == (self._replies.model or received.model)
         is_empty = not (received.text or received.refusal) and received.end in {"", "stop"}
-        reply = Reply(
+        reply = replace(
+            received,
             key=key if is_same and not is_empty else "",
-            asked=self._model,
-            model=model,
-            text=received.text,
-            refusal=received.refusal,
-            end=received.end,
-            usage=usage,
-            received=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            usage=replace(received.usage, money=self._budget.cost(received.usage)),
         )
         self._replies.add(reply)
         on_paid(reply)
         if not is_same:
             raise EndpointError(
-                f"the model that replies is {model!r} now, and was {self._replies.model!r}; for "
-                "another model, begin a run in a new folder"
+                f"the model that replies is {reply.model!r} now, and was {self._replies.model!r}; "
+                "for another model, begin a run in a new folder"
             )
-        if self._budget.prices and usage.money is None:
+        if self._budget.prices and reply.usage.money is None:
             raise EndpointError(
                 "the endpoint does not say how many tokens it used, so the cost is unknown; leave "
                 "prices out"

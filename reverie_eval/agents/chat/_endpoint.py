@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from datetime import datetime, timezone
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
+from reverie_eval.agents.chat._replies import Reply
 from reverie_eval.agents.chat.errors import BusyError, EndpointError, LongPromptError, RefusalError
 from reverie_eval.errors import ReverieEvalError, naming_missing_parts
 from reverie_eval.logs import Usage
@@ -25,18 +26,6 @@ _WRONG_FORMAT = frozenset({400, 404, 415, 422, 501})
 # Seconds to wait for a connection.
 _CONNECT = 10.0
 _MOST_SHOWN = 300
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Received:
-    """What a model replied."""
-
-    model: str
-    """The model, as the endpoint calls it; empty if it does not say."""
-    text: str
-    refusal: str
-    end: str
-    usage: Usage
 
 
 class Endpoint:
@@ -79,7 +68,7 @@ class Endpoint:
         finalize(self, http.close)  # an agent is not told when it is no longer needed
         return http
 
-    def ask(self, body: Mapping[str, Any], response_format: Mapping[str, Any]) -> Received:
+    def ask(self, body: Mapping[str, Any], response_format: Mapping[str, Any]) -> Reply:
         """Ask once; without a format of the reply, if the endpoint does not know that.
 
         Raises
@@ -92,11 +81,11 @@ class Endpoint:
         if self._takes_format:
             response = self._post({**body, "response_format": response_format})
             if response.status_code not in _WRONG_FORMAT:
-                return self._received(response)
+                return self._reply_in(response, body)
         plain = self._post(body)
         if plain.is_success:
             self._takes_format = False
-        return self._received(plain)
+        return self._reply_in(plain, body)
 
     def _post(self, body: Mapping[str, Any]) -> "httpx.Response":
         import httpx
@@ -115,7 +104,7 @@ class Endpoint:
         self._has_replied = True
         return response
 
-    def _received(self, response: "httpx.Response") -> Received:
+    def _reply_in(self, response: "httpx.Response", body: Mapping[str, Any]) -> Reply:
         try:
             document = response.json()
         except ValueError:
@@ -128,12 +117,14 @@ class Endpoint:
         message = choice.get("message")
         if not isinstance(message, dict) or choice.get("finish_reason") == "error":
             raise BusyError(self._about("it sent a reply without a message"))
-        return Received(
-            model=_text(document.get("model")),
+        return Reply(
+            asked=body["model"],
+            model=_text(document.get("model")) or body["model"],
             text=_text(message.get("content")),
             refusal=_text(message.get("refusal")),
             end=_text(choice.get("finish_reason")),
             usage=_usage(document.get("usage")),
+            received=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         )
 
     def _failure(self, response: "httpx.Response", document: Any) -> ReverieEvalError:

@@ -22,7 +22,7 @@ REPLIES = "replies.jsonl"
 class Reply:
     """A line of the file."""
 
-    key: str
+    key: str = ""
     """A digest of model, settings, messages and seed; empty if there is nothing to use again."""
     asked: str
     """The model that was asked for."""

@@ -11,7 +11,7 @@ import pytest
 
 from fixtures.demo_world.episodes import Answer, episodes_of, submitted
 from reverie_eval import DatasetError, GroundTruth, Problem, evaluate
-from reverie_eval.dataset import DatasetFiles, compile_split
+from reverie_eval.dataset import DatasetFiles, compile_for_training, compile_split
 from reverie_eval.dataset._reader import object_key
 from reverie_eval.ground_truth import Bundle
 from tests.support.oracle import Scan, Viewpoint, distances_from
@@ -707,3 +707,33 @@ def test_nothing_given_at_all() -> None:
         "boxes",
         "connectivity",
     ]
+
+
+# To train on.
+
+
+def test_items_without_a_visible_target_are_not_trained_on(bundle: Bundle, world: Path) -> None:
+    items = read(world / ANNOTATIONS)
+    lost, hidden = items[1], items[4]
+    edit(world / ANNOTATIONS, lambda items: items[1].update(objId=987654))
+    goal = world / BOXES / f"{hidden['scan']}_{hidden['path'][-1]}.json"
+    edit(
+        goal,
+        lambda listed: listed[hidden["path"][-1]][str(hidden["objId"])].update(
+            visible_pos=[], bbox2d=[]
+        ),
+    )
+    trained, left_out = compile_for_training(DatasetFiles.find(world, split=SPLIT), SPLIT)
+    left = {item["id"] for item in items} - {
+        instr_id.rpartition("_")[0] for instr_id in trained.arrays["instr_id"].tolist()
+    }
+    # Others may share the hidden target and its goal.
+    also = {
+        item["id"]
+        for item in items
+        if (item["scan"], item["path"][-1], item["objId"])
+        == (hidden["scan"], hidden["path"][-1], hidden["objId"])
+    }
+    assert left == {lost["id"], *also}
+    assert left_out == len(left)
+    assert len(trained.arrays["path_offsets"]) == len(bundle.arrays["path_offsets"]) - left_out

@@ -203,6 +203,16 @@ def test_an_observation_leads_to_nothing_else() -> None:
     assert b"GroundTruth" not in packed
 
 
+def test_any_viewpoint_can_be_observed_without_going_there(environment: Environment) -> None:
+    seen = environment.observe("7_5_0", "north")
+    environment.reset("7_5_0")
+    arrived = environment.step(Go("north"))  # which faces north, too
+    assert seen == arrived
+    with pytest.raises(ReverieEvalError, match="no viewpoint 'attic'"):
+        environment.observe("7_5_0", "attic")
+    assert environment.submission() == []
+
+
 def test_an_observation_has_no_id_of_the_episode() -> None:
     environment = Environment(demo_of("reverie"))
     for episode in environment.episodes:

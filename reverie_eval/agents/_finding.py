@@ -116,7 +116,7 @@ class AgentSource:
         Raises ReverieEvalError as :meth:`make` does.
         """
         identity = getattr(self._find(), "identity", None)
-        return self.options if identity is None else identity(**self.options)
+        return identity(**self.options) if callable(identity) else self.options
 
     @property
     def digest(self) -> str:

@@ -32,6 +32,10 @@ class Agent:
 class Other(Agent):
     version = "of mine"
 
+class Even(Agent):
+    @classmethod
+    def identity(cls, answer): return {"is_even": answer % 2 == 0}
+
 class NoAgent:
     def act(self, seen): return Stop()
 
@@ -181,6 +185,12 @@ def test_an_agent_may_have_the_name_of_a_module_of_python(file: Path) -> None:
     assert answer_of(AgentSource("wave.py")) == 5
     sys.modules.pop("wave", None)
     assert hasattr(importlib.import_module("wave"), "Wave_read")
+
+
+def test_a_class_says_which_options_can_change_an_answer(file: Path) -> None:
+    options = {"answer": 4}
+    assert AgentSource(f"{file}:Agent", options).identity == options
+    assert AgentSource(f"{file}:Even", options).identity == {"is_even": True}
 
 
 def test_a_title_has_no_folder() -> None:

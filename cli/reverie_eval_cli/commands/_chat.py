@@ -78,7 +78,7 @@ chat_options = options.grouped(
         "--max-cost",
         metavar="USD",
         type=options.Decimal(0, min_open=True),
-        help="chat: end the run, to be gone on with, once replies cost as much.",
+        help="chat: stop the run once replies have cost as much; a higher limit goes on with it.",
     ),
     click.option(
         "--cache",

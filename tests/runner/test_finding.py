@@ -32,10 +32,6 @@ class Agent:
 class Other(Agent):
     version = "of mine"
 
-class Even(Agent):
-    @classmethod
-    def identity(cls, answer): return {"is_even": answer % 2 == 0}
-
 class NoAgent:
     def act(self, seen): return Stop()
 
@@ -51,6 +47,10 @@ def function(seen, answer=6): return Answer(answer)
 NUMBER = 7
 PARTIAL = partial(function, answer=5)
 METHOD = Agent().act
+
+class Even(Agent):
+    @classmethod
+    def identity(cls, answer): return {"is_even": answer % 2 == 0}
 """
 
 

@@ -72,6 +72,18 @@ def test_another_identity_is_refused_by_name(
     assert {each.name: each.read_bytes() for each in home.folder.iterdir()} == before
 
 
+def test_other_pictures_are_another_identity(home: Home, tmp_path: Path) -> None:
+    """But not those of other buildings."""
+    for scan in ("house", "elsewhere"):
+        (tmp_path / scan / "matterport_skybox_images").mkdir(parents=True)
+    home.run(stop, pictures=tmp_path)
+    (tmp_path / "elsewhere" / "matterport_skybox_images" / "hall_skybox_small.jpg").touch()
+    assert home.run(stop, pictures=tmp_path).attempts == 4
+    (tmp_path / "house" / "matterport_skybox_images" / "hall_skybox_small.jpg").touch()
+    with pytest.raises(RunError, match="pictures was "):
+        home.run(stop, pictures=tmp_path)
+
+
 def test_every_field_of_an_identity_is_compared() -> None:
     assert set(CHANGES) == set(Identity.__struct_fields__)
 

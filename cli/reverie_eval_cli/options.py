@@ -41,8 +41,6 @@ ALL_PROTOCOLS = "all"
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
 _PER_CENT = 100
 _NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?")
-# Later dates are beyond what a token needs, and close to what Python's calendar ends at.
-_MOST_DAYS = 100 * 365
 PATH = click.Path(path_type=Path)
 
 
@@ -437,32 +435,4 @@ object_positions = click.option(
     type=PATH,
     help="objpos.json, the centres of all objects: needed for the protocol challenge-2022, and by "
     "lint to check distances.",
-)
-
-
-of_team = click.option(
-    "--team",
-    metavar="NAME",
-    help="The person's team, if several have a person of that name.",
-)
-
-
-def expiry(default: int | None) -> Callable[[Command], Command]:
-    """Add when a token expires."""
-    return click.option(
-        "--expires-days",
-        metavar="N",
-        type=Number(1, _MOST_DAYS),
-        default=default,
-        show_default="never" if default is None else True,
-        help="Days until it expires.",
-    )
-
-
-days = with_default(
-    "--days",
-    metavar="N",
-    type=Number(1, _MOST_DAYS),
-    default=30,
-    help="Days until the extra submissions expire.",
 )

@@ -8,12 +8,13 @@ from contextlib import AbstractContextManager, contextmanager
 from datetime import datetime, timedelta, timezone
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.reporting.tables import Table
+from reverie_eval_cli import options
 from reverie_eval_cli.output import note, show_table
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from reverie_eval.server.state import ServerState
 
 Report = TypeVar("Report")
+# Later dates are beyond what a token needs, and close to what Python's calendar ends at.
+_MOST_DAYS = 100 * 365
 
 
 class Folder:
@@ -93,6 +96,34 @@ class Folder:
 
 
 server_folder = click.argument("folder", type=click.Path(path_type=Folder))
+
+
+of_team = click.option(
+    "--team",
+    metavar="NAME",
+    help="The person's team, if several have a person of that name.",
+)
+
+
+def expiry(default: int | None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Add when a token expires."""
+    return click.option(
+        "--expires-days",
+        metavar="N",
+        type=options.Number(1, _MOST_DAYS),
+        default=default,
+        show_default="never" if default is None else True,
+        help="Days until it expires.",
+    )
+
+
+lasting = options.with_default(
+    "--days",
+    metavar="N",
+    type=options.Number(1, _MOST_DAYS),
+    default=30,
+    help="Days until the extra submissions expire.",
+)
 
 
 def actor() -> str:

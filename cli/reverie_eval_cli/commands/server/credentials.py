@@ -13,8 +13,10 @@ from reverie_eval_cli.organising import (
     Folder,
     actor,
     after,
+    expiry,
     minute,
     now,
+    of_team,
     print_list,
     server_folder,
 )
@@ -93,8 +95,8 @@ def token() -> None:
 @token.command()
 @server_folder
 @click.argument("person")
-@options.of_team
-@options.expiry(None)
+@of_team
+@expiry(None)
 def add(*, folder: Folder, person: str, team: str | None, expires_days: int | None) -> None:
     """Print a new token for a person.
 
@@ -145,8 +147,8 @@ def revoke_token(*, folder: Folder, begins: str) -> None:
 @click.command()
 @server_folder
 @click.argument("person")
-@options.of_team
-@options.expiry(14)
+@of_team
+@expiry(14)
 def invite(*, folder: Folder, person: str, team: str | None, expires_days: int | None) -> None:
     """Print an invitation for a person.
 

@@ -23,7 +23,9 @@ from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import (
     Folder,
     after,
+    lasting,
     minute,
+    of_team,
     print_list,
     read_text,
     server_folder,
@@ -127,7 +129,7 @@ def revoke_team(*, folder: Folder, name: str) -> None:
 @click.argument("split")
 @click.argument("number", type=options.Number(1, MOST_EXTRA))
 @click.option("--reason", required=True, metavar="TEXT", help="The reason, for the audit log.")
-@options.days
+@lasting
 def grant(*, folder: Folder, team: str, split: str, number: int, reason: str, days: int) -> None:
     """Grant a team extra submissions.
 
@@ -178,7 +180,7 @@ def add(*, folder: Folder, name: str, team: str, role: Role, email: str | None) 
 @person.command()
 @server_folder
 @click.argument("name")
-@options.of_team
+@of_team
 @click.option("--name", "new_name", metavar="NAME", help="Rename the person.")
 @click.option("--email", metavar="ADDRESS", help="Set their address; '' removes it.")
 @click.option("--move-to", metavar="TEAM", help="Move them; their submissions stay with the team.")
@@ -256,7 +258,7 @@ def list_people(*, folder: Folder) -> None:
 @person.command()
 @server_folder
 @click.argument("name")
-@options.of_team
+@of_team
 def revoke(*, folder: Folder, name: str, team: str | None) -> None:
     """Revoke all tokens and invitations of a person.
 
@@ -272,7 +274,7 @@ def revoke(*, folder: Folder, name: str, team: str | None) -> None:
 @person.command()
 @server_folder
 @click.argument("name")
-@options.of_team
+@of_team
 def export(*, folder: Folder, name: str, team: str | None) -> None:
     """Print all that the server stores about a person, as JSON."""
     from reverie_eval.server.service.people import person_named
@@ -287,7 +289,7 @@ def export(*, folder: Folder, name: str, team: str | None) -> None:
 @person.command()
 @server_folder
 @click.argument("name")
-@options.of_team
+@of_team
 @click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
 def delete(*, folder: Folder, name: str, team: str | None, yes: bool) -> None:
     """Remove a person's name and address, and revoke their tokens.

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -26,22 +26,25 @@ MOST = 0.5
 share is far lower."""
 
 
-class Numbering(dict[str | None, int]):
+Id = TypeVar("Id")
+
+
+class Numbering(dict[Id, int]):
     """Numbers ids in the order in which they are first asked for."""
 
-    def __missing__(self, each: str | None) -> int:
+    def __missing__(self, each: Id) -> int:
         number = self[each] = len(self)
         return number
 
-    def numbers(self, ids: Iterable[str | None]) -> IntArray:
+    def numbers(self, ids: Iterable[Id]) -> IntArray:
         """Return the number of each id."""
         # `map` looks up from C: no Python frame for each of a hundred thousand poses.
         return np.fromiter(map(self.__getitem__, ids), np.int64)
 
-    @classmethod
-    def columns(cls, ids: Iterable[str | None]) -> Mapping[str, Any]:
+    @staticmethod
+    def columns(ids: Iterable[str | None]) -> Mapping[str, Any]:
         """Return ids of viewpoints as the columns of :class:`Predictions` that hold them."""
-        numbering = cls()
+        numbering = Numbering[str | None]()
         number = numbering.numbers(ids)
         # A dictionary keeps the order in which ids were added, so each id is at the index of its
         # number.

@@ -151,6 +151,14 @@ def test_directions_alone_read_no_names(run: Run, demo_world: Path, tmp_path: Pa
     assert "read: geometry, instruction\n" in out.err
 
 
+def test_a_navigator_is_trained_on_another_task(demo_world: Path, tmp_path: Path) -> None:
+    files = DatasetFiles.find(demo_world, split="val_seen", task="r2r")
+    card = train(TrainingPlan("r2r-tf", files, "val_seen"), tmp_path / "model")
+    assert (card.task, [*card.input_class]) == ("r2r", ["geometry", "instruction"])
+    with pytest.raises(ReverieEvalError, match="R2R has no target objects to point at"):
+        train(TrainingPlan("mattnet", files, "val_seen"), tmp_path / "pointer")
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [

@@ -47,14 +47,6 @@ class Recipe:
         return issubclass(self.network, Pointer)
 
     @property
-    def input_class(self) -> Sequence[str]:
-        """The parts of observations that it reads."""
-        if self.is_pointer:
-            return ("boxes", "instruction", "names")
-        objects = ("boxes", "names") if self.reads_objects else ()
-        return tuple(sorted(["geometry", "instruction", *objects]))
-
-    @property
     def reads_objects(self) -> bool:
         """Whether it looks at names and boxes."""
         return self.is_pointer or self.inputs.names or self.inputs.matches or self.inputs.top

@@ -94,7 +94,7 @@ def train(
     if recipe.inputs.top and not pointer:
         raise ReverieEvalError(f"{plan.name} asks a pointer: train one first, and name its folder")
     bundle, left_out = compile_for_training(plan.files, plan.split)
-    truth = GroundTruth.from_bundle(bundle)
+    truth = GroundTruth.from_bundle(bundle, origin=str(plan.files.annotations[plan.split]))
     if recipe.is_pointer and not truth.task.has_targets:
         raise ReverieEvalError(f"{truth.task.title} has no target objects to point at")
     parts = hold_back(truth, scans_of(plan.files, but=plan.split))
@@ -104,7 +104,7 @@ def train(
         name=plan.name,
         options=plan.options,
         seed=plan.seed,
-        input_class=recipe.input_class,
+        input_class=_input_class(recipe, truth, pointer),
         task=truth.task.name,
         split=plan.split,
         sources=dict(bundle.header.sources),
@@ -144,6 +144,15 @@ def train(
         on_epoch(number, epoch)
     files.finish(card, plan.pointer)
     return card
+
+
+def _input_class(
+    recipe: Recipe, truth: GroundTruth, pointer: LoadedPointer | None
+) -> Sequence[str]:
+    """Return the parts of observations that a model reads, with its pointer."""
+    reads_objects = recipe.reads_objects or pointer is not None
+    objects = ["boxes", "names"] if reads_objects and truth.task.has_targets else []
+    return sorted(["instruction", *objects, *([] if recipe.is_pointer else ["geometry"])])
 
 
 def best_epoch(curve: Sequence[Epoch], first: int) -> int:

@@ -86,14 +86,12 @@ class World:
         self.start, self.heading = truth.episodes.start.tolist(), truth.episodes.heading.tolist()
         self.item = truth.episodes.item
         self.goal = self.solution.goal.tolist()
-        self.ids = truth.episodes.instr_ids
         environment = Environment(truth)
-        self.instructions = environment.surroundings.instructions
-        self.words = [coder.words(text) for text in self.instructions]
+        self.words = [coder.words(text) for text in environment.surroundings.instructions]
         scans = {truth.graph.viewpoint_scan[start] for start in self.start}
         # All at once, so that every name is known before the first match is looked up.
         self.panoramas = {
-            viewpoint: coder.panorama(environment.observe(self.ids[0], name))
+            viewpoint: coder.panorama(environment.observe(environment.episodes[0], name))
             for viewpoint, (name, scan) in enumerate(
                 zip(self.graph.viewpoint_ids, self.graph.viewpoint_scan, strict=True)
             )

@@ -119,6 +119,16 @@ def test_a_folder_with_something_else_is_refused(files: DatasetFiles, tmp_path: 
         train(TrainingPlan("name-rnn", files), tmp_path)
 
 
+def test_a_navigator_does_not_change_its_pointer(
+    files: DatasetFiles, navigator: Path, pointer: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "model.safetensors"
+    content = (pointer / other.name).read_bytes()
+    other.write_bytes(content.replace(rb'"seed\":0', rb'"seed\":7'))
+    with pytest.raises(ReverieEvalError, match="another training, with other pointer; choose"):
+        train(TrainingPlan("interactive", files, pointer=tmp_path), navigator)
+
+
 # Runs of models.
 
 

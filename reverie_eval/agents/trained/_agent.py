@@ -55,6 +55,8 @@ class LoadedPointer:
     def __init__(self, file: Path) -> None:
         set_threads()
         card = read_card(file)
+        self.digest = hashlib.sha256(file.read_bytes()).hexdigest()
+        """SHA-256 of its file."""
         self.coder = coder_of(card)
         self.model = _pointer(card, self.coder)
         load_weights(file, self.model)

@@ -63,6 +63,8 @@ class ModelCard(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """SHA-256 of the words in their order."""
     reverie_eval: str
     """The version that trained it."""
+    pointer: str = ""
+    """Of a navigator, SHA-256 of the pointer that answers for it; empty if there is none."""
     words: Sequence[str] = ()
     """The vocabulary."""
     remembered: Sequence[str] = ()

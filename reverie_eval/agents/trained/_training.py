@@ -114,6 +114,7 @@ def train(
         best=0,
         vocabulary_digest=coder.vocabulary.digest,
         reverie_eval=__version__,
+        pointer=pointer.digest if pointer else "",
         words=coder.vocabulary.words,
         remembered=coder.remembered,
     )

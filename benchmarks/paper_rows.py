@@ -170,9 +170,10 @@ def name_shares(title: str, truth: GroundTruth, files: Sequence[Path]) -> str:
     names = np.array(solution.candidate_categories)
     target, _ = solution.find(solution.target_object, solution.goal)
     there = [names[solution.candidate_viewpoint == at] for at in solution.goal]
-    has_rivals = np.array(
-        [np.count_nonzero(its == name) > 1 for its, name in zip(there, names[target], strict=True)]
+    n_equal = np.array(
+        [np.count_nonzero(its == name) for its, name in zip(there, names[target], strict=True)]
     )
+    has_rivals = n_equal > 1
     predicted = (
         np.array([each["predObjId"] for each in json.loads(file.read_bytes())]) for file in files
     )
@@ -181,8 +182,9 @@ def name_shares(title: str, truth: GroundTruth, files: Sequence[Path]) -> str:
     is_right = (chosen == target)[is_named & has_rivals]
     return (
         f"{title} (chance {np.mean([1 / len(its) for its in there]):.2%}): right name "
-        f"{is_named.mean():.2%}; {has_rivals.mean():.2%} of the targets have "
-        f"rivals of their name, of which it chose the right one in {is_right.mean():.2%}"
+        f"{is_named.mean():.2%}; {has_rivals.mean():.2%} of the targets have rivals of their name, "
+        f"of which, if the name is right, it chose the right one in {is_right.mean():.2%} "
+        f"(chance {np.mean(1 / n_equal[has_rivals]):.2%})"
     )
 
 

@@ -64,7 +64,7 @@ class ModelCard(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     reverie_eval: str
     """The version that trained it."""
     pointer: str = ""
-    """Of a navigator, SHA-256 of the pointer that answers for it; empty if there is none."""
+    """SHA-256 of the pointer that answers for a navigator; empty if there is none."""
     words: Sequence[str] = ()
     """The vocabulary."""
     remembered: Sequence[str] = ()

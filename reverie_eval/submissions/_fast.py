@@ -542,18 +542,20 @@ class _IdNumbers:
         """Return the number of each id; the letters of one are one item."""
         words = ids.view(np.uint64).reshape(len(ids), -1)
         slot = (words @ _MULTIPLIERS >> np.uint64(64 - _SLOT_BITS)).astype(np.int64)
-        numbers, left = self._at_slot[slot], np.arange(len(ids))
+        numbers = self._at_slot[slot]
+        left = np.flatnonzero(_are_unequal(self._words.take(numbers, axis=0), words))
         for _ in range(_MOST_ROUNDS):
-            known = self._words.take(numbers[left], axis=0)
-            left = left[_are_unequal(known, words.take(left, axis=0))]
             if not left.size:
-                return numbers
+                break
             # Of those that share a slot, the one that was written last stays there, and is added.
             self._at_slot[slot[left]] = left
             new = left[self._at_slot[slot[left]] == left]
             self._at_slot[slot[new]] = self._add(ids[new].view(np.uint8), words[new])
             numbers[left] = self._at_slot[slot[left]]
-        raise _Declined
+            found = self._words.take(numbers[left], axis=0)
+            left = left[_are_unequal(found, words.take(left, axis=0))]
+        _require(not left.size)
+        return numbers
 
     def _add(self, letters: Array, words: Array) -> IntArray:
         _require(_IS_HEXADECIMAL[letters].all())

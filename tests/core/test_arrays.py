@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reverie_eval.arrays import IntArray, difference, frozen, offsets_of, row_of, take_rows
+from reverie_eval.arrays import (
+    IntArray,
+    KeyTable,
+    difference,
+    frozen,
+    offsets_of,
+    row_of,
+    take_rows,
+)
 
 ragged = st.lists(st.lists(st.integers(0, 99), max_size=4), min_size=1, max_size=6)
 """Rows of numbers, some of them empty."""
@@ -27,6 +35,20 @@ def test_take_rows_returns_the_chosen_rows_in_order(
 def test_row_of_gives_the_row_of_every_value(rows: list[list[int]]) -> None:
     expected = [number for number, row in enumerate(rows) for _ in row]
     assert row_of(_offsets(rows)).tolist() == expected
+
+
+@given(
+    keys=st.sets(st.integers(0, 2**62) | st.integers(0, 99), max_size=60),
+    wanted=st.lists(st.integers(-(2**31), 2**62) | st.integers(0, 99), max_size=60),
+)
+def test_a_table_finds_its_keys_and_no_others(keys: set[int], wanted: list[int]) -> None:
+    """Also where several keys share a slot, as some of sixty do."""
+    ascending, wanted = sorted(keys), [*wanted, *keys]
+    table = KeyTable(np.array(ascending, dtype=np.int64))
+    index, is_found = table.find(np.array(wanted, dtype=np.int64))
+    assert is_found.tolist() == [each in keys for each in wanted]
+    found = [at for at, is_one in zip(index.tolist(), is_found.tolist(), strict=True) if is_one]
+    assert [ascending[at] for at in found] == [each for each in wanted if each in keys]
 
 
 def test_a_frozen_array_is_read_only() -> None:

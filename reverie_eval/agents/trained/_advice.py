@@ -1,6 +1,6 @@
 """The interaction of navigator and pointer: which objects a pointer would choose in each slot.
 
-Qi et al., "REVERIE", CVPR 2020, section 4.3: the labels of the three objects that the pointer
+Qi et al., "REVERIE", CVPR 2020, section 4: the labels of the three objects that the pointer
 scores best in each view that the agent can go to are a part of what the navigator sees.
 """
 

@@ -19,7 +19,7 @@ from reverie_eval.arrays import IntArray
 MOST_ACTIONS = 10
 """Actions in an episode. Source: ``max_episode_len`` in ``trainFast.py`` of YuankaiQi/REVERIE."""
 PROGRESS_WEIGHT = 0.5
-"""Lambda of Ma et al., 2019, section 3.3, as in REVERIE's ``follower.py``."""
+"""Lambda of Ma et al., 2019, section 3, as in REVERIE's ``follower.py``."""
 
 
 class Step(NamedTuple):
@@ -79,8 +79,8 @@ def imitation_loss(model: Navigator, world: World, rows: IntArray, *, is_student
 
     With teacher forcing the agent is led along the annotated path; with student forcing it draws
     its own actions, and is told at each step the first one of the shortest route to the goal.
-    Anderson et al., 2018, section 4.2. A progress monitor, if there is one, is to say which part
-    of the distance to the goal is done (Ma et al., 2019, section 3.3).
+    Anderson et al., 2018, section 4. A progress monitor, if there is one, is to say which part
+    of the distance to the goal is done (Ma et al., 2019, section 3).
     """
     walks = Walks(model, world, rows)
     paths = {row: world.path(row) for row in rows.tolist()}

@@ -16,7 +16,7 @@ from reverie_eval.arrays import FloatArray, IntArray
 N_GEOMETRY = 7
 N_MATCHES = 3
 N_TOP = 3
-"""Names of each neighbour's view that the pointer passes on. Source: Qi et al., section 4.3."""
+"""Names of each neighbour's view that the pointer passes on. Source: Qi et al., 2020, section 4."""
 FORGETTING = 0.3
 """The share of viewpoints in its memory that a navigator cannot look up while it is trained."""
 
@@ -37,7 +37,7 @@ class Inputs:
     pictures, by which a known house is recognised, and says nothing in other houses."""
     top: bool = False
     """What a pointer would point at in a slot: a bi-LSTM over the names of its three best objects,
-    the interaction module of Qi et al., "REVERIE", CVPR 2020, section 4.3."""
+    the interaction module of Qi et al., "REVERIE", CVPR 2020, section 4."""
 
 
 class Decision(NamedTuple):

@@ -31,7 +31,7 @@ def ranking_loss(model: Pointer, world: World, rows: IntArray, *, erases: bool =
 
     With ``erases``, expressions are read a second time, without the word that the modules attend to
     most: Liu et al., "Improving Referring Expression Grounding with Cross-modal Attention-guided
-    Erasing", CVPR 2019, section 3.3. Words alone are erased, since no picture is there.
+    Erasing", CVPR 2019, section 3. Words alone are erased, since no picture is there.
     """
     words = torch.from_numpy(np.stack([world.words[row] for row in rows]))
     tokens = torch.from_numpy(world.coder.tokens)

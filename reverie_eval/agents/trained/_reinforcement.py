@@ -1,6 +1,6 @@
 """Navigators learn by reinforcement: the policy gradient of RCM.
 
-Wang et al., CVPR 2019, section 3.3. The reward of a step is by how many metres it comes nearer to
+Wang et al., CVPR 2019, section 3. The reward of a step is by how many metres it comes nearer to
 the goal, and that of a stop is 1 if it is a success.
 """
 

@@ -71,9 +71,9 @@ class MAttNet(Pointer):
     def language(self, words: Tensor) -> Phrases:
         """Return what each module is to look for."""
         context, h, _ = self.encoder(words)  # (B, L, H), (B, H)
-        attention = self.attend(context).softmax(dim=1).transpose(1, 2)  # (1), (B, 3, L)
-        phrases = attention @ self.encoder.embedding(words)  # (2)
-        return Phrases(self.weigh(h).softmax(dim=-1), attention, phrases)  # (3)
+        attention = self.attend(context).softmax(dim=1).transpose(1, 2)  # (B, 3, L)
+        phrases = attention @ self.encoder.embedding(words)  # (B, 3, E)
+        return Phrases(self.weigh(h).softmax(dim=-1), attention, phrases)
 
     def forward(self, words: Tensor, tokens: Tensor, candidates: Candidates) -> Tensor:
         """Score candidates, (B, J)."""

@@ -1,6 +1,6 @@
 """The paper's CNN-RNN pointer, with names in place of pictures.
 
-Qi et al., "REVERIE", CVPR 2020, section 5.2: an LSTM reads the expression, a CNN sees a candidate,
+Qi et al., "REVERIE", CVPR 2020, section 5: an LSTM reads the expression, a CNN sees a candidate,
 and a triplet loss ranks them by the likeness of both vectors. Here the mean of a name's words is
 what a candidate looks like; boxes are not read.
 """

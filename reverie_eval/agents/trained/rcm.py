@@ -1,10 +1,10 @@
 """RCM: the follower, with a critic that says what reward is still to come.
 
 Wang et al., "Reinforced Cross-Modal Matching and Self-Supervised Imitation Learning for
-Vision-Language Navigation", CVPR 2019, section 3.3: the policy gradient whose loss is in
-``_reinforcement``. The intrinsic reward of section 3.3.2, by which a second network says how well
-a trajectory tells the instruction, is left out, and so is the imitation of section 3.4, which walks
-in the buildings of the evaluation.
+Vision-Language Navigation", CVPR 2019, section 3: the policy gradient whose loss is in
+``_reinforcement``. The intrinsic reward, by which a second network says how well a trajectory tells
+the instruction, is left out, and so is the self-supervised imitation, which walks in the buildings
+of the evaluation.
 """
 
 from torch import nn

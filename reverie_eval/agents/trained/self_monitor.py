@@ -1,7 +1,7 @@
 """The self-monitoring agent: SelfMonitor, and the network of FAST and Interactive.
 
 Ma et al., "Self-Monitoring Navigation Agent via Auxiliary Progress Estimation", ICLR 2019:
-co-grounding of words and views (section 3.1), and a progress monitor (section 3.2).
+co-grounding of words and views, and a progress monitor (section 3).
 
 v_k, the feature of a view, is the vector of a slot: names, geometry, matches, memory.
 """
@@ -66,14 +66,14 @@ class SelfMonitor(Navigator):
         """Score the actions of B decisions."""
         g = self.dropout(self.slots(slots, reading.names))  # (B, S, H)
         n_words = reading.context.shape[1]
-        # (2), (3): the words are told apart by position; the sum is of the words themselves.
+        # The words are told apart by position; the sum is of the words themselves.
         _, alpha = self.text(state.h, reading.context + self.positions[:n_words])  # (B, L)
         x = (alpha[:, None] @ reading.context)[:, 0]  # (B, H)
-        v, _ = self.visual(state.h, g, slots.valid)  # (4), (5): (B, H)
-        h, c = self.lstm(torch.cat([x, v, state.action], dim=-1), (state.h, state.c))  # (1)
-        # (6): o_k = (W_a [h, x]) . g(v_k)
+        v, _ = self.visual(state.h, g, slots.valid)  # (B, H)
+        h, c = self.lstm(torch.cat([x, v, state.action], dim=-1), (state.h, state.c))
+        # The score o of each action: of W_a [h, x] with its vector g(v).
         o = (g @ self.action(self.dropout(torch.cat([h, x], dim=-1)))[..., None])[..., 0]
-        # (7), (8); alpha, of a varying number of words, is padded to the longest instruction.
+        # alpha, of a varying number of words, is padded to the longest instruction.
         h_pm = c.sigmoid() * self.monitor(torch.cat([state.h, v], dim=-1)).tanh()
         padded = functional.pad(alpha, (0, MAX_WORDS - n_words))
         p_pm = self.progress(torch.cat([padded, h_pm], dim=-1)).tanh()[..., 0]

@@ -20,7 +20,6 @@ COMPILE = "compile dataset --split val_unseen"
         pytest.param("submit.json {split} {full} --output x --episodes x", id="one file for both"),
         pytest.param("submit.json {split} {full} --output full.npz", id="scores over the bundle"),
         pytest.param("convert submit.json -o submit.json", id="converted file"),
-        pytest.param("agent stop {split} {full} -o full.npz", id="agent's file over the bundle"),
     ],
 )
 def test_a_file_in_use_is_not_written_to(line: str, run: Run) -> None:

@@ -181,16 +181,16 @@ def test_stops_at_the_path_s_end_are_compared_with_chance(server: Serving) -> No
 
 
 def test_only_successful_episodes_say_how_exact_stops_are(server: Serving) -> None:
-    """Three of the random agent's episodes are, and none of an agent's that stays.
+    """Five of the random agent's episodes are, and none of an agent's that stays.
 
-    One of the three stops at the path's end; there are 4, 2 and 6 viewpoints for a success.
+    Three of the five stop at the path's end; for a success there are 2, 6, 2, 3 and 1 viewpoints.
     """
     for agent in ("random", "stop"):
         sent(server, OWNER, submission_for(PRIVATE, agent), PRIVATE)
     random, stop = (each["walks"] for each in shown(server, PRIVATE, team="Blue")["history"])
     assert (stop["exact_stops"], stop["exact_by_chance"]) == (None, None)
-    by_chance = (1 / 4 + 1 / 2 + 1 / 6) / 3
-    assert random["exact_stops"] == pytest.approx(1 / 3, abs=5e-5)
+    by_chance = (1 / 2 + 1 / 6 + 1 / 2 + 1 / 3 + 1) / 5
+    assert random["exact_stops"] == pytest.approx(3 / 5, abs=5e-5)
     assert random["exact_by_chance"] == pytest.approx(by_chance, abs=5e-5)
 
 

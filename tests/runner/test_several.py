@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Mapping
 from concurrent.futures import Future
@@ -65,6 +66,7 @@ def test_threads_change_nothing(expected: bytes, tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_thread_that_ends_ends_the_run(tmp_path: Path) -> None:
     (tmp_path / "agent.py").write_text("def Agent(seen): raise KeyboardInterrupt")
+    others = set(threading.enumerate())
     with pytest.raises(RunError, match="a worker was killed while it ran an episode"):
         run(
             Plan(AgentSource(f"{tmp_path}/agent.py"), some(9)),
@@ -72,6 +74,8 @@ def test_a_thread_that_ends_ends_the_run(tmp_path: Path) -> None:
             jobs=2,
             threads=True,
         )
+    for thread in set(threading.enumerate()) - others:
+        thread.join()  # or the next test would be told of its exception
 
 
 @pytest.mark.parametrize("how", [{}, {"jobs": 2, "threads": True}], ids=["alone", "threads"])

@@ -146,6 +146,8 @@ def _informative(values: FloatArray, cluster: IntArray, bounds: FloatArray) -> I
 _SHARE_POWER = 1.35
 # Enough to find the logarithm of any p-value that a float holds to its last digits.
 _BISECTIONS = 60
+# With smaller tails, SciPy's quantiles of some degrees of freedom are infinite, and negative.
+_SMALLEST_TAIL = 1e-200
 
 
 @dataclass(frozen=True)
@@ -314,7 +316,8 @@ class CrossedMeans:
         low, high = np.full_like(size, np.log(np.finfo(np.float64).tiny)), np.zeros_like(size)
         for _ in range(_BISECTIONS):
             middle = (low + high) / 2
-            is_below = self.critical(np.exp(middle) / 2) > observed
+            tail = np.maximum(np.exp(middle) / 2, _SMALLEST_TAIL)
+            is_below = self.critical(tail) > observed
             low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
         # Where the exact interval ends at 0.
         exact = np.minimum(1.0, 2 * (1 + relative) ** -(self.cluster_freedom + 1))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import reverie_eval as rv
@@ -150,6 +150,17 @@ def test_no_end_is_beyond_a_bound(runs: list[list[float]], confidence: float) ->
     st.lists(
         st.lists(st.sampled_from([0.0, 0.3, 1.0]), min_size=8, max_size=8), min_size=1, max_size=3
     ),
+)
+@example(  # a search through tails that SciPy has no quantile for
+    ours=[
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.3, 0.3],
+        [0.0, 0.0, 0.3, 0.3, 0.3, 0.3, 1.0, 1.0],
+        [0.0, 0.0, 0.3, 0.3, 1.0, 1.0, 1.0, 1.0],
+    ],
+    theirs=[
+        [0.0, 0.0, 0.0, 0.0, 0.3, 1.0, 1.0, 1.0],
+        [0.0, 0.3, 0.3, 1.0, 0.3, 0.3, 1.0, 1.0],
+    ],
 )
 def test_the_interval_of_a_confidence_of_one_minus_p_ends_at_0(
     ours: list[list[float]], theirs: list[list[float]]

@@ -165,7 +165,7 @@ def test_a_team_leaves_a_process_that_scores_to_all_others(
         return count
 
     monkeypatch.setattr(turns, "_most_waiting", 1)
-    assert asyncio.run(scenario()) == (share if processes > 1 else 0)
+    assert asyncio.run(scenario()) == processes - share
 
 
 def test_who_has_their_share_waits_and_nobody_else() -> None:

@@ -3,8 +3,7 @@
 Uploads take turns twice: for a place in memory, and for a process that scores. Waiting uploads are
 not read yet: their bytes are still with the sender. So five hundred uploads at once need no more
 memory than the first few. A team holds only a share of the places, and one process less than there
-are: a file that takes as long as any file may leaves one to all others. There are two turns for
-each process, so one upload can be scored while another is being stored.
+are: a file that takes as long as any file may leaves one to all others.
 """
 
 import asyncio
@@ -184,7 +183,7 @@ class RuntimeState:
     uploads: Turns
     """Uploads in memory."""
     scoring: Turns
-    """Requests that score: two for each process, of which one may be storing its result."""
+    """Requests that score, each with a process to itself."""
     counts: Storage
     joining: JoinLimit
     metrics: Metrics
@@ -199,8 +198,7 @@ class RuntimeState:
         share = max(1, at_once // _SHARE)
         uploads = Turns(at_once, share, *queue, metrics.uploads_waiting.set)
         share = max(1, processes - 1)
-        # A process is free again while what it scored is being stored.
-        scoring = Turns(2 * processes, share, *queue, metrics.scoring_waiting.set)
+        scoring = Turns(processes, share, *queue, metrics.scoring_waiting.set)
         counts = MemoryStorage()
         joining = JoinLimit(counts, server.signer.secret_for("requests to join"))
         return cls(uploads, scoring, counts, joining, metrics, Health(server, jobs))

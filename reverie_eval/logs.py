@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import chain
+from operator import attrgetter
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
@@ -234,11 +235,23 @@ class RunLog:
         rows = [_sum(self.attempts.get(episode, ())) for episode in episodes]
         return {key: frozen(np.array([row.get(key) for row in rows], float)) for key in COSTS}
 
-    def notes(self, episodes: Sequence[str], whole: Collection[str]) -> Iterator[str]:
-        """Yield what a run cost and read, and which episodes only the log or the split has.
+    def stop(self, episode: str) -> str | None:
+        """Return the viewpoint where an episode ended; None if the log does not say it."""
+        attempts = self.attempts.get(episode)
+        record = max(attempts, key=attrgetter("attempt")).record if attempts else None
+        last = (record or {}).get("trajectory")
+        while isinstance(last, list) and last and not isinstance(last[0], str):
+            last = last[-1]
+        viewpoints = [each for each in last or () if isinstance(each, str)]  # of a pose or a hop
+        return viewpoints[-1] if viewpoints else None
 
-        ``episodes`` are those that were scored, and ``whole`` are those of the whole split.
+    def notes(self, stops: Mapping[str, str], whole: Collection[str]) -> Iterator[str]:
+        """Yield what a run cost and read, and where the log and the submission differ.
+
+        ``stops`` are the viewpoints where the scored episodes ended, by episode, and ``whole`` are
+        the episodes of the whole split.
         """
+        episodes = list(stops)
         yield costs_text(self.costs(episodes))
         attempts = chain.from_iterable(self.attempts.values())
         if read := {part for each in attempts for part in each.read}:
@@ -249,6 +262,14 @@ class RunLog:
         if others := [each for each in self.attempts if each not in whole]:
             count = count_text(len(others), "episode")
             yield f"the run's log has {count} of another split, such as {first_few(others)}"
+        if elsewhere := [
+            episode for episode, stop in stops.items() if self.stop(episode) not in (None, stop)
+        ]:
+            count = count_text(len(elsewhere), "episode")
+            yield (
+                f"the run's log has another stop for {count}, such as {first_few(elsewhere)}: it "
+                "may be the log of another run"
+            )
 
 
 def mean_costs(costs: Mapping[str, FloatArray]) -> Mapping[str, float | None]:

@@ -192,10 +192,19 @@ def _check_options(name: str, found: Callable[..., Any], options: Mapping[str, A
         signature = inspect.signature(found)
     except ValueError:  # some classes written in C have none
         return
+    own = list(signature.parameters.values())[len(given) :]
+    names = ", ".join(each.name for each in own) or "none"
+    takes_any = {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
+    missing = [
+        each.name
+        for each in own
+        if each.default is each.empty and each.kind not in takes_any and each.name not in options
+    ]
+    if len(missing) > 1:  # Python names the first of them alone
+        raise ReverieEvalError(f"{name} needs {', '.join(missing)}; its options: {names}")
     try:
         signature.bind(*given, **options)
     except TypeError as error:
-        names = ", ".join([*signature.parameters][len(given) :]) or "none"
         raise ReverieEvalError(f"{name}: {error}; its options: {names}") from None
 
 

@@ -145,4 +145,4 @@ class PersonalData(WireModel):
     attempts: list[AttemptReport]
     """Uploads with their outcomes, of the last 90 days."""
     audit: list[AuditReport]
-    """What they did, and what was done to them."""
+    """Entries of the audit log: what the person did, and what others did to their account."""

@@ -377,7 +377,7 @@ class SplitReport(WireModel):
     task: str = Field("reverie", examples=["reverie"])
     """The benchmark that it belongs to."""
     episodes: int = Field(examples=[6292])
-    """Those that are scored: of a declared sample, fewer than the split has."""
+    """Number of episodes that are scored; a declared sample has fewer than the split."""
     subset: str = Field("", examples=["3ccb750a9648"])
     """The digest of the episodes of a declared sample; empty for a whole split. The list itself is
     at ``/api/v1/splits/{split}/episodes.txt``."""

@@ -168,14 +168,16 @@ class Scores(Scored):
         return [
             *([] if self.boxes is None else [self.boxes.note]),
             *self.hints,
-            *(
-                []
-                if self.run is None
-                else self.run.notes(self.instr_ids, self.ground_truth.whole.episodes.index)
-            ),
+            *([] if self.run is None else self._notes_of_run(self.run)),
             *([] if jumps is None else jump_notes(jumps, self.protocol)),
             *unscored_notes(self.ground_truth, self.protocol),
         ]
+
+    def _notes_of_run(self, run: RunLog) -> Iterable[str]:
+        submission, ids = self.require_submission(), self.ground_truth.graph.viewpoint_ids
+        ends = submission.viewpoint[submission.offsets[1:] - 1].tolist()
+        stops = dict(zip(self.instr_ids, (ids[each] for each in ends), strict=True))
+        return run.notes(stops, self.ground_truth.whole.episodes.index)
 
     @cached_property
     def costs(self) -> Mapping[str, FloatArray]:

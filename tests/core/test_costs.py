@@ -133,6 +133,27 @@ def test_episodes_of_the_log_or_the_split_alone_are_said(small: Scores, tmp_path
     ]
 
 
+@pytest.mark.parametrize(
+    ("trajectory", "is_elsewhere"),
+    [
+        pytest.param([["hall", 0.0, 0.0], ["north", 0.0, 0.0]], False, id="poses"),
+        pytest.param([["hall"], ["far", "north"]], False, id="hops"),
+        pytest.param(["hall", "north"], False, id="viewpoints"),
+        pytest.param([[["hall", 0.0, 0.0]], [["north", 0.0, 0.0]]], False, id="segments"),
+        pytest.param([], False, id="nothing is said"),
+        pytest.param([["north", 0.0, 0.0], ["hall", 0.0, 0.0]], True, id="another stop"),
+    ],
+)
+def test_a_log_that_ends_elsewhere_is_said(
+    trajectory: list[Any], *, is_elsewhere: bool, small: Scores, tmp_path: Path
+) -> None:
+    failed = {"episode": "1_1_0", "steps": 1, "record": {"trajectory": [["far", 0, 0]]}}
+    last = {"episode": "1_1_0", "steps": 1, "attempt": 2, "record": {"trajectory": trajectory}}
+    scores = small.with_run(write_log(tmp_path / "run", [last, failed]))
+    said = "the run's log has another stop for 1 episode, such as 1_1_0: it may be the log of "
+    assert (f"{said}another run" in scores.notes) is is_elsewhere
+
+
 def test_the_log_of_another_split_is_refused(small: Scores, tmp_path: Path) -> None:
     with pytest.raises(LogError, match="it has no episode of val_unseen"):
         small.with_run(write_log(tmp_path / "run", [{"episode": "9_9_0", "steps": 1}]))

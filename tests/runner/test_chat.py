@@ -207,7 +207,7 @@ cached = 0
 output = 0
 """
 COST = (40 * 2.5 + 60 * 0.5 + 20 * 10) / 1e6
-"""Of a reply: 40 of the 100 tokens sent are not cached."""
+"""US dollars for a reply; 40 of the 100 tokens sent are not cached."""
 FREE = {"prices": "prices.toml", "model": "free"}
 
 

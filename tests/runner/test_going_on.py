@@ -162,7 +162,7 @@ def test_a_run_that_was_killed_as_it_began_goes_on(home: Home) -> None:
 
 
 def test_a_run_with_nothing_but_failures_can_become_another(home: Home) -> None:
-    """What they cost stays on record."""
+    """What the failed attempts cost stays on record."""
 
     def fail(seen: Observation, agent: Scripted) -> Any:
         agent.episode.log(money=1.0)

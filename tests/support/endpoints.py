@@ -23,7 +23,7 @@ class Behaviour:
     """What an endpoint does with a request."""
 
     document: Any
-    """What it sends, as JSON; text is sent as it is."""
+    """The body of the reply, sent as JSON; text is sent as it is."""
     status: int = 200
     headers: Mapping[str, str] = field(default_factory=dict)
     is_cut: bool = False
@@ -73,7 +73,7 @@ class Endpoint:
         self.url = url
         self._key = key
         self.script: deque[Behaviour] = deque()
-        """What it does with the next requests; it behaves well after that."""
+        """How the endpoint treats the next requests, one after the other; then it behaves well."""
         self.good: Callable[[Mapping[str, Any]], Behaviour] = well_behaved
         self.requests: list[Mapping[str, Any]] = []
         self.sent = 0

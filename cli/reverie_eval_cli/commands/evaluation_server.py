@@ -230,7 +230,7 @@ def _verified(envelope: "Envelope", keys: "Sequence[KeyReport] | str") -> str:
     """Verify a receipt or a snapshot; return its key, and when that was in use, if known."""
     from reverie_eval.receipts import verify, verify_by_history
 
-    # A single key has no history: only that it signed can be told.
+    # A single key has no history, so when it was in use is not known.
     if isinstance(keys, str):
         return verify(envelope, keys)
     key = verify_by_history(envelope, keys)

@@ -69,7 +69,7 @@ class Choices:
         Raises
         ------
         NoActionError
-            If there is none that can be done.
+            If the reply has no action that the agent can take.
         """
         reply = _last_object(text)
         thought = str(reply.get("thought") or "")

@@ -63,7 +63,7 @@ class ChatAgent:
     max_cost : float, optional
         US dollars; no reply is asked for once those in the file cost as much.
     timeout : float
-        Seconds without a byte of a reply, after which there is none.
+        Seconds to wait for the next byte of a reply before the request counts as failed.
 
     Raises
     ------

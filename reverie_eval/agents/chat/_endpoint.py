@@ -38,7 +38,7 @@ class Endpoint:
     key_from : str
         The environment variable with the key; empty if none is needed.
     timeout : float
-        Seconds without a byte of a reply, after which there is none.
+        Seconds to wait for the next byte of a reply before the request counts as failed.
 
     Raises
     ------

@@ -73,7 +73,7 @@ class Replies:
         """US dollars that all replies cost together; None if that is unknown."""
 
     def find(self, key: str) -> Reply | None:
-        """Return the reply with a key, whichever process wrote it; None if there is none."""
+        """Return the reply with a key, whichever process wrote it; None if nobody has."""
         if key not in self._spans:
             self._read_on()
         if key not in self._spans:

@@ -210,7 +210,7 @@ def test_a_language_model_runs_by_options_of_its_own(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        pytest.param([], "missing a required argument: 'model'", id="nothing"),
+        pytest.param([], "chat needs model, endpoint, observe; its options: ", id="nothing"),
         pytest.param(["--observe", "all"], "choose one of: geometry, objects, views", id="class"),
         pytest.param(
             ["--observe", "views"], "--observe views needs --pictures FOLDER", id="no pictures"

@@ -94,7 +94,9 @@ class Budget:
 
     def __post_init__(self) -> None:
         if self.most is not None and self.prices is None:
-            raise ReverieEvalError("a limit of the cost needs prices, and there are none")
+            raise ReverieEvalError(
+                "a limit of the cost needs prices: give a file of them (--prices)"
+            )
 
     def cost(self, usage: Usage) -> float | None:
         """Return what a reply cost; None if that is unknown."""

@@ -161,6 +161,15 @@ def test_directions_alone_read_no_names(run: Run, demo_world: Path, tmp_path: Pa
     assert "read: geometry, instruction\n" in out.err
 
 
+def test_a_wrong_name_is_said_before_wrong_files(run: Run, tmp_path: Path) -> None:
+    wrong = run("train", "matnet", "--data", str(tmp_path / "no"), "-o", str(tmp_path / "model"))
+    assert wrong.status == 2
+    message = (
+        "reverie-eval: there is no agent 'matnet' to train; did you mean mattnet? Choose one of: "
+    )
+    assert wrong.err == f"{message}{', '.join(RECIPES)}\n"
+
+
 def test_a_navigator_is_trained_on_another_task(demo_world: Path, tmp_path: Path) -> None:
     files = DatasetFiles.find(demo_world, split="val_seen", task="r2r")
     card = train(TrainingPlan("r2r-tf", files, "val_seen"), tmp_path / "model")

@@ -51,11 +51,13 @@ def train(
     from reverie_eval.agents import trained
     from reverie_eval.dataset import DatasetFiles
 
+    read = options.read_options(option)
+    trained.find_recipe(name, read)  # before the files, whose faults would hide a wrong name
     plan = trained.TrainingPlan(
         name=name,
         files=DatasetFiles.find(split=split, task=task, **paths),
         split=split,
-        options=options.read_options(option),
+        options=read,
         seed=seed,
         pointer=pointer,
     )

@@ -8,7 +8,7 @@ network of a paper is a file: ``follower``, ``rcm``, ``self_monitor``, ``name_rn
 
 from reverie_eval.agents.trained._agent import MODEL, POINTER, find_trained
 from reverie_eval.agents.trained._model_file import Epoch, ModelCard, read_card
-from reverie_eval.agents.trained._recipes import RECIPES, Recipe
+from reverie_eval.agents.trained._recipes import RECIPES, Recipe, find_recipe
 from reverie_eval.agents.trained._training import TrainingPlan, train
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "ModelCard",
     "Recipe",
     "TrainingPlan",
+    "find_recipe",
     "find_trained",
     "read_card",
     "train",

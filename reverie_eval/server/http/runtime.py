@@ -3,7 +3,8 @@
 Uploads take turns twice: for a place in memory, and for a process that scores. Waiting uploads are
 not read yet: their bytes are still with the sender. So five hundred uploads at once need no more
 memory than the first few. A team holds only a share of the places, and one process less than there
-are: a file that takes as long as any file may leaves one to all others.
+are: a file that takes as long as any file may leaves one to all others. Processes score the next
+upload while the last one is being stored, so there are more turns than processes.
 """
 
 import asyncio
@@ -183,7 +184,7 @@ class RuntimeState:
     uploads: Turns
     """Uploads in memory."""
     scoring: Turns
-    """Requests that score, each with a process to itself."""
+    """Requests that score, or store what they scored."""
     counts: Storage
     joining: JoinLimit
     metrics: Metrics
@@ -194,11 +195,11 @@ class RuntimeState:
         """Create the state of the application of a server."""
         limits, metrics = server.settings.limits, Metrics(server.boards, jobs)
         queue = limits.uploads_waiting, limits.seconds_for_body
-        at_once, processes = limits.uploads_at_once, server.scoring.number
+        at_once = limits.uploads_at_once
         share = max(1, at_once // _SHARE)
         uploads = Turns(at_once, share, *queue, metrics.uploads_waiting.set)
-        share = max(1, processes - 1)
-        scoring = Turns(processes, share, *queue, metrics.scoring_waiting.set)
+        share = max(1, server.scoring.number - 1)
+        scoring = Turns(server.scoring.turns, share, *queue, metrics.scoring_waiting.set)
         counts = MemoryStorage()
         joining = JoinLimit(counts, server.signer.secret_for("requests to join"))
         return cls(uploads, scoring, counts, joining, metrics, Health(server, jobs))

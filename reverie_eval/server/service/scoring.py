@@ -78,6 +78,9 @@ class Scoring(AbstractContextManager["Scoring", None]):
 
     number: int
     """How many calls they answer at once."""
+    turns: int
+    """How many requests may have been given a turn to score: those whose result is being stored
+    leave their process to another."""
 
     @abstractmethod
     def hold(self) -> AbstractContextManager[Runner]:
@@ -97,7 +100,7 @@ class Scoring(AbstractContextManager["Scoring", None]):
 class ScoringHere(Scoring):
     """Scores in the process that asks for it."""
 
-    number = 1
+    number = turns = 1
 
     def __init__(self, boards: Mapping[str, Board], uploads: Uploads) -> None:
         self._boards, self._uploads = boards, uploads

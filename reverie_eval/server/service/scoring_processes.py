@@ -80,7 +80,7 @@ class ScoringProcesses(Scoring):
         # that has only imported what they need.
         context = get_context("forkserver")
         context.set_forkserver_preload([__name__])
-        self.number = number
+        self.number, self.turns = number, 2 * number
         self._all = [_Process(settings, boards, context) for _ in range(number)]
         self._free: SimpleQueue[_Process] = SimpleQueue()
         self._starting = Thread(target=self._start, name="scoring processes", daemon=True)

@@ -262,21 +262,30 @@ def _episode_problems(looked: _Looked, ground_truth: GroundTruth) -> Iterator[Pr
     yield from _duplicate_problems(predictions, episode)
     if is_unresolved:
         return
-    instr_ids, split = ground_truth.episodes.instr_ids, ground_truth.split
-    expected = len(instr_ids)
+    episodes, split = ground_truth.episodes, ground_truth.split
+    expected = len(episodes.instr_ids)
+    if ground_truth.subset_digest:
+        split = f"the subset {ground_truth.subset_digest} of {split}"
     if len(episode) > SHOWN_PROBLEMS and not any(it is not None for it in predictions.instr_ids):
         return  # that no id could be read is one problem, which was reported
     if not known.size:
         yield problems.NO_EPISODE_OF_SPLIT.of_file(expected=expected, split=split)
         return
-    missing = [instr_ids[index] for index in np.flatnonzero(times_predicted[rows] == 0).tolist()]
+    missing = np.flatnonzero(times_predicted[rows] == 0).tolist()
     if len(missing) > SHOWN_PROBLEMS:
         yield problems.MISSING_EPISODES.of_file(
-            count=len(missing), expected=expected, split=split, examples=first_few(missing)
+            count=len(missing),
+            expected=expected,
+            split=split,
+            examples=first_few(episodes.instr_ids[row] for row in missing),
+            points=100 * len(missing) / expected,
         )
         return
-    for instr_id in missing:
-        yield problems.MISSING_EPISODE.of_file(instr_id=instr_id, split=split)
+    for row in missing:
+        start = ground_truth.graph.viewpoint_ids[episodes.start[row]]
+        yield problems.MISSING_EPISODE.of_file(
+            instr_id=episodes.instr_ids[row], split=split, start=start
+        )
 
 
 def _unknown_problems(

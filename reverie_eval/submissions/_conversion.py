@@ -95,7 +95,7 @@ def convert(
     truth = None if split is None else find_ground_truth(ground_truth, split, task)
     log = ReadingLog()
     of_task = find_task(task or DEFAULT_TASK) if truth is None else truth.task
-    given = submission if are_records(submission) else _parse(read_bytes(submission), log, of_task)
+    given = submission if are_records(submission) else _parse(read_bytes(submission), log)
     records, signs = read_records(given, log, of_task)
     if truth is not None:
         records = _with_known_ids(records, signs, truth, log)
@@ -136,11 +136,11 @@ def _remaining_note(problems: Sequence[Problem]) -> str:
     return f"still rejected, {count}, which `reverie-eval validate` lists; the first: {problems[0]}"
 
 
-def _parse(content: bytes, log: ReadingLog, task: Task) -> Any:
+def _parse(content: bytes, log: ReadingLog) -> Any:
     # Python text is not read when scoring: evaluating it takes a hundred times its size.
     if is_python_literal(content):
         return parse_python_literal(content, log)
-    return parse_document(content, log, has_lines=task.has_json_lines)
+    return parse_document(content, log)
 
 
 def _with_known_ids(

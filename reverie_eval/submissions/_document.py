@@ -60,16 +60,16 @@ def are_records(submission: Submission) -> "TypeIs[Records]":
     return isinstance(submission, Sequence | Mapping)
 
 
-def parse_document(content: bytes, log: ReadingLog, *, has_lines: bool = False) -> Any:
-    """Parse JSON text, including NaN and infinities, so that their locations can be reported.
+def parse_document(content: bytes, log: ReadingLog) -> Any:
+    """Parse JSON or JSON Lines, including NaN and infinities, so that their places can be reported.
 
-    Text that is not quite JSON, but tells what was meant, is parsed and noted as a fault, and other
-    text is refused. With ``has_lines``, one object after another is not a fault.
+    Text that is neither, but tells what was meant, is parsed and noted as a fault, and other text
+    is refused.
     """
     check_kind(content)
     check_value_count(content, MAX_VALUES)
     try:
-        return _decoded_twice(_parse_json(content, log, has_lines=has_lines), log)
+        return _decoded_twice(_parse_json(content, log), log)
     except UnicodeDecodeError as error:
         problem = problems.NOT_JSON.of_file(
             f"byte {error.start}", reason=f"not {error.encoding} text"
@@ -92,13 +92,13 @@ def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
         raise SubmissionError([problems.NOT_A_LITERAL.of_file()]) from error
 
 
-def _parse_json(content: bytes | str, log: ReadingLog, *, has_lines: bool = False) -> Any:
+def _parse_json(content: bytes | str, log: ReadingLog) -> Any:
     import json  # rarely needed: most files are valid
 
     try:
         return json.loads(content, object_pairs_hook=_build_object)
     except json.JSONDecodeError as error:
-        return _parse_almost_json(error, log, has_lines=has_lines)
+        return _parse_almost_json(error, log)
 
 
 def _decoded_twice(document: Any, log: ReadingLog) -> Any:
@@ -109,13 +109,13 @@ def _decoded_twice(document: Any, log: ReadingLog) -> Any:
     return _parse_json(document, log)
 
 
-def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog, *, has_lines: bool) -> Any:
+def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
     """Parse text that ``json`` refuses, if it tells what was meant, or raise SubmissionError."""
     text = error.doc
     if error.msg == "Extra data":
         values, later_error = _parse_several(text)
         if later_error is None:
-            return _join(values, error, log, has_lines=has_lines)
+            return _join(values, error, log)
         # What follows the last value that could be read.
         rest = text[later_error.pos :]
         if len(values) == 1 and not text[error.pos :].startswith(_BRACKETS):
@@ -130,13 +130,9 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog, *, has_lines: 
     raise SubmissionError([problems.NOT_JSON.of_file(where, reason=reason)])
 
 
-def _join(
-    values: Sequence[Any], error: "JSONDecodeError", log: ReadingLog, *, has_lines: bool
-) -> Sequence[Any]:
+def _join(values: Sequence[Any], error: "JSONDecodeError", log: ReadingLog) -> Sequence[Any]:
     """Return the records of JSON Lines, or of several lists one after another."""
     if all(isinstance(value, dict) for value in values):
-        if not has_lines:
-            log.add_whole_file_fault(faults.JSON_LINES, None)
         return values
     if all(isinstance(value, list) for value in values):
         log.add_whole_file_fault(faults.SEVERAL_LISTS, None)

@@ -192,11 +192,10 @@ def _find_records(content: bytes, task: Task) -> _Records:
     if first == b"[":
         return _split_items(content) if task.has_items else _Records(content, {})
     _require(first == b"{" and not task.has_items)
-    if task.has_json_lines:
-        lines = _decode_lines(content)
-        if len(lines) > 1:
-            return _Records(_list_of(lines), {})
-    keyed = _decode_keyed(content)
+    try:
+        keyed = _decode_keyed(content)
+    except msgspec.DecodeError:  # which ends at the second of several lines
+        return _Records(_list_of(_decode_lines(content)), {})
     text = _list_of(keyed.values())
     # Where a key comes twice, the parser drops a value, and with it at least one colon.
     _require(len(keyed) + text.count(b":") == content.count(b":"))

@@ -64,9 +64,6 @@ _wrong_type = partial(Fault, "wrong-type")
 _wrong_id = partial(Fault, "unknown-episode", convert=_CONVERT_FOR_SPLIT)
 _wrong_viewpoint = partial(Fault, "unknown-viewpoint", convert=_CONVERT_FOR_SPLIT)
 
-JSON_LINES = _not_json(
-    "one JSON object after another instead of one list", "write a list of records"
-)
 SEVERAL_LISTS = _not_json("several lists one after another", "write one list")
 ENCODED_TWICE = _not_json(
     "the JSON inside a string: it was encoded twice", "use json.dump alone, without json.dumps"

@@ -187,13 +187,14 @@ NO_EPISODE_OF_SPLIT = Template(
 )
 MISSING_EPISODE = Template(
     "missing-episode",
-    "episode {instr_id} has no prediction; every episode of {split} needs one",
+    "episode {instr_id} has no prediction; every episode of {split} needs one; if the agent gave "
+    "none, list a stop at the start {start} without an answer: it counts as a failure",
 )
 MISSING_EPISODES = Template(
     "missing-episode",
     "{count:,} of the {expected:,} episodes of {split} have no prediction, such as {examples}; "
-    "every episode needs one: check that the file holds the results of all processes and was not "
-    "cut short",
+    "check that the file is whole, from all processes, or list a stop at the start without an "
+    "answer: a failure each, {points:.1f} points",
 )
 IDS_OF_ANOTHER_TASK = Template(
     "other-task",

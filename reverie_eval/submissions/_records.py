@@ -115,7 +115,7 @@ def parse_predictions(
     if predictions is not None:
         return predictions
     log = ReadingLog()
-    document = parse_document(content, log, has_lines=task.has_json_lines)
+    document = parse_document(content, log)
     return read_carefully(document, log, task, answers_only=answers_only)
 
 

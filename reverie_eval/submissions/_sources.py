@@ -33,10 +33,10 @@ MAX_MEBIBYTES = 128
 # Bytes to unpack at a time: Python reserves memory for as many, and since 3.12 twice for gzip.
 _PIECE = 1 << 20
 _JSON_BRACKETS = (("[", "]"), ("{", "}"))
-_ENDINGS = (".json", ".json.gz", ".zip")
+_ENDINGS = (".json", ".json.gz", ".jsonl", ".jsonl.gz", ".zip")
 RECEIPT_ENDING = ".receipt.json"
 """The ending of the names of receipts, which are written beside submissions."""
-_JSON_SUFFIX = re.compile(r"(?<=.)(\.json)?(\.gz|\.zip)?$")
+_JSON_SUFFIX = re.compile(r"(?<=.)(\.jsonl?)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
 # The first bytes of each member; in compressed bytes, one position in 16 million has the same.

@@ -144,8 +144,6 @@ class Task:
     """Whether the id may be a number; it is compared as text."""
     has_short_ids: bool = False
     """Whether the part of an id after its underscore is also accepted as an id."""
-    has_json_lines: bool = False
-    """Whether the official form of a result may be a record on each line instead of a list."""
     answer_fields: Sequence[Field] = ()
     """The fields in which agents predict the target object, in a task with target objects."""
     point_fields: Sequence[Field] = ()

@@ -67,7 +67,6 @@ TASK = Task(
     id_field=replace(INSTR_ID, also=("instruction_id",)),
     has_numbers=True,
     has_short_ids=True,
-    has_json_lines=True,
     goal="the path's end is less than 3 m away (official-v1: at most 3 m)",
     protocols=(
         Protocol(

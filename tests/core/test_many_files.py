@@ -183,7 +183,7 @@ def test_reports_of_all_files(jobs: str, run: Run, files: list[str]) -> None:
             ["a.json", "b.json", "--protocol", "all"],
             "--protocol all cannot be combined with several",
         ),
-        (["empty"], "empty: no submission found; submissions end in .json, .json.gz, .zip"),
+        (["empty"], "empty: no submission found; submissions end in .json, .json.gz, .jsonl"),
         (["*.nothing"], "*.nothing: no submission found"),
         (["--watch", "none"], "none: there is no such file or folder to watch"),
         (["--watch", "empty", "--format", "csv"], "--format cannot be combined with --watch"),

@@ -97,7 +97,12 @@ def test_every_episode_of_the_subset_needs_a_prediction(
         rv.evaluate(chosen[1:], split=SPLIT, subset=ids)
     (problem,) = rejected.value.problems
     assert problem.code == "missing-episode"
-    assert str(chosen[0]["instr_id"]) in problem.message
+    first = chosen[0]
+    assert problem.message == (
+        f"episode {first['instr_id']} has no prediction; every episode of the subset "
+        f"{subset_digest(ids)} of val_unseen needs one; if the agent gave none, list a stop at the "
+        f"start {first['trajectory'][0][0]} without an answer: it counts as a failure"
+    )
 
 
 def test_other_episodes_are_checked_as_well(ids: list[str], records: list[dict[str, Any]]) -> None:

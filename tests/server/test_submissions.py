@@ -28,6 +28,7 @@ from reverie_eval.server.settings import Webhook
 from reverie_eval.server.store.tables import Message
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
+from tests.support.flat_world import Run
 from tests.support.serving import (
     BROKEN,
     GOOD,
@@ -126,6 +127,19 @@ def test_a_file_is_the_same_however_it_is_packed(
     assert (again.status_code, again.json()["is_repeat"]) == (200, True)
     assert again.json()["submission"] == first
     assert server.ask(OWNER, "GET", f"/submissions/{first['id']}/file").content == GOOD
+
+
+def test_json_lines_are_read_at_every_door(server: Serving, run: Run, tmp_path: Path) -> None:
+    content = b"\n".join(json.dumps(record).encode() for record in json.loads(GOOD))
+    path = f"/splits/{OPEN}/validate"
+    assert server.ask(OWNER, "POST", path, content=content).status_code == 200
+    expected = evaluate(GOOD, split=OPEN).to_report().model_dump(mode="json")
+    assert accepted(server, content)["report"] == expected
+    file = tmp_path / "lines.jsonl"
+    file.write_bytes(content)
+    assert run("validate", str(file), "--split", OPEN).status == 0
+    scored = run(str(tmp_path), "--split", OPEN, "--format", "json").out  # found in a folder
+    assert json.loads(scored) == {str(file): expected}
 
 
 REPEATS: list[tuple[dict[str, str], list[str]]] = [

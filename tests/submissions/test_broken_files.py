@@ -88,7 +88,6 @@ def test_the_page_lists_every_mistake(demo: GroundTruth) -> None:
         "angles as text",
         "viewpoints with their scan",
         "viewpoints with spaces",
-        "JSON Lines",
         "printed by Python",
         '{"results": [...]}',
         "a mail signature after the JSON",
@@ -130,7 +129,7 @@ def test_what_stays_wrong_is_said(demo: GroundTruth) -> None:
     records = json.loads(broken("object ids as decimals"))
     conversion = convert(records[:-1], split=SPLIT, ground_truth=demo)
     missing = records[-1]["instr_id"]
-    assert conversion.notes[-1] == (
+    assert conversion.notes[-1].startswith(
         "still rejected, 1 problem, which `reverie-eval validate` lists; the first: file: episode "
         f"{missing} has no prediction; every episode of val_unseen needs one"
     )

@@ -20,6 +20,7 @@ from tests.conftest import REPOSITORY
 
 REVERIE, NDH, R2R, SOON = map(find_task, ("reverie", "ndh", "r2r", "soon"))
 RECORD = RecordLocation(3)
+START = "4bc21ec71c2eb1724484d2974c46412c"
 KEYED = RecordLocation(3, "7_1_0")
 OF_AN_ITEM = RecordLocation(3, trajectory=2)
 POSE_FORM = "[viewpoint_id, heading, elevation]"
@@ -99,18 +100,18 @@ PROBLEMS = [
         ["3,521", "test"],
     ),
     (
-        problems.MISSING_EPISODE.of_file(instr_id="7_1_0", split="test"),
+        problems.MISSING_EPISODE.of_file(instr_id="7_1_0", split="test", start=START),
         "missing-episode",
         "file",
-        ["7_1_0", "test"],
+        ["7_1_0", "test", START],
     ),
     (
         problems.MISSING_EPISODES.of_file(
-            count=4, expected=3_521, split="test", examples="a, b, c and 1 more"
+            count=4, expected=3_521, split="test", examples="a, b, c and 1 more", points=0.1136
         ),
         "missing-episode",
         "file",
-        ["4 of the 3,521", "a, b, c"],
+        ["4 of the 3,521", "a, b, c", "0.1 points"],
     ),
     (
         problems.ids_of_another_task(1, "5_0", REVERIE, [R2R]),

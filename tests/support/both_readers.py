@@ -30,7 +30,7 @@ def read_by_both(content: bytes, task: Task, *, answers_only: bool = False) -> b
         return False
     log = ReadingLog()
     try:
-        document = parse_document(content, log, has_lines=task.has_json_lines)
+        document = parse_document(content, log)
         careful = read_carefully(document, log, task, answers_only=answers_only)
     except SubmissionError as error:
         raise AssertionError(f"read fast, and refused: {error}: {content!r}") from error

@@ -316,7 +316,6 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
                 *(json.dumps(record).encode() for record in records[3:]),
             ]
         ),
-        "JSON Lines": lambda records: b"\n".join(json.dumps(record).encode() for record in records),
         "printed by Python": lambda records: repr(records).encode(),
         "a pickle": pickle.dumps,
         '{"results": [...]}': lambda records: {"results": records},

@@ -383,7 +383,7 @@ def annotated(demo_world: Path, name: str, split: str) -> list[dict[str, Any]]:
     """Return the records of an annotation file of the demo world."""
     task = find_task(name)
     content = (demo_world / task.folder / task.file_name.format(split=split)).read_bytes()
-    if not task.has_json_lines:
+    if ".jsonl" not in task.file_name:
         records: list[dict[str, Any]] = json.loads(content)
         return records
     return [json.loads(line) for line in gzip.decompress(content).splitlines()]

@@ -12,12 +12,17 @@ from pathlib import Path
 import pytest
 from safetensors.torch import load_file, save_file
 
+from reverie_eval.agents import AgentSource
 from reverie_eval.agents.trained import RECIPES, Epoch, TrainingPlan, read_card, train
 from reverie_eval.agents.trained import _recipes as recipes
 from reverie_eval.agents.trained import _training as training
+from reverie_eval.agents.trained._agent import WalkingAgent
 from reverie_eval.dataset import DatasetFiles
 from reverie_eval.errors import ReverieEvalError
+from reverie_eval.runner import Plan, read_steps
+from reverie_eval.runner import run as run_plan
 from tests.support.flat_world import Run
+from tests.support.runs import some
 
 SOURCES = Path(__file__).parents[2] / "reverie_eval"
 
@@ -83,6 +88,11 @@ def test_the_best_epoch_is_chosen(seen: list[float], first: int, best: int) -> N
     assert training.best_epoch(curve, first) == best
 
 
+def test_the_learning_rate_falls_by_a_cosine() -> None:
+    rates = [training.cooling(epoch, 4) for epoch in (1, 2, 3, 4)]
+    assert rates == pytest.approx([1, 0.853553, 0.5, 0.146447], abs=1e-6)
+
+
 def test_training_ends_three_epochs_after_the_best(
     files: DatasetFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,14 +152,35 @@ def test_a_navigator_walks_greedily_and_by_the_queue(
     run: Run, navigator: Path, tmp_path: Path
 ) -> None:
     words = ["run", str(navigator), "--split", "val_seen", "--option"]
-    for walk in "greedy", "fast":
+    for walk in "greedy", "fast", "likeliest":
         out = run(*words, f"walk={walk}", "-o", str(tmp_path / walk))
         assert "read: boxes, geometry, instruction, names; " in out.err
         assert "cut off" not in out.err  # every walk ended by itself
     card = json.loads((tmp_path / "fast" / "run.json").read_text())["identity"]
     assert (card["agent"], card["options"]) == (navigator.name, {"walk": "fast"})
     assert re.fullmatch(r"[0-9a-f]{12}\+[0-9a-f]{12}", card["agent_version"])
-    assert "walk is greedy or fast" in run(*words, "walk=far", "-o", str(tmp_path / "far")).err
+    assert (
+        "walk is greedy, fast, likeliest, not 'far'"
+        in run(*words, "walk=far", "-o", str(tmp_path / "far")).err
+    )
+
+
+def test_company_in_a_batch_changes_no_score(
+    navigator: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    walked = []
+    for size in 1, 512:
+        monkeypatch.setattr(WalkingAgent, "batch_size", size)
+        run_plan(Plan(AgentSource(str(navigator)), some(40)), folder := tmp_path / str(size))
+        walked.append(
+            {
+                (each.episode, each.step): (each.viewpoint_id, each.action, each.notes)
+                for each in read_steps(folder)
+            }
+        )
+    alone, together = walked
+    assert alone == together
+    assert any("logits" in notes for *_, notes in alone.values())
 
 
 def test_directions_alone_read_no_names(run: Run, demo_world: Path, tmp_path: Path) -> None:

@@ -1,13 +1,16 @@
 """Trained models as agents: the walk and the answer, for all of them."""
 
 import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from reverie_eval.agents._episode import Agent, Episode
+from reverie_eval.agents._episode import Agent, BatchAgent, Episode
 from reverie_eval.agents._exploring import Explored
 from reverie_eval.agents.trained._advice import best_names, point
 from reverie_eval.agents.trained._coding import Coder, Panorama
@@ -19,20 +22,22 @@ from reverie_eval.agents.trained._model_file import (
     read_card,
     set_threads,
 )
-from reverie_eval.agents.trained._navigating import Decision, Navigator, Reading, Scores, collate
+from reverie_eval.agents.trained._navigating import Decision, Navigator, Reading, State, collate
 from reverie_eval.agents.trained._pointing import Pointer, Question
 from reverie_eval.agents.trained._queue import Choice, Queue
-from reverie_eval.agents.trained._recipes import Walk, recipe_of
+from reverie_eval.agents.trained._recipes import WALKS, Walk, recipe_of
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Answer, Go, Observation, Stop
 
 MODEL, POINTER = "model.safetensors", "pointer.safetensors"
 """The files of a model's folder: what was trained, and the pointer that answers for a navigator."""
+DECIMALS = 6
+"""Of a score. In double precision, what a score owes to the company in its batch is far behind."""
 _DIGEST_SHOWN = 12
 
 
-def find_trained(folder: Path) -> type[Agent]:
+def find_trained(folder: Path) -> type[Agent | BatchAgent]:
     """Return the class of the agent in a folder that ``reverie-eval train`` wrote.
 
     Raises
@@ -62,20 +67,23 @@ class LoadedPointer:
         load_weights(file, self.model)
         self.model.eval()
 
-    def scores(self, seen: Observation) -> tuple[Panorama, FloatArray]:
-        """Return the score of each candidate, in their order."""
-        panorama = self.coder.panorama(seen)
-        words = self.coder.words(seen.instruction)
-        question = Question(panorama, self.coder.matches(words))
-        scores = point(self.model, self.coder, words[None], [question])[0]
-        return panorama, scores[: len(panorama.name)]  # padded to one if nothing is visible
+    def scores(self, observations: Sequence[Observation]) -> Sequence[FloatArray]:
+        """Return the scores of the candidates of each, whose instructions are equally long."""
+        words = np.stack([self.coder.words(seen.instruction) for seen in observations])
+        panoramas = [self.coder.panorama(seen) for seen in observations]
+        questions = [
+            Question(panorama, self.coder.matches(its))
+            for panorama, its in zip(panoramas, words, strict=True)
+        ]
+        scores = point(self.model, self.coder, words, questions).round(DECIMALS)
+        return [its[: len(each.name)] for its, each in zip(scores, panoramas, strict=True)]
 
-    def answer(self, seen: Observation) -> Action:
-        """Predict the object that is scored best."""
-        if not seen.candidates:
-            return Stop()
-        panorama, scores = self.scores(seen)
-        return Answer(int(panorama.object_id[int(np.argmax(scores))]))
+    def answers(self, observations: Sequence[Observation]) -> Sequence[Action]:
+        """Predict the objects that are scored best."""
+        return [
+            Answer(seen.candidates[int(np.argmax(scores))].object_id) if seen.candidates else Stop()
+            for seen, scores in zip(observations, self.scores(observations), strict=True)
+        ]
 
 
 def _pointer(card: ModelCard, coder: Coder) -> Pointer:
@@ -93,6 +101,7 @@ class PointingAgent:
 
     def __init__(self) -> None:
         self._pointer = LoadedPointer(self.folder / MODEL)
+        self._pointer.model.double()
 
     def start(self, episode: Episode) -> None:
         """Read the route."""
@@ -101,87 +110,171 @@ class PointingAgent:
     def act(self, seen: Observation) -> Action:
         """Go on, or point."""
         ahead = next(self._ahead, None)
-        return self._pointer.answer(seen) if ahead is None else Go(ahead)
+        return self._pointer.answers([seen])[0] if ahead is None else Go(ahead)
+
+
+@dataclass(eq=False)
+class _Walking:
+    """What an agent remembers of an episode."""
+
+    words: IntArray
+    """Shape (L,)."""
+    context: Tensor
+    """float (L, H)."""
+    taken: Choice
+    """The action that it is on its way to do."""
+    explored: Explored = field(default_factory=Explored)
+    queue: Queue = field(default_factory=Queue)
+    n_actions: int = 0
+
+    def has_arrived(self, seen: Observation) -> bool:
+        """Whether it is where it wanted to go, to choose its next action."""
+        return self.taken.target == seen.viewpoint_id and not self.taken.is_stop
+
+    def way_on(self, seen: Observation) -> Action | None:
+        """Return the next step on its way; None where it stops."""
+        target = self.taken.target
+        if target == seen.viewpoint_id:
+            return None
+        return Go(self.explored.route(seen.viewpoint_id, lambda each: each == target)[0])
 
 
 class WalkingAgent:
     """Walks as a navigator scores actions, and answers as its pointer does.
 
+    Episodes whose instructions are equally long are scored together.
+
     Parameters
     ----------
-    walk : {"greedy", "fast"}, optional
+    walk : {"greedy", "fast", "likeliest"}, optional
         ``greedy`` always takes the best action where it is, at most ten; ``fast`` takes the best
-        one that it knows of, by the queue of FAST-Short. By default, what the recipe says.
+        one that it knows of, by the queue of FAST-Short; ``likeliest`` has log-probabilities in
+        this queue, in place of logits. By default, what the recipe says.
     """
 
     folder: ClassVar[Path]
+    batch_size = 512
 
     def __init__(self, walk: Walk | None = None) -> None:
         file, pointer = self.folder / MODEL, self.folder / POINTER
         card = read_card(file)
         self._recipe = recipe_of(card)
         self._walk = walk or self._recipe.walk
-        if self._walk not in {"greedy", "fast"}:
-            raise ReverieEvalError(f"walk is greedy or fast, not {walk!r}")
+        if self._walk not in WALKS:
+            raise ReverieEvalError(f"walk is {', '.join(WALKS)}, not {walk!r}")
         self._pointer = LoadedPointer(pointer) if pointer.exists() else None
+        if self._pointer:
+            self._pointer.model.double()
         set_threads()
         self._coder = coder_of(card, reads_objects=self._recipe.reads_objects)
         model = self._recipe.build(self._coder)
         assert isinstance(model, Navigator)  # noqa: S101  # `find_trained` has looked
         load_weights(file, model)
-        self._model = model.eval()
+        self._model = model.eval().double()
 
     def start(self, episode: Episode) -> None:
-        """Forget the last episode."""
-        self._log = episode.log
-        self._queue, self._explored = Queue(), Explored()
-        self._taken: Choice | None = None
-        self._n_actions = 0
+        """Begin an episode; what it asks for is in its first observation."""
 
     @torch.no_grad()
-    def act(self, seen: Observation) -> Action:
-        """Go on towards the action that was taken last, and do it; score new ones on arrival."""
-        if self._taken is None:
-            self._words = self._coder.words(seen.instruction)
-            self._reading, state = self._model.read(
-                torch.from_numpy(self._words)[None], torch.from_numpy(self._coder.tokens)
-            )
-            self._taken = Choice(None, seen.viewpoint_id, 0.0, state)
-        self._explored.add(seen)
-        if self._taken.target == seen.viewpoint_id and not self._taken.is_stop:
-            self._taken = self._choose(seen, self._taken)
-        if self._taken.target != seen.viewpoint_id:
-            target = self._taken.target
-            return Go(self._explored.route(seen.viewpoint_id, lambda each: each == target)[0])
-        return self._pointer.answer(seen) if self._pointer else Stop()
+    def act_batch(
+        self, episodes: Sequence[Episode], observations: Sequence[Observation]
+    ) -> Sequence[Action]:
+        """Go on towards the actions that were taken last, and do them; score new ones there."""
+        walks: list[_Walking] = []
+        for episode, seen in zip(episodes, observations, strict=True):
+            if episode.memory is None:
+                episode.memory = self._begin(seen)
+            walks.append(episode.memory)
+            walks[-1].explored.add(seen)
+        for group in _equally_long(walks, range(len(walks))):
+            arrived = [index for index in group if walks[index].has_arrived(observations[index])]
+            if arrived:
+                its = [walks[index] for index in arrived]
+                all_logits = self._choose(its, [observations[index] for index in arrived])
+                for index, logits in zip(arrived, all_logits, strict=True):
+                    episodes[index].log(logits=logits)
+        ways = [walk.way_on(seen) for walk, seen in zip(walks, observations, strict=True)]
+        actions: list[Action] = [way or Stop() for way in ways]
+        if self._pointer:
+            for group in _equally_long(walks, [n for n, way in enumerate(ways) if way is None]):
+                answers = self._pointer.answers([observations[index] for index in group])
+                for index, answer in zip(group, answers, strict=True):
+                    actions[index] = answer
+        return actions
 
-    def _choose(self, seen: Observation, came_by: Choice) -> Choice:
-        """Score the actions where the agent is, and return the next one to take."""
-        panorama = self._coder.panorama(seen)
-        scores = self._score(seen, panorama, came_by)
-        logits = scores.logits[0].tolist()
-        self._log(logits=[round(each, 3) for each in logits])
-        choices = [
-            Choice(seen.viewpoint_id, target, came_by.score + logit, scores.after(slot[None]))
-            for target, logit, slot in zip(
-                panorama.viewpoint_ids, logits, torch.arange(len(logits)), strict=True
+    def _begin(self, seen: Observation) -> _Walking:
+        words = self._coder.words(seen.instruction)
+        reading, state = self._model.read(torch.from_numpy(words)[None], self._tokens())
+        came_by = Choice(None, seen.viewpoint_id, 0.0, state.take(torch.tensor(0)))
+        return _Walking(words, reading.context[0], came_by)
+
+    def _choose(
+        self, walks: Sequence[_Walking], observations: Sequence[Observation]
+    ) -> Sequence[Sequence[float]]:
+        """Score the actions where agents are, take the next ones, and return the scores."""
+        panoramas = [self._coder.panorama(seen) for seen in observations]
+        state = State(*map(torch.stack, zip(*(walk.taken.state for walk in walks), strict=True)))
+        context = torch.stack([walk.context for walk in walks])
+        # The names are read again, because there are new ones at new viewpoints.
+        names = self._model.encoder.names(self._tokens())
+        tops = self._tops(panoramas, observations)
+        slots = collate(
+            [
+                Decision(panorama, seen.heading, self._coder.matches(walk.words), top)
+                for walk, panorama, seen, top in zip(
+                    walks, panoramas, observations, tops, strict=True
+                )
+            ]
+        )
+        scores = self._model(Reading(context, names), state, slots)
+        logits = scores.logits
+        if self._walk == "likeliest":
+            logits = logits.log_softmax(dim=-1)
+        scored = []
+        for row, (walk, panorama) in enumerate(zip(walks, panoramas, strict=True)):
+            targets = panorama.viewpoint_ids
+            scored.append(logits[row, : len(targets)].numpy().round(DECIMALS).tolist())
+            after = zip(targets, scored[-1], scores.actions[row], strict=False)  # without padding
+            walk.taken = self._take(
+                walk,
+                [
+                    Choice(
+                        targets[0],
+                        target,
+                        walk.taken.score + logit,
+                        State(scores.h[row], scores.c[row], action),
+                    )
+                    for target, logit, action in after
+                ],
             )
+        return scored
+
+    def _take(self, walk: _Walking, choices: Sequence[Choice]) -> Choice:
+        """Return the next action of an episode."""
+        walk.n_actions += 1
+        if self._walk == "greedy":
+            best = max(choices, key=lambda each: each.score)
+            return best if walk.n_actions < MOST_ACTIONS else choices[0]
+        walk.queue.add(choices)
+        return walk.queue.pop()
+
+    def _tops(
+        self, panoramas: Sequence[Panorama], observations: Sequence[Observation]
+    ) -> Iterable[IntArray | None]:
+        if not (self._recipe.inputs.top and self._pointer):
+            return [None] * len(panoramas)
+        return [
+            best_names(scores, panorama.name, panorama.in_slot)
+            for scores, panorama in zip(self._pointer.scores(observations), panoramas, strict=True)
         ]
-        self._n_actions += 1
-        if self._walk == "fast":
-            self._queue.add(choices)
-            return self._queue.pop()
-        return choices[int(np.argmax(logits)) if self._n_actions < MOST_ACTIONS else 0]
 
-    def _score(self, seen: Observation, panorama: Panorama, came_by: Choice) -> Scores:
-        top: IntArray | None = None
-        if self._recipe.inputs.top and self._pointer:
-            _, its = self._pointer.scores(seen)
-            top = best_names(its, panorama.name, panorama.in_slot)
-        matches = self._coder.matches(self._words)
-        # The names are read again, because there are new ones at each viewpoint.
-        names = self._model.encoder.names(torch.from_numpy(self._coder.tokens))
-        slots = collate([Decision(panorama, seen.heading, matches, top)])
-        reading = Reading(self._reading.context, names)
-        scores: Scores = self._model(reading, came_by.state, slots)
-        return scores
+    def _tokens(self) -> Tensor:
+        return torch.from_numpy(self._coder.tokens)
+
+
+def _equally_long(walks: Sequence[_Walking], indices: Iterable[int]) -> Iterator[list[int]]:
+    """Group walks by how many words their instructions have."""
+    groups: dict[int, list[int]] = {}
+    for index in indices:
+        groups.setdefault(len(walks[index].words), []).append(index)
+    yield from groups.values()

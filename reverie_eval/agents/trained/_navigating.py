@@ -255,7 +255,7 @@ class SlotEncoder(nn.Module):
             parts.append(self.memory(known))
         if slots.top is not None and self._inputs.top:
             parts.append(self._interaction(slots.top, names))
-        vectors: Tensor = self.linear(torch.cat(parts, dim=-1)).tanh()
+        vectors: Tensor = self.linear(torch.cat(parts, dim=-1).to(names)).tanh()
         return vectors
 
     def _interaction(self, top: Tensor, names: Tensor) -> Tensor:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from torch import nn
 
@@ -19,8 +19,10 @@ from reverie_eval.agents.trained.self_monitor import SelfMonitor
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.text import did_you_mean
 
-Walk = Literal["greedy", "fast"]
-"""Whether an agent always takes the best action where it is, or the best one that it knows of."""
+Walk = Literal["greedy", "fast", "likeliest"]
+"""Whether an agent takes the best action where it is, or the best one that it knows of by the sum
+of the logits along its way (FAST), or by the sum of their log-probabilities."""
+WALKS: Sequence[Walk] = get_args(Walk)
 
 
 @dataclass(frozen=True)

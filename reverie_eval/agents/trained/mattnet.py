@@ -85,16 +85,16 @@ class MAttNet(Pointer):
         row, near_row = valid.nonzero()[:, 0], is_near.nonzero()[:, 0]
         looks = torch.cat([names[candidates.name[valid]], candidates.match[valid]], dim=-1)
         near = torch.cat([names[candidates.around[is_near]], candidates.offset[is_near]], dim=-1)
-        related = torch.full(is_near.shape, -1.0)
+        related = names.new_full(is_near.shape, -1.0)
         related[is_near] = self.relation(near, relation, near_row)
         scores = torch.stack(
             [
                 self.subject(looks, subject, row),
-                self.location(candidates.location[valid], location, row),
+                self.location(candidates.location[valid].to(names), location, row),
                 related.amax(dim=-1)[valid],  # the one that fits best; section 3.2.3
             ],
             dim=-1,
         )
-        total = torch.full(valid.shape, -torch.inf)
+        total = names.new_full(valid.shape, -torch.inf)
         total[valid] = (scores * weights[row]).sum(dim=-1)  # section 3.3
         return total

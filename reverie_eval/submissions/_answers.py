@@ -11,9 +11,17 @@ from typing import Any, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
-from reverie_eval.arrays import LARGEST_OBJECT_ID, FloatArray
+from reverie_eval.arrays import LARGEST_OBJECT_ID, FloatArray, IntArray
 from reverie_eval.errors import Problem
-from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, view_angles
+from reverie_eval.geometry import (
+    FAR_OFF,
+    HEIGHT,
+    N_VIEWS,
+    WIDTH,
+    degrees_off,
+    is_on_grid,
+    view_angles,
+)
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
@@ -37,8 +45,8 @@ from reverie_eval.submissions._predictions import MOST, BoxAnswers
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._trajectories import Trajectory
 
-# Radians.
-_STRAIGHT_UP = math.pi / 2
+STRAIGHT_UP = math.pi / 2
+"""Radians. Beyond straight up or down, a camera is upside down."""
 _NONE = "none"
 # What libraries write where there is no value, as text in lower case.
 _NOTHING = ("nan", "null")
@@ -59,15 +67,13 @@ _VIEW_CAMERAS: Sequence[Camera] = list(map(tuple, view_angles(np.arange(N_VIEWS)
 
 
 class BoxAnswer(NamedTuple):
-    """A box and the camera of the image that it was predicted in."""
+    """A box as its record gives it, and the camera of the image that it was predicted in."""
 
     xywh: tuple[float, float, float, float]
-    """Pixels of a 640 x 480 image, cut to it; of area 0 if it was entirely outside."""
+    """Left, top, width and height, pixels of its image."""
+    image_size: tuple[float, float]
+    """Width and height of that image, pixels."""
     camera: Camera
-    is_cut: bool
-    """Whether the box reached beyond the image."""
-    uncut_xywh: tuple[float, float, float, float]
-    """Left, top, width and height before the box was cut to the image."""
     fields: Mapping[str, Any]
     """The box, the view and the image size as the record gives them, as plain numbers."""
 
@@ -209,22 +215,7 @@ def _read_box(
         **({} if record.get(VIEW_KEY) is None else {VIEW_KEY: _whole_view(record[VIEW_KEY])}),
         **({} if record.get(IMAGE_SIZE_KEY) is None else {IMAGE_SIZE_KEY: list(size)}),
     }
-    # Each side has a scale of its own: models that take squares distort an image of 640 x 480.
-    x_scale, y_scale = WIDTH / size[0], HEIGHT / size[1]
-    left, right = box[0] * x_scale, (box[0] + box[2]) * x_scale
-    top, bottom = box[1] * y_scale, (box[1] + box[3]) * y_scale
-    x, x_end = _clamp(left, WIDTH), _clamp(right, WIDTH)
-    y, y_end = _clamp(top, HEIGHT), _clamp(bottom, HEIGHT)
-    # By rounding, a box as wide as its scaled image may end beyond 640.
-    is_cut = max(x - left, right - x_end, y - top, bottom - y_end) > _SLACK
-    is_outside = x_end <= x or y_end <= y
-    log.differences["scaled boxes"] += size != (WIDTH, HEIGHT)
-    # Matterport's views are wider than tall, so this is probably [height, width], as numpy has it.
-    log.differences["upright images"] += size[0] < size[1]
-    log.differences["cut boxes"] += is_cut and not is_outside
-    log.differences["boxes outside"] += is_outside
-    uncut = (left, top, right - left, bottom - top)
-    return BoxAnswer((x, y, x_end - x, y_end - y), camera, is_cut, uncut, fields)
+    return BoxAnswer(box, size, camera, fields)
 
 
 def _read_camera(
@@ -245,8 +236,7 @@ def _read_camera(
         return None
     stop = None if trajectory is None else trajectory.stop
     if stop is not None and stop.heading is not None and stop.elevation is not None:
-        # Beyond straight up or down, a camera is upside down.
-        if abs(stop.elevation) <= _STRAIGHT_UP:
+        if abs(stop.elevation) <= STRAIGHT_UP:
             return float(stop.heading), float(stop.elevation)
         found = problems.UPSIDE_DOWN.of_pose(location, stop.location[:1], elevation=stop.elevation)
         log.problems.append(found)
@@ -307,10 +297,6 @@ def _are_numbers(value: Any, count: int) -> TypeGuard[Sequence[float]]:
     return is_list(value) and len(value) == count and all(map(is_number, value))
 
 
-def _clamp(edge: float, size: int) -> float:
-    return min(max(edge, 0.0), float(size))
-
-
 def read_point(location: RecordLocation, record: Mapping[str, Any], log: ReadingLog) -> Point:
     """Read a trajectory's point; an unreadable one is reported and becomes none."""
     values: list[float | None] = []
@@ -346,6 +332,56 @@ def official_point(point: Point) -> Mapping[str, float | None]:
     return dict(zip(POINT_KEYS, values, strict=True))
 
 
+class GivenBoxes(NamedTuple):
+    """Boxes as a file gives them, one row each."""
+
+    row: IntArray
+    """Shape (n_boxes,): the record of each box, ascending."""
+    xywh: FloatArray
+    """Shape (n_boxes, 4): pixels of the image that each was predicted in."""
+    image_size: FloatArray
+    """Shape (n_boxes, 2): width and height of that image, pixels."""
+    camera: FloatArray
+    """Shape (n_boxes, 2): as in :class:`BoxAnswers`."""
+    stop_angles: FloatArray
+    """Shape (n_boxes, 2): as in :class:`BoxAnswers`."""
+
+
+def box_columns(given: GivenBoxes, log: ReadingLog) -> BoxAnswers:
+    """Scale boxes to an image of 640 x 480 pixels and cut them to it.
+
+    Differences from the official form, and problems that most boxes have, are noted in the log.
+    """
+    row, xywh, image_size, camera, stop_angles = given
+    whole = np.array([WIDTH, HEIGHT])
+    # Each side has a scale of its own: models that take squares distort an image of 640 x 480.
+    scale = whole / image_size
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that hardly fit a float
+        begin, end = xywh[:, :2] * scale, (xywh[:, :2] + xywh[:, 2:]) * scale
+        cut_begin, cut_end = begin.clip(0, whole), end.clip(0, whole)
+        # By rounding, a box as wide as its scaled image may end beyond 640.
+        is_cut = (np.maximum(cut_begin - begin, end - cut_end) > _SLACK).any(axis=1)
+        uncut_xywh = np.hstack([begin, end - begin])
+    is_outside = (cut_end <= cut_begin).any(axis=1)
+    # Matterport's views are wider than tall, so this is probably [height, width], as numpy has it.
+    is_upright = image_size[:, 0] < image_size[:, 1]
+    off_grid = camera[~is_on_grid(camera)]
+    log.differences.update(
+        {
+            "scaled boxes": int((image_size != whole).any(axis=1).sum()),
+            "upright images": int(is_upright.sum()),
+            "cut boxes": int((is_cut & ~is_outside).sum()),
+            "boxes outside": int(is_outside.sum()),
+            "cameras off the grid": len(off_grid),
+            "far cameras": int((degrees_off(off_grid) > FAR_OFF).sum()),
+        }
+    )
+    cut_xywh = np.hstack([cut_begin, cut_end - cut_begin])
+    boxes = BoxAnswers(row, cut_xywh, camera, is_cut, uncut_xywh, stop_angles)
+    log.problems.extend(box_scale_problems(boxes))
+    return boxes
+
+
 def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
     """Yield a problem if most boxes cannot match anything, so that their scale must be wrong."""
     if len(boxes.row) < ENOUGH_BOXES:
@@ -359,16 +395,3 @@ def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
         # One box outside is a miss; most of them outside are fractions, or pixels of another image.
         if is_wrong.mean() > MOST:
             yield problem.of_file(count=int(is_wrong.sum()), total=len(is_wrong))
-
-
-def box_columns(answers: Sequence[Answer], stop_angles: FloatArray) -> BoxAnswers:
-    """Return the boxes among answers as columns; ``stop_angles`` has a row for every answer."""
-    boxes = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
-    return BoxAnswers(
-        row=np.array(list(boxes), dtype=np.int64),
-        xywh=np.array([box.xywh for box in boxes.values()]).reshape(-1, 4),
-        camera=np.array([box.camera for box in boxes.values()]).reshape(-1, 2),
-        is_cut=np.array([box.is_cut for box in boxes.values()], dtype=np.bool_),
-        uncut_xywh=np.array([box.uncut_xywh for box in boxes.values()]).reshape(-1, 4),
-        stop_angles=stop_angles[list(boxes)],
-    )

@@ -32,12 +32,18 @@ from reverie_eval.arrays import (
     last_of,
     offsets_of,
 )
+from reverie_eval.geometry import HEIGHT, WIDTH, view_angles
 from reverie_eval.metrics import ABSTAINED
-from reverie_eval.submissions._answers import Answer, read_answer
+from reverie_eval.submissions._answers import (
+    STRAIGHT_UP,
+    Answer,
+    GivenBoxes,
+    box_columns,
+    read_answer,
+)
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._fields import (
     ANSWER_KEYS,
-    BOX_KEY,
     ID_KEYS,
     INSTR_ID_KEY,
     PART_OF_ITEM,
@@ -49,7 +55,8 @@ from reverie_eval.submissions._fields import (
     fields_of,
 )
 from reverie_eval.submissions._predictions import (
-    MOST,
+    NO_BOXES,
+    BoxAnswers,
     Numbering,
     Predictions,
     Records,
@@ -58,7 +65,7 @@ from reverie_eval.submissions._predictions import (
 )
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._trajectories import DUETS_ID, MAX_POSES, PATH_KEY, have_types
-from reverie_eval.tasks import ID_PREFIX, ITEM_MARK, Task
+from reverie_eval.tasks import BOX, ID_PREFIX, IMAGE_SIZE, ITEM_MARK, VIEW, Task
 
 _LISTS = frozenset({list, tuple})
 _NUMBERS = frozenset({float, int, np.float64, np.float32})
@@ -73,6 +80,11 @@ _MOST_FIELDS = 100
 _PLAIN_NAME = re.compile(r'[^"\\:\x00-\x1f]+')
 # Digits; Python refuses to read integers of about twice as many.
 _LONG_NUMBER = 2048
+
+_BOX_FIELDS = (BOX, VIEW, IMAGE_SIZE)
+# In the place of each box where it only counts that there is one.
+_ANY_BOX = (0.0, 0.0, 1.0, 1.0)
+_NO_BOX = (np.nan,) * 4
 
 # A viewpoint id is as many hexadecimal digits.
 _ID_LENGTH = 32
@@ -126,6 +138,8 @@ class _Form(NamedTuple):
     """The field with the id; empty if the record has none."""
     walk_key: str
     answer_keys: Sequence[str]
+    has_boxes: bool
+    """Whether the records have a field for a box."""
     other_keys: Sequence[str]
     """Fields whose values are not looked at."""
     ignored: Sequence[str]
@@ -135,8 +149,9 @@ class _Form(NamedTuple):
 class _Walks(NamedTuple):
     """The trajectories of some records."""
 
-    is_within_turn: BoolArray
-    """Shape (n_records,): whether the last pose is surely not in degrees."""
+    stop_angles: FloatArray
+    """Shape (n_records, 2): heading and elevation of the last pose, NaN if there are none. Unless
+    there are boxes, zeros stand for angles that are surely within a turn."""
     viewpoint: IntArray
     """Shape (n_viewpoints,): the number of each viewpoint id."""
     n_elements: IntArray
@@ -155,6 +170,9 @@ class _Part(NamedTuple):
     answer_is_text: BoolArray
     has_leading_zeros: BoolArray
     point: FloatArray
+    box: FloatArray
+    """Shape (n_records, 7): a box, its image's size and its view, NaN for none. Without the field,
+    shape (n_records, 0)."""
     walks: _Walks
 
 
@@ -243,14 +261,14 @@ def _read(records: _Records, task: Task, *, answers_only: bool) -> Predictions:
     end = between.search(text)
     beginning = text if end is None else text[: end.start() + 1] + b"]"
     form = _form_of(tuple(_decode_fields(beginning)[0]), task, has_keys=bool(keys))
-    _require(form.answer_keys or not answers_only)
+    has_answers = form.has_boxes or bool(form.answer_keys)
+    _require(has_answers or not answers_only)
     log, id_numbers = ReadingLog(), _IdNumbers()
     parts = [
         _read_piece(piece, form, log, id_numbers, task=task) for piece in _pieces(text, between)
     ]
     part = _Part(*map(_join, zip(*parts, strict=True)))
     walks = part.walks
-    _require(np.count_nonzero(walks.is_within_turn) >= (1 - MOST) * len(part.instr_ids))
     # A record's own id must be its key.
     _require(not (keys and form.id_key) or part.instr_ids == keys)
     instr_ids = records.instr_ids or keys or part.instr_ids
@@ -258,10 +276,13 @@ def _read(records: _Records, task: Task, *, answers_only: bool) -> Predictions:
     if ID_PREFIX in "".join(instr_ids):
         n_prefixed = sum(map(str.startswith, instr_ids, repeat(ID_PREFIX)))
         instr_ids = [each.removeprefix(ID_PREFIX) for each in instr_ids]
-    is_navigation_only = not form.answer_keys
     log.differences.update(records.differences)
     log.differences["prefixed"] += n_prefixed
-    log.differences["navigation only"] += len(instr_ids) * (is_navigation_only and task.has_targets)
+    log.differences["navigation only"] += len(instr_ids) * (not has_answers and task.has_targets)
+    boxes = NO_BOXES
+    if form.has_boxes:
+        nowhere = np.full_like(walks.stop_angles, np.nan)
+        boxes = _box_columns(part.box, nowhere if answers_only else walks.stop_angles, log)
     if not answers_only:
         _note_elements(walks, log)
     pose_locations, continues_hop = _pose_locations(walks)
@@ -276,10 +297,11 @@ def _read(records: _Records, task: Task, *, answers_only: bool) -> Predictions:
         distinct_ids=list(id_numbers.numbering),
         offsets=offsets_of(np.add.reduceat(walks.n_viewpoints, offsets_of(walks.n_elements)[:-1])),
         predicted_object=part.predicted_object,
-        has_degrees=False,
+        has_degrees=look_like_degrees(walks.stop_angles),
         answer_is_text=part.answer_is_text,
         has_leading_zeros=part.has_leading_zeros,
-        is_navigation_only=is_navigation_only,
+        boxes=boxes,
+        is_navigation_only=not has_answers,
         point=part.point if task.has_items else None,
         locations=locations,
         pose_locations=pose_locations,
@@ -291,7 +313,7 @@ def _read(records: _Records, task: Task, *, answers_only: bool) -> Predictions:
             id_key="instr_id" if task.has_items else form.id_key,
             has_items=task.has_items,
             has_points=task.has_items,
-            has_answers=bool((part.predicted_object != ABSTAINED).any()),
+            has_answers=bool(len(boxes.row) or (part.predicted_object != ABSTAINED).any()),
         ),
     )
     return predictions.without_trajectories() if answers_only else predictions
@@ -335,11 +357,12 @@ def _form_of(names: tuple[str, ...], task: Task, *, has_keys: bool) -> _Form:
         _require(set(ids) <= set(task.id_field.names))
     # A name that resembles a known one is ignored where the known one has a value.
     _require({field_meant_by(name, known) for name in ignored} <= {None, known.id.name, walk_key})
-    if known.has_answers:
-        _require(BOX_KEY not in names and not any(map(answers_spelt_like, ignored)))
+    has_boxes = known.has_answers and BOX.name in names
+    _require(not (known.has_answers and any(map(answers_spelt_like, ignored))))
     types: dict[str, Any] = dict.fromkeys(names, Raw)
     types |= dict.fromkeys(ids, str | int if task.has_numbers else str)
     types |= dict.fromkeys(answers, str | int | None)
+    types |= {field.name: field.type for field in _BOX_FIELDS if has_boxes and field.name in names}
     types |= dict.fromkeys(POINT_KEYS if task.has_items else (), float | list[float] | None)
     fields = {name: f"field_{index}" for index, name in enumerate(names)}
     record = msgspec.defstruct(
@@ -351,7 +374,8 @@ def _form_of(names: tuple[str, ...], task: Task, *, has_keys: bool) -> _Form:
     )
     others = [name for name, kind in types.items() if kind is Raw and name != walk_key]
     decode = msgspec.json.Decoder(list[record]).decode  # type: ignore[valid-type]
-    return _Form(decode, fields, ids[0] if ids else "", walk_key, answers, others, ignored)
+    id_key = ids[0] if ids else ""
+    return _Form(decode, fields, id_key, walk_key, answers, has_boxes, others, ignored)
 
 
 def _read_piece(
@@ -369,13 +393,16 @@ def _read_piece(
     instr_ids = columns[form.id_key] if form.id_key else ()
     if task.has_numbers:
         instr_ids = list(map(str, instr_ids))
-    answers = _read_answers(
-        [columns[key] for key in form.answer_keys], form.answer_keys, len(records), log
-    )
-    point = np.empty((len(records), 0))
+    point = box = np.empty((len(records), 0))
     if task.has_items:
         point = _read_points([columns[key] for key in POINT_KEYS], log)
-    return _Part(instr_ids, *answers, point, _read_walks(columns[form.walk_key], id_numbers))
+    given = {key: columns[key] for key in form.answer_keys}
+    if form.has_boxes:
+        box = _read_boxes(columns)
+        given[BOX.name] = [each and _ANY_BOX for each in columns[BOX.name]]
+    answers = _read_answers(given, len(records), log)
+    walks = _read_walks(columns[form.walk_key], id_numbers, has_boxes=form.has_boxes)
+    return _Part(instr_ids, *answers, point, box, walks)
 
 
 def _has_long_number(text: bytes) -> bool:
@@ -388,35 +415,67 @@ def _has_long_number(text: bytes) -> bool:
 
 
 def _read_answers(
-    columns: Sequence[list[Any]], keys: Sequence[str], n_records: int, log: ReadingLog
+    columns: Mapping[str, list[Any]], n_records: int, log: ReadingLog
 ) -> tuple[IntArray, BoolArray, BoolArray]:
     no = np.zeros(n_records, dtype=np.bool_)
     if not columns:
         return np.full(n_records, ABSTAINED), no, no
-    if tuple(keys) == ANSWER_KEYS[:1] and set(map(type, columns[0])) == {int}:
+    keys, (first, *_) = tuple(columns), columns.values()
+    if keys == ANSWER_KEYS[:1] and set(map(type, first)) == {int}:
         # Nearly always: whole numbers under the official name differ in nothing but their range.
-        _require(max(columns[0]) <= LARGEST_OBJECT_ID)
-        objects = np.array(columns[0], dtype=np.int64)
+        _require(max(first) <= LARGEST_OBJECT_ID)
+        objects = np.array(first, dtype=np.int64)
         _require(objects.min() >= ABSTAINED)
         return objects, no, no
-    different = Numbering[tuple[int | str | None, ...]]()
-    index = different.numbers(zip(*columns, strict=True))
-    answers, differences = zip(*map(partial(_read_answer, tuple(keys)), different), strict=True)
+    different = Numbering[tuple[Any, ...]]()
+    index = different.numbers(zip(*columns.values(), strict=True))
+    answers, differences = zip(*map(partial(_read_answer, keys), different), strict=True)
     for number, each in zip(np.bincount(index).tolist(), differences, strict=True):
         log.differences.update({key: number * times for key, times in each})
-    objects, are_texts, have_zeros, _ = map(np.array, zip(*answers, strict=True))
+    objects, are_texts, have_zeros = map(np.array, list(zip(*answers, strict=True))[:3])
     return objects[index], are_texts[index], have_zeros[index]
 
 
 @lru_cache(maxsize=1 << 13)
 def _read_answer(
-    keys: tuple[str, ...], values: tuple[int | str | None, ...]
+    keys: tuple[str, ...], values: tuple[Any, ...]
 ) -> tuple[Answer, Sequence[tuple[str, int]]]:
     """Return the answer in these fields, and how often each difference occurs in it."""
     log = ReadingLog()
-    answer = read_answer(RecordLocation(0), dict(zip(keys, values, strict=True)), None, log)
+    # Any view serves: what is in a box is read with all other boxes.
+    record = {VIEW.name: 0, **dict(zip(keys, values, strict=True))}
+    answer = read_answer(RecordLocation(0), record, None, log)
     _require(not log.all_problems())
     return answer, [(key, times) for key, times in log.differences.items() if times]
+
+
+def _read_boxes(columns: Mapping[str, list[Any]]) -> FloatArray:
+    boxes = columns[BOX.name]
+    nothing = [None] * len(boxes)
+    sizes, views = (columns.get(field.name, nothing) for field in (IMAGE_SIZE, VIEW))
+    return np.column_stack(
+        [
+            _table([box or _NO_BOX for box in boxes], 4),
+            _table([size or (WIDTH, HEIGHT) for size in sizes], 2),
+            np.array(views, dtype=np.float64),  # NaN for null
+        ]
+    )
+
+
+def _table(rows: Sequence[Sequence[float]], width: int) -> FloatArray:
+    # Three times as fast as `np.array`, which first looks how deeply its argument is nested.
+    return np.fromiter(chain.from_iterable(rows), np.float64).reshape(-1, width)
+
+
+def _box_columns(box: FloatArray, stop_angles: FloatArray, log: ReadingLog) -> BoxAnswers:
+    row = np.flatnonzero(~np.isnan(box[:, 0]))
+    xywh, image_size, view = np.split(box[row], [4, 6], axis=1)
+    camera, has_view = stop_angles[row], ~np.isnan(view[:, 0])
+    camera[has_view] = view_angles(view[has_view, 0])
+    _require((np.abs(camera[:, 1]) <= STRAIGHT_UP).all())  # NaN is not
+    boxes = box_columns(GivenBoxes(row, xywh, image_size, camera, stop_angles[row]), log)
+    _require(not log.all_problems())
+    return boxes
 
 
 def _read_points(columns: Sequence[list[Any]], log: ReadingLog) -> FloatArray:
@@ -435,7 +494,7 @@ def _read_points(columns: Sequence[list[Any]], log: ReadingLog) -> FloatArray:
 # Trajectories.
 
 
-def _read_walks(texts: Sequence[Raw], id_numbers: "_IdNumbers") -> _Walks:
+def _read_walks(texts: Sequence[Raw], id_numbers: "_IdNumbers", *, has_boxes: bool) -> _Walks:
     """Read trajectories from their JSON text."""
     text = b"".join(texts)
     n_elements, n_viewpoints, n_numbers = _read_marks(text, len(texts))
@@ -446,11 +505,16 @@ def _read_walks(texts: Sequence[Raw], id_numbers: "_IdNumbers") -> _Walks:
     begin = begin + 1
     _require((end - begin == _ID_LENGTH).all())
     ids = np.ndarray(len(text) - _ID_LENGTH + 1, f"V{_ID_LENGTH}", text, strides=1)[begin]
-    is_within_turn = np.ones(len(texts), dtype=np.bool_)
+    stop_angles = np.full((len(texts), 2), np.nan)
     if n_numbers.max() > 0:
         _check_numbers(text, begin, np.count_nonzero(ids.view(np.uint8) == _E))
-        is_within_turn = _are_within_turn(text, end[last_of(offsets_of(lengths))])
-    return _Walks(is_within_turn, id_numbers.numbers(ids), n_elements, n_viewpoints, n_numbers)
+        last = end[last_of(offsets_of(lengths))]
+        needed = np.arange(len(last))
+        if not has_boxes:
+            stop_angles[:] = 0
+            needed = np.flatnonzero(~_are_within_turn(text, last))
+        stop_angles[needed] = _read_angles(text, last[needed])
+    return _Walks(stop_angles, id_numbers.numbers(ids), n_elements, n_viewpoints, n_numbers)
 
 
 def _read_marks(text: bytes, n_texts: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -525,6 +589,18 @@ def _are_within_turn(text: bytes, end: IntArray) -> BoolArray:
         # Five or less before the point, whatever is behind it; exponents are negative.
         is_within_turn &= (letters[digit] - _ZERO <= 5) & (letters[digit + 1] - _ZERO > 9)
     return np.asarray(is_within_turn | (letters[end + 1] == _CLOSE))
+
+
+def _read_angles(text: bytes, end: IntArray) -> FloatArray:
+    """Return the angles behind each viewpoint that ends there; NaN where there are none."""
+    texts = [text[each + 1 : text.index(b"]", each)] for each in end.tolist()]
+    count = np.array([each.count(b",") for each in texts], dtype=np.int64)
+    # Each of the texts begins with a comma if it has numbers.
+    numbers = np.array(_decode_numbers(b"[0%b,0,0]" % b"".join(texts)))
+    first = offsets_of(count)[:-1] + 1
+    angles = np.column_stack([numbers[first], numbers[first + 1]])
+    angles[count == 0] = np.nan
+    return angles
 
 
 class _IdNumbers:

@@ -14,16 +14,15 @@ import numpy as np
 
 from reverie_eval.arrays import offsets_of
 from reverie_eval.errors import SubmissionError
-from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._answers import (
     NO_POINT,
     Answer,
+    GivenBoxes,
     Point,
     box_columns,
-    box_scale_problems,
     disagree,
     has_answer,
     predicts,
@@ -49,6 +48,7 @@ from reverie_eval.submissions._fields import (
     unwrap,
 )
 from reverie_eval.submissions._predictions import (
+    NO_BOXES,
     Numbering,
     Predictions,
     Signs,
@@ -294,10 +294,12 @@ def read_carefully(
     answers = [record.answer or Answer(ABSTAINED) for record in records]
     # The shape is said for a file without records, of which numpy makes shape (0,).
     stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
-    boxes = box_columns(answers, stop_angles)
-    log.problems.extend(box_scale_problems(boxes))
-    log.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
-    log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
+    given = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
+    boxes = NO_BOXES
+    if given:
+        xywh, image_size, camera, _ = map(np.array, zip(*given.values(), strict=True))
+        rows = np.array(list(given))
+        boxes = box_columns(GivenBoxes(rows, xywh, image_size, camera, stop_angles[rows]), log)
     return Predictions(
         instr_ids=[record.instr_id for record in records],
         **Numbering.columns(chain.from_iterable(walk.viewpoint_ids for walk in walks)),

@@ -99,7 +99,7 @@ box_records = st.builds(
     st.builds("[{}, {}, {}, {}]".format, numbers, numbers, extents, extents),
     st.just("null") | st.integers(0, 35).map(str),
     st.just("null") | st.builds("[{}, {}]".format, extents, extents),
-    st.builds("[{}, {}, {}]".format, names, angles, angles),
+    poses | right_poses,
 )
 wrong_records = st.one_of(
     other_records,
@@ -112,7 +112,7 @@ wrong_records = st.one_of(
     st.builds(lambda name, text: f'{record()[:-1]}, "{name}": {text}}}', fields, texts),
     st.builds("[{}, {}, {}]".format, texts, texts, texts).map(ending_in),
 )
-lists = st.sampled_from([right_records, records_of_hops]).flatmap(
+lists = st.sampled_from([right_records, records_of_hops, box_records]).flatmap(
     lambda right: st.builds(
         lambda before, wrong, after: document(*before, *wrong, *after),
         st.lists(right, max_size=2),
@@ -136,6 +136,13 @@ def damaged_documents(draw: st.DrawFn) -> bytes:
 
 
 A, B = f'"{"a" * 32}"', f'"{"b" * 32}"'
+
+
+def boxed(**fields: str) -> str:
+    """Return the text of a record that answers by box."""
+    return record(**{"predObjId": "-1", "predBox": "[1, 2, 3.5, 4]"} | fields)
+
+
 RIGHT_RECORD = record(trajectory=f"[[{A}, 1.5, 0]]")
 TASKS = ("reverie", "ndh", "r2r", "r4r", "rxr", "soon")
 
@@ -324,8 +331,8 @@ def test_hops_by_the_fast_reader() -> None:
         pytest.param(record(trajectory=f"[[{A}, 1e400, 0]]"), False, id="infinite"),
         pytest.param(record(trajectory=f"[[{A}, {'9' * 400}, 0]]"), False, id="a long number"),
         pytest.param(record(trajectory=f"[[{A}, 1e-400, 0]]"), True, id="nearly zero"),
-        pytest.param(record(trajectory=f"[[{A}, 30.5, 0]]"), False, id="degrees, perhaps"),
-        pytest.param(record(trajectory=f"[[{A}, 6.25, 0]]"), False, id="nearly a full turn"),
+        pytest.param(record(trajectory=f"[[{A}, 30.5, 0]]"), True, id="degrees"),
+        pytest.param(record(trajectory=f"[[{A}, 6.25, 0]]"), True, id="nearly a full turn"),
         pytest.param(record(trajectory="[[]]"), False, id="empty hop only"),
         pytest.param(record(trajectory="[]"), False, id="no pose"),
         pytest.param(record(instr_id='"reverie_7_1_0"'), True, id="prefix"),
@@ -334,7 +341,23 @@ def test_hops_by_the_fast_reader() -> None:
         pytest.param(record(note="9" * 4400), False, id="a number that Python refuses"),
         pytest.param(record(path="1"), True, id="another spelling beside the field"),
         pytest.param(record(objId="1"), False, id="another spelling of an answer"),
-        pytest.param(record(predBox="null"), False, id="box"),
+        pytest.param(record(predBox="null"), True, id="null box"),
+        pytest.param(record(predBox="[1, 2, 3, 4]"), False, id="box beside an object"),
+        pytest.param(boxed(), True, id="box"),
+        pytest.param(boxed(predView="35"), True, id="box in a view"),
+        pytest.param(boxed(predView="36"), False, id="box in a view that there is not"),
+        pytest.param(boxed(predView="12.0"), False, id="box in a view that is no whole number"),
+        pytest.param(boxed(predView="null", predImageSize="[320, 480]"), True, id="scaled box"),
+        pytest.param(boxed(predImageSize="[0.5, 480]"), False, id="box in an image without width"),
+        pytest.param(boxed(predObjId="null"), True, id="box beside null"),
+        pytest.param(boxed(predObjId='"None"'), True, id="box beside an abstention"),
+        pytest.param(boxed(predBox="[1, 2, 0, 4]"), False, id="box without width"),
+        pytest.param(boxed(predBox="[1, 2, 3]"), False, id="box of three numbers"),
+        pytest.param(boxed(predBox="[1, 2, 3, 1e400]"), False, id="infinite box"),
+        pytest.param(boxed(predBox="[1e308, 2, 1e308, 4]"), True, id="box outside"),
+        pytest.param(boxed(trajectory=f"[[{A}]]"), False, id="box without a camera"),
+        pytest.param(boxed(trajectory=f"[[{A}, 1, 1.6]]"), False, id="box from upside down"),
+        pytest.param(boxed(trajectory=f"[[{A}, 90, 1.5, 7], []]"), True, id="box, empty hop"),
         pytest.param(f'{RIGHT_RECORD[:-1]}, "predObjId": 3}}', False, id="a field twice"),
         pytest.param(f'{RIGHT_RECORD[:-1]}, "pred\\u004fbjId": 3}}', False, id="twice, escaped"),
     ],

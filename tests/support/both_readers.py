@@ -38,7 +38,7 @@ def read_by_both(content: bytes, task: Task, *, answers_only: bool = False) -> b
     assert columns_of(fast) == columns_of(careful), content
     assert places_of(fast) == places_of(careful), content
     assert hops_of(fast) == hops_of(careful), content
-    assert boxes_of(fast) == boxes_of(careful) == [], content
+    assert boxes_of(fast) == boxes_of(careful), content
     for name in ("answer_is_text", "has_leading_zeros"):
         assert getattr(fast, name).tolist() == getattr(careful, name).tolist(), content
     for name in ("is_navigation_only", "differences", "signs"):
@@ -56,6 +56,20 @@ def small_files() -> Mapping[str, tuple[bytes, Task]]:
     """Return files of few records by their names: of every form, task and mistake."""
     reverie, records = find_task("reverie"), list(OFFICIAL[:_FEW])
     files = {name: (form.bytes(records), reverie) for name, form in FORMS.items()}
+    boxed = [{**each, "predObjId": -1, "predBox": [10, 20.5, 3e2, 40]} for each in records]
+    drawn = {
+        "boxes": [{**each, "predView": 12} for each in boxed],
+        "boxes by the last camera": [
+            {**each, "trajectory": [[v, h, 0.5] for v, h, _ in each["trajectory"]]}
+            for each in boxed
+        ],
+        "scaled boxes, and none": [
+            {**boxed[0], "predView": None, "predImageSize": [320, 240]},
+            {**boxed[1], "predView": 0, "predImageSize": None},
+            {**boxed[2], "predView": 35, "predImageSize": None, "predBox": None},
+        ],
+    }
+    files |= {name: (json.dumps(each).encode(), reverie) for name, each in drawn.items()}
     for name in BUILT_IN:
         if name != "reverie":
             some = json.loads((SAMPLES / f"{name}.json").read_bytes())[:_FEW]

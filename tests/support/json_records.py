@@ -1,6 +1,7 @@
 """Records as JSON text, and what reading makes of them in a form that compares."""
 
 import json
+from dataclasses import fields
 from typing import NamedTuple
 
 from reverie_eval import Problem, SubmissionError
@@ -70,10 +71,10 @@ def hops_of(predictions: Predictions) -> list[bool]:
 
 
 def boxes_of(predictions: Predictions) -> list[tuple[object, ...]]:
-    """Return the boxes of predictions, each with its record, its camera and whether it is cut."""
+    """Return the boxes of predictions, each with all that is known of it; NaN as text."""
     boxes = predictions.boxes
-    columns = boxes.row, boxes.xywh, boxes.camera, boxes.is_cut
-    return list(zip(*(column.tolist() for column in columns), strict=True))
+    columns = (getattr(boxes, field.name).tolist() for field in fields(boxes))
+    return [tuple(map(str, each)) for each in zip(*columns, strict=True)]
 
 
 def places_of(predictions: Predictions) -> list[tuple[str, list[tuple[int, ...]]]]:

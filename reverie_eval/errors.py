@@ -39,6 +39,7 @@ _PARTS: Mapping[str, tuple[str, str]] = {
     "scipy": ("intervals, comparisons and plans need", "analysis"),
     "tenacity": ("calling a server needs", "client"),
     "torch": ("trained agents need", "agents"),
+    "vl_convert": ("figures of episodes as PDF or PNG need", "report"),
     "yaml": ("metadata in YAML need", "report"),
 }
 

@@ -29,6 +29,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "validate": "submissions:validate_submission",
                 "compare": "compare:compare",
                 "report": "compare:report",
+                "figure": "figure:figure",
                 "plan": "plan:plan",
                 "protocol": "protocol:protocol",
                 "subset": "submissions:draw_episodes",

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.text import category_text
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from reverie_eval.reporting.episode_figure import Columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,22 +161,21 @@ class Episode:
 
     # Conveniences by what is above this package; the import contract lists them.
 
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the episode on its scan's navigation graph, seen from above. Needs matplotlib.
+    def save(self, file: str | Path, columns: "Columns" = 2, *, legend: bool = True) -> None:
+        """Write the episode as a figure for a paper: its map and what the agent saw at its stop.
 
         Parameters
         ----------
-        ax : Axes, optional
-            Where to draw; a new figure if not given.
-
-        Raises
-        ------
-        ReverieEvalError
-            If matplotlib is not installed.
+        file : str or Path
+            Its ending says whether it is SVG, PDF or PNG.
+        columns : {1, 2}
+            The width: one or two columns, 3.3 or 6.9 inches.
+        legend : bool
+            Whether the signs of the map are explained.
         """
-        from reverie_eval.reporting.figures import plot_episode
+        from reverie_eval.reporting.episode_figure import save_figure
 
-        return plot_episode(self, ax)
+        save_figure({"": self}, file, columns, legend=legend)
 
     def _repr_html_(self) -> str:
         """Show the map of the episode in a notebook, with its instruction and outcome."""

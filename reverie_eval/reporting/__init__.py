@@ -10,6 +10,7 @@ service               what an evaluation server replies
 datasets              the faults and contents of a dataset
 drawing               lines by class, as SVG and with matplotlib
 charts, figures       distributions; all figures with matplotlib
+episode_figure        an episode for a paper: SVG, PDF, PNG
 maps                  an episode from above, as data
 map_layout, map_svg   what is on a map and where; maps as SVG
 answers, answer_svg   what is visible where an agent answered; its pictures
@@ -24,10 +25,11 @@ from typing import TYPE_CHECKING, Any
 from reverie_eval.reporting.results import results_table
 
 if TYPE_CHECKING:
+    from reverie_eval.reporting.episode_figure import save_figure
     from reverie_eval.reporting.figures import plot_budgets, plot_curve
     from reverie_eval.reporting.report import report_html
 
-__all__ = ["plot_budgets", "plot_curve", "report_html", "results_table"]
+__all__ = ["plot_budgets", "plot_curve", "report_html", "results_table", "save_figure"]
 
 
 def __getattr__(name: str) -> Any:
@@ -36,6 +38,10 @@ def __getattr__(name: str) -> Any:
         from reverie_eval.reporting import figures
 
         return getattr(figures, name)
+    if name == "save_figure":
+        from reverie_eval.reporting.episode_figure import save_figure
+
+        return save_figure
     if name == "report_html":
         from reverie_eval.reporting.report import report_html
 

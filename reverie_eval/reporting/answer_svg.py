@@ -82,28 +82,37 @@ def answer_svg(shown: AnswerView, number: int = 1) -> str:
 
     The answer has the colour of the submission with this number on maps.
     """
-    return _draw(shown, f"answer-view route-{number}")
+    return _draw(shown, number)
 
 
 def answer_picture(shown: AnswerView) -> str:
     """Draw a picture that includes its style sheet, for a file or any page."""
     own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{ANSWER_STYLE}</style>"
-    return _draw(shown, "answer-view", *own)
+    return _draw(shown, 1, *own)
 
 
-def _draw(shown: AnswerView, kind: str, attributes: str = "", style: str = "") -> str:
+def answer_shapes(shown: AnswerView) -> tuple[str, float]:
+    """Draw the view of an answer, or the panorama if no view shows it, and say how high it is."""
+    if shown.view is None:
+        return "".join(_panorama(shown)), _STRIP_HEIGHT + _TICKS_HEIGHT
+    return "".join(_view(shown, shown.view)), HEIGHT
+
+
+def answer_class(shapes: str, number: int) -> str:
+    """Return the class of the shapes of a submission's answer, which says how they look."""
+    return f"answer-view route-{number}{' on-photograph' if '<image' in shapes else ''}"
+
+
+def _draw(shown: AnswerView, number: int, attributes: str = "", style: str = "") -> str:
     top = 0 if shown.view is None else HEIGHT + _GAP
     height = top + _STRIP_HEIGHT + _TICKS_HEIGHT
-    return "".join(
-        [
-            f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {height:.0f}"{attributes}>',
-            f"<title>{escape(f'What is visible from viewpoint {shown.viewpoint_id}')}</title>",
-            f"<desc>{escape(shown.description)}</desc>{style}",
-            *(() if shown.view is None else _view(shown, shown.view)),
-            f'<g transform="translate(0 {top})">',
-            *_panorama(shown),
-            "</g></svg>",
-        ]
+    view = "" if shown.view is None else "".join(_view(shown, shown.view))
+    shapes = f'{view}<g transform="translate(0 {top})">{"".join(_panorama(shown))}</g>'
+    size = f'viewBox="0 0 {WIDTH} {height:.0f}"'
+    return (
+        f'<svg class="{answer_class(shapes, number)}" role="img" {size}{attributes}>'
+        f"<title>{escape(f'What is visible from viewpoint {shown.viewpoint_id}')}</title>"
+        f"<desc>{escape(shown.description)}</desc>{style}{shapes}</svg>"
     )
 
 
@@ -119,10 +128,11 @@ def panorama_svg(
     """
     height = _STRIP_HEIGHT + _TICKS_HEIGHT
     photograph = skybox.panorama(heading, _HIGHEST) if skybox else ""
+    on = " on-photograph" if photograph else ""
     title = f"Panorama, with heading {heading % 360:.0f}° in the middle"
     return "".join(
         [
-            f'<svg class="answer-view panorama" viewBox="0 0 {WIDTH} {height:.0f}">',
+            f'<svg class="answer-view panorama{on}" viewBox="0 0 {WIDTH} {height:.0f}">',
             f"<title>{escape(title)}</title>",
             *_grid(heading, photograph),
             *(element for link in objects for element in _object_link(link, heading)),
@@ -150,18 +160,24 @@ def _view(shown: AnswerView, view: int) -> Iterator[str]:
     horizon = view // 12 * HEIGHT / 2
     yield f'<svg width="{WIDTH}" height="{HEIGHT}">'
     yield _background(shown.skybox.view(view) if shown.skybox else "", HEIGHT, horizon)
-    yield from _meridians(view, horizon)
+    headings = list(_meridians(view, horizon))
+    for line, *_ in headings:
+        yield line
     for role, each in _outlined(shown):
         for xywh in each.xywh[each.view == view]:
             yield _rect(role, _SCALE * xywh, each.name)
     for outline in _predicted_outline(shown, view):
         yield _polygon("answer", outline, "predicted box")
-    yield from _labels(shown, view)
+    for _, x, y, text in headings:
+        yield _text("heading", x, y, text)
+    yield from _labels(
+        shown, view, [(x - _TICK_MARGIN, x + _TICK_MARGIN, y) for _, x, y, _ in headings]
+    )
     yield "</svg>"
 
 
-def _meridians(view: int, horizon: float) -> Iterator[str]:
-    """Draw the headings of a view as lines, with their degrees at the upper or lower edge."""
+def _meridians(view: int, horizon: float) -> Iterator[tuple[str, float, float, str]]:
+    """Draw the headings of a view as lines; with each, say where at an edge its degrees belong."""
     heading, elevation = np.rad2deg(view_angles(np.array([view]))[0])
     y = HEIGHT - 4 if horizon == HEIGHT else 12
     for offset in (-_STEP, 0, _STEP):
@@ -169,10 +185,10 @@ def _meridians(view: int, horizon: float) -> Iterator[str]:
         ends = np.deg2rad(elevation + np.array([-40.0, 40.0]))
         along = np.stack([np.sin(turn) * np.cos(ends), np.cos(turn) * np.cos(ends), np.sin(ends)])
         start, end = _in_view(along.T, view)
-        yield f'<path class="grid" d="M{start[0]:.1f} {start[1]:.1f}L{end[0]:.1f} {end[1]:.1f}"/>'
+        line = f'<path class="grid" d="M{start[0]:.1f} {start[1]:.1f}L{end[0]:.1f} {end[1]:.1f}"/>'
         share = (y - start[1]) / (end[1] - start[1])
-        x = start[0] + share * (end[0] - start[0])
-        yield _text("heading", x, y, f"{round(heading + offset) % 360}°")
+        x = float(start[0] + share * (end[0] - start[0]))
+        yield line, x, y, f"{round(heading + offset) % 360}°"
 
 
 def _predicted_outline(shown: AnswerView, view: int) -> Sequence[FloatArray]:
@@ -189,15 +205,19 @@ def _in_view(directions: FloatArray, view: int) -> FloatArray:
     return _SCALE * pixels_of(rays)
 
 
-def _labels(shown: AnswerView, view: int) -> Iterator[str]:
-    """Label the answer and the target in a view, and other objects where there is room."""
-    taken: list[tuple[float, float, float]] = []
+def _labels(
+    shown: AnswerView, view: int, taken: Sequence[tuple[float, float, float]]
+) -> Iterator[str]:
+    """Label the answer and the target in a view, and other objects where there is room.
+
+    ``taken`` has the left and right ends and the baselines of other texts.
+    """
     for role, text, box in _named_boxes(shown, view):
         width = _LETTER[role] * len(text)
         start = min(max(box[0] + 4, 3), WIDTH - width - 3)
         free = [
             line
-            for line in _lines(box, width)
+            for line in [*_lines(box, width), *_lines_nearby(role, box)]
             if _HIGHEST_LINE <= line <= _LOWEST_LINE
             and not any(
                 abs(line - other) < _LINE and start < end and begin < start + width
@@ -207,7 +227,7 @@ def _labels(shown: AnswerView, view: int) -> Iterator[str]:
         if not free and role == "other":
             continue
         line = free[0] if free else min(max(box[1], _HIGHEST_LINE), _LOWEST_LINE)
-        taken.append((start, start + width, line))
+        taken = [*taken, (start, start + width, line)]
         yield _text(f"label {role}", start, line, text)
 
 
@@ -217,6 +237,12 @@ def _lines(box: FloatArray, width: float) -> Sequence[float]:
     within, beside = [top + 13, top + height - 4], [top - 4, top + height + 13]
     fits = width + 8 <= box_width and height >= _LINE
     return [*within, *beside, top + 28] if fits else [*beside, *within]
+
+
+def _lines_nearby(role: Role, box: FloatArray) -> Sequence[float]:
+    """Return further baselines, the nearest first, for what has to have a label."""
+    lines = [] if role == "other" else np.arange(_HIGHEST_LINE, _LOWEST_LINE, _LINE).tolist()
+    return sorted(lines, key=lambda line: abs(line - float(box[1])))
 
 
 def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, FloatArray]]:

@@ -18,6 +18,7 @@ from reverie_eval.text import count_text
 
 # Points on each edge of a box: enough for a curve, as straight edges are curved in a panorama.
 _POINTS = 9
+_STOP, _PATH_END = "the stop", "the end of the annotated path"
 _ELEVATIONS = {-30: "30° down", 0: "level", 30: "30° up"}
 
 
@@ -36,6 +37,8 @@ class AnswerView:
     """IoU of the predicted box with the target's; empty if the view does not show the target."""
     view: int | None
     """The view to show, 0 to 35; None if none shows an answer or the target."""
+    where: str
+    """Where the viewpoint is: ``the stop`` or ``the end of the annotated path``."""
     caption: str
     skybox: Skybox | None = None
     """The photographs from here, if the reader has them."""
@@ -50,7 +53,7 @@ class AnswerView:
         main = predicted or target
         view = box.view if box else _best_view(main, target) if main else None
         sentences = [
-            _where(view, "the stop"),
+            _where(view, _STOP),
             _answer_sentence(episode, predicted),
             _target_sentence(episode, predicted, target, view),
             "" if objects else "No object is visible from here.",
@@ -63,6 +66,7 @@ class AnswerView:
             box=box,
             iou=_iou_text(episode),
             view=view,
+            where=_STOP,
             caption=" ".join(filter(None, sentences)),
             skybox=find_skybox(episode.graph, episode.stop),
         )
@@ -75,7 +79,6 @@ class AnswerView:
         if target is None:
             return None
         view = _best_view(target, target)
-        where = _where(view, "the end of the annotated path")
         return cls(
             viewpoint_id=episode.goal,
             objects=objects,
@@ -84,7 +87,8 @@ class AnswerView:
             box=None,
             iou="",
             view=view,
-            caption=f"{where} The target is {target.name}.",
+            where=_PATH_END,
+            caption=f"{_where(view, _PATH_END)} The target is {target.name}.",
             skybox=find_skybox(episode.graph, episode.goal),
         )
 
@@ -92,6 +96,11 @@ class AnswerView:
     def is_target(self) -> bool:
         """Whether the predicted object is visible from here and is the target."""
         return self.predicted is not None and self.predicted is self.target
+
+    @property
+    def shows_target(self) -> bool:
+        """Whether the target is in the view, or in the panorama if no view is shown."""
+        return self.target is not None and (self.view is None or self.view in self.target.view)
 
     @property
     def heading(self) -> float | None:
@@ -241,8 +250,8 @@ def _is_whole(seen: VisibleObject) -> BoolArray:
     return ~is_cut
 
 
-def _where(view: int | None, viewpoint: str) -> str:
-    return "" if view is None else f"Seen from {viewpoint}, {view_text(view)}."
+def _where(view: int | None, where: str) -> str:
+    return "" if view is None else f"Seen from {where}, {view_text(view)}."
 
 
 def _iou_text(episode: Episode) -> str:

@@ -1,4 +1,4 @@
-"""Lines by class, as maps and charts have them, drawn as SVG or with matplotlib.
+"""Lines by class, as maps and charts have them, drawn as SVG; those of charts with matplotlib too.
 
 Each place that draws says what lines there are; how they look is said by the style sheets of pages
 and, for matplotlib, by the one below. Colours are distinguishable with any colour vision: they are
@@ -21,8 +21,6 @@ Lines = Mapping[str, Sequence[FloatArray]]
 """Lines by class, each through points of shape (n, 2); a single point is a dot."""
 CLOSED = ("arrow", "sight", "mark", "band")
 """Lines that enclose an area, by the first word of their class."""
-STAIRS = ((-6, -5), (-6, -2), (-2, -2), (-2, 1), (2, 1), (2, 4), (6, 4))
-"""The mark for stairs, in units of the page to the right and upwards."""
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 GREY, INK = "#B3BAC4", "#333333"
 
@@ -76,29 +74,6 @@ def _mark(shape: object, size: float, face: str, edge: str, width: float) -> dic
 # The style sheet, as `map.css` and `report.css` are those of pages.
 _LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
     {
-        "edge": {"color": GREY, "linewidth": 0.8},
-        "viewpoint": _mark("o", 3.5, GREY, GREY, 1),
-        "elsewhere": {"alpha": 0.35},
-        "annotated": {"color": GREEN, "alpha": 0.3, "linewidth": 9},
-        "annotated off-level": {"linestyle": "--", "linewidth": 4.5},
-        "route": {
-            "color": INK,
-            "linewidth": 2,
-            "solid_capstyle": "round",
-            "dash_capstyle": "round",
-        },
-        "route off-level": {"linestyle": "--"},
-        "route jump": {"linestyle": ":"},
-        "sight": {"color": INK, "alpha": 0.2, "linewidth": 0},
-        "start": _mark("o", 6, "white", INK, 2),
-        "goal": _mark("o", 12, "white", GREEN, 2),
-        "end": _mark("*", 12, GREEN, "white", 0.8),
-        "stop": _mark("s", 6, INK, "white", 1),
-        "stairs": _mark(STAIRS, 9, "none", INK, 1.5),
-        "route-1": {"color": BLUE},
-        "route-2": {"color": VERMILION},
-        "stop route-1": {"markerfacecolor": BLUE},
-        "stop route-2": {"markerfacecolor": VERMILION},
         "series-1": {"color": BLUE},
         "series-2": {"color": VERMILION},
         "series-3": {"color": GREEN},
@@ -114,7 +89,7 @@ _LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
 )
 
 
-def look_of(kind: str) -> dict[str, Any]:
+def _look_of(kind: str) -> dict[str, Any]:
     """Return how matplotlib draws lines or marks of a class: an entry applies to all its classes.
 
     Later entries of the style sheet win.
@@ -130,7 +105,7 @@ def look_of(kind: str) -> dict[str, Any]:
 def draw_lines(lines: Lines, axes: "Axes", zorder: int, key: Mapping[str, str]) -> None:
     """Draw lines with matplotlib; ``key`` has what the classes in the legend mean."""
     for kind, several in lines.items():
-        look = {"label": key.get(kind), "zorder": zorder, **look_of(kind)}
+        look = {"label": key.get(kind), "zorder": zorder, **_look_of(kind)}
         if kind.startswith(CLOSED):
             for outline in several:
                 axes.fill(*outline.T, **look)

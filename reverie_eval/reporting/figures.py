@@ -8,13 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import cycle
 from numbers import Real
-from textwrap import wrap
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reverie_eval.analysis import BudgetCurve, Comparison, Episode, GroupingKey
+from reverie_eval.analysis import BudgetCurve, Comparison, GroupingKey
 from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
@@ -26,16 +25,12 @@ from reverie_eval.reporting.drawing import (
     ORANGE,
     VERMILION,
     draw_lines,
-    look_of,
 )
-from reverie_eval.reporting.map_layout import HEIGHT, KEY_CLASSES, WIDTH, Layout, Mark
-from reverie_eval.reporting.maps import EpisodeMap, Sign
 from reverie_eval.scoring import Scored, Scores
 from reverie_eval.text import first_few
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
 
 _SPLIT_COLOURS: Mapping[str, str] = MappingProxyType(
     {"train": BLUE, "val_seen": ORANGE, "val_unseen": GREEN, "test": "#CC79A7"}
@@ -61,7 +56,6 @@ STYLE: Any = MappingProxyType(
 
 _SHOWN_GROUPS = 15
 _COLOURS = (ORANGE, BLUE, GREEN, VERMILION, "#CC79A7", "#56B4E9")
-_TITLE_LETTERS, _TITLE_LINES = 60, 3
 
 
 @dataclass(frozen=True)
@@ -308,13 +302,6 @@ def plot_budgets(curves: Mapping[str, BudgetCurve], ax: "Axes | None" = None) ->
     return axes
 
 
-def plot_episode(episode: Episode, ax: "Axes | None" = None) -> "Axes":
-    """Draw an episode on its scan's navigation graph; see :meth:`Episode.plot`."""
-    with styled_axes(ax) as axes:
-        draw_map(EpisodeMap.of({"": episode}), axes)
-    return axes
-
-
 def _plot_histogram(histogram: Histogram, ax: "Axes | None") -> "Axes":
     metric, values = histogram.metric, histogram.values[""]
     with styled_axes(ax) as axes:
@@ -347,67 +334,6 @@ def _draw_chart(chart: Chart, axes: "Axes") -> None:
 def _explain_beside(axes: "Axes") -> None:
     """Put the legend to the right of the axes, where it covers nothing."""
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
-# Maps.
-
-
-def draw_map(episode_map: EpisodeMap, axes: "Axes") -> None:
-    """Draw a map with its key below."""
-    layout = Layout(episode_map)
-    for zorder, layer in enumerate(map(list, layout.layers()), 1):
-        draw_lines(layout.joined(layer), axes, zorder, {})
-        for piece in layer:
-            if piece.mark is not None:
-                _draw_mark(piece.mark, axes, zorder)
-    bar = layout.frame.bar_metres
-    axes.plot([12, 12 + bar * layout.frame.scale], [HEIGHT - 12] * 2, color=INK, linewidth=1.5)
-    axes.text(12, HEIGHT - 17, f"{bar} m", fontsize="small")
-    axes.set_xlim(0, WIDTH)
-    # The layout is that of the SVG map, whose y grows downwards.
-    axes.set_ylim(HEIGHT, 0)
-    axes.set_aspect("equal")
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.spines[:].set_visible(False)
-    axes.legend(
-        handles=list(map(_key_entry, episode_map.signs)),
-        frameon=False,
-        loc="upper left",
-        bbox_to_anchor=(0, 0),
-        ncols=2,
-        fontsize="small",
-    )
-    title = f"{episode_map.instr_id}: {episode_map.instruction}"
-    lines_of_title = wrap(title, _TITLE_LETTERS, max_lines=_TITLE_LINES, placeholder=" ...")
-    axes.set_title("\n".join(lines_of_title), loc="left", fontsize="small")
-
-
-def _draw_mark(mark: Mark, axes: "Axes", zorder: int) -> None:
-    if mark.kind != "label":
-        axes.plot(*mark.point, zorder=zorder, **look_of(f"{mark.kind} route-{mark.route}"))
-    if mark.text:
-        aside = (8, -3) if mark.kind == "label" else (-6, 6)
-        axes.annotate(
-            mark.text,
-            tuple(mark.point),
-            aside,
-            textcoords="offset points",
-            fontsize="small",
-            zorder=zorder,
-        )
-
-
-def _key_entry(sign: Sign) -> "Line2D":
-    """Return a sign for the key; a stop comes with the line of its route."""
-    from matplotlib.lines import Line2D
-
-    look = look_of(KEY_CLASSES.get(sign.kind, f"{sign.kind} route-{sign.route}"))
-    if sign.kind == "stop":
-        look |= {"linestyle": "-", "linewidth": 2}
-    if sign.kind == "sight":
-        look |= {"linewidth": 9}
-    return Line2D([], [], label=sign.meaning, **look)
 
 
 # Style.

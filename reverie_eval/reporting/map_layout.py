@@ -1,4 +1,4 @@
-"""What is on a map and where: layers of lines and marks, which SVG and matplotlib draw alike.
+"""What is on a map and where: layers of lines and marks, for whatever draws them.
 
 Points are in units of the page, to the right and down. The class of a line says how it looks, in
 the words of the style sheet: ``route off-level route-1``.
@@ -45,6 +45,12 @@ _SIGHT = 0.75
 _LANE = 3.4
 # Units of the page between the stops of two agents at the same viewpoint.
 _ASIDE = 6.0
+# Units of the page between a viewpoint and its label, and from its height to other lines.
+_Side = Literal["left of", "right of"]
+_BESIDE: Mapping[_Side, float] = MappingProxyType({"left of": -10.0, "right of": 10.0})
+_LABEL_LINES = (0, 11, -11, 22, -22)
+# Size of a letter of a label, and the part of it that is above the baseline.
+_LETTER, _ASCENT = np.array([5.8, 11.0]), 9.0
 _ARROW_SIZE = 9.0
 # Position along a leg: beyond its middle, so that arrows of both directions are side by side.
 _ARROW_SHARE = 0.62
@@ -59,7 +65,8 @@ _NO_LINES: Mapping[str, Sequence[FloatArray]] = MappingProxyType({})
 class Mark(NamedTuple):
     """A sign at a point."""
 
-    kind: Literal["start", "goal", "end", "stop", "stairs", "label"]
+    kind: Literal["start", "goal", "end", "stop", "stairs", "left of", "right of"]
+    """The last two are texts beside a viewpoint, which end or begin at the point."""
     point: FloatArray
     route: int = 0
     """The number of the submission whose stop this is, from 1; 0 for other marks."""
@@ -205,8 +212,32 @@ class Layout:
             for row in dict.fromkeys([self._map.start, self._map.path_end, *stops]):
                 (level,) = self._map.levels([row])
                 labels.setdefault(row, []).append(f"level {level}")
+        taken = [_box_of(piece.mark) for piece in self._stairs() if piece.mark]
         for row, texts in labels.items():
-            yield Piece([row], mark=Mark("label", self._point[row], text=", ".join(texts)))
+            mark = self._label(row, ", ".join(texts), taken)
+            taken.append(_box_of(mark))
+            yield Piece([row], mark=mark)
+
+    def _label(self, row: int, text: str, taken: Sequence[FloatArray]) -> Mark:
+        """Put a label beside a viewpoint: away from the routes, and where no other text is."""
+        legs = np.vstack([self._map.annotated_legs, *(route.legs for route in self._map.routes)])
+        ends = legs[(legs == row).any(axis=1)]
+        routes_lead_right = (self._point[ends, 0] - self._point[row, 0]).sum() > 0
+        sides = sorted(_BESIDE, key=lambda side: (side == "left of") != routes_lead_right)
+        marks = [
+            Mark(side, self._point[row] + (_BESIDE[side], 4 + down), text=text)
+            for down in _LABEL_LINES
+            for side in sides
+        ]
+        is_free = [
+            low[0] >= 0
+            and high[0] <= WIDTH
+            and not any(
+                (low < its_high).all() and (its_low < high).all() for its_low, its_high in taken
+            )
+            for low, high in map(_box_of, marks)
+        ]
+        return marks[is_free.index(True) if any(is_free) else 0]
 
     def _stop_point(self, route: Route) -> FloatArray:
         """Return where a stop is drawn: beside that of another agent at the same viewpoint."""
@@ -285,6 +316,16 @@ def sector(heading: float) -> FloatArray:
     turns = heading + _VIEW_ANGLE * np.linspace(-0.5, 0.5, _SIGHT_POINTS)
     arc = _SIGHT_RADIUS * np.column_stack([np.sin(turns), -np.cos(turns)])
     return np.vstack([np.zeros(2), arc])
+
+
+def _box_of(mark: Mark) -> FloatArray:
+    """Return the corners, shape (2, 2), of the text of a mark, about as large as it is."""
+    width, height = _LETTER * (len(mark.text), 1)
+    share = {"left of": 1.0, "right of": 0.0}.get(mark.kind, 0.5)
+    # The text of stairs is above them.
+    bottom = mark.point[1] - (8 if mark.kind == "stairs" else 0)
+    corner = np.array([mark.point[0] - share * width, bottom - _ASCENT])
+    return np.stack([corner, corner + np.array([width, height])])
 
 
 def _goes_on(kind: str, line: FloatArray, following: FloatArray) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from reverie_eval.analysis import Episode, Gallery
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import answer_views
-from reverie_eval.reporting.drawing import STAIRS, element, line_data, path, path_data, text_at
+from reverie_eval.reporting.drawing import element, line_data, path, path_data, text_at
 from reverie_eval.reporting.map_layout import HEIGHT, KEY_CLASSES, WIDTH, Layout, Mark, Piece
 from reverie_eval.reporting.maps import EpisodeMap, Sign, SignKind
 from reverie_eval.reporting.replay import replay_html
@@ -29,7 +29,7 @@ _STAR = np.array(
         for turn, radius in zip(np.arange(10) * np.pi / 5, [7.5, 3.2] * 5, strict=True)
     ]
 )
-_LABEL_WIDTH, _ASIDE = 50.0, 10.0
+_STAIRS = np.array([(-6, 5), (-6, 2), (-2, 2), (-2, -1), (2, -1), (2, -4), (6, -4)])
 _RADIUS = {"start": 5.5, "goal": 7.0}
 # Path data of the signs in a key that are lines.
 _KEY_LINES: Mapping[SignKind, str] = MappingProxyType(
@@ -60,12 +60,17 @@ def interactive_map_svg(episode_map: EpisodeMap) -> str:
     return _Drawing(episode_map).interactive()
 
 
+def map_shapes(episode_map: EpisodeMap) -> str:
+    """Draw what a still map consists of, for a picture with other things beside it."""
+    return _Drawing(episode_map).shapes()
+
+
 def map_key(*maps: EpisodeMap) -> str:
     """Explain the signs on maps of the same submissions in HTML."""
     signs = dict.fromkeys(sign for each in maps for sign in each.signs)
     entries = "".join(
         f'<span><svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">'
-        f"{_sign(sign)}</svg> {escape(sign.meaning)}</span>"
+        f"{sign_shapes(sign)}</svg> {escape(sign.meaning)}</span>"
         for sign in signs
     )
     return f'<p class="map-key">{entries}</p>'
@@ -107,8 +112,11 @@ class _Drawing:
         self._layout = Layout(episode_map)
 
     def still(self, attributes: str = "", style: str = "") -> str:
-        shapes = (shape for layer in self._layout.layers() for shape in self._joined(list(layer)))
-        return self._svg("episode-map", shapes, attributes, style)
+        return self._svg("episode-map", self.shapes(), attributes, style)
+
+    def shapes(self) -> str:
+        layers = map(list, self._layout.layers())
+        return self._on_ground(shape for layer in layers for shape in self._joined(layer))
 
     def interactive(self) -> str:
         edges, annotated, *others = (map(self._apart, layer) for layer in self._layout.layers())
@@ -119,21 +127,22 @@ class _Drawing:
             "</g>",
             *chain.from_iterable(others),
         ]
-        return self._svg("episode-map walkable", shapes)
+        return self._svg("episode-map walkable", self._on_ground(shapes))
 
-    def _svg(self, kind: str, shapes: Iterable[str], attributes: str = "", style: str = "") -> str:
+    def _svg(self, kind: str, shapes: str, attributes: str = "", style: str = "") -> str:
+        return (
+            f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {HEIGHT}"{attributes}>'
+            f"<title>{escape(f'Map of episode {self._map.instr_id}')}</title>"
+            f"<desc>{escape(self._map.description)}</desc>{style}{shapes}</svg>"
+        )
+
+    def _on_ground(self, shapes: Iterable[str]) -> str:
+        """Lay shapes on the ground, with the scale above both."""
         metres, scale = self._layout.frame.bar_metres, self._layout.frame.scale
-        bar = f"M10 {HEIGHT - 14}v4h{metres * scale:.1f}v-4"
-        return "".join(
-            [
-                f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {HEIGHT}"{attributes}>',
-                f"<title>{escape(f'Map of episode {self._map.instr_id}')}</title>",
-                f"<desc>{escape(self._map.description)}</desc>{style}",
-                f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
-                *shapes,
-                f'<path class="scale" d="{bar}"/>',
-                f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text></svg>',
-            ]
+        return (
+            f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>{"".join(shapes)}'
+            f'<path class="scale" d="M10 {HEIGHT - 14}v4h{metres * scale:.1f}v-4"/>'
+            f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text>'
         )
 
     def _joined(self, layer: Sequence[Piece]) -> Iterator[str]:
@@ -158,8 +167,8 @@ class _Drawing:
         return f'<g data-levels="{levels}"{about}{faint}>{"".join(shapes)}</g>'
 
 
-def _sign(sign: Sign) -> str:
-    """Draw a sign for a key."""
+def sign_shapes(sign: Sign) -> str:
+    """Draw a sign for a key, 40 units wide and 16 high."""
     middle = np.array([20.0, 8.0])
     match sign.kind:
         case "stop":
@@ -185,12 +194,10 @@ def _mark(mark: Mark, title: str = "") -> str:
             corner = f'x="{x - 4.5:.1f}" y="{y - 4.5:.1f}" width="9" height="9"'
             return element("rect", f'class="stop route-{mark.route}" {corner}', title)
         case "stairs":
-            shape = path("stairs", line_data(mark.point + np.array(STAIRS) * (1, -1)))
+            shape = path("stairs", line_data(mark.point + _STAIRS))
             return shape + (_label(x, y - 8, mark.text, "middle") if mark.text else "")
-        case "label":  # to the left near the map's right edge
-            is_right = x > WIDTH - _LABEL_WIDTH
-            aside, anchor = (-_ASIDE, "end") if is_right else (_ASIDE, "")
-            return _label(x + aside, y + 4, mark.text, anchor)
+        case "left of" | "right of":
+            return _label(x, y, mark.text, "end" if mark.kind == "left of" else "")
 
 
 def _label(x: float, y: float, text: str, anchor: str) -> str:

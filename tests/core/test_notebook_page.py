@@ -60,7 +60,7 @@ def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 @pytest.mark.parametrize(
     ("page", "written"),
     [
-        pytest.param(PAGES["notebook"], {"episode.pdf", "comparison.pdf"}, id="notebook"),
+        pytest.param(PAGES["notebook"], {"episode.svg", "comparison.pdf"}, id="notebook"),
         pytest.param(PAGES["training"], {"runs", "epoch_1.npz", "curve.pdf"}, id="training"),
     ],
 )

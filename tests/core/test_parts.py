@@ -70,6 +70,9 @@ MISSING: Mapping[Words, str] = {
     ("export", "model-card", *SCORED, "--model", "a/b"): (
         "metadata in YAML need: pip install 'reverie-eval[report]'"
     ),
+    ("figure", GOOD, "1196_0_0", *SCORED[1:], "-o", "figure.pdf"): (
+        "figures of episodes as PDF or PNG need: pip install 'reverie-eval[report]'"
+    ),
     ("login", *SERVER): CALLS,
     (*CHAT, "--split", "val_unseen", "-o", "chat"): CALLS,
     ("submit", *SCORED, "--method", "Ours", *SERVER): CALLS,
@@ -104,6 +107,7 @@ IN_PYTHON = {
     "import reverie_eval.client": CALLS,
     "import reverie_eval.receipts": "receipts need: pip install 'reverie-eval[client]'",
     "import reverie_eval.server": THE_SERVER,
+    "scores.episode(scores.instr_ids[0]).save('episode.svg')": "",
     "scores._repr_html_()": "",
     "scores.episode(scores.instr_ids[0])._repr_html_()": "",  # without photographs
 }

@@ -1,10 +1,6 @@
 """Figures of scores with matplotlib: what is drawn, and where."""
 
-import re
-import subprocess
-import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -13,23 +9,17 @@ import pytest
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 
 import reverie_eval as rv
 from reverie_eval.analysis import near_misses
 from reverie_eval.reporting import plot_curve
 from reverie_eval.reporting.charts import Histogram
-from reverie_eval.reporting.map_svg import map_key
-from reverie_eval.reporting.maps import EpisodeMap
 from tests.conftest import SAMPLES
 from tests.support.forms import FORMS
 from tests.support.home_world import home_scores, perfect
 
 mpl.use("agg")
-
-GOAL = "goal viewpoint (success)"
-ELSEWHERE = "on a level that the episode does not reach"
 
 
 @pytest.fixture(autouse=True)
@@ -182,48 +172,6 @@ def test_submissions_share_their_bars(scores: rv.Scores) -> None:
         assert histogram.share[name].tolist() == pytest.approx(counts)
 
 
-def test_an_episode(scores: rv.Scores) -> None:
-    axes = scores.episode("2_4_0").plot()
-    assert axes.get_title(loc="left") == "2_4_0: go there"
-    assert explained(axes) == [
-        "route and stop",
-        "direction of the view of the answer",
-        "start",
-        "annotated path",
-        "end of the annotated path",
-        GOAL,
-        ELSEWHERE,
-    ]
-    rings = [each for each in axes.lines if each.get_marker() == "o"]
-    goals = [each for each in rings if each.get_markeredgecolor() == "#009E73"]
-    assert len(goals) == 2  # hall and room
-
-
-def test_the_key_of_a_figure_is_that_of_a_page(scores: rv.Scores) -> None:
-    episode = scores.episode("2_4_0")
-    shown = explained(episode.plot())
-    assert shown == re.findall(r"</svg> ([^<]+)</span>", map_key(EpisodeMap.of({"": episode})))
-
-
-def test_a_key_looks_like_what_it_explains(scores: rv.Scores) -> None:
-    axes = scores.episode("1_3_0").plot()
-    legend = axes.get_legend()
-    assert legend is not None
-    on_the_map = [look(line) for line in axes.lines]
-    in_key = {line.get_label(): look(line) for line in legend.get_lines()}
-    for meaning in ("annotated path", GOAL, ELSEWHERE, "start"):
-        assert in_key[meaning] in on_the_map
-    assert len(set(in_key.values())) == len(in_key)
-
-
-def look(line: Line2D) -> tuple[object, ...]:
-    """Return what tells a line or a mark from others."""
-    marker = line.get_marker()
-    if marker == "None":
-        return line.get_color(), line.get_linestyle(), line.get_alpha()
-    return marker, line.get_markerfacecolor(), line.get_markeredgecolor(), line.get_alpha()
-
-
 # Training and comparison.
 
 
@@ -308,14 +256,13 @@ def test_a_gallery(scores: rv.Scores) -> None:
     assert repr(gallery).startswith("<Gallery of near misses: 1 never reached, 1 overshot")
 
 
-@pytest.mark.parametrize("draw", ["funnel", "breakdown", "distribution", "episode"])
+@pytest.mark.parametrize("draw", ["funnel", "breakdown", "distribution"])
 def test_axes_that_are_given_are_drawn_on(draw: str, scores: rv.Scores) -> None:
     figure, given = plt.subplots()
     drawn = {
         "funnel": lambda: scores.plot.funnel(ax=given),
         "breakdown": lambda: scores.plot.breakdown("scan", ax=given),
         "distribution": lambda: scores.plot.distribution("success", ax=given),
-        "episode": lambda: scores.episode("1_3_0").plot(ax=given),
     }[draw]()
     assert drawn is given
     assert given.has_data()
@@ -330,33 +277,3 @@ def test_a_metric_that_is_not_scored(scores: rv.Scores) -> None:
 def test_an_unknown_grouping(scores: rv.Scores) -> None:
     with pytest.raises(rv.ProtocolError, match="unknown grouping 'room'"):
         scores.plot.breakdown("room")
-
-
-WITHOUT_MATPLOTLIB = """
-import sys
-sys.modules["matplotlib"] = None
-import reverie_eval as rv
-scores = rv.evaluate(sys.argv[1], split="val_unseen")
-scores.episode(scores.instr_ids[0])._repr_html_()
-try:
-    {call}
-except rv.ReverieEvalError as error:
-    print(error)
-"""
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        "scores.plot.funnel()",
-        "scores.plot.breakdown('scan')",
-        "scores.plot.distribution('success')",
-        "scores.episode(scores.instr_ids[0]).plot()",
-    ],
-)
-def test_without_matplotlib(call: str) -> None:
-    program = WITHOUT_MATPLOTLIB.format(call=call)
-    said = subprocess.check_output(
-        [sys.executable, "-c", program, str(Path(SAMPLES, "good.json"))], text=True
-    )
-    assert said == "figures need: pip install 'reverie-eval[report]'\n"

@@ -1,0 +1,62 @@
+"""``reverie-eval figure``: an episode as a figure for a paper."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from reverie_eval.submissions import find_files, find_runs, submission_names
+from reverie_eval_cli import options
+from reverie_eval_cli.options import ScoringOptions
+from reverie_eval_cli.output import check_outputs, score_each
+
+if TYPE_CHECKING:
+    from reverie_eval.reporting.episode_figure import Columns
+
+
+@click.command()
+@options.submissions
+@click.argument("episode")
+@options.new_path("FILE", "The figure; its name ends in .svg, .pdf or .png.")
+@options.scoring
+@options.with_default(
+    "--columns",
+    type=options.Choice(["1", "2"]),
+    default="2",
+    help="Width of the figure, in columns of a page: 3.3 or 6.9 inches.",
+)
+@options.with_default("--legend/--no-legend", default=True, help="Explain the signs of the map.")
+def figure(
+    *,
+    submissions: Sequence[str],
+    episode: str,
+    output: Path,
+    scoring: ScoringOptions,
+    columns: str,
+    legend: bool,
+) -> None:
+    """Draw an episode for a paper: its map, and what the agent saw where it answered.
+
+    EPISODE is an instr_id. A second SUBMISSION is drawn on the same map. NAME=FILE names a method.
+    """
+    from reverie_eval.reporting import save_figure
+
+    named = [run for run in map(find_runs, submissions) if run]
+    if named and len(named) < len(submissions):
+        raise click.UsageError("one file has a name and another has none; write NAME=FILE for both")
+    for name, runs in named:
+        if len(runs) > 1:
+            raise click.UsageError(
+                f"{name}: a figure shows one file of each method, got {len(runs)}"
+            )
+    files = [file for _, (file,) in named] or find_files(submissions)
+    # A single method needs a name only if it is given one.
+    unnamed = [""] if len(files) == 1 else submission_names(files)
+    names = [name for name, _ in named] or unnamed
+    if len(set(names)) < len(names):
+        raise click.UsageError(f"two submissions are named {names[0]}")
+    check_outputs([output], [*files, scoring.ground_truth])
+    scored = score_each(files, scoring.evaluator(scoring.find()))
+    episodes = {name: each.episode(episode) for name, each in zip(names, scored, strict=True)}
+    save_figure(episodes, output, cast("Columns", int(columns)), legend=legend)

@@ -1,0 +1,203 @@
+"""An episode as a figure for print: its map, and what the agents saw where they answered.
+
+The figure is one SVG, in the sizes of a journal's columns. PDF and PNG are made from it.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from reverie_eval.analysis import Episode
+from reverie_eval.errors import ProtocolError, naming_missing_parts
+from reverie_eval.files import staged_file
+from reverie_eval.reporting.answer_svg import ANSWER_STYLE, answer_class, answer_shapes
+from reverie_eval.reporting.answers import AnswerView
+from reverie_eval.reporting.drawing import text_at
+from reverie_eval.reporting.map_layout import HEIGHT, WIDTH
+from reverie_eval.reporting.map_svg import MAP_STYLE, map_shapes, sign_shapes
+from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.resources import text_of
+
+Columns = Literal[1, 2]
+"""The columns of a page that a figure takes up."""
+# A third route would hide the others.
+_MOST_EPISODES = 2
+_SUFFIXES = (".svg", ".pdf", ".png")
+# The width of one and of two columns, in inches, in IEEE's and ACM's styles.
+_INCHES: Mapping[Columns, float] = {1: 3.3, 2: 6.9}
+_PIXELS_PER_INCH = 300
+# In units of the page: a panel is as wide as a map.
+_GAP, _HEADING, _LINE, _SIGN = 16.0, 19.0, 19.0, 46.0
+_WIDEST_NAME = 230.0
+# Letters of Arial by their widths, in units of the page at the size of the key.
+_WIDTHS = (("ijlI'|.,:; ", 3.4), ("frt()[]/-", 4.1), ("wABCDEGHKNOPQRSUVXY", 9.5), ("mMW%@", 12))
+
+
+class _Panel(NamedTuple):
+    """A part of a figure, as wide as a map."""
+
+    heading: str
+    kind: str
+    """The class of its shapes."""
+    shapes: str
+    height: float
+
+
+def save_figure(
+    episodes: Mapping[str, Episode],
+    file: str | Path,
+    columns: Columns = 2,
+    *,
+    legend: bool = True,
+) -> None:
+    """Write an episode as a figure for a paper: its map, and what the agents saw at the end.
+
+    Fonts are embedded in PDF; PNG has 300 pixels per inch.
+
+    Parameters
+    ----------
+    episodes : mapping of Episode
+        The same episode of one or two submissions, by their names; a single name may be empty.
+    file : str or Path
+        A file whose name ends in .svg, .pdf or .png.
+    columns : {1, 2}
+        The width: one or two columns of a page, 3.3 or 6.9 inches. In one column, the map is above
+        the pictures.
+    legend : bool
+        Whether the signs of the map are explained.
+
+    Raises
+    ------
+    ProtocolError
+        If the file's name has another ending, there are more than two submissions, a name is too
+        long, or the episodes differ.
+    ReverieEvalError
+        If vl-convert is not installed, for PDF and PNG.
+    """
+    target = Path(file)
+    if target.suffix not in _SUFFIXES:
+        raise ProtocolError(f"{file}: expected a name that ends in .svg, .pdf or .png")
+    convert = str.encode if target.suffix == ".svg" else _converter(target.suffix)
+    data = convert(figure_svg(episodes, columns, legend=legend))
+    with staged_file(target) as staged:
+        staged.write(data)
+
+
+def figure_svg(episodes: Mapping[str, Episode], columns: Columns, *, legend: bool) -> str:
+    """Draw the figure that :func:`save_figure` writes."""
+    _check(episodes)
+    episode_map = EpisodeMap.of(episodes)
+    panels = list(_panels(episodes, episode_map))
+    width = columns * WIDTH + (columns - 1) * _GAP
+    shapes, bottom = [], -_GAP
+    for first in range(0, len(panels), columns):
+        row = panels[first : first + columns]
+        top = bottom + _GAP
+        shapes += [_at(panel, (WIDTH + _GAP) * i, top) for i, panel in enumerate(row)]
+        bottom = top + _HEADING + max(panel.height for panel in row)
+    if legend:
+        # Beside the last picture if there is room, or else below.
+        is_beside = len(panels) % columns != 0
+        left, top = (WIDTH + _GAP, top + _HEADING) if is_beside else (0.0, bottom + _GAP)
+        lines = _key_lines(episode_map, width - left)
+        shapes += [_key_line(line, left, top + _LINE * i) for i, line in enumerate(lines)]
+        bottom = max(bottom, top + _LINE * len(lines))
+    inches = _INCHES[columns]
+    style = _resolved(MAP_STYLE + ANSWER_STYLE + text_of("figure.css"))
+    return (
+        '<svg xmlns="http://www.w3.org/2000/svg" role="img" class="figure" '
+        f'width="{inches}in" height="{inches * bottom / width:.3f}in" '
+        f'viewBox="0 0 {width:g} {bottom:g}">'
+        f"<title>{escape(f'Episode {episode_map.instr_id}')}</title>"
+        f"<desc>{escape(episode_map.description)}</desc><style>{style}</style>"
+        f'<rect class="paper" width="{width:g}" height="{bottom:g}"/>'
+        f"{''.join(shapes)}</svg>"
+    )
+
+
+def _check(episodes: Mapping[str, Episode]) -> None:
+    if not 1 <= len(episodes) <= _MOST_EPISODES:
+        raise ProtocolError(f"a figure shows one or two submissions, got {len(episodes)}")
+    if len(instr_ids := {each.instr_id for each in episodes.values()}) > 1:
+        raise ProtocolError(f"a figure shows one episode, got {' and '.join(sorted(instr_ids))}")
+    for name in episodes:
+        if _width(name) > _WIDEST_NAME:
+            raise ProtocolError(f"the name {name} is too long for a figure; give a shorter one")
+
+
+def _converter(suffix: str) -> Callable[[str], bytes]:
+    """Return what makes PDF or PNG of a figure."""
+    with naming_missing_parts():
+        import vl_convert
+
+    def convert(svg: str) -> bytes:
+        # To vl-convert, a unit is a point and an inch has 96 units.
+        in_points = re.sub(r'="([\d.]+)in"', lambda it: f'="{72 * float(it[1]):.2f}"', svg, count=2)
+        if suffix == ".pdf":
+            return vl_convert.svg_to_pdf(in_points)
+        return vl_convert.svg_to_png(in_points, ppi=_PIXELS_PER_INCH)
+
+    return convert
+
+
+def _panels(episodes: Mapping[str, Episode], episode_map: EpisodeMap) -> Iterator[_Panel]:
+    yield _Panel(f"Map, {episode_map.storeys}", "episode-map", map_shapes(episode_map), HEIGHT)
+    views = [(name, AnswerView.at_stop(episode)) for name, episode in episodes.items()]
+    if not any(shown.shows_target for _, shown in views):
+        first, *_ = episodes.values()
+        views += [("", at_end)] if (at_end := AnswerView.at_path_end(first)) else []
+    for number, (name, shown) in enumerate(views, 1):
+        view = f"{name}: view" if name else "View"
+        shapes, height = answer_shapes(shown)
+        yield _Panel(f"{view} from {shown.where}", answer_class(shapes, number), shapes, height)
+
+
+def _at(panel: _Panel, x: float, y: float) -> str:
+    heading = text_at(x, y + 13, panel.heading, 'class="panel"')
+    size = f'width="{WIDTH}" height="{panel.height:.1f}"'
+    return (
+        f'{heading}<svg x="{x:g}" y="{y + _HEADING:g}" {size}>'
+        f'<g class="{panel.kind}">{panel.shapes}</g></svg>'
+        f'<rect class="border" x="{x:g}" y="{y + _HEADING:g}" {size}/>'
+    )
+
+
+def _key_lines(episode_map: EpisodeMap, width: float) -> Sequence[Sequence[tuple[str, str, float]]]:
+    """Break the key into lines of signs, meanings and positions."""
+    lines: list[list[tuple[str, str, float]]] = [[]]
+    x = 0.0
+    for sign in episode_map.signs:
+        if sign.kind == "elsewhere":  # left out by the style sheet
+            continue
+        needed = _SIGN + _width(sign.meaning)
+        if lines[-1] and x + needed > width:
+            lines.append([])
+            x = 0.0
+        lines[-1].append((sign_shapes(sign), sign.meaning, x))
+        x += needed + _GAP
+    return lines
+
+
+def _key_line(line: Sequence[tuple[str, str, float]], left: float, top: float) -> str:
+    return "".join(
+        f'<g class="episode-map" transform="translate({left + x:.1f} {top:.1f})">{sign}'
+        + text_at(_SIGN, 12, meaning, 'class="meaning"')
+        + "</g>"
+        for sign, meaning, x in line
+    )
+
+
+def _width(text: str) -> float:
+    """Return about how wide a text of the key is, in units of the page; never less than it is."""
+    widths = {letter: width for letters, width in _WIDTHS for letter in letters}
+    return sum(widths.get(letter, 6.8 if letter.isascii() else 12.0) for letter in text)
+
+
+def _resolved(style: str) -> str:
+    """Write a style sheet without variables and queries, which only browsers know."""
+    style = re.sub(r"@media[^{]*\{([^{}]*\{[^{}]*\})*\s*\}", "", style)
+    variable = re.compile(r"(--[\w-]+):\s*([^;]+);\s*")
+    values = dict(variable.findall(style))
+    return re.sub(r"var\((--[\w-]+)\)", lambda it: values[it[1]], variable.sub("", style))

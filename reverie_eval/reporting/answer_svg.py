@@ -4,8 +4,10 @@ The panorama alone, with links to objects and moves, is for a person who plays a
 photographs, boxes are drawn in an empty room with a horizon and a grid of headings.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from operator import itemgetter
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -40,7 +42,10 @@ _DEGREE = WIDTH / 360
 _HIGHEST = 60
 _STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
 _TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
-_WAY_RADIUS = 4
+# Radius of the circle of a way: on a phone, a finger hits it.
+_WAY_RADIUS = 5.5
+# Width of a letter and height of a line of objects' names in the panorama, in units of the page.
+_NAME_LETTER, _NAME_LINE = 2.8, 5.5
 # Degrees between the lines of the grid.
 _STEP = 30
 # Width of a letter in a label by its role, in units of the page.
@@ -58,12 +63,15 @@ Role = Literal["other", "target", "answer"]
 class ObjectLink(NamedTuple):
     """An object, and the address to which its link leads."""
 
+    object_id: int
     span: Span
     name: str
-    """Shown above it."""
+    """Shown above it, if there is room."""
     label: str
     """Distinguishes it from other objects of the same name."""
     href: str
+    is_chosen: bool = False
+    """Whether it is the one that the person has chosen so far."""
 
 
 class WayLink(NamedTuple):
@@ -125,18 +133,28 @@ def panorama_svg(
     """Draw a panorama with links, to play an episode, for a page that includes ``ANSWER_STYLE``.
 
     ``heading``, in degrees, is in the middle; ``skybox`` has the photographs, if there are any.
+    Ways are numbered from 1. What is smaller lies on top, so that no large box covers it; not what
+    is nearer, because a box is more than its object: that of a near rug covers a desk behind it.
+    The links are for pointers, and out of the order of the tab key: the page has lists of them.
     """
     height = _STRIP_HEIGHT + _TICKS_HEIGHT
     photograph = skybox.panorama(heading, _HIGHEST) if skybox else ""
     on = " on-photograph" if photograph else ""
     title = f"Panorama, with heading {heading % 360:.0f}° in the middle"
+    named = _with_room(objects, heading)
+    links = [
+        (_area(each.span), _object_link(each, heading, "name" if each in named else "name spare"))
+        for each in objects
+    ]
+    circle = math.pi * (_WAY_RADIUS / _DEGREE) ** 2
+    places = enumerate(zip(ways, _way_places(ways, heading), strict=True), 1)
+    links += [(circle, _way_link(number, each, *place)) for number, (each, place) in places]
     return "".join(
         [
             f'<svg class="answer-view panorama{on}" viewBox="0 0 {WIDTH} {height:.0f}">',
             f"<title>{escape(title)}</title>",
             *_grid(heading, photograph),
-            *(element for link in objects for element in _object_link(link, heading)),
-            *(element for link in ways for element in _way_link(link, heading)),
+            *(link for _, link in sorted(links, key=itemgetter(0), reverse=True)),
             "</svg>",
         ]
     )
@@ -330,18 +348,68 @@ def _position(angles: FloatArray, middle: float) -> FloatArray:
     return np.stack([x, y], axis=-1)
 
 
-def _object_link(link: ObjectLink, middle: float) -> Iterator[str]:
+def _area(span: Span) -> float:
+    """Return the size of a part of the panorama, in square degrees."""
+    return (span.right - span.left) * (span.high - span.low)
+
+
+def _with_room(objects: Sequence[ObjectLink], middle: float) -> Sequence[ObjectLink]:
+    """Return the objects with room for their names, which no other name overlaps; small ones first.
+
+    The others show their names when they are pointed at.
+    """
+    taken: list[tuple[float, float, float]] = []
+    shown = []
+    for link in sorted(objects, key=lambda each: _area(each.span)):
+        x, y = _name_position(link, middle)
+        reach = _NAME_LETTER * len(link.name) / 2
+        if all(
+            abs(y - other_y) > _NAME_LINE or abs(x - other_x) > reach + other_reach
+            for other_x, other_y, other_reach in taken
+        ):
+            taken.append((x, y, reach))
+            shown.append(link)
+    return shown
+
+
+def _name_position(link: ObjectLink, middle: float) -> tuple[float, float]:
+    """Return the middle of the baseline of an object's name: on its box, in the picture."""
     x, y = _position(np.array([link.span.middle, link.span.high]), middle)
-    yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
-    yield from _on_panorama("other", link.span, middle, link.label)
-    yield f'<text class="name" x="{x:.1f}" y="{max(y - 1, 5):.1f}">{escape(link.name)}</text></a>'
+    reach = _NAME_LETTER * len(link.name) / 2
+    return min(max(x, reach), WIDTH - reach), max(y - 1, _NAME_LINE)
 
 
-def _way_link(link: WayLink, middle: float) -> Iterator[str]:
-    x, y = _position(np.array([link.heading, link.elevation]), middle)
+def _object_link(link: ObjectLink, middle: float, kind: str) -> str:
+    x, y = _name_position(link, middle)
+    chosen = ' class="chosen"' if link.is_chosen else ""
+    return "".join(
+        [
+            f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}" tabindex="-1"',
+            f' data-object="{link.object_id}"{chosen}>',
+            *_on_panorama("other", link.span, middle, link.label),
+            f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}">{escape(link.name)}</text></a>',
+        ]
+    )
+
+
+def _way_places(ways: Sequence[WayLink], middle: float) -> Sequence[tuple[float, float]]:
+    """Return where the circles of ways are; one that would cover another is higher."""
+    places: list[tuple[float, float]] = []
+    for way in ways:
+        x, y = _position(np.array([way.heading, way.elevation]), middle).tolist()
+        while any(math.dist((x, y), other) < 2 * _WAY_RADIUS for other in places):
+            y -= 1
+        places.append((x, y))
+    return places
+
+
+def _way_link(number: int, link: WayLink, x: float, y: float) -> str:
     circle = f'cx="{x:.1f}" cy="{y:.1f}" r="{_WAY_RADIUS}"'
-    yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
-    yield f'<circle class="way" {circle}><title>{escape(link.label)}</title></circle></a>'
+    return (
+        f'<a href="{escape(link.href)}" aria-label="{number}: {escape(link.label)}" tabindex="-1"'
+        f' data-way="{number}"><circle class="way" {circle}><title>{escape(link.label)}</title>'
+        f'</circle><text class="way-number" x="{x:.1f}" y="{y + 2:.1f}">{number}</text></a>'
+    )
 
 
 # Elements.

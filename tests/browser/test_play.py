@@ -1,45 +1,43 @@
-"""A person walks episodes in a real browser, with the keyboard alone."""
+"""A person walks episodes in a real browser, with the keyboard alone and with a pointer."""
 
 import json
+import math
+import re
+from importlib.resources import files
 from pathlib import Path
+from random import Random
 
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 import reverie_eval as rv
 from reverie_eval.ground_truth import read_episode_ids
+from reverie_eval.reporting.answer_svg import ANSWER_STYLE, ObjectLink, WayLink, panorama_svg
+from reverie_eval.reporting.answers import Span
 from tests.support.browser import OpenPage
 from tests.support.demo_site import OPEN, OWNER, SAMPLES, Site
 
 
-def follow(page: Page, text: str) -> None:
-    """Follow a link whose text contains this, with the keyboard alone."""
-    for _ in range(60):
-        page.keyboard.press("Tab")
-        if text in page.evaluate("document.activeElement.closest('a')?.textContent ?? ''"):
-            page.keyboard.press("Enter")
-            page.wait_for_load_state()
-            return
-    raise AssertionError(text)
+def press(page: Page, key: str, part: str, text: str) -> None:
+    """Press a key, and wait until a part of the page says something."""
+    page.keyboard.press(key)
+    expect(page.locator(part)).to_contain_text(text)
 
 
 def test_walks_are_kept_with_their_times_and_can_be_downloaded(
     site: Site, open_page: OpenPage, tmp_path: Path
 ) -> None:
     page = open_page(site, f"/play/{OPEN}?n=2")
-    for _ in range(2):
-        follow(page, "Begin" if "/play/val_unseen?" in page.url else "Next episode")
-        expect(page.get_by_role("heading", name="Walk", exact=True)).to_be_visible()
-        follow(page, "walk ")
-        expect(page.locator("[data-play=walking]")).to_contain_text("1 step,")
-        follow(page, "stop here without an answer")
+    for number in (1, 2):
+        page.get_by_role("link", name="Begin" if number == 1 else "Next episode").press("Enter")
+        walk_and_stop(page)
         expect(page.get_by_role("heading", name="Scores")).to_be_visible()
     expect(page.locator("[data-play=scored]")).to_contain_text("2 walks are kept in this browser.")
     with page.expect_download() as waiting:
         page.get_by_role("button", name="Download").click()
     waiting.value.save_as(tmp_path / "walks.json")
     records = json.loads((tmp_path / "walks.json").read_bytes())
-    assert [(record["actions"], record["seconds"] > 0) for record in records] == [(2, True)] * 2
-    assert {len(record["trajectory"]) for record in records} == {2}
+    assert [(record["actions"], record["seconds"] > 0) for record in records] == [(3, True)] * 2
+    assert {len(record["trajectory"]) for record in records} == {3}
     page.goto(f"/play/{OPEN}?n=3")
     expect(page.locator(".sampled")).to_contain_text("✓ walked")
     expect(page.get_by_text("A leaderboard needs the whole split")).to_be_visible()
@@ -51,6 +49,128 @@ def test_walks_are_kept_with_their_times_and_can_be_downloaded(
     rv.evaluate(tmp_path / "walks.json", split=OPEN, subset=listed)
     page.get_by_role("button", name="Forget").click()
     expect(page.locator(".sampled")).not_to_contain_text("✓ walked")
+
+
+def walk_and_stop(page: Page) -> None:
+    """Walk two steps and stop, by the keyboard alone; the page itself never changes."""
+    expect(page.locator("#panorama")).to_be_focused()
+    page.evaluate("window.isSame = true")
+    ways = page.locator("#ways li").count()
+    faced = {page.locator("#facing").inner_text()}
+    for _ in range(ways - 1):
+        page.keyboard.press("ArrowLeft")
+        faced.add(page.locator("#facing").inner_text())
+    assert len(faced) == ways, "arrow keys turn to each way once"
+    press(page, "Enter", "#walked", "1 step,")
+    press(page, "1", "#walked", "2 steps,")
+    assert page.evaluate("window.isSame")
+    expect(page.locator("#panorama")).to_be_focused()
+    page.keyboard.press("Tab")
+    page.keyboard.press("Tab")
+    press(page, "ArrowUp", "#facing", "Chosen: none of them.")
+    page.keyboard.press("Enter")
+
+
+def test_an_object_is_chosen_first_and_then_confirmed(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/play/{OPEN}/1")
+    objects = page.locator("[data-object]")
+    ids = [each.get_attribute("data-object") for each in objects.all()]
+    for link, object_id in zip(objects.all(), ids, strict=True):
+        click_until_chosen(page, link, f"#object-{object_id}")
+    chosen = ids[-1]
+    button = page.locator("#answer button")
+    expect(button).to_contain_text(page.locator(f"[for=object-{chosen}]").inner_text().strip())
+    expect(page.locator("#panorama")).to_be_focused()
+    page.keyboard.press("Enter")  # which would walk if nothing were chosen
+    expect(page.locator("#walked")).to_contain_text("at the start")
+    button.click()
+    page.wait_for_url(re.compile(f"answer={chosen}$"))
+    expect(page.locator("code")).to_contain_text(f'"predObjId":{chosen}')
+
+
+def click_until_chosen(page: Page, link: Locator, radio: str) -> None:
+    """Click the middle of an object in the picture, again if a smaller one lies over it."""
+    x, y = link.evaluate(MIDDLE)
+    for _ in range(5):
+        page.mouse.click(x, y)
+        if page.locator(radio).is_checked():
+            return
+    raise AssertionError(radio)
+
+
+MIDDLE = """link => {
+    const { left, right } = link.ownerSVGElement.getBoundingClientRect();
+    for (const rect of link.querySelectorAll("rect")) {
+        const box = rect.getBoundingClientRect();
+        const [from, to] = [Math.max(box.left, left), Math.min(box.right, right)];
+        if (from < to) return [(from + to) / 2, box.top + box.height / 2];
+    }
+}"""
+"""The middle of the part of a box that the picture shows."""
+HITS = """pictures => pictures.map(picture => {
+    document.body.innerHTML = picture;
+    const { left, right, top } = document.querySelector("svg").getBoundingClientRect();
+    const shapes = [...document.querySelectorAll("a :is(rect, circle)")].map(shape => {
+        const link = shape.closest("a"), box = shape.getBoundingClientRect();
+        const isWay = shape.tagName === "circle", radius = box.width / 2;
+        const area = isWay ? Math.PI * radius ** 2 : box.width * box.height;
+        const has = (x, y, more = 0) => isWay
+            ? Math.hypot(x - box.left - radius, y - box.top - radius) < radius + more
+            : x > box.left - more && x < box.right + more
+                && y > box.top - more && y < box.bottom + more;
+        return { link, box, area, has };
+    }).sort((one, other) => one.area - other.area);
+    const wrong = [], part = [0.07, 0.5, 0.93];
+    let points = 0;
+    for (const { link, box, has } of shapes) {
+        const [from, to] = [Math.max(box.left, left + 1), Math.min(box.right, right - 1)];
+        for (const across of part) for (const down of part) {
+            const x = from + across * (to - from), y = box.top + down * box.height;
+            const isOnLine = shapes.some((shape) => shape.has(x, y, -2) !== shape.has(x, y, 2));
+            if (from >= to || isOnLine || !has(x, y)) continue;
+            points += 1;
+            const hit = document.elementFromPoint(x, y)?.closest("a");
+            const all = document.elementsFromPoint(x, y).map((each) => each.closest("a"));
+            const [{ area }, ...others] = shapes.filter((shape) => shape.has(x, y));
+            const isLarger = others.some((other) => other.link === hit && other.area > 1.01 * area);
+            if (!all.includes(link) || isLarger) wrong.push(link.outerHTML);
+        }
+    }
+    return { points, wrong };
+})"""
+"""What a pointer hits at nine points of each box and circle, against the smallest one there."""
+
+
+def test_the_smallest_box_is_hit_in_every_view(browser: Browser) -> None:
+    random = Random(3)
+    pictures = [made_up_view(random) for _ in range(200)]
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    sheet = files("reverie_eval.server.pages").joinpath("static/style.css").read_text()
+    page.set_content(f"<style>{sheet}{ANSWER_STYLE}</style>")
+    found = page.evaluate(HITS, pictures)
+    page.close()
+    assert sum(each["points"] for each in found) > 15_000
+    assert [each["wrong"] for each in found if each["wrong"]] == []
+
+
+def made_up_view(random: Random) -> str:
+    """Draw up to 30 objects, large and small ones that cover each other, and up to 8 ways."""
+    objects = []
+    for number in range(random.randint(1, 30)):
+        width, height = (math.exp(random.uniform(1, 4)) for _ in range(2))
+        low = random.uniform(-60, 60 - height)
+        span = Span(random.uniform(0, 360), -width / 2, width / 2, low, low + height)
+        objects.append(ObjectLink(number, span, "desk", f"desk {number}", f"#{number}"))
+    ways = [
+        WayLink(
+            number * 45 + random.uniform(0, 20),
+            random.uniform(-20, 20),
+            f"way {number}",
+            f"#way-{number}",
+        )
+        for number in range(random.randint(1, 8))
+    ]
+    return panorama_svg(objects, ways, random.uniform(0, 360))
 
 
 def test_walks_through_all_episodes_can_be_submitted(own_site: Site, open_page: OpenPage) -> None:

@@ -49,7 +49,9 @@ def play(page: Page) -> None:
     page.get_by_role("link", name="Begin").click()
     page.get_by_role("region", name="Walk").get_by_role("link").first.click()
     expect(page.get_by_role("main")).to_contain_text("1 step,")
-    page.get_by_role("region", name="Answer").get_by_role("link").first.click()
+    answer = page.get_by_role("region", name="Answer")
+    answer.get_by_role("radio").first.check()
+    answer.get_by_role("button").click()
     expect(page.get_by_role("heading", name="Scores")).to_be_visible()
     expect(
         page.get_by_role("row", name=re.compile("^Remote grounding success, RGS "))

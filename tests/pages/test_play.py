@@ -63,8 +63,11 @@ def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Se
         assert "target" not in said(page)
         assert instr_id not in page.text  # it has the id of the target
         page = visitor.get(unescape(link))
-    (link, *_) = re.findall(rf'href="([^"]*answer={record["predObjId"]})"', page.text)
+    (link,) = re.findall(rf'href="([^"]*choice={record["predObjId"]}#answer)"', page.text)
     page = visitor.get(unescape(link))
+    (chosen,) = re.findall(r"<input [^>]* checked>", page.text)
+    assert f'value="{record["predObjId"]}"' in chosen
+    page = visitor.get(address(number, steps, str(record["predObjId"])))
     (kept,) = re.findall(r'data-record="([^"]*)"', page.text)
     assert json.loads(unescape(kept)) == record
     values = rv.evaluate([*RECORDS.values()], split=OPEN, ground_truth=truth).episodes

@@ -42,6 +42,8 @@ class Played:
     """Numbers of viewpoints with dots between them."""
     answer: Annotated[str, Query(pattern=rf"^([0-9]+|{NOTHING})?$", max_length=9)] = ""
     """The object, or ``none``; empty while the walk goes on."""
+    choice: Annotated[str, Query(pattern=r"^[0-9]*$", max_length=9)] = ""
+    """The object that is chosen in the form, without scripts, and not yet the answer."""
 
     @property
     def steps(self) -> list[int]:
@@ -53,9 +55,9 @@ class Played:
         """The object that the person pointed at."""
         return int(self.answer) if self.answer.isdigit() else None
 
-    def link(self, split: str, number: int = 0, walk: str = "", answer: str = "") -> str:
+    def link(self, split: str, number: int = 0, walk: str = "", choice: str = "") -> str:
         """Return the address of the sample, or of an episode in it and a walk through that."""
-        query = {"seed": self.seed, "n": self.n, "walk": walk, "answer": answer}
+        query = {"seed": self.seed, "n": self.n, "walk": walk, "choice": choice}
         given = urlencode({key: value for key, value in query.items() if value != ""})
         place = quote(split, safe="") + (f"/{number}" if number else "")
         return f"/play/{place}?{given}"
@@ -106,7 +108,7 @@ def play(
 
 
 def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
-    """Return what can be done from here: as links in a picture, and as a list."""
+    """Return what can be done from here: as links in a picture, and as a list and a form."""
     split = walk.board.name
     ways = [
         WayLink(
@@ -117,26 +119,21 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
         )
         for way in walk.ways
     ]
-    objects = [
-        _object_link(each, played.link(split, number, played.walk, str(each.object_id)))
-        for each in walk.seen.candidates
-    ]
+    candidates = [_object_link(each, split, number, played) for each in walk.seen.candidates]
+    objects = sorted(candidates, key=lambda each: (each.name, each.span.middle))
     skybox = find_skybox(walk.board.truth.graph, walk.seen.viewpoint_id)
     panorama = panorama_svg(objects, ways, float(np.rad2deg(walk.seen.heading)), skybox)
-    return {
-        "panorama": drawn(panorama),
-        "ways": ways,
-        "objects": objects,
-        "nothing": played.link(split, number, played.walk, NOTHING),
-    }
+    return {"panorama": drawn(panorama), "ways": ways, "objects": objects, "nothing": NOTHING}
 
 
-def _object_link(seen: Candidate, href: str) -> ObjectLink:
-    """Link to the answer with an object, without its id."""
-    name = seen.name or "object"
+def _object_link(seen: Candidate, split: str, number: int, played: Played) -> ObjectLink:
+    """Link to the page on which an object is chosen: to point at it does not end the episode."""
+    name, choice = seen.name or "object", str(seen.object_id)
     views, boxes = zip(*seen.boxes, strict=True)
     span = span_of(VisibleObject(seen.object_id, name, np.array(views), np.array(boxes)))
-    return ObjectLink(span, name, f"{name}, heading {span.middle:.0f}°", href)
+    label = f"{name}, heading {span.middle:.0f}°"
+    href = played.link(split, number, played.walk, choice) + "#answer"
+    return ObjectLink(seen.object_id, span, name, label, href, choice == played.choice)
 
 
 def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:

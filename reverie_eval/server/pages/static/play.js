@@ -1,7 +1,6 @@
 // Keeps the walks that a person has finished in this browser, with their times, and offers them as a file.
-const place = document.querySelector("[data-play='walking'], [data-play='scored'], [data-play='kept']");
+const place = document.querySelector("[data-play='scored'], [data-play='kept']");
 const { split, number, episodes } = place.dataset;
-const BEGUN = `reverie-eval walk ${split} ${number}`;
 
 function download(name, type, text) {
   const link = document.createElement("a");
@@ -47,24 +46,10 @@ function showKept() {
   if (next) document.querySelector("[data-play='next']").href = next.querySelector("a").href;
 }
 
-function begun() {
-  return JSON.parse(sessionStorage.getItem(BEGUN) ?? "{}");
+const { at, actions } = number ? begunWalk(split, number) : {};
+if (at) {
+  const seconds = Math.round((Date.now() - at) / 100) / 10;
+  keepWalk(split, place.dataset.episode, { ...JSON.parse(place.dataset.record), seconds, actions });
+  endWalk(split, number);
 }
-
-if (place.dataset.play === "walking") {
-  const around = document.querySelector(".panorama").parentElement;
-  around.scrollLeft = (around.scrollWidth - around.clientWidth) / 2;
-  const again = !location.search.includes("walk=");
-  const walk = again || !begun().at ? { at: Date.now(), actions: 0 } : begun();
-  sessionStorage.setItem(BEGUN, JSON.stringify({ ...walk, actions: walk.actions + 1 }));
-} else if (place.dataset.play === "scored") {
-  const { at, actions } = begun();
-  if (at) {
-    const seconds = Math.round((Date.now() - at) / 100) / 10;
-    keepWalk(split, place.dataset.episode, { ...JSON.parse(place.dataset.record), seconds, actions });
-    sessionStorage.removeItem(BEGUN);
-  }
-  showKept();
-} else {
-  showKept();
-}
+showKept();

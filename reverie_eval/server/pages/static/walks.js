@@ -15,6 +15,24 @@ function forgetWalks(split) {
   localStorage.removeItem(keptName(split));
 }
 
+// The walk that is under way in this window: when it began, and the actions so far with the answer to come.
+
+const begunName = (split, number) => `reverie-eval walk ${split} ${number}`;
+
+function begunWalk(split, number) {
+  return JSON.parse(sessionStorage.getItem(begunName(split, number)) ?? "{}");
+}
+
+function countAction(split, number, isStart) {
+  const begun = begunWalk(split, number);
+  const { at, actions } = isStart || !begun.at ? { at: Date.now(), actions: 0 } : begun;
+  sessionStorage.setItem(begunName(split, number), JSON.stringify({ at, actions: actions + 1 }));
+}
+
+function endWalk(split, number) {
+  sessionStorage.removeItem(begunName(split, number));
+}
+
 // The walks as a submission, without their times, which nobody but the person gets; null if none is kept.
 function walksFile(split) {
   const records = Object.values(keptWalks(split)).map(({ seconds, actions, ...record }) => record);

@@ -181,9 +181,10 @@ def test_a_missing_part_is_a_line(outcomes: Outcomes, words: Words) -> None:
     assert outcomes[words] == (2, "", f"reverie-eval: {MISSING[words]}\n")
 
 
-def test_python_says_what_is_missing_too() -> None:
+def test_python_says_what_is_missing_too(tmp_path: Path) -> None:
     given = json.dumps([BLOCKED, GOOD, list(IN_PYTHON)])
-    said = subprocess.check_output([sys.executable, "-c", PYTHON, given], text=True)
+    program = [sys.executable, "-c", PYTHON, given]
+    said = subprocess.check_output(program, text=True, cwd=tmp_path)
     assert said.splitlines() == list(IN_PYTHON.values())
 
 

@@ -36,7 +36,7 @@ from reverie_eval.tasks import PROTOCOLS, published_results
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
-    from reverie_eval.analysis import Comparison, Runs, compare
+    from reverie_eval.analysis import Comparison, Runs, Sweep, compare, sweep
 
 __all__ = [
     "CATALOGUE",
@@ -55,6 +55,7 @@ __all__ = [
     "Scores",
     "SubmissionError",
     "SubsetError",
+    "Sweep",
     "Validation",
     "__version__",
     "compare",
@@ -63,13 +64,14 @@ __all__ = [
     "evaluate_many",
     "evaluate_protocols",
     "published_results",
+    "sweep",
     "validate",
 ]
 
 
 def __getattr__(name: str) -> object:
     # Scoring a file needs none of them, and they take a fifth of all other imports.
-    if name in {"Comparison", "Runs", "compare"}:
+    if name in {"Comparison", "Runs", "Sweep", "compare", "sweep"}:
         value: object = getattr(import_module("reverie_eval.analysis"), name)
         return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -182,13 +182,21 @@ submissions = click.argument(
     required=True,
     type=click.Path(allow_dash=True),
 )
-split = click.option(
-    "--split",
-    required=True,
-    metavar="NAME",
-    shell_complete=_complete_split,
-    help="train, val_seen, val_unseen or test.",
-)
+
+
+def split_named(*names: str) -> Callable[[Command], Command]:
+    """Add the split that is scored, under these names."""
+    return click.option(
+        *names,
+        "split",
+        required=True,
+        metavar="NAME",
+        shell_complete=_complete_split,
+        help="train, val_seen, val_unseen or test.",
+    )
+
+
+split = split_named("--split")
 ground_truth = click.option(
     "--ground-truth",
     metavar="PATH",
@@ -329,9 +337,9 @@ truth = grouped("truth_options", TruthOptions, split, ground_truth, task)
 
 
 def scoring_by(
-    protocol: Callable[[Any], Any],
+    protocol: Callable[[Any], Any], split: Callable[[Any], Any] = split
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Add what scores submissions, with a command's own option for the protocol."""
+    """Add what scores submissions, with a command's own options for protocol and split."""
     return grouped("scoring", ScoringOptions, split, ground_truth, task, protocol, track)
 
 

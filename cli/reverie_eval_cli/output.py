@@ -18,6 +18,7 @@ from reverie_eval.files import staged_file
 from reverie_eval.logs import find_run
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.tables import MARK, Part, Printout, Table
+from reverie_eval.scoring import Failure
 from reverie_eval.submissions import source_name
 
 if TYPE_CHECKING:
@@ -70,6 +71,15 @@ def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Sco
     if rejections:
         raise RejectedSubmission("\n".join(rejections))
     return scores
+
+
+def failure_line(file: str, error: Failure) -> str:
+    """Say in a line why a file has no scores."""
+    if isinstance(error, OSError):
+        return f"{file}: {error.strerror}"
+    first, *others = error.problems
+    more = f" (`reverie-eval validate` lists {len(others):,} more)" if others else ""
+    return f"{file}: submission rejected: {first}{more}"
 
 
 def check_outputs(

@@ -53,6 +53,7 @@ from reverie_eval.analysis._evidence import (
 )
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
 from reverie_eval.analysis._runs import RunIntervals, Runs
+from reverie_eval.analysis._sweeps import SPLIT_FIELD, Sweep, sweep, sweep_files
 
 __all__ = [
     "BEST",
@@ -61,6 +62,7 @@ __all__ = [
     "HONEST_SPREAD",
     "SAMPLED_EPISODES",
     "SMALLEST_SHOWN_P",
+    "SPLIT_FIELD",
     "Against",
     "BudgetCurve",
     "ComparedSubmissionsError",
@@ -80,6 +82,7 @@ __all__ = [
     "RunIntervals",
     "Runs",
     "Spread",
+    "Sweep",
     "VisibleObject",
     "against",
     "breakdown",
@@ -100,5 +103,7 @@ __all__ = [
     "rank_intervals",
     "spread_of_changes",
     "success_within",
+    "sweep",
+    "sweep_files",
     "with_different_routes",
 ]

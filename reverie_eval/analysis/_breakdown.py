@@ -19,7 +19,7 @@ from reverie_eval.arrays import Array, FloatArray, IntArray, with_object
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import units_of
-from reverie_eval.scoring import FEW_CLUSTERS, Scores, bounds_of, clusters_of
+from reverie_eval.scoring import FEW_CLUSTERS, Scored, bounds_of, clusters_of
 from reverie_eval.text import did_you_mean, first_few, tokenize
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Grouping:
     key: str
     meaning: str
     """What episodes are grouped by."""
-    groups: Callable[[Scores], Sequence[str]]
+    groups: Callable[[Scored], Sequence[str]]
     """Returns the group of each episode."""
     order: Sequence[str] = ()
     """The groups in order; if empty, they are sorted by size, the largest first."""
@@ -96,13 +96,13 @@ _ALL_LANGUAGES = "all"
 _LANGUAGES = (_ALL_LANGUAGES, "en", "en-IN", "en-US", "hi", "hi-IN", "te", "te-IN")
 
 
-def _by_length(scores: Scores) -> Sequence[str]:
+def _by_length(scores: Scored) -> Sequence[str]:
     truth = scores.ground_truth
     goal = truth.require_solution().goal
     return _LENGTHS.of(truth.graph.distance_between(truth.episodes.start, goal))
 
 
-def _by_words(scores: Scores) -> Sequence[str]:
+def _by_words(scores: Scored) -> Sequence[str]:
     instructions = scores.ground_truth.episodes.instructions
     return _WORDS.of(np.array([len(tokenize(instruction)) for instruction in instructions]))
 
@@ -124,7 +124,7 @@ def level_in(instruction: str) -> str:
     return f"level {_ORDINALS.get(word) or _NUMBERS.get(word) or word}"
 
 
-def _by_visibility(scores: Scores) -> Sequence[str]:
+def _by_visibility(scores: Scored) -> Sequence[str]:
     """Group by the number of viewpoints from which the target is visible."""
     truth = scores.ground_truth
     solution = truth.require_targets()
@@ -136,13 +136,13 @@ def _by_visibility(scores: Scores) -> Sequence[str]:
     return _VIEWPOINTS.of(counts[np.searchsorted(objects, targets)])
 
 
-def _by_jumps(scores: Scores) -> Sequence[str]:
+def _by_jumps(scores: Scored) -> Sequence[str]:
     if "jumps" not in scores:
         raise ProtocolError("this track ignores trajectories, so there are no jumps")
     return [_JUMPS[int(jumps > 0)] for jumps in scores.episodes["jumps"]]
 
 
-def _by_language(scores: Scores) -> Sequence[str]:
+def _by_language(scores: Scored) -> Sequence[str]:
     languages = scores.ground_truth.episodes.languages
     return languages or [_ALL_LANGUAGES] * len(scores.instr_ids)
 
@@ -208,13 +208,13 @@ def find_grouping(key: str) -> Grouping:
 
 
 def breakdown(
-    scores: Scores,
+    scores: Scored,
     by: "Grouped | Sequence[Grouped]",
     *,
     intervals: bool = False,
     confidence: float | None = None,
 ) -> "pd.DataFrame":
-    """Score each group of episodes separately; see :meth:`Scores.breakdown`."""
+    """Score each group of episodes separately; see :meth:`Scored.breakdown`."""
     with naming_missing_parts():
         import pandas as pd
 
@@ -250,7 +250,7 @@ def breakdown(
     return table
 
 
-def _groups(scores: Scores, by: "Grouped") -> "pd.Series[Any]":
+def _groups(scores: Scored, by: "Grouped") -> "pd.Series[Any]":
     """Return the groups of each row of episodes, as categories in their order."""
     import pandas as pd
 

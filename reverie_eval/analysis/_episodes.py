@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from reverie_eval.analysis._runs import runs_of
 from reverie_eval.arrays import Array, FloatArray, IntArray
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.geometry import snap
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
 from reverie_eval.logs import Step
 from reverie_eval.metrics import ABSTAINED
-from reverie_eval.scoring import OUTCOMES, Protocol, Scores, is_goal
+from reverie_eval.scoring import OUTCOMES, Protocol, Scored, Scores, is_goal
 from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.text import category_text
 
@@ -254,8 +255,10 @@ def _goal_viewpoints(protocol: Protocol, truth: GroundTruth, row: int) -> IntArr
 _N_EXAMPLES = 3
 
 
-def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
+def near_misses(scores: Scored) -> Mapping[str, Sequence[str]]:
     """Choose a few episodes of every failure mode, those closest to being correct first.
+
+    Of several runs, those in which most of them failed in this way come before all others.
 
     Episodes that never reached the goal are ordered by how close they came to the path's end;
     those that overshot, or predicted the correct object at the wrong stop, by how close to it they
@@ -266,12 +269,14 @@ def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
     mapping of lists of str
         Instr_ids by outcome; the same scores give the same episodes.
     """
-    outcome = np.array(scores.outcomes)
+    outcome = np.array([run.outcomes for run in runs_of(scores).values()])
     chosen = {}
     for failure in [outcome for outcome in OUTCOMES if outcome != "correct"]:
-        rows = np.flatnonzero(outcome == failure)
+        times = (outcome == failure).sum(axis=0)
+        rows = np.flatnonzero(times)
         # lexsort takes the most important key last.
-        order = np.lexsort([column[rows] for column in reversed(_distances(scores, failure))])
+        keys = [-times, *_distances(scores, failure)]
+        order = np.lexsort([column[rows] for column in reversed(keys)])
         ordered = [scores.instr_ids[row] for row in rows[order].tolist()]
         chosen[failure] = with_different_routes(scores, ordered)
     return chosen
@@ -303,11 +308,16 @@ class Gallery(Mapping[str, Sequence[Episode]]):
         return f"<Gallery of near misses: {counts}>"
 
 
-def gallery(scores: Scores) -> Gallery:
-    """Return failed episodes that were close to being correct; see :meth:`Scores.gallery`."""
+def gallery(scores: Scored) -> Gallery:
+    """Return failed episodes that were close to being correct; see :meth:`Scored.gallery`."""
+
+    def as_first(instr_id: str, outcome: str) -> Episode:
+        runs = (episode(run, instr_id) for run in runs_of(scores).values())
+        return next(run for run in runs if run.outcome == outcome)
+
     return Gallery(
         {
-            outcome: [episode(scores, instr_id) for instr_id in instr_ids]
+            outcome: [as_first(instr_id, outcome) for instr_id in instr_ids]
             for outcome, instr_ids in near_misses(scores).items()
             if instr_ids
         }
@@ -330,7 +340,7 @@ def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
     return [first.instr_ids[row] for row in ordered.tolist()]
 
 
-def with_different_routes(scores: Scores, instr_ids: Sequence[str]) -> Sequence[str]:
+def with_different_routes(scores: Scored, instr_ids: Sequence[str]) -> Sequence[str]:
     """Return the first few episodes that differ in start or goal."""
     truth = scores.ground_truth
     rows = np.array([truth.episodes.index[instr_id] for instr_id in instr_ids], dtype=int)
@@ -340,7 +350,7 @@ def with_different_routes(scores: Scores, instr_ids: Sequence[str]) -> Sequence[
     return [instr_ids[index] for index in np.sort(first_of_route)[:_N_EXAMPLES].tolist()]
 
 
-def _distances(scores: Scores, failure: str) -> Sequence[Array]:
+def _distances(scores: Scored, failure: str) -> Sequence[Array]:
     """Return how far each episode is from being correct, the most important quantity first."""
     episodes = scores.episodes
     if failure == "never reached":

@@ -108,7 +108,7 @@ def rank_intervals(
     # An infinite error makes every difference 0, so equal results are never apart.
     error = np.where(is_same, np.inf, np.sqrt(np.maximum(squares, 0)))
     difference = (costs - costs[:, None]) / error
-    drawn = _draw(covariance, engine)
+    drawn = draw_errors(covariance, engine.resamples, engine.seed)
     freedom = (n_clusters - 1) * _SHARE_OF_FREEDOM
     is_better: BoolArray = np.zeros(error.shape, dtype=bool)
     is_open = np.triu(~is_same, k=1)
@@ -123,13 +123,13 @@ def rank_intervals(
     return Ranks(low, high, _groups(costs, is_better))
 
 
-def _draw(covariance: FloatArray, engine: "IntervalEngine") -> FloatArray:
-    """Draw normal errors of all means together, shape (n_results, resamples)."""
+def draw_errors(covariance: FloatArray, number: int, seed: int) -> FloatArray:
+    """Draw normal errors of all means together, shape (n_results, number)."""
     # Not Cholesky: the covariance of results that are sums of each other is singular.
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
-    rng = np.random.default_rng(engine.seed)
-    return np.asarray(root @ rng.standard_normal((len(covariance), engine.resamples)))
+    rng = np.random.default_rng(seed)
+    return np.asarray(root @ rng.standard_normal((len(covariance), number)))
 
 
 def _bound(

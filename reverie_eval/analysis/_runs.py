@@ -14,6 +14,7 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.scoring import (
     Clustering,
     ClusterIntervals,
+    FailureModes,
     Interval,
     Intervals,
     Scored,
@@ -179,6 +180,15 @@ class Runs(Scored):
         """Return the standard deviation of a metric between the runs, in its own unit."""
         # The runs are a sample of those that other seeds would give: n - 1.
         return float(np.std([each[key] for each in self.runs.values()], ddof=1))
+
+    @property
+    def failure_modes(self) -> FailureModes:
+        """How many episodes had each outcome in all runs together; errors are those of `Scores`."""
+        modes = [run.failure_modes for run in self.runs.values()]
+        return FailureModes(
+            {key: sum(each.counts[key] for each in modes) for key in modes[0].counts},
+            sum(each.wrong_stops_after_reaching for each in modes),
+        )
 
     @property
     def notes(self) -> Sequence[str]:

@@ -13,7 +13,9 @@ from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
-    from reverie_eval.analysis import Against
+    import pandas as pd
+
+    from reverie_eval.analysis import Against, Gallery, Grouped
     from reverie_eval.schemas.report import RunsReport, ScoreReport
 
 FINGERPRINT_SHOWN = 12
@@ -84,6 +86,64 @@ class Scored(Mapping[str, float]):
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
         return self.ground_truth.task.headline_metrics(self)
+
+    def breakdown(
+        self,
+        by: "Grouped | Sequence[Grouped]",
+        *,
+        intervals: bool = False,
+        confidence: float | None = None,
+    ) -> "pd.DataFrame":
+        """Score each group of episodes separately, as means over the runs if there are several.
+
+        Parameters
+        ----------
+        by : str, Series, or list of these
+            A key of ``GROUPINGS``, or the group of each episode in a Series indexed by instr_id,
+            such as a column of :meth:`to_pandas`. Several are combined. Groups of ``language``
+            overlap: "all", "en", "en-IN" and so on, each over its instructions. Of several runs,
+            an episode in which any of them jumped is among the ``jumps``.
+        intervals : bool
+            Whether to add the ends of intervals over the targets of each group, in ``spl_low``,
+            ``spl_high`` and so on. They are missing if a group has fewer than 5 targets, and take
+            runs as they are.
+        confidence : float, optional
+            Of these intervals, in (0, 1); by default 0.95.
+
+        Returns
+        -------
+        DataFrame
+            A row per group that is not empty, with the number of its episodes and the mean of every
+            headline metric, in the metrics' own units, which ``attrs["units"]`` lists by column.
+
+        Raises
+        ------
+        ProtocolError
+            If there is no such grouping, it needs something that the track does not score or the
+            task does not have, or a Series has no group for some episodes.
+        GroundTruthError
+            If the ground truth was compiled without instructions or categories that it needs.
+        """
+        from reverie_eval.analysis import breakdown
+
+        return breakdown(self, by, intervals=intervals, confidence=confidence)
+
+    def gallery(self) -> "Gallery":
+        """Return the failed episodes of each outcome that were closest to being correct.
+
+        Of several runs, first those with this outcome in most of them, each as the first of these
+        runs did it.
+
+        Raises
+        ------
+        ProtocolError
+            If the protocol or track defines no outcomes.
+        ReverieEvalError
+            If the scores have no trajectories.
+        """
+        from reverie_eval.analysis import gallery
+
+        return gallery(self)
 
     def against(
         self,

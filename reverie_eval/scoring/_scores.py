@@ -49,7 +49,7 @@ from reverie_eval.version import __version__
 if TYPE_CHECKING:
     import pandas as pd
 
-    from reverie_eval.analysis import BudgetCurve, Episode, Gallery, Grouped
+    from reverie_eval.analysis import BudgetCurve, Episode
     from reverie_eval.reporting.figures import Plots
     from reverie_eval.schemas.report import ScoreReport
 
@@ -375,45 +375,6 @@ class Scores(Scored):
 
     # Conveniences by what is above this package; the import contract lists them.
 
-    def breakdown(
-        self,
-        by: "Grouped | Sequence[Grouped]",
-        *,
-        intervals: bool = False,
-        confidence: float | None = None,
-    ) -> "pd.DataFrame":
-        """Score each group of episodes separately.
-
-        Parameters
-        ----------
-        by : str, Series, or list of these
-            A key of ``GROUPINGS``, or the group of each episode in a Series indexed by instr_id,
-            such as a column of :meth:`to_pandas`. Several are combined. Groups of ``language``
-            overlap: "all", "en", "en-IN" and so on, each over its instructions.
-        intervals : bool
-            Whether to add the ends of intervals over the targets of each group, in ``spl_low``,
-            ``spl_high`` and so on. They are missing if a group has fewer than 5 targets.
-        confidence : float, optional
-            Of these intervals, in (0, 1); by default 0.95.
-
-        Returns
-        -------
-        DataFrame
-            A row per group that is not empty, with the number of its episodes and the mean of every
-            headline metric, in the metrics' own units, which ``attrs["units"]`` lists by column.
-
-        Raises
-        ------
-        ProtocolError
-            If there is no such grouping, it needs something that the track does not score or the
-            task does not have, or a Series has no group for some episodes.
-        GroundTruthError
-            If the ground truth was compiled without instructions or categories that it needs.
-        """
-        from reverie_eval.analysis import breakdown
-
-        return breakdown(self, by, intervals=intervals, confidence=confidence)
-
     def success_within(
         self,
         cost: str | None = None,
@@ -456,20 +417,6 @@ class Scores(Scored):
         from reverie_eval.analysis import episode
 
         return episode(self, instr_id)
-
-    def gallery(self) -> "Gallery":
-        """Return the failed episodes of each outcome that were closest to being correct.
-
-        Raises
-        ------
-        ProtocolError
-            If the protocol or track defines no outcomes.
-        ReverieEvalError
-            If the scores have no trajectories.
-        """
-        from reverie_eval.analysis import gallery
-
-        return gallery(self)
 
     @property
     def plot(self) -> "Plots":

@@ -6,8 +6,8 @@ import os
 import re
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from glob import glob, has_magic
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from glob import escape, glob, has_magic
 from itertools import chain
 from os import PathLike
 from pathlib import Path
@@ -36,6 +36,8 @@ _JSON_BRACKETS = (("[", "]"), ("{", "}"))
 _ENDINGS = (".json", ".json.gz", ".jsonl", ".jsonl.gz", ".zip")
 RECEIPT_ENDING = ".receipt.json"
 """The ending of the names of receipts, which are written beside submissions."""
+# A field of a pattern: a part of a file's or a folder's name, with a name of its own.
+_FIELD = re.compile(r"\{([A-Za-z]\w*)\}")
 _JSON_SUFFIX = re.compile(r"(?<=.)(\.jsonl?)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -269,7 +271,7 @@ def check_value_count(content: bytes, limit: int) -> None:
 
 
 def find_files(names: Sequence[str]) -> list[str]:
-    """Replace folders and patterns by the files in them.
+    """Replace folders and patterns, also with fields in braces, by the files in them.
 
     A folder's files are those that end as submissions do and are not receipts; the folders in it
     are not searched.
@@ -286,6 +288,32 @@ def find_files(names: Sequence[str]) -> list[str]:
                 f"{name}: no submission found; submissions end in {', '.join(_ENDINGS)}"
             )
     return list(dict.fromkeys(chain.from_iterable(found.values())))
+
+
+def find_fields(pattern: str) -> Mapping[str, Mapping[str, str]]:
+    """Return the files of a pattern such as ``runs/seed{seed}/{checkpoint}.json``, and their parts.
+
+    A field in braces stands for a part of one file's or folder's name; where a field comes twice,
+    both parts are the same.
+
+    Returns
+    -------
+    mapping of mappings of str
+        What each field stands for, by path; empty if the pattern has no field, is itself a file or
+        folder, or fits no file.
+    """
+    if not has_fields(pattern):
+        return {}
+    constants, names = _FIELD.split(pattern)[::2], _FIELD.findall(pattern)
+    first = re.escape(constants[0])
+    form = first + "".join(
+        (rf"(?P<{name}>[^/]+?)" if name not in names[:number] else f"(?P={name})")
+        + re.escape(after)
+        for number, (name, after) in enumerate(zip(names, constants[1:], strict=True))
+    )
+    files = sorted(glob("*".join(map(escape, constants))))  # noqa: PTH207  # it may begin with /
+    found = ((file, re.fullmatch(form, file)) for file in files)
+    return {file: match.groupdict() for file, match in found if match}
 
 
 def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
@@ -324,14 +352,15 @@ def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[s
     Parameters
     ----------
     names : sequence of str
-        Files, folders and patterns, as for :func:`find_files`; they need not exist yet.
+        Files, folders and patterns, as for :func:`find_files`; they need not exist yet. The folders
+        in a folder are watched as well.
     pause : function
         Waits before the files are looked at again.
     """
     seen: dict[str, tuple[int, int] | None] = {}
     yielded: dict[str, tuple[int, int] | None] = {}
     while True:
-        for name in dict.fromkeys(chain.from_iterable(map(_files, names))):
+        for name in dict.fromkeys(chain.from_iterable(map(_files_within, names))):
             state = _state(name)
             # Unchanged since the last look, and not the state that was yielded before.
             if state and state == seen.get(name) != yielded.get(name):
@@ -354,9 +383,32 @@ def _files(name: str) -> Sequence[str]:
     path = Path(name)
     if path.is_dir() and not is_run(path):
         return sorted(str(file) for file in path.iterdir() if _is_submission(file))
-    if has_magic(name) and not path.exists():
+    if has_fields(name):
+        return list(find_fields(name))
+    if is_pattern(name):
         return sorted(glob(name, recursive=True))  # noqa: PTH207  # a pattern may begin with /
     return [name]
+
+
+def has_fields(name: str) -> bool:
+    """Whether a name has fields in braces, and is not itself a file or a folder."""
+    return bool(_FIELD.search(name)) and not Path(name).exists()
+
+
+def is_pattern(name: str) -> bool:
+    """Whether a name has wildcards or fields, and is not itself a file or a folder."""
+    return has_fields(name) or (has_magic(name) and not Path(name).exists())
+
+
+def _files_within(name: str) -> Iterator[str]:
+    """Yield the files of a name and, of a folder, those of the folders in it."""
+    yield from _files(name)
+    path = Path(name)
+    if path.is_dir() and not is_run(path):
+        for folder in sorted(each for each in path.iterdir() if each.is_dir() and not is_run(each)):
+            # A link may lead back up, and hidden folders have copies.
+            if not (folder.is_symlink() or folder.name.startswith(".")):
+                yield from _files_within(str(folder))
 
 
 def _is_submission(file: Path) -> bool:

@@ -215,7 +215,7 @@ def test_words_that_make_no_sense(line: str, capsys: pytest.CaptureFixture[str])
     [
         pytest.param("vaildate submit.json", "Did you mean 'validate'?", id="command"),
         pytest.param("server backpu folder", "Did you mean 'backup'?", id="command of a group"),
-        pytest.param("submit.json --splt x", "Did you mean '--split'?", id="option"),
+        pytest.param("submit.json --protcol x", "Did you mean '--protocol'?", id="option"),
         pytest.param(
             "submit.json {split} --protocol offical-v1", "did you mean official-v1?", id="protocol"
         ),

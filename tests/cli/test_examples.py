@@ -262,7 +262,7 @@ def test_each_task_of_a_job_array_scores_a_file(folder: Path) -> None:
         shutil.copy(SAMPLES / f"{name}.json", runs)
     for task, name in enumerate(("good", "mediocre")):
         subprocess.run(
-            ["bash", "score_each.sbatch", "runs", "val_unseen"],
+            ["bash", "score_each.sbatch", "runs/*.json", "val_unseen"],
             cwd=folder,
             env={**os.environ, "PATH": path, "SLURM_ARRAY_TASK_ID": str(task)},
             check=True,

@@ -200,7 +200,8 @@ def test_what_cannot_be_ranked(run: Run, here: Path, words: list[str], said: str
 
 
 def test_files_are_yielded_when_they_rest(tmp_path: Path) -> None:
-    first, second = tmp_path / "a.json", tmp_path / "b.json"
+    first, second = tmp_path / "a.json", tmp_path / "seed1" / "b.json"
+    second.parent.mkdir()
     looks: list[Callable[[], object]] = [
         lambda: first.write_text("half"),
         lambda: first.write_text("half of it"),

@@ -30,6 +30,7 @@ NAMES = [
     "Scores",
     "SubmissionError",
     "SubsetError",
+    "Sweep",
     "Validation",
     "__version__",
     "compare",
@@ -38,6 +39,7 @@ NAMES = [
     "evaluate_many",
     "evaluate_protocols",
     "published_results",
+    "sweep",
     "validate",
 ]
 """All names that notebooks use. Removing one breaks users' code."""

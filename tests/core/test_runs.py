@@ -44,6 +44,24 @@ def values(*runs: list[float]) -> FloatArray:
     return np.array(runs, dtype=np.float64)[:, :, None]
 
 
+def test_several_runs_are_explored_as_one_is(runs: rv.Runs) -> None:
+    """Each count, mean and episode is that of the runs themselves."""
+    each = list(runs.runs.values())
+    assert runs.failure_modes.funnel == {
+        stage: sum(scores.failure_modes.funnel[stage] for scores in each)
+        for stage in each[0].failure_modes.funnel
+    }
+    by_scan, alone = runs.breakdown("scan"), [scores.breakdown("scan") for scores in each]
+    assert by_scan["rgs"].tolist() == pytest.approx(sum(it["rgs"] for it in alone) / len(each))
+    assert by_scan["episodes"].tolist() == alone[0].loc[by_scan.index, "episodes"].tolist()
+    outcomes = np.array([scores.outcomes for scores in each])
+    for outcome, episodes in runs.gallery().items():
+        times = (outcomes == outcome).sum(axis=0)
+        row = runs.ground_truth.episodes.index
+        assert times[row[episodes[0].instr_id]] == times.max()
+        assert {each.outcome for each in episodes} == {outcome}
+
+
 # The arithmetic.
 
 

@@ -1,6 +1,6 @@
 """``reverie-eval SUBMISSION --split SPLIT``: print the scores of a submission, or of many.
 
-The words choose one of six ways to score, each a function below; ``_way_of`` says which.
+The words choose one of eight ways to score, each a function below; ``_way_of`` says which.
 """
 
 import sys
@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
-from glob import has_magic
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,16 +37,24 @@ from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     TABLE_KEYS,
     Clustering,
-    Failure,
     score_files,
     scored_metrics,
 )
-from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
+from reverie_eval.submissions import (
+    find_files,
+    find_runs,
+    has_fields,
+    is_pattern,
+    submission_names,
+    watch_files,
+)
 from reverie_eval.tasks import DEFAULT_TASK, find_task
 from reverie_eval_cli import options
+from reverie_eval_cli.commands._sweeps import print_sweep, select_and_report
 from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import (
     check_outputs,
+    failure_line,
     naming,
     open_output,
     score_each,
@@ -78,6 +85,8 @@ class Wanted:
     ci: bool
     cluster: Clustering | None
     confidence: float | None
+    select: str | None
+    curve: str | None
     watch: bool
     jobs: int | None
     layout: str
@@ -97,6 +106,8 @@ class Wanted:
             "--format": self.layout != FORMATS[0],
             "--output": self.output,
             "--run": self.run,
+            "--select": self.select,
+            "--curve": self.curve,
             f"--protocol {_ALL}": self.scoring.protocol == _ALL,
         }
         return (option for option, value in values.items() if value)
@@ -140,7 +151,8 @@ class Wanted:
             help=f"The rules to score by: {', '.join(each.name for each in _REVERIE.protocols)}; "
             f"{', '.join(f'{alias} (= {name})' for alias, name in _REVERIE.aliases.items())}; "
             f"or {_ALL} of them.",
-        )
+        ),
+        options.split_named("--split", "--report"),
     ),
     options.episodes_from,
     click.option(
@@ -156,6 +168,17 @@ class Wanted:
         help="What to resample for intervals; implies --ci.  [default: target]",
     ),
     options.confidence("Confidence of the intervals; implies --ci."),
+    click.option(
+        "--select",
+        metavar="SPLIT",
+        help="Choose the best row of a sweep on SPLIT, and score that alone on --report.",
+    ),
+    click.option(
+        "--curve",
+        metavar="FILE",
+        type=click.Path(),
+        help="Also draw the rows of a sweep over their numbers, as FILE.pdf, .svg or .png.",
+    ),
     click.option(
         "--watch",
         is_flag=True,
@@ -184,11 +207,12 @@ def score(*, wanted: Wanted) -> int:
 
     SUBMISSION is a result file (.json, .json.gz or .zip), the folder of a run, or - for standard
     input. Several files, a folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking;
-    several runs of a method (ours=seed1.json,seed2.json or ours='seed*.json') their mean. The word
-    `score` may be left out.
+    several runs of a method (ours=seed1.json,seed2.json or ours='seed*.json') their mean; and a
+    sweep ('runs/seed{seed}/{checkpoint}.json') a row for each checkpoint, the mean of its seeds.
+    The word `score` may be left out.
     """
     inputs = [*wanted.submissions, wanted.scoring.ground_truth, wanted.episodes_from]
-    check_outputs([wanted.output, wanted.episodes], inputs)
+    check_outputs([wanted.output, wanted.episodes, wanted.curve], inputs)
     way = _way_of(wanted)
     # Refused rather than ignored: a score without the asked intervals looks like one that has none.
     refused = [option for option in wanted.given if option not in way.takes]
@@ -203,6 +227,8 @@ def _way_of(wanted: Wanted) -> "_Way":
         return _WATCH
     if any(map(find_runs, wanted.submissions)):
         return _RUNS
+    if any(map(has_fields, wanted.submissions)):
+        return _SELECTION if wanted.select else _SWEEP
     if wanted.file is None:
         return _RANKING
     if wanted.diagnosed:
@@ -282,7 +308,7 @@ def rank_files(wanted: Wanted) -> int:
     if scored:
         wanted.show(ranking_printout(scored))
     for file, error in scored.failures.items():
-        print(_failure(file, error), file=sys.stderr)
+        print(failure_line(file, error), file=sys.stderr)
     return 1 if scored.failures else 0
 
 
@@ -309,7 +335,7 @@ def watch_for_files(wanted: Wanted) -> int:
     """Print a line for each file that comes or changes, until the user interrupts."""
     evaluator = wanted.evaluator
     for name in wanted.submissions:
-        if not (has_magic(name) or Path(name).exists()):
+        if not (is_pattern(name) or Path(name).exists()):
             raise click.UsageError(f"{name}: there is no such file or folder to watch")
     task = evaluator.ground_truth.task
     metrics = task.table_metrics(scored_metrics(evaluator.protocol, evaluator.track))
@@ -319,7 +345,7 @@ def watch_for_files(wanted: Wanted) -> int:
             try:
                 _print_line(metric_cells(metrics, evaluator(file)), file)
             except (SubmissionError, OSError) as error:
-                print(_failure(file, error), file=sys.stderr)
+                print(failure_line(file, error), file=sys.stderr)
     return 0
 
 
@@ -327,15 +353,6 @@ def _print_line(cells: Sequence[str], file: str) -> None:
     """Print the cells of a file, its path last so that the columns stay in line."""
     # Flushed line by line, for a log or a pipe that someone follows.
     print("  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), file]), flush=True)
-
-
-def _failure(file: str, error: Failure) -> str:
-    """Say in a line why a file has no scores."""
-    if isinstance(error, OSError):
-        return f"{file}: {error.strerror}"
-    first, *others = error.problems
-    more = f" (`reverie-eval validate` lists {len(others):,} more)" if others else ""
-    return f"{file}: submission rejected: {first}{more}"
 
 
 class _Way(NamedTuple):
@@ -358,4 +375,6 @@ _RANKING = _Way(
     "several files; `reverie-eval compare` compares them with intervals", rank_files, _PRINTING
 )
 _RUNS = _Way("runs of a method", average_runs, _INTERVALS | _PRINTING)
+_SWEEP = _Way("a sweep without --select", print_sweep, _PRINTING | {"--curve"})
+_SELECTION = _Way("--select", select_and_report, _INTERVALS | _PRINTING | {"--curve", "--select"})
 _WATCH = _Way("--watch", watch_for_files, frozenset())

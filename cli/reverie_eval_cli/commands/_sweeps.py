@@ -1,0 +1,79 @@
+"""The ways of ``reverie-eval score`` with a sweep: all rows of a split, or the best on another."""
+
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import click
+
+from reverie_eval import ScoredFiles, Sweep
+from reverie_eval.analysis import SPLIT_FIELD, sweep_files
+from reverie_eval.reporting.sweeps import selection_printout, sweep_printout
+from reverie_eval.scoring import score_files
+from reverie_eval_cli.options import ScoringOptions
+from reverie_eval_cli.output import failure_line, note, with_progress
+
+if TYPE_CHECKING:
+    from reverie_eval_cli.commands.score import Wanted
+
+
+def print_sweep(wanted: "Wanted") -> int:
+    """Print a row for each checkpoint or setting, and the best; return the exit status."""
+    sweep = _score(wanted, _pattern(wanted), wanted.scoring)
+    _draw(wanted, sweep)
+    if sweep:
+        wanted.show(sweep_printout(sweep))
+    return 1 if sweep.failures else 0
+
+
+def select_and_report(wanted: "Wanted") -> int:
+    """Print the rows of the split to select on, and the best of them on the other."""
+    pattern, select = _pattern(wanted), str(wanted.select)
+    if f"{{{SPLIT_FIELD}}}" not in pattern:
+        raise click.UsageError(
+            "--select needs {split} in the pattern, as in 'runs/{checkpoint}_{split}.json'"
+        )
+    if select == wanted.scoring.split:
+        raise click.UsageError(f"--select and --report are both {select}; report another split")
+    if wanted.episodes_from:
+        raise click.UsageError("--episodes-from cannot be combined with --select")
+    sweep = _score(wanted, pattern, replace(wanted.scoring, split=select))
+    _draw(wanted, sweep)
+    best = _score(wanted, sweep.best_pattern, wanted.scoring)
+    for seed in sweep.seeds:
+        if seed not in best.seeds:
+            note(f"{sweep.best} has no file of seed {seed} on {wanted.scoring.split}")
+    for name in best:
+        reported = best.with_intervals(
+            name, wanted.cluster or "target", confidence=wanted.confidence
+        )
+        wanted.show(selection_printout(sweep, reported))
+    return 1 if sweep.failures or best.failures else 0
+
+
+def _pattern(wanted: "Wanted") -> str:
+    if wanted.curve and not wanted.curve.endswith(_FIGURES):
+        raise click.UsageError(f"{wanted.curve} ends in none of {', '.join(_FIGURES)}")
+    pattern, *others = wanted.submissions
+    if others:
+        raise click.UsageError("give the pattern of a sweep alone, in quotes")
+    return pattern
+
+
+def _score(wanted: "Wanted", pattern: str, scoring: ScoringOptions) -> Sweep:
+    """Score the files of a pattern, and say why others have no scores."""
+    files = sweep_files(pattern, scoring.split)
+    evaluator = scoring.evaluator(scoring.find(wanted.episodes_from))
+    results = score_files(files, evaluator, jobs=wanted.jobs)
+    scored = ScoredFiles.of(with_progress(results, f"Scoring {scoring.split}", len(files)))
+    for file, error in scored.failures.items():
+        print(failure_line(file, error), file=sys.stderr)
+    return Sweep.of(pattern, scored, scoring.split)
+
+
+_FIGURES = (".pdf", ".svg", ".png")
+
+
+def _draw(wanted: "Wanted", sweep: Sweep) -> None:
+    if wanted.curve:
+        sweep.plot().figure.canvas.print_figure(wanted.curve, bbox_inches="tight")

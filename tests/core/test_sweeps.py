@@ -1,0 +1,169 @@
+"""Sweeps: rows from paths, luck by hand, and a thesis's 180 files from training to comparison."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from reverie_eval.analysis._sweeps import covariance_of_rows, largest_error
+from reverie_eval.reporting.sweeps import selection_printout
+from reverie_eval.submissions import find_fields
+from tests.conftest import SAMPLES
+from tests.support.flat_world import Run
+from tests.support.trained import write_checkpoints
+
+SEEN, UNSEEN = "val_seen", "val_unseen"
+STEPS = range(1000, 31000, 1000)
+GOOD = SAMPLES / "good.json"
+PATTERN = "{root}/seed{{seed}}/{{step}}_{{split}}.json"
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Write 180 files: three seeds, thirty checkpoints, two splits; return their pattern."""
+    root = tmp_path_factory.mktemp("runs")
+    truths = [rv.Evaluator(split=split).ground_truth for split in (SEEN, UNSEEN)]
+    write_checkpoints(root, truths, 3, STEPS)
+    return PATTERN.format(root=root)
+
+
+@pytest.fixture(scope="module")
+def seen(trained: str) -> rv.Sweep:
+    return rv.sweep(trained, split=SEEN, jobs=1)
+
+
+# Luck.
+
+
+@pytest.mark.parametrize(
+    ("covariance", "expected"),
+    [
+        # The larger of two independent normal errors: 1 / sqrt(pi); of three: 3 / (2 sqrt(pi)).
+        pytest.param(np.eye(2), 0.5642, id="two"),
+        pytest.param(np.eye(3), 0.8463, id="three"),
+        # Half of the difference's mean absolute value, sqrt(2 x 0.4 / pi) / 2.
+        pytest.param(np.array([[1, 0.8], [0.8, 1]]), 0.2523, id="two that share most"),
+        pytest.param(np.ones((2, 2)), 0.0, id="two that share all"),
+        pytest.param(np.ones((1, 1)), 0.0, id="one"),
+    ],
+)
+def test_the_largest_error_by_hand(covariance: np.ndarray, expected: float) -> None:
+    assert largest_error(covariance) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("seeds", "training"), [(1, 0.0), (3, 0.0), (3, 0.05)], ids=["files", "seeds", "far seeds"]
+)
+def test_the_expected_luck_is_that_of_drawn_worlds(seeds: int, training: float) -> None:
+    """Twelve equally good rows; episodes are as hard for all, and seeds as good."""
+    random, rows, clusters, expected, met = np.random.default_rng(0), 12, 100, [], []
+    cluster = np.repeat(np.arange(clusters), 2)
+    for _ in range(60):
+        shared = random.normal(0, 1, clusters)[cluster] + random.normal(0, 1, (1, seeds, 1))
+        own = random.normal(0, 0.3, (rows, 1, clusters))[:, :, cluster]
+        own = own + random.normal(0, 0.5, (rows, seeds, 2 * clusters))
+        own = own + random.normal(0, training, (rows, seeds, 1))
+        expected.append(largest_error(covariance_of_rows(shared + own, cluster)))
+        met.append(own.mean(axis=(1, 2)).max())
+    assert np.mean(expected) == pytest.approx(np.mean(met), rel=0.1)
+
+
+# Rows.
+
+
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("r/seed{seed}/{ckpt}.json", {"r/seed1/9_a.json": "1 9_a", "r/seed2/9_b.json": "2 9_b"}),
+        ("r/seed{seed}/{ckpt}_a.json", {"r/seed1/9_a.json": "1 9"}),
+        ("r/seed{n}/9_{n}.json", {}),
+        ("r/{x}.json", {"r/[1].json": "[1]"}),
+        ("r/{braces}.txt", {}),
+    ],
+)
+def test_fields_of_paths(
+    pattern: str, found: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("seed1/9_a.json", "seed2/9_b.json", "[1].json", "{braces}.txt"):
+        file = Path("r", name)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    assert {file: " ".join(parts.values()) for file, parts in find_fields(pattern).items()} == found
+
+
+def test_rows_are_means_over_seeds_in_the_order_of_numbers(seen: rv.Sweep) -> None:
+    assert list(seen) == [str(step) for step in STEPS]
+    runs = seen["9000"]
+    assert isinstance(runs, rv.Runs)
+    assert list(runs.runs) == ["seed 1", "seed 2", "seed 3"]
+    assert seen.mean("9000", "rgspl") == runs["rgspl"]
+    assert seen.to_pandas()["rgspl"].idxmax() == seen.best
+    assert f"<td>{runs['rgspl'] * 100:.2f}</td>" in seen._repr_html_()
+
+
+def test_a_row_without_a_seed_is_not_chosen(tmp_path: Path, run: Run) -> None:
+    """Fewer seeds vary more, so the luckiest of such rows would win; it is shown."""
+    for name, sample in {"a1": "good", "b1": "mediocre", "b2": "mediocre", "a2": "broken"}.items():
+        shutil.copy(SAMPLES / f"{sample}.json", tmp_path / f"{name}.json")
+    pattern = f"{tmp_path}/{{ours}}{{seed}}.json"
+    status, out, err = run(pattern, "--split", UNSEEN)
+    assert (status, err.startswith(f"{tmp_path}/a2.json: submission rejected: ")) == (1, True)
+    heading, a, b, *_ = out.splitlines()
+    assert (heading.split()[:2], a.split()[-1]) == (["ours", "runs"], "57.22")
+    assert b.split()[-1] == "34.52*"
+    assert "\nb is best by RGSPL on val_unseen: 34.52, the mean of 2 runs\n" in out
+    assert "\nnote: not chosen among, for lack of a seed: a\n" in out
+    assert run(pattern, "--split", UNSEEN, "--format", "csv").out.count("\na,1,") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["{x}.json", "--split", SEEN], "{x}.json: no submission found; each {name} stands for"),
+        (["{x}.json", "b.json", "--split", SEEN], "give the pattern of a sweep alone"),
+        (["{x}.json", "--split", SEEN, "--ci"], "--ci cannot be combined with a sweep without"),
+        (["{x}.json", "--select", SEEN, "--report", UNSEEN], "--select needs {split}"),
+        (["{split}.json", "--select", SEEN, "--report", SEEN], "are both val_seen; report another"),
+        (["a.json", "--select", SEEN, "--report", UNSEEN], "--select cannot be combined with a "),
+        (["{x}.json", "--split", SEEN, "--curve", "c.doc"], "c.doc ends in none of .pdf, .svg,"),
+    ],
+)
+def test_what_cannot_be_swept(words: list[str], said: str, run: Run) -> None:
+    status, out, err = run("score", *words)
+    assert (status, out) == (2, "")
+    assert said in err
+
+
+# From the files of a thesis to its claim.
+
+
+def test_180_files_to_a_claim(trained: str, seen: rv.Sweep, run: Run, tmp_path: Path) -> None:
+    """Choose on one split, report on the other, and compare that with two baselines."""
+    curve = tmp_path / "curve.svg"
+    words = (trained, "--select", SEEN, "--report", UNSEEN, "--jobs", "1")
+    status, out, err = run(*words, "--curve", str(curve))
+    assert (status, err, f"30 checkpoints on {SEEN}" in curve.read_text()) == (0, "", True)
+    ((_, ours),) = rv.sweep(seen.best_pattern, split=UNSEEN).items()
+    value = f"{ours['rgspl'] * 100:.2f}"
+    assert f"\n{seen.best}, chosen on {SEEN}: RGSPL {value} on {UNSEEN}, the mean of 3 runs" in out
+    assert f"\ncaution: on {SEEN}, {len(seen.contenders)} of 30 are not significantly diff" in out
+    files = out.splitlines()[-1].removeprefix("files: ")
+
+    baselines = {"early": trained.format(seed=1, step=3000, split=UNSEEN), "known": GOOD}
+    named = [f"{name}={file}" for name, file in baselines.items()]
+    compared = run("compare", f"ours={files}", *named, "--split", UNSEEN)
+    assert (compared.status, compared.err) == (0, "")
+    verdicts = {line.split()[0]: line.split()[-1] for line in compared.out.splitlines()[1:4]}
+    assert verdicts == {"known": "n.s.", "ours": "baseline", "early": "worse"}
+
+    printout = selection_printout(seen, ours)
+    told = json.loads(printout.text("json"))
+    assert told["selection"]["best"] == seen.best in seen.contenders
+    assert told["selection"]["excess"] == seen.excess > 0
+    assert told["report"]["scores"]["rgspl"] == ours["rgspl"]
+    assert printout.text("csv").count("\n") == len(seen) == 30
+    assert value in printout.text("latex")

@@ -30,6 +30,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "compare": "compare:compare",
                 "report": "compare:report",
                 "figure": "figure:figure",
+                "table": "table:table",
                 "plan": "plan:plan",
                 "protocol": "protocol:protocol",
                 "subset": "submissions:draw_episodes",

@@ -4,8 +4,8 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from datetime import date, datetime, timezone
 from functools import partial, wraps
 from pathlib import Path
@@ -333,6 +333,11 @@ class ScoringOptions(TruthOptions):
         )
 
 
+def each_split(how: ScoringOptions) -> Mapping[str, ScoringOptions]:
+    """Return the options for each of the splits that ``--split`` names, by split."""
+    return {name: replace(how, split=name) for name in how.split.split(",")}
+
+
 truth = grouped("truth_options", TruthOptions, split, ground_truth, task)
 
 
@@ -344,6 +349,22 @@ def scoring_by(
 
 
 scoring = scoring_by(protocol)
+scoring_of_splits = grouped(
+    "scoring",
+    ScoringOptions,
+    click.option(
+        "--split",
+        required=True,
+        metavar="NAME[,NAME]",
+        shell_complete=_complete_split,
+        help="The split, or several: val_seen,val_unseen.",
+    ),
+    ground_truth,
+    task,
+    protocol,
+    track,
+)
+"""What scores submissions to one or several splits, which :func:`each_split` tells apart."""
 
 
 def checked(

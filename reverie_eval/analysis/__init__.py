@@ -1,6 +1,6 @@
 """The analysis of scores, and evidence about submissions."""
 
-from reverie_eval.analysis._against import Against, DifferenceOfMeans, against
+from reverie_eval.analysis._against import Against, DifferenceOfMeans, against, check_scored_alike
 from reverie_eval.analysis._breakdown import (
     GROUPINGS,
     Grouped,
@@ -51,7 +51,7 @@ from reverie_eval.analysis._evidence import (
     nearest_earlier,
     spread_of_changes,
 )
-from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
+from reverie_eval.analysis._ranks import Ranks, covariance_of_means, leaders, rank_intervals
 from reverie_eval.analysis._runs import RunIntervals, Runs
 from reverie_eval.analysis._sweeps import SPLIT_FIELD, Sweep, sweep, sweep_files
 
@@ -87,6 +87,7 @@ __all__ = [
     "against",
     "breakdown",
     "check_comparable",
+    "check_scored_alike",
     "compare",
     "covariance_of_means",
     "episode",
@@ -95,6 +96,7 @@ __all__ = [
     "gallery",
     "gap_between",
     "is_on_front",
+    "leaders",
     "logged",
     "most_similar",
     "near_misses",

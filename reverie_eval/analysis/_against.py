@@ -21,7 +21,7 @@ from reverie_eval.scoring import (
     bounds_of,
     clusters_of,
 )
-from reverie_eval.tasks import PublishedResult, published_results
+from reverie_eval.tasks import PublishedResult, published_on
 from reverie_eval.text import did_you_mean
 
 if TYPE_CHECKING:
@@ -258,26 +258,34 @@ def _describe(
 
 def _find(scored: Scored, name: str) -> PublishedResult:
     """Return the published result of a method on the split of scores."""
-    of_split = {
-        each.method: each
-        for each in published_results()
-        if (each.task, each.split) == (scored.ground_truth.task.name, scored.split)
-        and (each.track == "grounding") == ("success" not in scored)
-    }
+    track = "full" if "success" in scored else "grounding"
+    of_split = published_on(scored.ground_truth.task.name, scored.split, track)
     found = next((it for it in of_split.values() if it.method.casefold() == name.casefold()), None)
     if found is None:
         raise ProtocolError(
             f"nothing published of {name!r} on {scored.split} is known here"
             f"{did_you_mean(name, of_split)}; or give its values, as in SR=41.2"
         )
-    dataset = scored.ground_truth.header.dataset
-    is_same_data = dataset in {found.dataset, CUSTOM_DATASET}  # unknown files may be those
-    if found.protocol != scored.protocol.name or not is_same_data:
-        raise ProtocolError(
-            f"{found.method} was scored by {found.protocol} on {found.dataset}, and these scores "
-            f"are by {scored.protocol.name} on {dataset}; score by the same rules on the same data"
-        )
+    check_scored_alike(found, scored)
     return found
+
+
+def check_scored_alike(published: PublishedResult, scored: Scored) -> None:
+    """Check that a published result is of the same data, under the same protocol, as scores.
+
+    Raises
+    ------
+    ProtocolError
+        If it is not.
+    """
+    dataset = scored.ground_truth.header.dataset
+    is_same_data = dataset in {published.dataset, CUSTOM_DATASET}  # unknown files may be those
+    if published.protocol != scored.protocol.name or not is_same_data:
+        raise ProtocolError(
+            f"{published.method} was scored by {published.protocol} on {published.dataset}, and "
+            f"these scores are by {scored.protocol.name} on {dataset}; score by the same rules on "
+            "the same data"
+        )
 
 
 def _check(scored: Scored, published: Mapping[str, float], n: int | None, n_split: int) -> None:

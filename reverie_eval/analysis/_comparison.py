@@ -94,6 +94,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         resamples: int | None = None,
         seed: int | None = None,
         baseline: str | None = None,
+        all_pairs: bool = False,
     ) -> Self:
         """Compare existing scores.
 
@@ -109,6 +110,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         baseline : str, optional
             The name of the submission that all others are compared with, by default the first; or
             ``best`` for the one with the highest RGSPL, or RGS or SPL if RGSPL is not scored.
+        all_pairs : bool
+            Whether the baseline was chosen by its scores, so that p-values are corrected for all
+            pairs, as they always are for ``best``.
 
         Raises
         ------
@@ -132,7 +136,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             for name, other in others
         }
         # To have compared all pairs for the best one is no less than to test them all.
-        pairs = comb(len(scores), 2) if baseline == BEST else None
+        pairs = comb(len(scores), 2) if all_pairs or baseline == BEST else None
         if any(isinstance(each, Runs) for each in scores.values()):
             run_intervals, p_value = intervals_of_runs(scores, changes, cluster, engine.confidence)
             differences = describe_differences(changes, run_intervals, p_value, pairs)
@@ -173,10 +177,13 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         """The metric that defines a correct episode: RGS if all have it, else success."""
         return CATALOGUE["rgs" if all("rgs" in each for each in self.values()) else "success"]
 
-    def is_significant(self, name: str) -> bool:
-        """Whether interval and test agree that a submission differs in the primary metric."""
+    def is_significant(self, name: str, metric: str | None = None) -> bool:
+        """Whether interval and test agree that a submission differs in a metric.
+
+        By default in the primary one.
+        """
         # The two can disagree when clusters are few; then nothing is claimed.
-        found = self[name][self.primary(name).key]
+        found = self[name][metric or self.primary(name).key]
         interval, confidence = found.interval, self.intervals[name].confidence
         # By the bounds that are shown, so that a reader comes to the same conclusion.
         excludes_zero = interval.low > 0 or interval.high < 0

@@ -3,11 +3,17 @@
 These are the ranks of true means, over all episodes that a split might have had.
 """
 
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from reverie_eval.analysis._comparison import Comparison
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.scoring import Clustering, Scored
 
 if TYPE_CHECKING:
     from reverie_eval.metrics.engine import IntervalEngine
@@ -161,3 +167,62 @@ def _groups(costs: FloatArray, is_better: BoolArray) -> IntArray:
             first, number = row, number + 1
         group[row] = number
     return group
+
+
+def leaders(
+    scores: Mapping[str, Scored],
+    keys: Iterable[str],
+    cluster: Clustering = "target",
+    *,
+    confidence: float | None = None,
+) -> Mapping[str, Sequence[str]]:
+    """Return the best and the second best by each metric, as far as the data separate them.
+
+    The best is named if it is significantly better than all others, and then the second if it is
+    significantly better than all but the best. P-values are corrected for all pairs.
+
+    Parameters
+    ----------
+    scores : mapping of Scores or Runs
+        By name, of the same episodes under the same protocol.
+    keys : iterable of str
+        Metrics of which more or less is better. Those that some scores lack are compared between
+        the others.
+    cluster : "target" or "scan"
+        What dependent episodes share; there are at least two.
+    confidence : float, optional
+        In (0, 1); by default 0.95.
+
+    Returns
+    -------
+    mapping of str to sequence of str
+        By metric: no name, that of the best, or also that of the second of three or more.
+    """
+    values = {
+        key: {name: each[key] for name, each in scores.items() if key in each} for key in keys
+    }
+    ranked = {
+        key: sorted(each, key=each.__getitem__, reverse=CATALOGUE[key].better == "higher")
+        for key, each in values.items()
+    }
+    found: dict[str, list[str]] = {key: [] for key in ranked}
+    for rank in (0, 1):
+        # Metrics with the same candidate are compared at once.
+        asked: defaultdict[tuple[str, frozenset[str]], list[str]] = defaultdict(list)
+        for key, names in ranked.items():
+            if len(found[key]) == rank and len(names) > rank + 1:
+                asked[names[rank], frozenset(names)].append(key)
+        for (candidate, rivals), several in asked.items():
+            compared = {
+                name: replace(each, episodes={key: each.episodes[key] for key in several})
+                for name, each in scores.items()
+                if name in rivals
+            }
+            comparison = Comparison.of(
+                compared, cluster, confidence=confidence, baseline=candidate, all_pairs=True
+            )
+            for key in several:
+                worse = ranked[key][rank + 1 :]
+                if all(comparison.is_significant(name, key) for name in worse):
+                    found[key].append(candidate)
+    return found

@@ -228,6 +228,12 @@ class Metric:
         values = values[~np.isnan(values)]
         return float(values.mean()) if values.size else float("nan")
 
+    def is_better(self, value: float, other: float) -> bool:
+        """Return whether a value is better than another; of some metrics, none is."""
+        if self.better == "neither":
+            return False
+        return value > other if self.better == "higher" else value < other
+
     def rounded(self, value: float) -> float:
         """Round to the digits that :meth:`display` shows.
 

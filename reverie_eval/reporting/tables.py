@@ -9,8 +9,8 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import groupby
-from typing import Any, TypeVar
+from itertools import accumulate, chain, groupby, pairwise
+from typing import Any, Literal, NamedTuple, TypeVar
 
 from typing_extensions import Self
 
@@ -27,10 +27,41 @@ MARK = "*"
 _REVERIE = find_task(DEFAULT_TASK)
 
 
-class Bold(str):
-    """A cell in bold, in the layouts that have bold type."""
+Style = Literal["plain", "bold", "underlined"]
 
-    __slots__ = ()
+
+class Number(str):
+    """A number as papers set it; as text, it is followed by its marks and its interval."""
+
+    __slots__ = ("interval", "marks", "style", "value")
+
+    value: str
+    style: Style
+    """The type, in the layouts that have it."""
+    marks: str
+    """Set above the line, and explained in the caption."""
+    interval: tuple[str, str] | None
+    """The low and the high end of the value's interval, in LaTeX and HTML below it."""
+
+    def __new__(
+        cls,
+        value: str,
+        style: Style = "plain",
+        marks: str = "",
+        interval: tuple[str, str] | None = None,
+    ) -> Self:
+        """Return a number with its looks."""
+        ends = f" ({interval[0]} to {interval[1]})" if interval else ""
+        self = super().__new__(cls, value + marks + ends)
+        self.value, self.style, self.marks, self.interval = value, style, marks, interval
+        return self
+
+
+class Group(NamedTuple):
+    """A heading above several columns."""
+
+    heading: str
+    columns: int
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -44,8 +75,8 @@ class Table:
     rows: Sequence[Sequence[str]]
     text_columns: frozenset[int] = frozenset()
     """Columns aligned to the left; the others hold numbers and are aligned to the right."""
-    groups: Sequence[str] = ()
-    """Headings above the headings; each spans the same number of the columns after the first."""
+    groups: Sequence[Sequence["Group"]] = ()
+    """Rows of headings above the headings, the widest first, over the columns after the first."""
     caption: str = ""
     """The caption, as in a paper; with a caption, LaTeX gets a floating ``table``."""
     findings: Sequence[str] = ()
@@ -87,7 +118,7 @@ class Table:
         rows = [
             list(map(_markdown_cell, self.flat_headings)),
             rule,
-            *([_formatted(cell, _markdown_cell, "**{}**") for cell in row] for row in self.rows),
+            *(map(_markdown_number, row) for row in self.rows),
         ]
         table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
         below = [markdown_text(line) for line in self.lines_below if line]
@@ -103,26 +134,32 @@ class Table:
             _latex_row(map(latex_text, self.headings)),
             r"\midrule",
             *(
-                _latex_row(_formatted(cell, latex_text, r"\textbf{{{}}}") for cell in row)
+                _latex_row(map(_latex_number, row)) if any(row) else r"\midrule"
                 for row in self.rows
             ),
             r"\bottomrule",
             r"\end{tabular}",
         ]
         if self.caption:
-            # Several groups of columns are wider than one of a page's two columns.
-            name = "table*" if len(self.groups) > 1 else "table"
+            # Several groups, or intervals, are wider than one of a page's two columns.
+            cells = chain.from_iterable(self.rows)
+            has_intervals = any(isinstance(cell, Number) and cell.interval for cell in cells)
+            name = "table*" if self._is_wide or has_intervals else "table"
             caption = rf"\caption{{{latex_text(self.caption)}}}"
             begin, end = rf"\begin{{{name}}}", rf"\end{{{name}}}"
-            tabular = [begin, r"\centering", caption, *tabular, end]
+            # Twelve columns fit a page, and six one of its columns, if little is between them.
+            narrow = [r"\setlength{\tabcolsep}{3pt}"] if self.groups else []
+            tabular = [begin, r"\centering", caption, *narrow, *tabular, end]
         return "\n".join([*latex_comments([*self.findings, *self.notes]), *tabular])
 
     def to_csv(self) -> str:
-        """Return the headings and the rows as CSV, without the lines below."""
+        """Return the headings and the rows as CSV, without empty rows and the lines below."""
         import csv
 
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([self.flat_headings, *self.rows])
+        csv.writer(text, lineterminator="\n").writerows(
+            [self.flat_headings, *filter(any, self.rows)]
+        )
         return text.getvalue().rstrip("\n")
 
     def to_html(self) -> str:
@@ -131,7 +168,7 @@ class Table:
         A metric's heading explains the metric as its tooltip. Findings are a paragraph above.
         """
         meanings = _meanings(self.task)
-        headings = [_html_heading(each, meanings.get(each)) for each in self.flat_headings]
+        headings = [_html_heading(each, meanings.get(each)) for each in self.headings]
         bodies = [
             "".join(self._html_row(row) for row in rows)
             for is_filled, rows in groupby(self.rows, any)
@@ -140,7 +177,8 @@ class Table:
         lines = "<br>".join(map(_html_text, self.findings))
         findings = f"<p><strong>{lines}</strong></p>" if lines else ""
         return (
-            f"{findings}<table>{self._html_caption()}<thead><tr>{''.join(headings)}</tr></thead>"
+            f"{findings}<table>{self._html_caption()}<thead>{''.join(self._html_groups())}"
+            f"<tr>{''.join(headings)}</tr></thead>"
             f"<tbody>{'</tbody><tbody>'.join(bodies)}</tbody></table>"
         )
 
@@ -151,7 +189,7 @@ class Table:
         """
         blocks = [
             [[heading, cell] for heading, cell in zip(self.flat_headings, row, strict=True) if cell]
-            for row in self.rows
+            for row in filter(any, self.rows)
         ]
         # An empty row between blocks, but none before the first.
         rows = [line for block in blocks for line in (["", ""], *block)][1:]
@@ -160,16 +198,16 @@ class Table:
 
     @property
     def flat_headings(self) -> Sequence[str]:
-        """The headings in one row, each with its group if there are several."""
-        if len(self.groups) < 2:
+        """The headings in one row, each with its widest group if there are several."""
+        if not self._is_wide:
             return self.headings
         first, *others = self.headings
-        names = [group for group in self.groups for _ in range(self._group_width)]
+        names = [group.heading for group in self.groups[0] for _ in range(group.columns)]
         return [first, *(f"{name} {it}" for name, it in zip(names, others, strict=True))]
 
     @property
-    def _group_width(self) -> int:
-        return (len(self.headings) - 1) // len(self.groups)
+    def _is_wide(self) -> bool:
+        return any(len(row) > 1 for row in self.groups[:1])
 
     @property
     def lines_below(self) -> Sequence[str]:
@@ -178,13 +216,16 @@ class Table:
         return [*caption, *self.findings, *([""] if self.findings else []), *self.notes]
 
     def _latex_groups(self) -> Iterator[str]:
-        if not self.groups:
-            return
-        width = self._group_width
-        starts = [2 + width * number for number in range(len(self.groups))]
-        names = [rf"\multicolumn{{{width}}}{{c}}{{{latex_text(it)}}}" for it in self.groups]
-        yield _latex_row(["", *names])
-        yield " ".join(rf"\cmidrule(lr){{{start}-{start + width - 1}}}" for start in starts)
+        for row in self.groups:
+            ends = list(accumulate((group.columns for group in row), initial=1))
+            names = (rf"\multicolumn{{{n}}}{{c}}{{{latex_text(name)}}}" for name, n in row)
+            yield _latex_row(["", *names])
+            yield " ".join(rf"\cmidrule(lr){{{end + 1}-{last}}}" for end, last in pairwise(ends))
+
+    def _html_groups(self) -> Iterator[str]:
+        for row in self.groups:
+            names = (f'<th colspan="{n}">{_html_text(name)}</th>' for name, n in row)
+            yield f"<tr><th></th>{''.join(names)}</tr>"
 
     def _html_caption(self) -> str:
         lines = [_html_text(line) for line in (self.caption, *self.notes) if line]
@@ -196,12 +237,11 @@ class Table:
         return f'<caption style="caption-side: bottom; text-align: left">{text}</caption>'
 
     def _html_row(self, row: Sequence[str]) -> str:
-        texts = (_formatted(cell, _html_text, "<strong>{}</strong>") for cell in row)
         cells = (
             f'<th scope="row" style="text-align: left">{text}</th>'
             if column in self.text_columns
             else f"<td>{text}</td>"
-            for column, text in enumerate(texts)
+            for column, text in enumerate(map(_html_number, row))
         )
         return f"<tr>{''.join(cells)}</tr>"
 
@@ -254,6 +294,8 @@ class Printout:
                 return self.papers[layout]().to_markdown()
             case "latex":
                 return self.papers[layout]().to_latex()
+            case "html":
+                return self.papers[layout]().to_html()
             case _:
                 return "\n\n".join(part.to_text() for part in self.parts())
 
@@ -271,12 +313,6 @@ def _aligned(column: Sequence[str], *, is_text: bool) -> Sequence[str]:
     if is_marked and len(heading) < width:
         heading = f"{heading} "
     return [cell.rjust(width) for cell in [heading, *cells]]
-
-
-def _formatted(cell: str, escape: Callable[[str], str], bold: str) -> str:
-    """Escape a cell for a layout, and put it into the layout's bold type if it is bold."""
-    text = escape(cell)
-    return bold.format(text) if isinstance(cell, Bold) else text
 
 
 # Markdown.
@@ -308,6 +344,16 @@ def _markdown_cell(text: str) -> str:
     return markdown_text(text).replace("|", r"\|")
 
 
+_MARKDOWN_STYLES = {"plain": "{}", "bold": "**{}**", "underlined": "<ins>{}</ins>"}
+
+
+def _markdown_number(cell: str) -> str:
+    if not isinstance(cell, Number):
+        return _markdown_cell(cell)
+    value = _MARKDOWN_STYLES[cell.style].format(_markdown_cell(cell.value))
+    return value + _markdown_cell(cell[len(cell.value) :])
+
+
 # LaTeX.
 
 _NAMED = {
@@ -318,6 +364,10 @@ _NAMED = {
     ">": "greater",
     "|": "bar",
     "±": "pm",
+    "†": "dagger",
+    "‡": "daggerdbl",
+    "§": "section",
+    "¶": "paragraph",
 }
 # Escapes of characters that LaTeX, or its default font encoding, takes for something else.
 _SPECIAL = str.maketrans(
@@ -349,6 +399,24 @@ def latex_comments(lines: Iterable[str]) -> Sequence[str]:
     return [f"% {' '.join(line.splitlines())}".rstrip() for line in lines]
 
 
+_LATEX_STYLES = {"plain": "{}", "bold": r"\textbf{{{}}}", "underlined": r"\underline{{{}}}"}
+
+
+def _latex_number(cell: str) -> str:
+    if not isinstance(cell, Number):
+        return latex_text(cell)
+    value = _LATEX_STYLES[cell.style].format(latex_text(cell.value))
+    if cell.marks:
+        # Without a width, so that the decimal points above and below stay in line.
+        value += rf"\rlap{{\textsuperscript{{{latex_text(cell.marks)}}}}}"
+    if cell.interval is None:
+        return value
+    # Beside the value, or on one line below it, twelve intervals would be wider than a page.
+    low, high = map(latex_text, cell.interval)
+    lines = rf"{value}\\ \scriptsize ({low},\\ \scriptsize {high})"
+    return rf"\begin{{tabular}}[t]{{@{{}}r@{{}}}}{lines}\end{{tabular}}"
+
+
 def _latex_row(cells: Iterable[str]) -> str:
     return " & ".join(cells) + r" \\"
 
@@ -360,6 +428,18 @@ def _html_text(text: str) -> str:
     from html import escape
 
     return escape(text)
+
+
+_HTML_STYLES = {"plain": "{}", "bold": "<strong>{}</strong>", "underlined": "<u>{}</u>"}
+
+
+def _html_number(cell: str) -> str:
+    if not isinstance(cell, Number):
+        return _html_text(cell)
+    value = _HTML_STYLES[cell.style].format(_html_text(cell.value))
+    marks = f"<sup>{_html_text(cell.marks)}</sup>" if cell.marks else ""
+    interval = " to ".join(map(_html_text, cell.interval or ()))
+    return value + marks + (f"<br><small>({interval})</small>" if interval else "")
 
 
 @cache

@@ -33,7 +33,7 @@ from reverie_eval.tasks._fields import (
     VIEW,
     Field,
 )
-from reverie_eval.tasks._published import PublishedResult, published_results
+from reverie_eval.tasks._published import PublishedResult, published_on, published_results
 from reverie_eval.tasks._registry import (
     BUILT_IN,
     DEFAULT_TASK,
@@ -92,6 +92,7 @@ __all__ = [
     "find_codebase",
     "find_task",
     "name_on_server",
+    "published_on",
     "published_results",
     "task_names",
     "turns_of",

@@ -4,14 +4,16 @@ They stand in ``published.toml``, and nowhere else.
 """
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from os import PathLike
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 from msgspec import Struct
 
+from reverie_eval.errors import ReverieEvalError
 from reverie_eval.metrics import CATALOGUE, printed_value
 
 if sys.version_info >= (3, 11):
@@ -65,9 +67,21 @@ class _Tables(Struct, frozen=True, forbid_unknown_fields=True):
     table: Sequence[_Table]
 
 
-@cache
-def published_results() -> Sequence[PublishedResult]:
-    """Return all published results that ship with the package, in the order of their tables.
+def published_results(file: str | PathLike[str] | None = None) -> Sequence[PublishedResult]:
+    """Return published results, in the order of their tables.
+
+    Parameters
+    ----------
+    file : path, optional
+        A file of the form of ``published.toml``; by default that, with all that ship with the
+        package.
+
+    Raises
+    ------
+    ReverieEvalError
+        If the file has another form, or a value out of its metric's bounds.
+    OSError
+        If the file cannot be read.
 
     Examples
     --------
@@ -79,26 +93,48 @@ def published_results() -> Sequence[PublishedResult]:
     >>> best.scores["rgs"], best.paper
     (0.0624, 'Qi et al., REVERIE, CVPR 2020')
     """
-    # Numbers stay text, so that they are converted as everywhere else.
-    content = tomllib.loads(_FILE.read_text("utf-8"), parse_float=str)
-    return [
-        PublishedResult(
-            task=table.task,
-            split=split,
-            method=method,
-            scores={
-                key: printed_value(CATALOGUE[key], str(value))
-                for key, value in zip(table.metrics, values, strict=True)
-            },
-            episodes=table.episodes,
-            protocol=table.protocol,
-            track=table.track,
-            dataset=table.dataset,
-            paper=table.paper,
-            title=table.title,
-            source=table.source,
-        )
-        for table in msgspec.convert(content, _Tables).table
-        for split, results in table.results.items()
-        for method, values in results.items()
-    ]
+    return _read(_FILE if file is None else Path(file))
+
+
+def published_on(
+    task: str, split: str, track: str, file: str | PathLike[str] | None = None
+) -> Mapping[str, PublishedResult]:
+    """Return the published results of a task, split and track by method."""
+    return {
+        each.method: each
+        for each in published_results(file)
+        if (each.task, each.split, each.track) == (task, split, track)
+    }
+
+
+@cache
+def _read(file: Path) -> Sequence[PublishedResult]:
+    try:
+        # Numbers stay text, so that they are converted as everywhere else.
+        content = tomllib.loads(file.read_text("utf-8"), parse_float=str)
+        return list(_results(msgspec.convert(content, _Tables)))
+    except (ValueError, KeyError) as error:  # those of the TOML, of its form, and of a number
+        raise ReverieEvalError(
+            f"{file}: {error}; the form is that of {_FILE.name}, which ships with reverie-eval: "
+            f"{_FILE}"
+        ) from None
+
+
+def _results(tables: _Tables) -> Iterator[PublishedResult]:
+    for table in tables.table:
+        for split, results in table.results.items():
+            for method, values in results.items():
+                pairs = zip(table.metrics, values, strict=True)
+                yield PublishedResult(
+                    task=table.task,
+                    split=split,
+                    method=method,
+                    scores={key: printed_value(CATALOGUE[key], str(it)) for key, it in pairs},
+                    episodes=table.episodes,
+                    protocol=table.protocol,
+                    track=table.track,
+                    dataset=table.dataset,
+                    paper=table.paper,
+                    title=table.title,
+                    source=table.source,
+                )

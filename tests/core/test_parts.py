@@ -61,6 +61,7 @@ MISSING: Mapping[Words, str] = {
     ("score", *SCORED, "--ci"): STATISTICS,
     ("compare", MEDIOCRE, *SCORED): STATISTICS,
     ("plan", "--split", "val_unseen"): STATISTICS,
+    ("table", MEDIOCRE, *SCORED): STATISTICS,
     ("report", *SCORED, "-o", "report.html"): (
         "an HTML report needs: pip install 'reverie-eval[report]'"
     ),

@@ -6,24 +6,26 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from reverie_eval.reporting.tables import MARK, MISSING, Bold, Table
+from reverie_eval.reporting.tables import MARK, MISSING, Group, Number, Table
 from reverie_eval_cli.output import print_table
 
 TABLE = Table(
     headings=["Method", "SR", "OSR", "SR", "OSR"],
     rows=[
-        ["a|b", Bold("60.00"), "80.00", "5.00", MISSING],
-        ["c_*", "9.00", f"100.00{MARK}", Bold("50.00"), "75.00"],
+        ["a|b", Number("60.00", "bold", "†‡"), "80.00", "5.00", MISSING],
+        ["", "", "", "", ""],
+        ["c_*", "9.00", f"100.00{MARK}", Number("50", "underlined", "", ("4", "6")), "75.00"],
     ],
     text_columns=frozenset({0}),
-    groups=["Seen", "Unseen"],
+    groups=[[Group("Seen", 2), Group("Unseen", 2)], [Group("All", 3), Group("Rest", 1)]],
     caption="Results & all.",
     notes=["split:a|n:3", "", "* differs"],
 )
 TEXT = """\
-Method  Seen SR  Seen OSR  Unseen SR  Unseen OSR
-a|b       60.00    80.00        5.00           -
-c_*        9.00   100.00*      50.00       75.00
+Method  Seen SR  Seen OSR    Unseen SR  Unseen OSR
+a|b     60.00†‡    80.00          5.00           -
+
+c_*        9.00   100.00*  50 (4 to 6)       75.00
 
 Results & all.
 split:a|n:3
@@ -31,8 +33,9 @@ split:a|n:3
 * differs"""
 MARKDOWN = r"""| Method | Seen SR | Seen OSR | Unseen SR | Unseen OSR |
 | :--- | ---: | ---: | ---: | ---: |
-| a\|b | **60.00** | 80.00 | 5.00 | - |
-| c\_\* | 9.00 | 100.00\* | **50.00** | 75.00 |
+| a\|b | **60.00**†‡ | 80.00 | 5.00 | - |
+|  |  |  |  |  |
+| c\_\* | 9.00 | 100.00\* | <ins>50</ins> (4 to 6) | 75.00 |
 
 Results &amp; all.
 
@@ -45,24 +48,28 @@ LATEX = r"""% split:a|n:3
 \begin{table*}
 \centering
 \caption{Results \& all.}
+\setlength{\tabcolsep}{3pt}
 \begin{tabular}{lrrrr}
 \toprule
  & \multicolumn{2}{c}{Seen} & \multicolumn{2}{c}{Unseen} \\
 \cmidrule(lr){2-3} \cmidrule(lr){4-5}
+ & \multicolumn{3}{c}{All} & \multicolumn{1}{c}{Rest} \\
+\cmidrule(lr){2-4} \cmidrule(lr){5-5}
 Method & SR & OSR & SR & OSR \\
 \midrule
-a\textbar{}b & \textbf{60.00} & 80.00 & 5.00 & - \\
-c\_{*} & 9.00 & 100.00{*} & \textbf{50.00} & 75.00 \\
+a\textbar{}b & \textbf{60.00}\rlap{\textsuperscript{\textdagger{}\textdaggerdbl{}}} & 80.00 & 5.00 & - \\
+\midrule
+c\_{*} & 9.00 & 100.00{*} & \begin{tabular}[t]{@{}r@{}}\underline{50}\\ \scriptsize (4,\\ \scriptsize 6)\end{tabular} & 75.00 \\
 \bottomrule
 \end{tabular}
-\end{table*}"""
+\end{table*}"""  # noqa: E501  # lines of LaTeX
 CSV = """\
 Method,Seen SR,Seen OSR,Unseen SR,Unseen OSR
-a|b,60.00,80.00,5.00,-
-c_*,9.00,100.00*,50.00,75.00"""
+a|b,60.00†‡,80.00,5.00,-
+c_*,9.00,100.00*,50 (4 to 6),75.00"""
 STACKED = """\
 Method         a|b
-Seen SR      60.00
+Seen SR      60.00†‡
 Seen OSR     80.00
 Unseen SR     5.00
 Unseen OSR       -
@@ -70,7 +77,7 @@ Unseen OSR       -
 Method         c_*
 Seen SR       9.00
 Seen OSR   100.00*
-Unseen SR    50.00
+Unseen SR    50 (4 to 6)
 Unseen OSR   75.00"""
 
 
@@ -114,13 +121,19 @@ def test_names_are_text_in_markdown(name: str, cell: str) -> None:
 
 
 def test_html_escapes_explains_metrics_and_separates_rows() -> None:
-    table = Table(["", "SR %"], [["<a>", Bold("1")], ["", ""], ["b", "2"]], frozenset({0}))
+    bold = Number("1", "bold", "†", ("0", "2"))
+    table = Table(
+        ["", "SR %"],
+        [["<a>", bold], ["", ""], ["b", Number("2", "underlined")]],
+        frozenset({0}),
+        [[Group("<g>", 1)]],
+    )
     name, value = '<tr><th scope="row" style="text-align: left">', "</th><td>"
     assert table.to_html() == (
-        "<table><thead><tr><th></th><th title="
+        '<table><thead><tr><th></th><th colspan="1">&lt;g&gt;</th></tr><tr><th></th><th title='
         '"success rate: the target object is visible where the agent stops">SR %</th></tr></thead>'
-        f"<tbody>{name}&lt;a&gt;{value}<strong>1</strong></td></tr></tbody>"
-        f"<tbody>{name}b{value}2</td></tr></tbody></table>"
+        f"<tbody>{name}&lt;a&gt;{value}<strong>1</strong><sup>†</sup><br><small>(0 to 2)</small>"
+        f"</td></tr></tbody><tbody>{name}b{value}<u>2</u></td></tr></tbody></table>"
     )
 
 
@@ -142,7 +155,7 @@ def test_a_terminal_gets_the_first_layout_that_fits() -> None:
     narrow = TABLE.stacked()
     wide = printed(80, TABLE, narrow)
     assert "Seen SR   Seen OSR" in wide
-    lines = [line.strip() for line in printed(24, TABLE, narrow).splitlines()]
+    lines = [line.strip() for line in printed(28, TABLE, narrow).splitlines()]
     expected = [line.strip().split() for line in STACKED.splitlines()]
     assert [line.split() for line in lines[: len(expected)]] == expected
     assert lines[len(expected) :] == ["", "Results & all.", "split:a|n:3", "", "* differs"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from reverie_eval import Scores
+from reverie_eval import Evaluator
 from reverie_eval.analysis import BEST, Runs
 from reverie_eval.metrics import CATALOGUE, printed_value
 from reverie_eval.reporting.tables import FORMATS
@@ -99,7 +99,7 @@ def compare(
         against = [part for word in (*against, *words) for part in word.split(",")]
     elif n_published is not None:
         raise click.UsageError("--n is the number of episodes of --against, which is missing")
-    methods = _methods(submissions)
+    methods = find_methods(submissions)
     if against and (len(methods) != 1 or baseline or episodes):
         raise click.UsageError(
             "--against compares one submission, or the runs of one method, with published means; "
@@ -112,14 +112,9 @@ def compare(
         baseline = BEST
     # A baseline is given as its file, and compared under its name.
     name_of = {runs[0]: name for name, runs in methods.items() if len(runs) == 1}
-    evaluator = scoring.evaluator(scoring.find(episodes_from))
-    # Scored in one go, so that the problems of all files are listed together, then dealt out to
-    # their methods in order.
-    scored = iter(score_each(files, evaluator))
-    scores = {
-        name: _scored(list(islice(scored, len(runs))), runs, cluster, confidence)
-        for name, runs in methods.items()
-    }
+    scores = score_methods(
+        methods, scoring.evaluator(scoring.find(episodes_from)), cluster, confidence
+    )
     if against:
         ((name, scored_one),) = scores.items()
         published = _published(against)
@@ -196,28 +191,37 @@ def _published(words: Sequence[str]) -> Mapping[str, float] | str:
     return means
 
 
-def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:
-    """Return the files of each method by its name; without a name, a file is one method."""
+def find_methods(words: Sequence[str], split: str = "") -> Mapping[str, Sequence[str]]:
+    """Return the files of each method by its name; without a name, a file is one method.
+
+    The name of the split is no part of a method's name.
+    """
     named = [find_runs(word) for word in words]
     single = [[] if runs else find_files([word]) for word, runs in zip(words, named, strict=True)]
-    names = iter(submission_names([file for files in single for file in files]))
+    files = [file for several in single for file in several]
+    names = iter(submission_names([it.replace(split, "") for it in files] if split else files))
     methods: dict[str, Sequence[str]] = {}
-    for runs, files in zip(named, single, strict=True):
-        for name, several in [runs] if runs else [(next(names), [file]) for file in files]:
+    for runs, several in zip(named, single, strict=True):
+        for name, each in [runs] if runs else [(next(names), [file]) for file in several]:
             if name in methods:
                 raise click.UsageError(f"two methods are named {name}; give each a name of its own")
-            methods[name] = several
+            methods[name] = each
     return methods
 
 
-def _scored(
-    scores: Sequence[Scores],
-    files: Sequence[str],
+def score_methods(
+    methods: Mapping[str, Sequence[str]],
+    evaluator: Evaluator,
     cluster: Clustering,
     confidence: float | None,
-) -> Scored:
-    """Return the scores of a single file, or those of several runs together."""
-    if len(files) == 1:
-        return scores[0]
-    named = dict(zip(submission_names(files), scores, strict=True))
-    return Runs.of(named, cluster, confidence=confidence)
+) -> Mapping[str, Scored]:
+    """Return the scores of each method, of a single file or of several runs together."""
+    # Scored in one go, so that the problems of all files are listed together, then dealt out to
+    # their methods in order.
+    scored = iter(score_each([file for files in methods.values() for file in files], evaluator))
+    scores: dict[str, Scored] = {}
+    for name, files in methods.items():
+        runs = dict(zip(submission_names(files), islice(scored, len(files)), strict=True))
+        first, *others = runs.values()
+        scores[name] = Runs.of(runs, cluster, confidence=confidence) if others else first
+    return scores

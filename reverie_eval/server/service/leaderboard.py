@@ -264,11 +264,10 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
         nothing = f"No result of {board.label} is shown at {address}"
         return "\n".join(latex_comments([nothing])) + "\n"
     methods = {
-        name: [row.entry.scores]
-        for name, row in zip(method_names(ranking, rows), rows, strict=True)
+        name: row.entry.scores for name, row in zip(method_names(ranking, rows), rows, strict=True)
     }
     caption = f"{board.full_title}: {board.signature}. {address}"
-    return methods_table(methods, [board.label], metrics, caption).to_latex() + "\n"
+    return methods_table(methods, board.label, metrics, caption).to_latex() + "\n"
 
 
 def method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:

@@ -88,11 +88,6 @@ def test_the_best_epoch_is_chosen(seen: list[float], first: int, best: int) -> N
     assert training.best_epoch(curve, first) == best
 
 
-def test_the_learning_rate_falls_by_a_cosine() -> None:
-    rates = [training.cooling(epoch, 4) for epoch in (1, 2, 3, 4)]
-    assert rates == pytest.approx([1, 0.853553, 0.5, 0.146447], abs=1e-6)
-
-
 def test_training_ends_three_epochs_after_the_best(
     files: DatasetFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,7 +106,10 @@ def test_training_ends_three_epochs_after_the_best(
         pytest.param("r2r-tff", {}, "no agent 'r2r-tff' to train; did you mean r2r-tf", id="name"),
         pytest.param("r2r-tf", {"name": True}, "no option 'name'; did you mean names", id="option"),
         pytest.param("r2r-tf", {"names": 3}, "names is true or false, not 3", id="value"),
-        pytest.param("mattnet", {"names": True}, "pointers have none", id="option of a pointer"),
+        pytest.param(
+            "mattnet", {"names": True}, "no option 'names'; choose one of: size", id="a pointer's"
+        ),
+        pytest.param("mattnet", {"size": 7}, "size is an even number from 2, not 7", id="size"),
         pytest.param("interactive", {}, "interactive asks a pointer: train one", id="pointer"),
     ],
 )

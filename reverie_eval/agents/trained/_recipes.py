@@ -25,6 +25,10 @@ of the logits along its way (FAST), or by the sum of their log-probabilities."""
 WALKS: Sequence[Walk] = get_args(Walk)
 
 
+_LEAST: Mapping[str, int] = {"size": 2, "epochs": 1}
+"""The options that are numbers: multiples of this."""
+
+
 @dataclass(frozen=True)
 class Recipe:
     """How a row of the paper is trained."""
@@ -42,6 +46,8 @@ class Recipe:
     erases: bool = False
     """Whether a pointer reads expressions again without their most important word."""
     walk: Walk = "greedy"
+    size: int | None = None
+    """Of embeddings and hidden states; None for what the network has."""
 
     @property
     def is_pointer(self) -> bool:
@@ -54,31 +60,37 @@ class Recipe:
         return self.is_pointer or self.inputs.names or self.inputs.matches or self.inputs.top
 
     def with_options(self, options: Mapping[str, Any]) -> "Recipe":
-        """Return the recipe with some of a navigator's inputs switched on or off.
+        """Return the recipe with another size or other epochs, or with inputs on or off.
 
         Raises
         ------
         ReverieEvalError
-            If there is no such option, or its value is neither true nor false.
+            If there is no such option, or its value is none of its kind.
         """
-        known = [] if self.is_pointer else [each.name for each in fields(Inputs)]
+        inputs = [] if self.is_pointer else [each.name for each in fields(Inputs)]
+        known = [*_LEAST, *inputs]
         for name, value in options.items():
             if name not in known:
-                raise ReverieEvalError(f"there is no option {name!r}{_or_none(name, known)}")
-            if not isinstance(value, bool):
+                raise ReverieEvalError(f"there is no option {name!r}{did_you_mean(name, known)}")
+            if name in inputs and not isinstance(value, bool):
                 raise ReverieEvalError(f"option {name} is true or false, not {value!r}")
-        return replace(self, inputs=replace(self.inputs, **options))
+            least = _LEAST.get(name, 0)
+            is_number = isinstance(value, int) and not isinstance(value, bool)
+            # Both directions of a bidirectional LSTM have a half of its size.
+            if name in _LEAST and not (is_number and value >= least and value % least == 0):
+                kind = "an even number" if least == 2 else "a whole number"
+                raise ReverieEvalError(f"option {name} is {kind} from {least}, not {value!r}")
+        own = {name: value for name, value in options.items() if name in _LEAST}
+        its = {name: value for name, value in options.items() if name in inputs}
+        return replace(self, **own, inputs=replace(self.inputs, **its))
 
     def build(self, coder: Coder) -> nn.Module:
         """Return a network with random weights."""
         n_words = len(coder.vocabulary.words) + 1
+        sizes = {} if self.size is None else {"embedding": self.size, "hidden": self.size}
         if issubclass(self.network, Pointer):
-            return self.network(n_words)
-        return self.network(n_words, len(coder.remembered), self.inputs)
-
-
-def _or_none(name: str, known: Sequence[str]) -> str:
-    return did_you_mean(name, known) if known else "; pointers have none"
+            return self.network(n_words, **sizes)
+        return self.network(n_words, len(coder.remembered), self.inputs, **sizes)
 
 
 _SELF_MONITOR = Recipe(SelfMonitor, epochs=8, student=0.5)

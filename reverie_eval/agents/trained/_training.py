@@ -1,6 +1,5 @@
 """Training a row of the paper: epochs, early stopping by what is held back, and going on."""
 
-import math
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -135,8 +134,6 @@ def train(
         number = len(card.curve) + 1
         rng = np.random.default_rng([plan.seed, number])
         torch.manual_seed(int(rng.integers(2**63)))
-        for group in optimizer.param_groups:
-            group["lr"] = recipe.learning_rate * cooling(number, recipe.epochs)
         shown = _shuffled(world, parts.trained, rng)
         loss = _train_epoch(model, optimizer, shown, _loss_of(recipe, model, world, number, rng))
         rate = _rate_of(model, world)
@@ -157,15 +154,6 @@ def _input_class(
     reads_objects = recipe.reads_objects or pointer is not None
     objects = ["boxes", "names"] if reads_objects and truth.task.has_targets else []
     return sorted(["instruction", *objects, *([] if recipe.is_pointer else ["geometry"])])
-
-
-def cooling(epoch: int, epochs: int) -> float:
-    """Return the share of the learning rate in an epoch, from 1: a cosine that falls from 1 to 0.
-
-    Loshchilov and Hutter, "SGDR: Stochastic Gradient Descent with Warm Restarts", ICLR 2017,
-    section 3, without restarts. Success swings less from one epoch to the next.
-    """
-    return (1 + math.cos(math.pi * (epoch - 1) / epochs)) / 2
 
 
 def best_epoch(curve: Sequence[Epoch], first: int) -> int:

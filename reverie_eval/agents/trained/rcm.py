@@ -16,8 +16,16 @@ from reverie_eval.agents.trained.follower import Follower
 class Rcm(Follower):
     """The follower, and b, the reward that is expected at a step."""
 
-    def __init__(self, n_words: int, n_remembered: int, inputs: Inputs, hidden: int = 128) -> None:
-        super().__init__(n_words, n_remembered, inputs, hidden=hidden)
+    def __init__(
+        self,
+        n_words: int,
+        n_remembered: int,
+        inputs: Inputs,
+        *,
+        embedding: int = 64,
+        hidden: int = 128,
+    ) -> None:
+        super().__init__(n_words, n_remembered, inputs, embedding=embedding, hidden=hidden)
         self.critic = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
 
     def forward(self, reading: Reading, state: State, slots: Slots) -> Scores:

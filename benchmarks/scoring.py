@@ -130,10 +130,8 @@ def measure(folder: Path, work: Path) -> Iterator[Figure]:
     yield Figure(episodes("bytes to scores / orjson.loads", truth), ours / parser, most=0.9)
     first = ours / len(truth.episodes.instr_ids)
     yield Figure("microseconds for each of them", 1e6 * first)
-    predictions = read_predictions(content)
-    reading, aligning = in_turns(
-        partial(read_predictions, content), partial(align, predictions, truth), 50
-    )
+    read = partial(read_predictions, content, truth.task, truth.graph)
+    reading, aligning = in_turns(read, partial(align, read(), truth), 50)
     yield Figure("of that: reading / orjson.loads", reading / parser)
     yield Figure("of that: alignment / orjson.loads", aligning / parser)
     yield Figure("of that: hints and metrics / orjson.loads", (ours - reading - aligning) / parser)

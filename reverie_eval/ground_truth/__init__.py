@@ -7,7 +7,7 @@ from reverie_eval.ground_truth._bundle import (
     bundle_name,
     pack_texts,
 )
-from reverie_eval.ground_truth._graph import NavigationGraph
+from reverie_eval.ground_truth._graph import ID_LENGTH, NavigationGraph, ViewpointTable
 from reverie_eval.ground_truth._solution import CandidateBoxes, Solution
 from reverie_eval.ground_truth._subset import draw_subset, find_words, read_episode_ids
 from reverie_eval.ground_truth._truth import (
@@ -28,6 +28,7 @@ __all__ = [
     "DEMO_DATASET",
     "DEMO_SAMPLES",
     "GROUND_TRUTH_VARIABLE",
+    "ID_LENGTH",
     "Bundle",
     "BundleHeader",
     "CandidateBoxes",
@@ -35,6 +36,7 @@ __all__ = [
     "GroundTruth",
     "NavigationGraph",
     "Solution",
+    "ViewpointTable",
     "bundle_folder",
     "bundle_name",
     "bundled_splits",

@@ -124,7 +124,9 @@ def evaluate(
     truth = find_ground_truth(ground_truth, split, task, subset)
     truth.require_solution()  # a public bundle is refused before the submission is read
     chosen = truth.task.protocol(protocol)
-    predictions = read_predictions(submission, truth.task, answers_only=is_grounding(track))
+    predictions = read_predictions(
+        submission, truth.task, truth.graph, answers_only=is_grounding(track)
+    )
     return PreparedSubmission.of(predictions, truth.scored_by(chosen), track).score(chosen)
 
 
@@ -142,7 +144,9 @@ def evaluate_protocols(
     """
     truth = find_ground_truth(ground_truth, split, task)
     truth.require_solution()
-    predictions = read_predictions(submission, truth.task, answers_only=is_grounding(track))
+    predictions = read_predictions(
+        submission, truth.task, truth.graph, answers_only=is_grounding(track)
+    )
     protocols = truth.task.protocols
     reasons = {protocol: why_not(protocol, truth, track) for protocol in protocols}
     # A missing row would look like an omission of ours, so every table says why.
@@ -183,7 +187,7 @@ def diagnose(
     # Before the file is read: it depends on the protocol alone.
     check_first_of_hop(protocol, truth.task)
     chosen = truth.task.protocol(protocol)
-    predictions = read_predictions(submission, truth.task)
+    predictions = read_predictions(submission, truth.task, truth.graph)
     whole = PreparedSubmission.of(predictions, truth)
     # Without notes on literal readings: the second scores are those.
     return replace(whole, predictions=None).score(chosen), whole.truncated().score(chosen)
@@ -204,7 +208,9 @@ def validate(
     """
     truth = find_ground_truth(ground_truth, split, task, subset)
     default, *_ = truth.task.protocols
-    predictions = read_predictions(submission, truth.task, answers_only=is_grounding(track))
+    predictions = read_predictions(
+        submission, truth.task, truth.graph, answers_only=is_grounding(track)
+    )
     return PreparedSubmission.of(predictions, truth.scored_by(default), track).validation()
 
 

@@ -239,8 +239,10 @@ def _episodes_and_viewpoints(
     predictions: Predictions, ground_truth: GroundTruth
 ) -> tuple[IntArray, IntArray]:
     episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
-    of_ids = _indices(predictions.distinct_ids, ground_truth.graph.index)
-    return episode, of_ids[predictions.viewpoint]
+    graph = ground_truth.graph
+    if predictions.distinct_ids is graph.viewpoint_ids:  # nearly always: they are read with these
+        return episode, predictions.viewpoint
+    return episode, _indices(predictions.distinct_ids, graph.index)[predictions.viewpoint]
 
 
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:

@@ -25,7 +25,6 @@ from msgspec import Raw
 
 from reverie_eval.arrays import (
     LARGEST_OBJECT_ID,
-    Array,
     BoolArray,
     FloatArray,
     IntArray,
@@ -33,6 +32,7 @@ from reverie_eval.arrays import (
     offsets_of,
 )
 from reverie_eval.geometry import HEIGHT, WIDTH, view_angles
+from reverie_eval.ground_truth import ID_LENGTH, ViewpointTable
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._answers import (
     STRAIGHT_UP,
@@ -73,7 +73,7 @@ _INTEGERS = frozenset({int, np.int64, np.int32})
 
 # Bytes that are read at once. The arrays of so many stay in the processor's cache, and memory is
 # used again: the time for each episode and the memory do not grow with the file.
-_PIECE = 1 << 18
+_PIECE = 1 << 20
 _SPACE = rb"[ \t\r\n]*"
 _FIRST_FIELD = re.compile(rb'%b\[%b\{%b("[^"\\]*")' % ((_SPACE,) * 3))
 _MOST_FIELDS = 100
@@ -86,8 +86,6 @@ _BOX_FIELDS = (BOX, VIEW, IMAGE_SIZE)
 _ANY_BOX = (0.0, 0.0, 1.0, 1.0)
 _NO_BOX = (np.nan,) * 4
 
-# A viewpoint id is as many hexadecimal digits.
-_ID_LENGTH = 32
 # All that viewpoint ids, numbers and the space between them consist of.
 _WITHOUT_MARKS = b"0123456789abcdefE+-. \t\r\n"
 _QUOTE, _COMMA, _OPEN, _CLOSE, _COLON, _BLANK, _MINUS, _E = b'",[]: -e'
@@ -98,16 +96,9 @@ _ANGLES_LENGTH = 48
 _BARE = -1
 # Bytes from one id to the next. A number in it fits a float if it has no positive exponent.
 _LONGEST_GAP = 300
-_IS_HEXADECIMAL = np.isin(np.arange(256), list(b"0123456789abcdef"))
 # The marks of an element that a file may repeat throughout: a pose, or a viewpoint, bare or in a
 # list. Hops differ from each other.
 _UNIT = re.compile(rb'(?P<list>\[)""(?:,,+)?\](?=[],])|""(?=[],])')
-# Large odd numbers, as hash functions use them: one for each word of an id.
-_MULTIPLIERS = np.array(
-    [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5], np.uint64
-)
-_SLOT_BITS = 16
-_MOST_ROUNDS = 8
 
 
 class _Declined(ValueError):  # noqa: N818  # it tells nobody of an error
@@ -150,10 +141,12 @@ class _Walks(NamedTuple):
     """The trajectories of some records."""
 
     stop_angles: FloatArray
-    """Shape (n_records, 2): heading and elevation of the last pose, NaN if there are none. Unless
-    there are boxes, zeros stand for angles that are surely within a turn."""
+    """Shape (n_records, 2): heading and elevation of the last pose, NaN if there are none. If they
+    are not needed exactly, 0 for angles that are surely within a turn, and infinite for others."""
     viewpoint: IntArray
     """Shape (n_viewpoints,): the number of each viewpoint id."""
+    length: IntArray
+    """Shape (n_records,): viewpoints of each trajectory."""
     n_elements: IntArray
     """Shape (n_records,): elements of each trajectory: poses, hops or bare viewpoints."""
     n_viewpoints: IntArray
@@ -176,10 +169,13 @@ class _Part(NamedTuple):
     walks: _Walks
 
 
-def read_fast(content: bytes, task: Task, *, answers_only: bool = False) -> Predictions | None:
+def read_fast(
+    content: bytes, task: Task, viewpoints: ViewpointTable, *, answers_only: bool = False
+) -> Predictions | None:
     """Read a valid file; return None for one that is not valid, or has an unusual form."""
     try:
-        return _read(_find_records(content, task), task, answers_only=answers_only)
+        records = _find_records(content, task)
+        return _read(records, task, viewpoints, answers_only=answers_only)
     except (_Declined, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
 
@@ -251,7 +247,14 @@ def _list_of(texts: Iterable[Any]) -> bytes:
 # From a list of records to columns.
 
 
-def _read(records: _Records, task: Task, *, answers_only: bool) -> Predictions:
+def _read(
+    records: _Records,
+    task: Task,
+    viewpoints: ViewpointTable,
+    *,
+    answers_only: bool,
+    exact_angles: bool = False,
+) -> Predictions:
     text, keys = records.text, records.keys
     first = _FIRST_FIELD.match(text)
     if first is None:
@@ -263,12 +266,14 @@ def _read(records: _Records, task: Task, *, answers_only: bool) -> Predictions:
     form = _form_of(tuple(_decode_fields(beginning)[0]), task, has_keys=bool(keys))
     has_answers = form.has_boxes or bool(form.answer_keys)
     _require(has_answers or not answers_only)
-    log, id_numbers = ReadingLog(), _IdNumbers()
-    parts = [
-        _read_piece(piece, form, log, id_numbers, task=task) for piece in _pieces(text, between)
-    ]
-    part = _Part(*map(_join, zip(*parts, strict=True)))
+    log = ReadingLog()
+    exact_angles = exact_angles or form.has_boxes
+    read = partial(_read_piece, form, task, viewpoints, log, exact_angles=exact_angles)
+    part = _Part(*map(_join, zip(*map(read, _pieces(text, between)), strict=True)))
     walks = part.walks
+    has_degrees = look_like_degrees(walks.stop_angles)
+    if has_degrees and not exact_angles:
+        return _read(records, task, viewpoints, answers_only=answers_only, exact_angles=True)
     # A record's own id must be its key.
     _require(not (keys and form.id_key) or part.instr_ids == keys)
     instr_ids = records.instr_ids or keys or part.instr_ids
@@ -294,10 +299,10 @@ def _read(records: _Records, task: Task, *, answers_only: bool) -> Predictions:
     predictions = Predictions(
         instr_ids=instr_ids,
         viewpoint=walks.viewpoint,
-        distinct_ids=list(id_numbers.numbering),
-        offsets=offsets_of(np.add.reduceat(walks.n_viewpoints, offsets_of(walks.n_elements)[:-1])),
+        distinct_ids=viewpoints.ids,
+        offsets=offsets_of(walks.length),
         predicted_object=part.predicted_object,
-        has_degrees=look_like_degrees(walks.stop_angles),
+        has_degrees=has_degrees,
         answer_is_text=part.answer_is_text,
         has_leading_zeros=part.has_leading_zeros,
         boxes=boxes,
@@ -379,7 +384,13 @@ def _form_of(names: tuple[str, ...], task: Task, *, has_keys: bool) -> _Form:
 
 
 def _read_piece(
-    text: bytes, form: _Form, log: ReadingLog, id_numbers: "_IdNumbers", *, task: Task
+    form: _Form,
+    task: Task,
+    viewpoints: ViewpointTable,
+    log: ReadingLog,
+    text: bytes,
+    *,
+    exact_angles: bool,
 ) -> _Part:
     records = form.decode(text)
     columns = {name: list(map(attrgetter(it), records)) for name, it in form.fields.items()}
@@ -401,7 +412,7 @@ def _read_piece(
         box = _read_boxes(columns)
         given[BOX.name] = [each and _ANY_BOX for each in columns[BOX.name]]
     answers = _read_answers(given, len(records), log)
-    walks = _read_walks(columns[form.walk_key], id_numbers, has_boxes=form.has_boxes)
+    walks = _read_walks(columns[form.walk_key], viewpoints, exact_angles=exact_angles)
     return _Part(instr_ids, *answers, point, box, walks)
 
 
@@ -494,27 +505,29 @@ def _read_points(columns: Sequence[list[Any]], log: ReadingLog) -> FloatArray:
 # Trajectories.
 
 
-def _read_walks(texts: Sequence[Raw], id_numbers: "_IdNumbers", *, has_boxes: bool) -> _Walks:
+def _read_walks(texts: Sequence[Raw], viewpoints: ViewpointTable, *, exact_angles: bool) -> _Walks:
     """Read trajectories from their JSON text."""
     text = b"".join(texts)
     n_elements, n_viewpoints, n_numbers = _read_marks(text, len(texts))
-    lengths = np.add.reduceat(n_viewpoints, offsets_of(n_elements)[:-1])
-    _require(lengths.min() > 0 and n_elements.max() <= MAX_POSES)
+    length = np.add.reduceat(n_viewpoints, offsets_of(n_elements)[:-1])
+    _require(length.min() > 0 and n_elements.max() <= MAX_POSES)
     letters = np.frombuffer(text, np.uint8)
     begin, end = np.flatnonzero(letters == _QUOTE).reshape(-1, 2).T
     begin = begin + 1
-    _require((end - begin == _ID_LENGTH).all())
-    ids = np.ndarray(len(text) - _ID_LENGTH + 1, f"V{_ID_LENGTH}", text, strides=1)[begin]
+    _require((end - begin == ID_LENGTH).all())
+    ids = np.ndarray(len(text) - ID_LENGTH + 1, f"V{ID_LENGTH}", text, strides=1)[begin]
+    viewpoint = viewpoints.find(ids)
+    if viewpoint is None:
+        raise _Declined
     stop_angles = np.full((len(texts), 2), np.nan)
     if n_numbers.max() > 0:
         _check_numbers(text, begin, np.count_nonzero(ids.view(np.uint8) == _E))
-        last = end[last_of(offsets_of(lengths))]
-        needed = np.arange(len(last))
-        if not has_boxes:
-            stop_angles[:] = 0
-            needed = np.flatnonzero(~_are_within_turn(text, last))
-        stop_angles[needed] = _read_angles(text, last[needed])
-    return _Walks(stop_angles, id_numbers.numbers(ids), n_elements, n_viewpoints, n_numbers)
+        last = end[last_of(offsets_of(length))]
+        if exact_angles:
+            stop_angles = _read_angles(text, last)
+        else:
+            stop_angles[:] = np.where(_are_within_turn(text, last), 0, np.inf)[:, None]
+    return _Walks(stop_angles, viewpoint, length, n_elements, n_viewpoints, n_numbers)
 
 
 def _read_marks(text: bytes, n_texts: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -601,50 +614,6 @@ def _read_angles(text: bytes, end: IntArray) -> FloatArray:
     angles = np.column_stack([numbers[first], numbers[first + 1]])
     angles[count == 0] = np.nan
     return angles
-
-
-class _IdNumbers:
-    """Numbers viewpoint ids, of which few differ, without making a text of every one."""
-
-    def __init__(self) -> None:
-        self.numbering = Numbering[str]()
-        self._words = np.zeros((1, _ID_LENGTH // 8), np.uint64)
-        """Shape (n, 4): the ids by their numbers, and room for more."""
-        self._at_slot = np.zeros(1 << _SLOT_BITS, np.int64)
-        """The number of an id by the first bits of its code. Two ids rarely have the same."""
-
-    def numbers(self, ids: Array) -> IntArray:
-        """Return the number of each id; the letters of one are one item."""
-        words = ids.view(np.uint64).reshape(len(ids), -1)
-        slot = (words @ _MULTIPLIERS >> np.uint64(64 - _SLOT_BITS)).astype(np.int64)
-        numbers = self._at_slot[slot]
-        left = np.flatnonzero(_are_unequal(self._words.take(numbers, axis=0), words))
-        for _ in range(_MOST_ROUNDS):
-            if not left.size:
-                break
-            # Of those that share a slot, the one that was written last stays there, and is added.
-            self._at_slot[slot[left]] = left
-            new = left[self._at_slot[slot[left]] == left]
-            self._at_slot[slot[new]] = self._add(ids[new].view(np.uint8), words[new])
-            numbers[left] = self._at_slot[slot[left]]
-            found = self._words.take(numbers[left], axis=0)
-            left = left[_are_unequal(found, words.take(left, axis=0))]
-        _require(not left.size)
-        return numbers
-
-    def _add(self, letters: Array, words: Array) -> IntArray:
-        _require(_IS_HEXADECIMAL[letters].all())
-        texts = letters.view(f"S{_ID_LENGTH}").astype(np.str_).tolist()
-        numbers = self.numbering.numbers(texts)
-        room = max(len(self.numbering) - len(self._words), 0)
-        self._words = np.concatenate([self._words, np.zeros((room, words.shape[1]), np.uint64)])
-        self._words[numbers] = words
-        return numbers
-
-
-def _are_unequal(words: Array, others: Array) -> BoolArray:
-    # Four booleans at once: `any` along an axis takes ten times as long.
-    return np.asarray((words != others).view(np.uint32).ravel() != 0)
 
 
 # Notes and locations.

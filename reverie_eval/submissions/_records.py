@@ -14,6 +14,7 @@ import numpy as np
 
 from reverie_eval.arrays import offsets_of
 from reverie_eval.errors import SubmissionError
+from reverie_eval.ground_truth import NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
@@ -84,11 +85,16 @@ class ReadRecord(NamedTuple):
 
 
 def read_predictions(
-    submission: Submission, task: Task = REVERIE, *, answers_only: bool = False
+    submission: Submission,
+    task: Task = REVERIE,
+    graph: NavigationGraph | None = None,
+    *,
+    answers_only: bool = False,
 ) -> Predictions:
     """Read a submission in any form that public codebases of a task write.
 
-    With ``answers_only``, trajectories are ignored and may be left out.
+    A file is read fast if its viewpoints are those of the graph. With ``answers_only``,
+    trajectories are ignored and may be left out.
 
     Raises
     ------
@@ -98,7 +104,7 @@ def read_predictions(
         If the file cannot be read.
     """
     if not are_records(submission):
-        return parse_predictions(read_bytes(submission), task, answers_only=answers_only)
+        return parse_predictions(read_bytes(submission), task, graph, answers_only=answers_only)
     predictions = (
         None
         if answers_only or task.has_items
@@ -108,12 +114,17 @@ def read_predictions(
 
 
 def parse_predictions(
-    content: bytes, task: Task = REVERIE, *, answers_only: bool = False
+    content: bytes,
+    task: Task = REVERIE,
+    graph: NavigationGraph | None = None,
+    *,
+    answers_only: bool = False,
 ) -> Predictions:
     """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
-    predictions = read_fast(content, task, answers_only=answers_only)
-    if predictions is not None:
-        return predictions
+    if graph is not None:
+        predictions = read_fast(content, task, graph.viewpoint_table, answers_only=answers_only)
+        if predictions is not None:
+            return predictions
     log = ReadingLog()
     document = parse_document(content, log)
     return read_carefully(document, log, task, answers_only=answers_only)

@@ -147,7 +147,7 @@ def test_stop_stays_at_the_start_and_predicts_nothing(truth: GroundTruth) -> Non
 @pytest.mark.parametrize("name", list(AGENTS))
 def test_agents_write_the_official_form(name: str, truth: GroundTruth) -> None:
     records = run_agent(name, truth)
-    predictions = read_fast(json.dumps(records).encode(), truth.task)
+    predictions = read_fast(json.dumps(records).encode(), truth.task, truth.graph.viewpoint_table)
     assert predictions is not None
     assert list(predictions.instr_ids) == list(truth.episodes.instr_ids)
     angles = [pose[1:] for record in records for pose in record["trajectory"]]

@@ -21,7 +21,7 @@ from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._records import read_carefully
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
-from tests.support.both_readers import edited, read_by_both, small_files
+from tests.support.both_readers import edited, read_by_both, small_files, viewpoints_in
 from tests.support.forms import FORMS
 from tests.support.json_records import (
     RIGHT,
@@ -296,7 +296,7 @@ def test_hops_by_the_fast_reader() -> None:
         record(trajectory=f"[[{A}], [], [{B}, {A}]]", predObjId='"3"'),
         record(instr_id='"7_1_1"', trajectory=f"[[{B}], [{B}, 1, 2.5, 3], [{A}]]"),
     )
-    predictions = read_fast(content, find_task("reverie"))
+    predictions = read_fast(content, find_task("reverie"), viewpoints_in(content))
     assert predictions is not None
     assert columns_of(predictions) == Columns(
         ["7_1_0", "7_1_1"],

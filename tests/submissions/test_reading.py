@@ -611,7 +611,7 @@ def test_only_the_first_viewpoints_of_hops() -> None:
     assert places_of(cut) == [("[0]", [(0, 0), (1, 0), (2, 0)]), ("[1]", [(0, 0)])]
     assert hops_of(cut) == [False] * 4
     assert (whole.has_long_hops, cut.has_long_hops) == (True, False)
-    poses = read_predictions(document(record(trajectory=f'[["{"a" * 32}", 1.5, 0]]')))
+    poses = read_predictions(json.loads(document(record())))
     assert poses.first_of_hops() is poses
 
 

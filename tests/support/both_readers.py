@@ -2,12 +2,14 @@
 
 import json
 import random
+import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 
 import numpy as np
 
 from reverie_eval import SubmissionError
+from reverie_eval.ground_truth import ViewpointTable
 from reverie_eval.submissions._document import parse_document
 from reverie_eval.submissions._fast import read_fast
 from reverie_eval.submissions._faults import ReadingLog
@@ -25,7 +27,7 @@ _BYTES = b' "[]{},:\\-+.eE0123456789afltrunul\n\x00\x80'
 
 def read_by_both(content: bytes, task: Task, *, answers_only: bool = False) -> bool:
     """Read a file by both readers and compare; return whether the fast one took it."""
-    fast = read_fast(content, task, answers_only=answers_only)
+    fast = read_fast(content, task, viewpoints_in(content), answers_only=answers_only)
     if fast is None:
         return False
     log = ReadingLog()
@@ -49,6 +51,11 @@ def read_by_both(content: bytes, task: Task, *, answers_only: bool = False) -> b
     if fast.point is not None and careful.point is not None:
         assert np.array_equal(fast.point, careful.point, equal_nan=True), content
     return True
+
+
+def viewpoints_in(content: bytes) -> ViewpointTable:
+    """Return a table of what may be a viewpoint id in a file."""
+    return ViewpointTable([each.decode() for each in set(re.findall(rb"[0-9a-f]{32}", content))])
 
 
 @cache

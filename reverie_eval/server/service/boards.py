@@ -184,7 +184,7 @@ class Board:
     def _prepare(self, content: bytes, truth: GroundTruth) -> PreparedSubmission:
         check_value_count(content, MAX_VALUES)
         answers_only = self.split.track == "grounding"
-        predictions = parse_predictions(content, self.task, answers_only=answers_only)
+        predictions = parse_predictions(content, self.task, truth.graph, answers_only=answers_only)
         try:
             prepared = PreparedSubmission.of(predictions, truth, self.split.track)
         except SubmissionError as error:

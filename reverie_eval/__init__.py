@@ -36,7 +36,7 @@ from reverie_eval.tasks import PROTOCOLS, published_results
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
-    from reverie_eval.analysis import Comparison, Runs, Sweep, compare, sweep
+    from reverie_eval.analysis import Comparison, Runs, Sweep, compare, plan, sweep
 
 __all__ = [
     "CATALOGUE",
@@ -63,6 +63,7 @@ __all__ = [
     "evaluate",
     "evaluate_many",
     "evaluate_protocols",
+    "plan",
     "published_results",
     "sweep",
     "validate",
@@ -71,7 +72,7 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     # Scoring a file needs none of them, and they take a fifth of all other imports.
-    if name in {"Comparison", "Runs", "Sweep", "compare", "sweep"}:
+    if name in {"Comparison", "Runs", "Sweep", "compare", "plan", "sweep"}:
         value: object = getattr(import_module("reverie_eval.analysis"), name)
         return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -51,6 +51,7 @@ from reverie_eval.analysis._evidence import (
     nearest_earlier,
     spread_of_changes,
 )
+from reverie_eval.analysis._plans import Plan, plan
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, leaders, rank_intervals
 from reverie_eval.analysis._runs import RunIntervals, Runs
 from reverie_eval.analysis._sweeps import SPLIT_FIELD, Sweep, sweep, sweep_files
@@ -77,6 +78,7 @@ __all__ = [
     "Grouped",
     "Grouping",
     "GroupingKey",
+    "Plan",
     "PredictedBox",
     "Ranks",
     "RunIntervals",
@@ -102,6 +104,7 @@ __all__ = [
     "near_misses",
     "nearest_earlier",
     "p_text",
+    "plan",
     "rank_intervals",
     "spread_of_changes",
     "success_within",

@@ -16,7 +16,7 @@ import numpy as np
 
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
-from reverie_eval.metrics.engine import CrossedMeans, IntervalEngine
+from reverie_eval.metrics.engine import CrossedMeans, IntervalEngine, score_interval
 from reverie_eval.metrics.uncertainty import CONFIDENCE, RESAMPLES, SEED, randomisation_p
 
 with naming_missing_parts():
@@ -43,6 +43,7 @@ _DRAWN_CLUSTERS = 200_000
 # Where the distribution of an estimated variance is looked at.
 _QUANTILES = (np.arange(20) + 0.5) / 20
 _BOUNDS = np.array([[-1.0], [1.0]])
+_RATES = np.array([[0.0, 0.0], [1.0, 1.0]])
 _MOST_EPISODES = 10_000_000
 _MOST_RUNS = 1_000
 # Simulated comparisons where an answer by formula is corrected.
@@ -119,7 +120,7 @@ class Design:
     @property
     def size_of_own_cluster(self) -> float:
         """Mean over episodes of the number of episodes in their cluster."""
-        return float((self.sizes.astype(np.float64) ** 2).sum() / self.n_episodes)
+        return _size_of_own(self.sizes)
 
     def power(self, effect: float, worlds: int | None = None) -> float:
         """Return the probability that a true difference is significant, in its direction.
@@ -285,6 +286,94 @@ class Design:
             run_variance=runs.var(axis=1, ddof=1) / self.n_runs,
             run_freedom=np.full((2, 1), self.n_runs - 1.0),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedDesign:
+    """What the power of a comparison with a published rate depends on; all rates are fractions.
+
+    The published rate is over all episodes of a split, and its results are not known, so that they
+    cannot be paired; see :mod:`reverie_eval.metrics.published`.
+
+    Raises
+    ------
+    ProtocolError
+        If the published rate or the correlation is out of range, or NaN.
+    """
+
+    sizes: IntArray
+    """Shape (n_clusters,): the number of our episodes in each cluster."""
+    of_split: IntArray
+    """Shape (n_clusters_of_split,): that of the split."""
+    published: float
+    correlation: float
+    """Correlation between the results of two episodes in a cluster."""
+
+    def __post_init__(self) -> None:
+        for name, value in (("rate", self.published), ("correlation", self.correlation)):
+            if not 0 <= value <= 1:
+                raise ProtocolError(f"the {name} is {value:g}, expected 0 to 1")
+
+    @property
+    def n_episodes(self) -> int:
+        """The number of our episodes."""
+        return int(self.sizes.sum())
+
+    @property
+    def n_clusters(self) -> int:
+        """The number of their clusters."""
+        return len(self.sizes)
+
+    def power(self, effect: float, n_episodes: int | None = None) -> float:
+        """Return the probability that a rate higher by a true difference is significantly higher.
+
+        Of this or another number of such episodes. Both rates vary by chance, that of ours by
+        ``p (1 - p) / n`` times the design effect of its clusters.
+
+        Raises
+        ------
+        ProtocolError
+            If no rate is higher than the published one by so much.
+        """
+        if not 0 < effect <= 1 - self.published:
+            raise ProtocolError(
+                f"an effect of {effect:g} is impossible: no rate is higher than "
+                f"{self.published:g} by so much"
+            )
+        rates = np.array([self.published + effect, self.published])
+        n_split = int(self.of_split.sum())
+        # Of ours and theirs.
+        variance = np.array(
+            [
+                self._variance(self.sizes, rates[0], n_episodes or self.n_episodes),
+                self._variance(self.of_split, rates[1], n_split),
+            ]
+        )
+        freedom = np.maximum([self.n_clusters - 1, len(self.of_split) - 1], 1)
+        half = stdtrit(freedom, 1 - SIGNIFICANCE / 2) * np.sqrt(variance)
+        low, high = score_interval(rates, half, _RATES)
+        reach = np.hypot(rates[0] - low[0], high[1] - rates[1])
+        return _share_above(reach, effect, float(variance.sum()))
+
+    def smallest_effect(self) -> float | None:
+        """Return the smallest difference with ``POWER``; None if no difference has it."""
+        least, largest = _EXACT, 1 - self.published
+        if largest <= least or self.power(largest) < POWER:
+            return None
+        return float(brentq(lambda effect: self.power(effect) - POWER, least, largest))
+
+    def episodes_needed(self, effect: float) -> int | None:
+        """Return how many such episodes give ``POWER``; None if ten million do not."""
+        return _fewest(range(2, _MOST_EPISODES), partial(self.power, effect))
+
+    def _variance(self, sizes: IntArray, rate: float, n_episodes: int) -> float:
+        design_effect = 1 + self.correlation * (_size_of_own(sizes) - 1)
+        return rate * (1 - rate) * design_effect / n_episodes
+
+
+def _size_of_own(sizes: IntArray) -> float:
+    """Return the mean over episodes of the number of episodes in their cluster."""
+    return float((sizes.astype(np.float64) ** 2).sum() / sizes.sum())
 
 
 def _fewest(tried: range, power: Callable[[int], float]) -> int | None:

@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 import scipy
 
-from fixtures.clustered_worlds import simulated_power, simulated_power_of_runs
+import reverie_eval as rv
+from fixtures.clustered_worlds import (
+    simulated_power,
+    simulated_power_against,
+    simulated_power_of_runs,
+)
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import power
-from reverie_eval.metrics.power import Design
+from reverie_eval.metrics.power import Design, PublishedDesign
 from tests.support.flat_world import Run
 
 SPLIT = "val_unseen"
@@ -141,36 +146,70 @@ def test_the_planned_power_of_runs_is_that_of_simulated_comparisons() -> None:
     assert simulated == pytest.approx(planned, abs=0.08)
 
 
+def test_the_planned_power_against_a_published_rate_is_that_of_simulated_comparisons() -> None:
+    planned, simulated = simulated_power_against(300, 100, 0.4, 0.15, 0.3)
+    assert 0.4 < planned < 0.9
+    assert simulated == pytest.approx(planned, abs=0.08)
+
+
+def test_power_against_a_published_rate_by_hand() -> None:
+    """10,000 independent episodes each: both rates vary by 0.4899 / 100, together by 0.006928.
+
+    So 0.0194 is 2.80 of them, and found in 80 %. Score intervals and 0.4194 x 0.5806 change little.
+    """
+    each = np.ones(10_000, dtype=int)
+    design = PublishedDesign(each, each, 0.4, 0.0)
+    assert design.power(0.0194) == pytest.approx(0.8, abs=0.01)
+    assert design.smallest_effect() == pytest.approx(0.0194, abs=1e-4)
+    needed = design.episodes_needed(0.0194)
+    assert needed is not None
+    assert abs(needed - 10_000) < 300
+    # Four of a target that are alike count as one.
+    alike = PublishedDesign(np.full(10_000, 4), each, 0.4, 1.0)
+    assert alike.power(0.0194) == pytest.approx(design.power(0.0194), abs=1e-3)
+
+
 @pytest.mark.usefixtures("fewer_worlds")
-def test_the_plan_of_a_split(run: Run) -> None:
-    words = ("plan", "--split", SPLIT, "--effect", "20", "--discordance", "40")
-    status, out, err = run(*words)
+def test_a_plan_says_whether_a_split_shows_an_effect(run: Run) -> None:
+    """What is asked in Python is answered as on the command line."""
+    words = ("plan", "--split", SPLIT)
+    status, out, err = run(*words, "--effect", "10", "--discordance", "40")
     assert (status, err) == (0, "")
-    first, *rows = out.splitlines()
-    assert first == f"{SPLIT}: 84 episodes, 29 targets; discordance 40 %, correlation 0"
-    assert [row.rsplit("  ", 1)[0].strip() for row in rows] == [
-        "smallest difference at 80 % power",
-        "power for 20 points",
-        "episodes for 20 points",
-    ]
-    more = run(*words, "--run-deviation", "3", "--correlation", "0.2", "--cluster", "scan").out
-    assert "2 scans; discordance 40 %, correlation 0.2" in more
-    assert (
-        "runs of each method for 20 points  no number of runs: there are too few episodes" in more
+    planned = rv.plan(split=SPLIT, effect=0.1, discordance=0.4)
+    assert out == f"{planned}\n"
+    verdict, smallest, episodes, assumed = out.splitlines()
+    assert verdict == (
+        f"{SPLIT} cannot show a difference of 10 points: found in {100 * planned.power:.0f} % of "
+        "comparisons"
     )
-    assert run(*words, "--run-deviation", "3").out.splitlines()[-1].split()[-1].isdecimal()
+    assert planned.smallest_effect
+    points, needed = f"{100 * planned.smallest_effect:.2f} points", planned.episodes_needed
+    assert smallest == f"smallest difference at 80 % power  {points}"
+    assert episodes == f"episodes for 10 points             {needed}; {SPLIT} has 84"
+    assert assumed == (
+        "assumed: 84 episodes, 29 targets; discordance 40 %, correlation 0; 1 run of each method"
+    )
+    out = run(*words, "--effect", "35", "--run-deviation", "3", "--runs", "4").out
+    assert out.startswith(f"{SPLIT} can show a difference of 35 points: ")
+    assert out.endswith("; 4 runs of each method, deviation 3 points\n")
+    assert out.splitlines()[-2].startswith("runs of each method for 35 points  ")
+    out = run(*words, "--effect", "20", "--run-deviation", "3", "--cluster", "scan").out
+    assert "2 scans; discordance 50 %" in out
+    assert "no number of runs: there are too few episodes\n" in out
 
 
 @pytest.mark.usefixtures("fewer_worlds")
-def test_a_plan_knows_runs_and_subsets(run: Run, tmp_path: Path) -> None:
+def test_a_sample_is_planned_as_it_is_drawn(run: Run, tmp_path: Path) -> None:
     ids = tmp_path / "ids.txt"
     assert run("subset", "--split", SPLIT, "--n", "40", "-o", str(ids)).status == 0
-    words = ("plan", "--split", SPLIT, "--effect", "25", "--episodes-from", str(ids))
-    first, *_ = run(*words).out.splitlines()
-    assert first.startswith(f"{SPLIT}: 40 episodes, ")
-    first, *rows = run(*words, "--run-deviation", "3", "--runs", "2").out.splitlines()
-    assert first.endswith("correlation 0; 2 runs each, deviation 3 points")
-    assert len(rows) == 4
+    words = ("plan", "--split", SPLIT, "--effect", "25")
+    drawn = run(*words, "--n", "40").out
+    assert drawn == run(*words, "--episodes-from", str(ids)).out
+    assert drawn.startswith(f"40 episodes of {SPLIT} cannot show a difference of 25 points: ")
+    against = run(*words, "--n", "40", "--against", "41.2").out
+    assert against.startswith(f"40 episodes of {SPLIT} cannot show 25 points above 41.2 %: ")
+    assert "assumed: 40 episodes, 25 targets, correlation 0.3; the published mean" in against
+    assert "no number: the published mean varies too" in run(*words[:3], "--against", "41.2").out
 
 
 @pytest.mark.parametrize(
@@ -179,6 +218,10 @@ def test_a_plan_knows_runs_and_subsets(run: Run, tmp_path: Path) -> None:
         (["--effect", "30", "--discordance", "20"], "larger than the discordance (20 %)"),
         (["--effect", "0"], "not in the range"),
         (["--correlation", "2"], "not in the range"),
+        (["--n", "85"], "val_unseen has 84 episodes; choose between 1 and all of them, got 85"),
+        (["--n", "9", "--episodes-from", "ids"], "both choose episodes; give one of them"),
+        (["--against", "99"], "no rate is 2 points higher than 99 %"),
+        (["--against", "41", "--run-deviation", "1"], "cannot be combined with --against"),
         (["--runs", "3"], "--runs needs --run-deviation"),
         (["--effect", "nan"], "'--effect': nan is not a finite number"),
         (["--discordance", "nan"], "'--discordance': nan is not a finite number"),
@@ -214,6 +257,15 @@ def test_everything_that_is_out_of_range_is_named_at_once() -> None:
 def test_an_impossible_effect_is_refused(effect: float) -> None:
     with pytest.raises(ProtocolError, match="is impossible: methods that disagree in"):
         MANY.power(effect)
+    with pytest.raises(ProtocolError, match=r"no rate is higher than 0\.9 by so much"):
+        PublishedDesign(MANY.sizes, MANY.sizes, 0.9, 0.0).power(effect)
+
+
+def test_a_published_rate_out_of_range_is_refused() -> None:
+    with pytest.raises(ProtocolError, match=r"^the rate is 41\.2, expected 0 to 1$"):
+        rv.plan(split=SPLIT, against=41.2)
+    with pytest.raises(ProtocolError, match="n and subset both choose episodes"):
+        rv.plan(split=SPLIT, n=3, subset=["1196_0_0"])
 
 
 @pytest.mark.usefixtures("fewer_worlds")

@@ -38,6 +38,7 @@ NAMES = [
     "evaluate",
     "evaluate_many",
     "evaluate_protocols",
+    "plan",
     "published_results",
     "sweep",
     "validate",

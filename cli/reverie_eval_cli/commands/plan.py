@@ -1,19 +1,13 @@
 """``reverie-eval plan``: which differences a split can show, and what it takes to show others."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval.scoring import Clustering, clusters_of
-from reverie_eval.text import count_text
+from reverie_eval.scoring import Clustering
 from reverie_eval_cli import options
 from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import show
-
-if TYPE_CHECKING:
-    from reverie_eval.metrics.power import Design
 
 # Percent, as tables show rates; arithmetic takes fractions.
 _PERCENT = options.Decimal(0, 100, min_open=True)
@@ -21,7 +15,24 @@ _PERCENT = options.Decimal(0, 100, min_open=True)
 
 @click.command()
 @options.truth
-@options.episodes_from
+@click.option(
+    "--n",
+    metavar="N",
+    type=options.Number(min=1),
+    help="Plan a sample of N episodes, as `reverie-eval subset --n N` draws it.",
+)
+@click.option(
+    "--episodes-from",
+    metavar="FILE",
+    type=options.PATH,
+    help="Plan the episodes whose instr_ids FILE lists.",
+)
+@click.option(
+    "--against",
+    metavar="PERCENT",
+    type=options.Decimal(0, 100),
+    help="Plan a comparison with a published rate over the whole split, without its results.",
+)
 @options.with_default(
     "--effect",
     metavar="POINTS",
@@ -36,12 +47,12 @@ _PERCENT = options.Decimal(0, 100, min_open=True)
     default=50.0,
     help="Episodes that one method gets right and the other wrong.",
 )
-@options.with_default(
+@click.option(
     "--correlation",
     metavar="R",
     type=options.Decimal(0, 1),
-    default=0.0,
-    help="Correlation of the differences of episodes with the same target.",
+    help="Correlation of the differences of episodes with the same target or, with --against, of "
+    "their results.  [default: 0; with --against, 0.3]",
 )
 @click.option(
     "--run-deviation",
@@ -60,10 +71,12 @@ _PERCENT = options.Decimal(0, 100, min_open=True)
 def plan(
     *,
     truth_options: TruthOptions,
+    n: int | None,
     episodes_from: Path | None,
+    against: float | None,
     effect: float,
     discordance: float,
-    correlation: float,
+    correlation: float | None,
     run_deviation: float | None,
     runs: int | None,
     cluster: Clustering,
@@ -71,48 +84,39 @@ def plan(
 ) -> None:
     """Plan a comparison: what a split can show.
 
-    Prints the smallest difference in SR or RGS that is found significant (5 %) with a probability
-    of 80 %, how likely the effect is to be found, and how many episodes and runs it takes. The
-    default discordance is that of unrelated methods; similar ones have less. `reverie-eval compare`
-    counts it: won plus lost. With fewer than 400 targets, comparisons are simulated, which takes
-    seconds.
+    Prints whether the effect, a true difference in SR or RGS, can be shown: found significant (5 %)
+    with a probability of 80 %. Then the smallest difference that can, and how many episodes and
+    runs the effect takes. The default discordance is that of unrelated methods; similar ones have
+    less. `reverie-eval compare` counts it: won plus lost. With fewer than 400 targets, comparisons
+    are simulated, which takes seconds.
     """
-    from reverie_eval.metrics.power import Design
+    from reverie_eval.analysis import plan as plan_comparison
 
     # Design refuses this too, in fractions and without the options' names.
-    if effect > discordance:
+    if against is None and effect > discordance:
         raise click.UsageError(
             f"the effect ({effect:g} points) is larger than the discordance ({discordance:g} %); "
             "methods cannot differ by more than the episodes in which they differ"
         )
+    if against is not None and not effect <= 100 - against:
+        raise click.UsageError(f"no rate is {effect:g} points higher than {against:g} %")
     if runs and run_deviation is None:
         raise click.UsageError("--runs needs --run-deviation: how much do runs of a method differ?")
-    truth = truth_options.find(episodes_from)
-    design = Design.of(clusters_of(truth, cluster), discordance / 100, correlation)
-    if run_deviation is not None:
-        # Options are in points and percent, as papers write rates; arithmetic is in fractions.
-        design = replace(design, n_runs=runs or 1, run_deviation=run_deviation / 100)
-    clusters = count_text(design.n_clusters, cluster)
-    assumed = f"discordance {discordance:g} %, correlation {correlation:g}"
-    if runs:
-        assumed += f"; {count_text(runs, 'run')} each, deviation {run_deviation:g} points"
-    first = f"{truth.split}: {design.n_episodes:,} episodes, {clusters}; {assumed}"
-    show(lambda: "\n".join([first, *_rows(design, effect)]), output)
-
-
-def _rows(design: "Design", effect: float) -> list[str]:
-    smallest = design.smallest_effect()
-    needed = design.episodes_needed(effect / 100)
-    shown = "none" if smallest is None else f"{100 * smallest:.2f} points"
-    rows = {
-        "smallest difference at 80 % power": shown,
-        f"power for {effect:g} points": f"{100 * design.power(effect / 100):.0f} %",
-        f"episodes for {effect:g} points": "over 10,000,000" if needed is None else f"{needed:,}",
-    }
-    if design.run_deviation:
-        runs = design.runs_needed(effect / 100)
-        rows[f"runs of each method for {effect:g} points"] = (
-            "no number of runs: there are too few episodes" if runs is None else f"{runs:,}"
-        )
-    width = max(map(len, rows))
-    return [f"{name:{width}}  {value}" for name, value in rows.items()]
+    if n and episodes_from:
+        raise click.UsageError("--n and --episodes-from both choose episodes; give one of them")
+    if against is not None and run_deviation is not None:
+        raise click.UsageError("--run-deviation cannot be combined with --against")
+    # Options are in points and percent, as papers write rates; arithmetic is in fractions.
+    planned = plan_comparison(
+        split=truth_options.split,
+        ground_truth=truth_options.find(episodes_from),
+        n=n,
+        effect=effect / 100,
+        against=None if against is None else against / 100,
+        discordance=discordance / 100,
+        correlation=correlation,
+        runs=runs or 1,
+        run_deviation=(run_deviation or 0) / 100,
+        cluster=cluster,
+    )
+    show(lambda: str(planned), output)

@@ -84,7 +84,7 @@ MISSING: Mapping[Words, str] = {
     ),
     ("serve",): THE_SERVER,
     ("server", "init", "lab"): THE_SERVER,
-    ("server", "check", "lab"): THE_SERVER,
+    ("server", "doctor", "--quick", "lab"): THE_SERVER,
 }
 PROGRAM = """
 import contextlib, io, json, sys

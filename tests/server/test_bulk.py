@@ -106,7 +106,7 @@ def test_scores_that_are_held_back_are_left_out(folder: Path, open_server: OpenS
 def test_the_command_writes_the_same(server: Serving, folder: Path, run: Run) -> None:
     sent(server, OWNER)
     file = folder.parent / "all.tar"
-    outcome = run("server", "download", str(folder), OPEN, "-o", str(file))
+    outcome = run("server", "export", "submissions", str(folder), OPEN, "-o", str(file))
     assert outcome.status == 0, outcome.err
     assert "1 submission" in outcome.out
     assert file.read_bytes() == server.ask(ORGANISER, "GET", PATH).content
@@ -122,7 +122,7 @@ def test_a_damaged_upload_is_named_and_no_file_is_written(
     (folder / "uploads" / sha256[:2] / f"{sha256}.json.gz").unlink()
     server.state.uploads.put(sha256, GOOD + b"\n")
     file = folder.parent / "all.tar"
-    outcome = run("server", "download", str(folder), OPEN, "-o", str(file))
+    outcome = run("server", "export", "submissions", str(folder), OPEN, "-o", str(file))
     assert outcome.status == 2
     assert f"the upload {sha256} is not the file that was uploaded" in outcome.err
     assert list(folder.parent.glob("*.tar*")) == []

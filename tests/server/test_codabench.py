@@ -52,7 +52,7 @@ def competition(folder: Path, tmp_path: Path, run: Run) -> Path:
     settings.write_text(text.replace('phases = [{ name = "always" }]', PHASES))
     archive = tmp_path / "competition.zip"
     words = ["--split", PRIVATE, "--image", "lab/scorer", "-o", str(archive)]
-    outcome = run("server", "export-codabench", str(folder), *words)
+    outcome = run("server", "export", "codabench", str(folder), *words)
     assert outcome.status == 0, outcome.err
     assert "submissions in 30 days" in outcome.err
     assert archive.stat().st_mode & 0o077 == 0
@@ -176,6 +176,6 @@ def test_a_killed_worker_leaves_nothing_half_done(
 
 def test_an_unknown_split_is_named(folder: Path, run: Run, tmp_path: Path) -> None:
     words = ["--split", OPEN + "s", "--image", "lab/scorer", "-o", str(tmp_path / "x.zip")]
-    outcome = run("server", "export-codabench", str(folder), *words)
+    outcome = run("server", "export", "codabench", str(folder), *words)
     assert outcome.status == 2
     assert f"{OPEN}s" in outcome.err

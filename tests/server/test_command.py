@@ -135,7 +135,7 @@ def test_a_folder_may_have_any_name(
     assert TOKEN.search(made.out)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name / "server.db").stat().st_size
-    assert run("server", "check", name).status == 0
+    assert run("server", "doctor", "--quick", name).status == 0
 
 
 def test_an_empty_folder_is_filled_in_its_place(laptop: Laptop) -> None:
@@ -212,7 +212,7 @@ def test_people_tokens_and_grants_are_listed(lab: str, run: Run) -> None:
     run("server", "team", "add", lab, "Blue")
     run("server", "person", "add", lab, "Ada", "--team", "Blue")
     token = run("server", "token", "add", lab, "Ada", "--expires-days", "30")
-    invitation = run("server", "invite", lab, "Ada")
+    invitation = run("server", "token", "invite", lab, "Ada")
     for shown in (token, invitation):
         assert TOKEN.fullmatch(shown.out.strip())
         assert "of Ada, until 20" in shown.err
@@ -252,7 +252,7 @@ def test_all_tokens_are_revoked_at_once(
         run("server", "team", "add", lab, team)
         run("server", "person", "add", lab, person, "--team", team)
         run("server", "token", "add", lab, person)
-    run("server", "invite", lab, "Ada")
+    run("server", "token", "invite", lab, "Ada")
     outcome = run("server", kind, "revoke", lab, name)
     assert outcome.out == f"{name}: {len(revoked)} tokens revoked\n"
     rows = [row.split() for row in run("server", "token", "list", lab).out.splitlines()[1:]]
@@ -270,7 +270,7 @@ def test_all_tokens_are_revoked_at_once(
         ),
         pytest.param("person add {} Eve --team Green", "there is no team 'Green'", id="no team"),
         pytest.param("token add {} Eve", "there is no person 'Eve'", id="no person"),
-        pytest.param("invite {} Eve", "there is no person 'Eve'", id="nobody to invite"),
+        pytest.param("token invite {} Eve", "there is no person 'Eve'", id="nobody to invite"),
         pytest.param("token revoke {} rv_00000", "`server token list` shows all", id="no token"),
         pytest.param("team revoke {} Green", "there is no team 'Green'", id="nobody's tokens"),
         pytest.param("person revoke {} Eve", "there is no person 'Eve'", id="nobody's token"),
@@ -306,7 +306,7 @@ def test_nobody_is_given_more_than_can_be_counted(number: str, lab: str, run: Ru
     "command",
     [
         pytest.param("token add {} Ada --expires-days", id="token"),
-        pytest.param("invite {} Ada --expires-days", id="invitation"),
+        pytest.param("token invite {} Ada --expires-days", id="invitation"),
         pytest.param("grant {} Blue test 1 --reason x --days", id="grant"),
     ],
 )

@@ -433,7 +433,7 @@ def test_files_that_the_server_may_not_read_are_named(
 ) -> None:
     for name in names:
         (folder / name).chmod(0)
-    checked = laptop.like_anybody("server", "check", str(folder))
+    checked = laptop.like_anybody("server", "doctor", "--quick", str(folder))
     assert checked.status == 1
     for name, check in zip(names, checks, strict=True):
         (fault,) = re.findall(rf"^{check} +fault +(.*)$", checked.out, re.MULTILINE)
@@ -454,8 +454,8 @@ def test_transactions_that_sqlite_would_forget_are_damage(killed: Path, laptop: 
     content = bytearray(log.read_bytes())
     content[LOG_HEADER + FRAME + 100] ^= 1  # in the second frame
     log.write_bytes(content)
-    for words in (["serve", "--port", "0"], ["server", "team", "list"], ["server", "check"]):
-        told = laptop.run(*words, killed, status=1)
+    for words in ("serve --port 0", "server team list", "server doctor --quick"):
+        told = laptop.run(*words.split(), killed, status=1)
         assert f"is damaged (transactions in {log} cannot be read); {REMEDY}" in told.out + told.err
     output = killed.with_name("backup.tar.gz")
     assert "cannot be read" in laptop.run("server", "backup", killed, "-o", output, status=1).err

@@ -565,7 +565,7 @@ def test_a_server_without_a_challenge_has_no_worker(made_folder: Path, run: Run)
 
 
 def test_the_challenge_has_a_place_for_every_result(lab: Path, run: Run) -> None:
-    outcome = run("server", "export-evalai", str(lab))
+    outcome = run("server", "export", "evalai", str(lab))
     assert outcome.status == 0
     assert f"{PRIVATE}: quotas for any 24 hours, 30 and 365 days" in outcome.err
     config = yaml.safe_load(outcome.out)
@@ -599,7 +599,7 @@ release_scores = "phase-end"
 """
     text = settings.read_text()
     settings.write_text(text.replace('\nphases = [{ name = "always" }]\n', phases))
-    outcome = run("server", "export-evalai", str(folder))
+    outcome = run("server", "export", "evalai", str(folder))
     assert outcome.status == 0, outcome.err
     assert f"{PRIVATE}: the date from which scores are shown" in outcome.err
     config = yaml.safe_load(outcome.out)

@@ -33,7 +33,7 @@ def busy(server: Serving) -> Serving:
 
 
 def test_results_are_those_of_the_leaderboard_s_csv(busy: Serving, folder: Path, run: Run) -> None:
-    outcome = run("server", "export", str(folder), "-o", str(folder.parent / "out"))
+    outcome = run("server", "export", "tables", str(folder), "-o", str(folder.parent / "out"))
     assert outcome.status == 0, outcome.err
     with (folder.parent / "out" / "results.csv").open(newline="") as file:
         results = list(csv.DictReader(file))
@@ -50,7 +50,7 @@ def test_results_are_those_of_the_leaderboard_s_csv(busy: Serving, folder: Path,
 
 def test_parquet_has_the_same_values_with_units(busy: Serving, folder: Path, run: Run) -> None:
     out = folder.parent / "out"
-    assert run("server", "export", str(folder), "-o", str(out), "--format", "parquet").status == 0
+    run("server", "export", "tables", str(folder), "-o", str(out), "--format", "parquet")
     table = parquet.read_table(out / "results.parquet")
     rows = [row for row in table.to_pylist() if row["split"] == OPEN]
     shown = busy.client.get(f"/api/v1/splits/{OPEN}/leaderboard").json()["rows"]
@@ -68,13 +68,14 @@ def test_parquet_has_the_same_values_with_units(busy: Serving, folder: Path, run
 
 def test_a_site_does_not_replace_the_tables(busy: Serving, folder: Path, run: Run) -> None:
     out = folder.parent / "out"
-    run("server", "export", str(folder), "-o", str(out))
-    assert "is not an earlier copy" in run("server", "export-site", str(folder), "-o", str(out)).err
+    run("server", "export", "tables", str(folder), "-o", str(out))
+    refused = run("server", "export", "site", str(folder), "-o", str(out))
+    assert "is not an earlier copy" in refused.err
 
 
 def test_nothing_is_there_that_is_not_public(busy: Serving, folder: Path, run: Run) -> None:
     out = folder.parent / "out"
-    run("server", "export", str(folder), "-o", str(out))
+    run("server", "export", "tables", str(folder), "-o", str(out))
     text = "".join(path.read_text() for path in out.iterdir())
     assert "we ran its code" in text
     for private in (SECRET, "Red", OWNER, OTHER, "sha256"):
@@ -84,10 +85,10 @@ def test_nothing_is_there_that_is_not_public(busy: Serving, folder: Path, run: R
 def test_it_says_what_it_cannot_do(
     busy: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "is not empty" in run("server", "export", str(folder), "-o", str(folder)).err
+    assert "is not empty" in run("server", "export", "tables", str(folder), "-o", str(folder)).err
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     out = folder.parent / "out"
-    outcome = run("server", "export", str(folder), "-o", str(out), "--format", "parquet")
+    outcome = run("server", "export", "tables", str(folder), "-o", str(out), "--format", "parquet")
     assert outcome.status == 2
     assert "pip install 'reverie-eval[parquet]'" in outcome.err
     assert not out.exists()

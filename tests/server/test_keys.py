@@ -286,6 +286,6 @@ def test_the_old_file_is_refused_with_the_way_out(folder: Path, run: Run) -> Non
     shutil.copy(key, copy)
     assert run("server", "key", "rotate", str(folder)).status == 0
     copy.replace(key)
-    outcome = run("server", "check", str(folder))
+    outcome = run("server", "doctor", "--quick", str(folder))
     assert (outcome.status, "copy its file here" in " ".join(outcome.out.split())) == (1, True)
     assert run("server", "team", "add", str(folder), "Green").status == 2

@@ -159,24 +159,26 @@ def test_pages_show_it_escaped(server: Serving) -> None:
 def test_commands_post_a_banner_and_pause_and_leave_the_other_as_it_is(
     server: Serving, folder: Path, run: Run
 ) -> None:
-    def notice(*words: str) -> str:
-        outcome = run("server", "notice", words[0], str(folder), *words[1:])
+    def said(words: str, *text: str) -> str:
+        group, command = words.split()
+        outcome = run("server", group, command, str(folder), *text)
         assert (outcome.status, outcome.err) == (0, "")
         return outcome.out
 
-    assert notice("show") == "not paused\n"
-    assert notice("set", f" {BANNER} ") == f"not paused; banner: {BANNER}\n"
-    assert notice("pause") == f"paused; banner: {BANNER}\n"
+    def standing() -> list[str]:
+        return re.split("  +", said("phase show").splitlines()[1].strip())
+
+    assert standing() == ["all splits", "not paused", "-", "not paused"]
+    assert said("news banner", f" {BANNER} ") == f"not paused; banner: {BANNER}\n"
+    assert said("phase pause") == f"paused; banner: {BANNER}\n"
     assert shown(server) == (BANNER, True)
-    *said, posted = notice("show").splitlines()
-    assert said == [f"paused; banner: {BANNER}"]
-    assert re.fullmatch(r"posted 20\d\d-\d\d-\d\d \d\d:\d\d UTC", posted)
-    assert notice("clear") == "paused\n"
+    assert standing() == ["all splits", "not paused", *2 * [f"paused; banner: {BANNER}"]]
+    assert said("news banner", "") == "paused\n"
     assert shown(server) == ("", True)
-    assert notice("resume") == "not paused\n"
+    assert said("phase resume") == "not paused\n"
     assert shown(server) == ("", False)
     post(server, "Welcome", paused=True)
-    assert notice("resume") == "not paused; banner: Welcome\n"
+    assert said("phase resume") == "not paused; banner: Welcome\n"
     found = [each["actor"] for each in server.ask(ORGANISER, "GET", "/organiser/audit").json()]
     assert all(each.endswith(" (command line)") for each in found[-6:-2])
 
@@ -186,7 +188,7 @@ def test_a_command_says_that_the_settings_pause_submissions(
 ) -> None:
     settings = folder / "reverie-eval.toml"
     settings.write_text('paused = true\nbanner = "Welcome"\n' + settings.read_text())
-    resumed = run("server", "notice", "resume", str(folder))
+    resumed = run("server", "phase", "resume", str(folder))
     assert (resumed.status, resumed.out) == (0, "paused; banner: Welcome\n")
     assert "the settings file still pauses submissions" in resumed.err
     assert shown(server) == ("", False), "the server has not read the file again"
@@ -196,7 +198,7 @@ def test_a_command_says_that_the_settings_pause_submissions(
 def test_a_banner_of_a_command_is_a_line(
     banner: str, server: Serving, folder: Path, run: Run
 ) -> None:
-    refused = run("server", "notice", "set", str(folder), banner)
+    refused = run("server", "news", "banner", str(folder), banner)
     assert refused.status == 2
     assert "banner" in refused.err
     assert shown(server) == ("", False)

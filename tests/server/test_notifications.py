@@ -539,10 +539,11 @@ def test_a_password_comes_from_a_private_file_or_a_variable_and_is_never_shown(
     assert settings.mail_password == "hunter2"
     assert "hunter2" not in repr(settings)
     file.write_text(file.read_text().replace("\n[webhook]", '\npassword_file = "pw"\n[webhook]'))
-    assert run("server", "check", str(folder)).status == 1
+    assert run("server", "doctor", "--quick", str(folder)).status == 1
     (folder / "pw").write_text("from a file\n")
     (folder / "pw").chmod(0o600)
     assert load_settings(folder).mail_password == "from a file"
-    assert run("server", "check", str(folder)).status == 0
+    assert run("server", "doctor", "--quick", str(folder)).status == 0
     (folder / "pw").chmod(0o644)
-    assert "other users can read" in " ".join(run("server", "check", str(folder)).out.split())
+    told = run("server", "doctor", "--quick", str(folder)).out
+    assert "other users can read" in " ".join(told.split())

@@ -58,7 +58,7 @@ def judged(several: Serving, run: Run, at_a_terminal: None, tmp_path: Path) -> t
         ("review", "add", folder, mine, "verified", "--reason", "we ran it"),
         ("review", "add", folder, theirs, "disqualified", "--reason", "it broke the rules"),
         ("news", "add", folder, "We moved."),
-        ("notice", "set", folder, "Hello"),
+        ("news", "banner", folder, "Hello"),
         ("phase", "pause", folder, "val_seen"),
         ("import", folder, str(table), "--split", OPEN, "--source", "a paper"),
         ("team", "rename", folder, PEOPLE[OWNER], "Azure"),
@@ -99,9 +99,9 @@ def test_nobody_learns_who_is_at_the_terminal_or_which_organiser_acted(
     read = {place: reply.text for place, reply in in_public(server, site) if reply.is_success}
     assert len(read) > 100
     folder = str(server.state.settings.folder)
-    for command in ("export", "export-site"):
-        assert run("server", command, folder, "-o", str(tmp_path / command)).status == 0
-        files = (path for path in (tmp_path / command).rglob("*") if path.is_file())
+    for what in ("tables", "site"):
+        assert run("server", "export", what, folder, "-o", str(tmp_path / what)).status == 0
+        files = (path for path in (tmp_path / what).rglob("*") if path.is_file())
         read |= {str(path): path.read_bytes().decode(errors="ignore") for path in files}
     read = {place: "\n".join([text, *payloads_in(text)]) for place, text in read.items()}
     found = {(place, word) for place, text in read.items() for word in SECRET if word in text}

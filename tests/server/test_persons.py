@@ -89,9 +89,9 @@ def test_a_name_that_several_teams_have_needs_its_team_on_the_command_line(
 ) -> None:
     folder = str(server.state.settings.folder)
     assert run("server", "person", "add", folder, OWNER, "--team", "Red").status == 0
-    refused = run("server", "invite", folder, OWNER)
+    refused = run("server", "token", "invite", folder, OWNER)
     assert (refused.status, "'Blue', 'Red'; name the team: --team" in refused.err) == (2, True)
-    assert run("server", "invite", folder, OWNER, "--team", "Red").status == 0
+    assert run("server", "token", "invite", folder, OWNER, "--team", "Red").status == 0
     assert (
         "1 token revoked" in run("server", "person", "revoke", folder, OWNER, "--team", "Red").out
     )

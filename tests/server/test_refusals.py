@@ -100,8 +100,8 @@ def test_a_server_refuses_to_start_and_says_why(
 ) -> None:
     for trouble in troubles:
         trouble(folder)
-    for command in ("check", "doctor"):
-        checked = run("server", command, str(folder))
+    for options in ([], ["--quick"]):
+        checked = run("server", "doctor", str(folder), *options)
         assert checked.status == 1
         assert [remedy for remedy in told if remedy not in checked.out] == []
     served = run("serve", str(folder), "--port", "0")
@@ -115,7 +115,7 @@ def backup_of(folder: Path) -> Path:
 
 
 EVERY_COMMAND = [
-    "check {}",
+    "doctor --quick {}",
     "doctor {}",
     "upgrade {}",
     "audit {}",
@@ -129,7 +129,7 @@ EVERY_COMMAND = [
     "token revoke {} rv_12345",
     "team revoke {} Blue",
     "person revoke {} Ada",
-    "invite {} Ada",
+    "token invite {} Ada",
     "grant {} Blue test 1 --reason why",
 ]
 
@@ -242,7 +242,7 @@ def test_nor_the_password_of_its_key(
 ) -> None:
     monkeypatch.setenv("REVERIE_EVAL_DATABASE", f"{postgresql()}&sslpassword=correct-horse")
     assert run("server", "upgrade", str(folder)).status == 0
-    checked = run("server", "check", str(folder))
+    checked = run("server", "doctor", "--quick", str(folder))
     assert checked.status == 0
     assert "postgresql+psycopg://" in checked.out
     assert "correct-horse" not in checked.out
@@ -250,7 +250,7 @@ def test_nor_the_password_of_its_key(
 
 def test_uploads_that_are_no_folder_are_named(folder: Path, run: Run) -> None:
     (folder / "uploads").touch()
-    checked = run("server", "check", str(folder))
+    checked = run("server", "doctor", "--quick", str(folder))
     assert checked.status == 1
     assert "uploads: Not a directory; choose a folder that the server can write to" in checked.out
 
@@ -258,9 +258,9 @@ def test_uploads_that_are_no_folder_are_named(folder: Path, run: Run) -> None:
 def test_uploads_that_cannot_be_written_are_named(laptop: Laptop) -> None:
     laptop.run("server", "init", "lab")
     (laptop.folder / "lab" / "uploads").mkdir()
-    assert laptop.run("server", "check", "lab").status == 0
+    assert laptop.run("server", "doctor", "--quick", "lab").status == 0
     (laptop.folder / "lab" / "uploads").chmod(0o500)
-    checked = laptop.like_anybody("server", "check", "lab")
+    checked = laptop.like_anybody("server", "doctor", "--quick", "lab")
     assert checked.status == 1
     assert "uploads: Permission denied; choose a folder that the server" in checked.out
 
@@ -287,7 +287,7 @@ def no_store(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 def test_a_store_that_cannot_be_used_is_named(
     used: Path, archive: Path, no_store: str, tmp_path: Path, run: Run
 ) -> None:
-    checked = run("server", "check", str(used))
+    checked = run("server", "doctor", "--quick", str(used))
     assert (checked.status, no_store in checked.out) == (1, True)
     there = tmp_path / "there"
     for words in (["backup", str(used), "-o", str(there)], ["restore", str(archive), str(there)]):

@@ -86,7 +86,7 @@ def test_replicas_are_one_server(
             verify=NO_TLS,
         ).raise_for_status()
         assert len(one.get(f"/splits/{OPEN}/leaderboard").json()["rows"]) == 1
-        assert health(one) == health(other) == WELL
+        wait_until(lambda: health(one) == health(other) == WELL)
     assert files_of(folder) == before
     settings = settings_of(folder, shared["REVERIE_EVAL_DATABASE"])
     with closing(Database(settings.database_url)) as database, database.reading() as session:
@@ -99,21 +99,21 @@ def test_replicas_with_different_bundles_say_so(
     replace_answers(other_folder, OPEN)
     with ExitStack() as later:
         with laptop.serving(folder, "--workers", "2", variables=shared) as one:
-            assert health(one) == WELL
-            checked = laptop.run("server", "check", other_folder, variables=shared)
+            wait_until(lambda: health(one) == WELL)
+            checked = laptop.run("server", "doctor", "--quick", other_folder, variables=shared)
             note = f"{OPEN}: this folder has split:{OPEN}|"
             assert note in " ".join(checked.out.split())
             other = later.enter_context(laptop.serving(other_folder, variables=shared))
             assert note in " ".join(other.log.read_text().split())
             wait_until(lambda: health(one) == (503, [NAME]))
-            assert health(other) == WELL
+            wait_until(lambda: health(other) == WELL)
             log = [json.loads(line) for line in one.log.read_text().splitlines()]
             (line, *_) = (line for line in log if "started later" in line["event"])
             assert line["splits"] == [OPEN]
             assert line["rules"][OPEN] != line["other"][OPEN]
-            checked = laptop.run("server", "check", folder, variables=shared)
+            checked = laptop.run("server", "doctor", "--quick", folder, variables=shared)
             assert note in " ".join(checked.out.split())
         replace_answers(folder, OPEN)
         with laptop.serving(folder, variables=shared) as one:
-            assert health(one) == health(other) == WELL
+            wait_until(lambda: health(one) == health(other) == WELL)
             assert OPEN not in laptop.run("server", "doctor", folder, variables=shared).err

@@ -508,7 +508,7 @@ def test_commands_open_extend_close_and_reset(server: Serving, folder: Path, run
     told = phase("set", "CVPR 2999", "--opens", "2999-07-01", "--closes", "2999-07-02")
     assert "always until 2999-06-01T23:59:59Z, CVPR 2999 from 2999-07-01T00:00:00Z" in told
     assert phase("pause").endswith(", scores shown when the phase ends, paused\n")
-    diff = run("server", "diff", str(folder)).out
+    diff = run("server", "phase", "show", str(folder)).out
     assert [line.split()[0] for line in diff.splitlines()] == ["of", "all", *SPLITS]
     assert shown(server, PRIVATE)["paused"]
     told = phase("close")
@@ -549,7 +549,7 @@ def test_a_check_notes_what_the_desk_has_set(server: Serving, folder: Path) -> N
     put(server, PRIVATE, phases=[RUNNING], release_scores="phase-end")
     ((kind, what),) = found()
     assert kind == "note"
-    assert f"reverie-eval server diff {folder}" in what
+    assert f"reverie-eval server phase show {folder}" in what
     settings = (folder / "reverie-eval.toml").read_text()
     head, split, rest = settings.partition(f"[splits.{PRIVATE}]\n")
     opened = rest.replace('visibility = "private"', 'visibility = "open"')

@@ -610,7 +610,7 @@ def test_tls_needs_a_proxy_that_is_trusted(
         "REVERIE_EVAL_PUBLIC_ADDRESS": address,
         "REVERIE_EVAL_TRUSTED_PROXIES": proxies,
     }
-    checked = laptop.run("server", "check", lab, variables=variables)
+    checked = laptop.run("server", "doctor", "--quick", lab, variables=variables)
     assert ("trusted_proxies is empty" in checked.out) is is_warned
 
 
@@ -629,7 +629,8 @@ def test_a_public_address_is_a_scheme_a_host_and_a_plain_path(
     address: str, lab: str, laptop: Laptop
 ) -> None:
     variables = {"REVERIE_EVAL_PUBLIC_ADDRESS": address}
-    assert "public_address" in laptop.run("server", "check", lab, status=1, variables=variables).out
+    told = laptop.run("server", "doctor", "--quick", lab, status=1, variables=variables).out
+    assert "public_address" in told
 
 
 @pytest.mark.parametrize(
@@ -643,7 +644,7 @@ def test_a_small_private_split_is_warned_of(
     laptop: Laptop,
 ) -> None:
     rename_dataset(folder, "test", dataset)
-    checked = laptop.run("server", "check", folder)
+    checked = laptop.run("server", "doctor", "--quick", folder)
     assert ("test is private and has only 91 episodes" in checked.out) is is_warned
     assert "val_unseen is private" not in checked.out
 
@@ -662,6 +663,6 @@ def test_a_split_of_the_demo_world_beside_real_ones_is_named(
 ) -> None:
     for split in real:
         rename_dataset(folder, split, "REVERIE v1")
-    checked = run("server", "check", str(folder))
+    checked = run("server", "doctor", "--quick", str(folder))
     assert (checked.status, "demo world" in checked.out) == (0, said is not None)
     assert (said or "") in checked.out

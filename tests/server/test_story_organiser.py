@@ -30,11 +30,11 @@ def test_an_organiser_begins(tmp_path: Path, demo_world: Path) -> None:
     desk.run("compile", demo_world, "--split", "test", "--annotations", private, "-o", bundle)
     (tmp_path / "lab" / "reverie-eval.toml").write_text(OURS)
     (tmp_path / bundle).chmod(0o644)
-    refused = desk.run("server", "check", "lab", status=1)
+    refused = desk.run("server", "doctor", "--quick", "lab", status=1)
     assert f"chmod 600 {tmp_path / bundle}" in refused.out
     assert desk.run("serve", "lab", status=1).err.count("chmod 600") == 1
     (tmp_path / bundle).chmod(0o600)
-    assert "fault" not in desk.run("server", "check", "lab").out
+    assert "fault" not in desk.run("server", "doctor", "--quick", "lab").out
 
     desk.run("server", "team", "add", "lab", "Walkers")
     desk.run("server", "person", "add", "lab", "Ada", "--team", "Walkers")

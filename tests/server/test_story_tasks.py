@@ -39,7 +39,7 @@ def task(request: pytest.FixtureRequest) -> str:
 def lab(task: str, laptop: Laptop, open_server: OpenServer) -> Serving:
     """Return a task's server as commands make it, with somebody to submit."""
     laptop.run("server", "init", "lab", "--task", task)
-    assert "fault" not in laptop.run("server", "check", "lab").out
+    assert "fault" not in laptop.run("server", "doctor", "--quick", "lab").out
     laptop.run("server", "team", "add", "lab", "Blue")
     laptop.run("server", "person", "add", "lab", OWNER, "--team", "Blue")
     token = laptop.run("server", "token", "add", "lab", OWNER).out.strip()

@@ -323,7 +323,7 @@ def hand_over(year: Year) -> Path:
     laptop.run("server", "backup", "lab", "-o", "lab.tar.gz")
     elsewhere.mkdir()
     laptop.run("server", "restore", "lab.tar.gz", elsewhere / "lab")
-    laptop.run("server", "export-site", "lab.tar.gz", "-o", "site")
+    laptop.run("server", "export", "site", "lab.tar.gz", "-o", "site")
     return elsewhere / "lab"
 
 

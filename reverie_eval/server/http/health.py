@@ -89,7 +89,7 @@ REMEDIES: Mapping[str, str] = {
     "ground truth": "a split's bundle is missing, damaged or not the one that the server scores "
     "with; put the right file back, or run `reverie-eval server rescore` after a correction",
     SETTINGS: "the server could not start again with its settings as they are; run "
-    "`reverie-eval server check`",
+    "`reverie-eval server doctor --quick`",
     "signing key": "the key's file is missing or damaged, or another key is in use; restore the "
     "file from a backup, or restart the server after `server key rotate`",
     "same rules as other servers": "another server of the database scores under other rules; "

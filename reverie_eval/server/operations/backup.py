@@ -161,7 +161,7 @@ def _dump(
         revision = check_known(database)
         if revision is None:
             raise ReverieEvalError(
-                "there is no database to back up; run `reverie-eval server check "
+                "there is no database to back up; run `reverie-eval server doctor --quick "
                 f"{settings.folder}`"
             )
         for table, columns in dump(database):

@@ -466,7 +466,7 @@ def _at_schedules(session: Session, settings: Settings) -> Iterator[Finding]:
             yield Finding("phases", "note", message)
         message = (
             f"{report.split}: phases or a pause set at the desk override the settings; "
-            f"`reverie-eval server diff {settings.folder}` compares them"
+            f"`reverie-eval server phase show {settings.folder}` compares them"
         )
         yield Finding("phases", "note", message)
 

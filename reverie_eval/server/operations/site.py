@@ -145,7 +145,7 @@ def _opened(source: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Ro
         revision = check_known(database)
         if revision is None:
             raise ReverieEvalError(
-                f"there is no database; run `reverie-eval server check {source}`"
+                f"there is no database; run `reverie-eval server doctor --quick {source}`"
             )
         yield settings, utc_now(), revision, dump(database)
 

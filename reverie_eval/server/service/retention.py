@@ -34,7 +34,7 @@ class Retention:
     days: int | None
     """How long files are kept; None for ever."""
 
-    def tidy(self, actor: Actor, *, dry_run: bool = False) -> Tidied:
+    def tidy(self, actor: Actor) -> Tidied:
         """Delete the files of submissions that are old and not published.
 
         A file of several submissions is deleted once all of them are old and not published.
@@ -44,8 +44,6 @@ class Retention:
         before = self.transactions.clock() - timedelta(days=self.days)
         with self.transactions.database.reading() as session:
             found = _expired(session, before)
-            if dry_run:
-                return Tidied(_names(session, found), len(found))
         deleted: list[str] = []
         files = 0
         for sha256 in found:
@@ -87,12 +85,3 @@ def _expired(session: Session, before: datetime, sha256: str | None = None) -> S
     published = func.sum(case((IS_SHOWN, 1), else_=0))
     grouped = chosen.group_by(Submission.sha256).having(latest <= before, published == 0)
     return session.scalars(grouped.order_by(latest, Submission.sha256)).all()
-
-
-def _names(session: Session, files: Sequence[str]) -> Sequence[str]:
-    by_file: dict[str, list[str]] = {sha256: [] for sha256 in files}
-    chosen = select(Submission.sha256, Submission.id).where(Submission.upload_deleted_at.is_(None))
-    for sha256, name in session.execute(chosen.order_by(Submission.received_at)):
-        if sha256 in by_file:
-            by_file[sha256].append(name)
-    return [name for names in by_file.values() for name in names]

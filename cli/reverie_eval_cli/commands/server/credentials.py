@@ -1,4 +1,4 @@
-"""``reverie-eval server key|token|invite``: signing keys, and what lets people in."""
+"""``reverie-eval server key|token``: signing keys, and what lets people in."""
 
 import sys
 from datetime import datetime
@@ -24,7 +24,7 @@ from reverie_eval_cli.organising import (
 
 @click.group(cls=Group)
 def key() -> None:
-    """List the signing keys, rotate the one in use, and revoke earlier ones."""
+    """List, rotate and revoke the signing keys."""
 
 
 @key.command("list")
@@ -89,7 +89,7 @@ def revoke(*, folder: Folder, key_id: str, since: datetime, reason: str) -> None
 
 @click.group(cls=Group)
 def token() -> None:
-    """Make, list and revoke tokens."""
+    """Make, list and revoke tokens and invitations."""
 
 
 @token.command()
@@ -103,6 +103,19 @@ def add(*, folder: Folder, person: str, team: str | None, expires_days: int | No
     It cannot be shown again.
     """
     _create(folder, person, team, "access", expires_days)
+
+
+@token.command()
+@server_folder
+@click.argument("person")
+@of_team
+@expiry(14)
+def invite(*, folder: Folder, person: str, team: str | None, expires_days: int | None) -> None:
+    """Print an invitation for a person.
+
+    `reverie-eval login` exchanges it, once, for a token.
+    """
+    _create(folder, person, team, "invite", expires_days)
 
 
 @token.command("list")
@@ -142,19 +155,6 @@ def revoke_token(*, folder: Folder, begins: str) -> None:
     with folder.revoking() as transaction:
         revoked = tokens.revoke_token(transaction, begins)
     print(f"token {revoked.hint} of {revoked.person} revoked")
-
-
-@click.command()
-@server_folder
-@click.argument("person")
-@of_team
-@expiry(14)
-def invite(*, folder: Folder, person: str, team: str | None, expires_days: int | None) -> None:
-    """Print an invitation for a person.
-
-    `reverie-eval login` exchanges it, once, for a token.
-    """
-    _create(folder, person, team, "invite", expires_days)
 
 
 def _create(

@@ -1,4 +1,4 @@
-"""``reverie-eval server inspect|evidence|download|export...``: what was submitted, to read."""
+"""``reverie-eval server inspect|evidence|export|evalai-worker``: what was submitted, to read."""
 
 import gc
 from collections.abc import Iterator
@@ -19,6 +19,7 @@ from reverie_eval.reporting.service import (
 from reverie_eval.reporting.tables import Part, Printout
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
+from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, server_folder
 from reverie_eval_cli.output import STANDARD_OUTPUT, note, open_output, show_printout, write_text
 
@@ -66,7 +67,9 @@ def inspect(*, folder: Folder, submission_id: str, layout: str, output: str | No
 def evidence(
     *, folder: Folder, split: str, team: str | None, layout: str, output: str | None
 ) -> None:
-    """Show what files of different teams have in common, and how those of a team differ.
+    """Show what the files of teams have in common.
+
+    Also shows how those of one team differ.
 
     These are numbers, not a verdict; the documentation explains each under "Inspect
     submissions". The first run reads all uploads to SPLIT, later ones only new uploads.
@@ -93,11 +96,16 @@ def evidence(
     show_printout(shown, layout, output)
 
 
-@click.command()
+@click.group(cls=Group)
+def export() -> None:
+    """Write leaderboards or submissions, to keep or for others."""
+
+
+@export.command()
 @server_folder
 @click.argument("split")
 @options.new_path("FILE", "The .tar to write.")
-def download(*, folder: Folder, split: str, output: Path) -> None:
+def submissions(*, folder: Folder, split: str, output: Path) -> None:
     """Write all submissions to SPLIT into one tar archive.
 
     It has metadata.csv, with a row per submission, and every file as it was submitted, unpacked.
@@ -114,24 +122,26 @@ def download(*, folder: Folder, split: str, output: Path) -> None:
     print(f"{output}: {count_text(archive.files, 'submission')}, {archive.length / 1e6:,.1f} MB")
 
 
-@click.command("export")
+@export.command()
 @server_folder
 @options.new_path("DIR", "A new or empty folder.")
 @options.layout("csv", "parquet", explained=" parquet needs reverie-eval[parquet].")
-def export_tables(*, folder: Folder, output: Path, layout: "Format") -> None:
+def tables(*, folder: Folder, output: Path, layout: "Format") -> None:
     """Write what the leaderboards show as tables.
 
     These are leaderboards, results, reviews and corrections, with datapackage.json, which describes
     their columns and units. Nothing is in them that the leaderboards do not show.
     """
-    from reverie_eval.server.operations.export import export
+    from reverie_eval.server.operations.export import export as written
 
-    tables = export(folder.settings, output, layout)
-    counts = ", ".join(f"{each.name} ({count_text(len(each.rows), 'row')})" for each in tables)
+    counts = ", ".join(
+        f"{each.name} ({count_text(len(each.rows), 'row')})"
+        for each in written(folder.settings, output, layout)
+    )
     print(f"{output}: {counts}")
 
 
-@click.command("export-site")
+@export.command()
 @click.argument("source", metavar="FOLDER|BACKUP", type=click.Path(exists=True, path_type=Path))
 @options.new_path("FOLDER", "The folder to write; an earlier copy in it is replaced.")
 @click.option(
@@ -139,7 +149,7 @@ def export_tables(*, folder: Folder, output: Path, layout: "Format") -> None:
     type=options.Time(),
     help="The time of the copy.  [default: now, or when the backup was made]",
 )
-def export_site(*, source: Path, output: Path, date: datetime | None) -> int:
+def site(*, source: Path, output: Path, date: datetime | None) -> int:
     """Write the public leaderboards as files.
 
     Of a server's folder, also while the server runs, or of a backup. The files need no server: open
@@ -160,14 +170,14 @@ def export_site(*, source: Path, output: Path, date: datetime | None) -> int:
     return 0
 
 
-@click.command("export-codabench")
+@export.command()
 @server_folder
 @options.split
 @click.option(
     "--image", metavar="NAME", required=True, help="A container image that has reverie-eval."
 )
 @options.new_path("ZIP", "The file to write.")
-def export_codabench(*, folder: Folder, split: str, image: str, output: Path) -> None:
+def codabench(*, folder: Folder, split: str, image: str, output: Path) -> None:
     """Write a split as a competition for Codabench.
 
     The zip archive has the split's rules, phases and quotas, the scoring program, and the solution:
@@ -180,10 +190,10 @@ def export_codabench(*, folder: Folder, split: str, image: str, output: Path) ->
     print(f"{output}: {split}, with its solution")
 
 
-@click.command("export-evalai")
+@export.command()
 @server_folder
 @options.output("the configuration")
-def export_evalai(*, folder: Folder, output: str | None) -> None:
+def evalai(*, folder: Folder, output: str | None) -> None:
     """Write all splits as phases and leaderboards of a challenge on EvalAI.
 
     That is their part of EvalAI's challenge_config.yaml, without the solution. Title, texts and
@@ -200,7 +210,7 @@ def export_evalai(*, folder: Folder, output: str | None) -> None:
 @click.command("evalai-worker")
 @server_folder
 def evalai_worker(*, folder: Folder) -> None:
-    """Score the submissions to a challenge on EvalAI, until it is stopped.
+    """Score submissions to a challenge on EvalAI, until stopped.
 
     The section [evalai] of the settings names the challenge. Files are fetched from there and
     scored here, as on the server; EvalAI gets the scores that a leaderboard displays. If the worker

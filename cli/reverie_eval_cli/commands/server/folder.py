@@ -1,4 +1,4 @@
-"""``reverie-eval server init|check|upgrade|doctor|tidy|audit|notify|backup|restore FOLDER``."""
+"""``reverie-eval server init|upgrade|doctor|audit|notify|backup|restore FOLDER``."""
 
 import json
 import os
@@ -51,35 +51,28 @@ def init(*, folder: Folder, tasks: Sequence[str]) -> None:
     print(f"{folder}: a server, for now with the demo world as its ground truth")
     print(f"organiser's token, not shown again: {token}")
     print(f"next: edit {folder.path / 'reverie-eval.toml'}, then")
-    print(f"  reverie-eval server check {quoted}")
+    print(f"  reverie-eval server doctor --quick {quoted}")
     print(f"  reverie-eval serve {quoted}")
 
 
 @click.command()
 @server_folder
-def check(*, folder: Folder) -> int:
-    """Check that a server can start.
+@click.option("--quick", is_flag=True, help="Only check that the server can start.")
+def doctor(*, folder: Folder, quick: bool) -> int:
+    """Check that the server can start, and all stored data.
 
-    Settings, ground truth, signing key, database and uploads are checked.
-
-    Exit status: 0 the server can start, 1 it cannot, 2 usage or system error.
-    """
-    from reverie_eval.server.operations.checks import check_folder
-
-    return show_findings(check_folder(folder.path))
-
-
-@click.command()
-@server_folder
-def doctor(*, folder: Folder) -> int:
-    """Check all stored data.
-
-    Uploads, reports, receipts, the audit log and the disk are checked. Faults are also sent to the
-    mail recipients and the webhook in the settings.
+    To start, it needs settings, ground truth, a signing key, its database and uploads. Of the
+    stored data, uploads, reports, receipts, the audit log and the disk are checked, and faults are
+    also sent to the mail recipients and the webhook in the settings.
 
     Exit status: 0 no faults, 1 faults to fix, 2 usage or system error.
     """
+    from reverie_eval.server.operations.checks import check_folder
     from reverie_eval.server.operations.doctor import examine, tell_of_faults
+
+    # Whoever checks before a start reads the findings here.
+    if quick:
+        return show_findings(check_folder(folder.path))
 
     # All findings, before anyone is told: one message, not one for each.
     findings = list(examine(folder.path, with_progress))
@@ -101,29 +94,6 @@ def upgrade(*, folder: Folder) -> None:
     with database_errors():
         upgrade_folder(folder.path)
     print(f"{folder}: the database is up to date with this version")
-
-
-@click.command()
-@server_folder
-@click.option("--dry-run", is_flag=True, help="Only show whose files would be deleted.")
-def tidy(*, folder: Folder, dry_run: bool) -> None:
-    """Delete old files of submissions that are not published.
-
-    The setting keep_uploads_days says how old; a running server does this once a day. Rows, scores
-    and receipts stay.
-    """
-    # Files are kept unless the organiser has decided otherwise.
-    if folder.settings.keep_uploads_days is None:
-        print("keep_uploads_days is not set: all files are kept")
-        return
-    with folder.open() as state:
-        tidied = state.retention.tidy(actor(), dry_run=dry_run)
-    if dry_run:
-        for name in tidied.submissions:
-            print(name)
-    done = "would be deleted" if dry_run else "deleted"
-    of = count_text(len(tidied.submissions), "submission")
-    print(f"{count_text(tidied.files, 'file')} of {of} {done}")
 
 
 @click.command()

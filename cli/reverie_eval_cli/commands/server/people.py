@@ -150,7 +150,7 @@ def grant(*, folder: Folder, team: str, split: str, number: int, reason: str, da
 
 @click.group(cls=Group)
 def person() -> None:
-    """Add, edit, import, list, export and delete people, and revoke their tokens."""
+    """Add, edit, import, list, export and delete people."""
 
 
 @person.command()

@@ -1,4 +1,4 @@
-"""``reverie-eval server phase|diff|snapshot|notice|news``: when a split is open, and news."""
+"""``reverie-eval server phase|news|snapshot``: when splits are open, and what is announced."""
 
 from datetime import datetime
 from typing import TYPE_CHECKING, get_args
@@ -27,10 +27,40 @@ split = click.argument("split")
 
 @click.group(cls=Group)
 def phase() -> None:
-    """Open, close and extend phases, and pause splits, without a restart.
+    """Show and change phases, and pause splits.
 
-    `server diff` shows what applies. Each change is in the audit log.
+    No restart is needed. Each change is in the audit log.
     """
+
+
+@phase.command()
+@server_folder
+def show(*, folder: Folder) -> None:
+    """Show what the settings file says, what the desk has set, and what is in effect.
+
+    That is the phases, when scores are shown, what is paused, and the banner.
+    """
+    from reverie_eval.server.service.notices import Notices
+    from reverie_eval.server.service.schedules import Schedules
+
+    settings = folder.settings
+    notices = Notices(settings.banner, paused=settings.paused)
+    with folder.reading() as session:
+        reports = Schedules(settings.splits).list_all(session)
+        notice = notices.current(session)
+    # Side by side, because what the desk has set overrides the file.
+    rows = [
+        (each.split, _text(each.settings), _text(each.desk), _text(each.in_effect))
+        for each in reports
+    ]
+    # Without a time, nobody has posted it: it is that of the settings file.
+    posted = notice if notice.created_at else None
+    standing = [_of_server(each) for each in (notices.of_settings, posted, notice)]
+    print_list(("of", "settings file", "desk", "in effect"), [("all splits", *standing), *rows])
+
+
+def _of_server(notice: NoticeReport | None) -> str:
+    return "-" if notice is None else _notice_text(notice)
 
 
 @phase.command("set")
@@ -98,22 +128,32 @@ def reset(*, folder: Folder, split: str) -> None:
 
 @phase.command()
 @server_folder
-@split
-def pause(*, folder: Folder, split: str) -> None:
-    """Accept no submissions to a split, whatever its phases say."""
+@click.argument("split", required=False)
+def pause(*, folder: Folder, split: str | None) -> None:
+    """Accept no submissions, whatever phases say: to SPLIT, or to all splits.
+
+    Whoever uploads is told the banner as the reason; see `server news banner`.
+    """
     from reverie_eval.server.service import schedules
 
-    _change_schedule(folder, split, schedules.pause)
+    if split:
+        _change_schedule(folder, split, schedules.pause)
+    else:
+        _change_notice(folder, paused=True)
 
 
 @phase.command()
 @server_folder
-@split
-def resume(*, folder: Folder, split: str) -> None:
-    """Accept submissions to a split again."""
+@click.argument("split", required=False)
+def resume(*, folder: Folder, split: str | None) -> None:
+    """Accept submissions to SPLIT, or to all splits, again, as phases allow."""
     from reverie_eval.server.service import schedules
 
-    _change_schedule(folder, split, schedules.resume)
+    if split:
+        _change_schedule(folder, split, schedules.resume)
+    # The desk cannot undo what the settings file says.
+    elif _change_notice(folder, paused=False).paused:
+        note("the settings file still pauses submissions: `paused = true`")
 
 
 def _change_schedule(folder: Folder, split: str, change: "Change") -> None:
@@ -126,36 +166,6 @@ def _change_schedule(folder: Folder, split: str, change: "Change") -> None:
     # What was shown cannot be held back again.
     if effect.shown:
         print(f"{split}: scores held back until now are shown: {effect.shown}")
-
-
-@click.command()
-@server_folder
-def diff(*, folder: Folder) -> None:
-    """Compare the settings file with what the desk has set.
-
-    Shows phases, the release of scores and pauses, and what is in effect.
-    """
-    from reverie_eval.server.service.notices import Notices
-    from reverie_eval.server.service.schedules import Schedules
-
-    settings = folder.settings
-    notices = Notices(settings.banner, paused=settings.paused)
-    with folder.reading() as session:
-        reports = Schedules(settings.splits).list_all(session)
-        notice = notices.current(session)
-    # Side by side, because what the desk has set overrides the file.
-    rows = [
-        (each.split, _text(each.settings), _text(each.desk), _text(each.in_effect))
-        for each in reports
-    ]
-    # Without a time, nobody has posted it: it is that of the settings file.
-    posted = notice if notice.created_at else None
-    standing = [_of_server(each) for each in (notices.of_settings, posted, notice)]
-    print_list(("of", "settings file", "desk", "in effect"), [("all splits", *standing), *rows])
-
-
-def _of_server(notice: NoticeReport | None) -> str:
-    return "-" if notice is None else _notice_text(notice)
 
 
 def _text(schedule: "Schedule | NewSchedule | None") -> str:
@@ -190,7 +200,7 @@ def snapshot(*, folder: Folder, split: str, title: str) -> None:
 
 @click.group(cls=Group)
 def news() -> None:
-    """Post, list and remove news, which the leaderboards show."""
+    """Post, list and remove news, and set the banner."""
 
 
 @news.command()
@@ -230,58 +240,16 @@ def remove(*, folder: Folder, number: int) -> None:
     print(f"news entry {number} removed")
 
 
-@click.group(cls=Group)
-def notice() -> None:
-    """Post a banner, and pause submissions to all splits, without a restart.
-
-    Each change is in the audit log. `server phase pause` pauses one split.
-    """
-
-
-@notice.command()
-@server_folder
-def show(*, folder: Folder) -> None:
-    """Show the banner, and whether submissions are paused."""
-    from reverie_eval.server.service.notices import Notices
-
-    settings = folder.settings
-    with folder.reading() as session:
-        current = Notices(settings.banner, paused=settings.paused).current(session)
-    print(_notice_text(current))
-    if current.created_at:
-        print(f"posted {minute(current.created_at)} UTC")
-
-
-@notice.command("set")
+@news.command()
 @server_folder
 @click.argument("text")
-def set_banner(*, folder: Folder, text: str) -> None:
-    """Show a banner on all pages: TEXT is one line. A pause stays."""
+def banner(*, folder: Folder, text: str) -> None:
+    """Show a banner on all pages: TEXT is one line.
+
+    An empty TEXT removes it; then that of the settings file is shown again.
+    """
     # Checked first, as the pages check it: a banner has to fit on a line.
     _change_notice(folder, banner=options.checked(NewNotice, banner=text).banner)
-
-
-@notice.command()
-@server_folder
-def clear(*, folder: Folder) -> None:
-    """Remove the banner; that of the settings file is shown again. A pause stays."""
-    _change_notice(folder, banner="")
-
-
-@notice.command("pause")
-@server_folder
-def pause_all(*, folder: Folder) -> None:
-    """Accept no submissions to any split. The banner stays, and is given as the reason."""
-    _change_notice(folder, paused=True)
-
-
-@notice.command("resume")
-@server_folder
-def resume_all(*, folder: Folder) -> None:
-    """Accept submissions again, as phases allow. The banner stays."""
-    # The desk cannot undo what the settings file says.
-    if _change_notice(folder, paused=False).paused:
-        note("the settings file still pauses submissions: `paused = true`")
 
 
 def _change_notice(folder: Folder, **changes: object) -> NoticeReport:

@@ -129,7 +129,7 @@ def _cells(row: "Submission") -> tuple[str, ...]:
 
 @click.group(cls=Group)
 def review() -> None:
-    """Review submissions: public verdicts on them, each with a reason."""
+    """Publish verdicts on submissions, each with its reason."""
 
 
 @review.command()

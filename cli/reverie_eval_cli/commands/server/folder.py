@@ -70,7 +70,7 @@ def doctor(*, folder: Folder, quick: bool) -> int:
     from reverie_eval.server.operations.checks import check_folder
     from reverie_eval.server.operations.doctor import examine, tell_of_faults
 
-    # Whoever checks before a start reads the findings here.
+    # Before a start, somebody reads the findings here, and nobody is told by mail.
     if quick:
         return show_findings(check_folder(folder.path))
 

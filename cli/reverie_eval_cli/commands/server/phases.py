@@ -132,7 +132,7 @@ def reset(*, folder: Folder, split: str) -> None:
 def pause(*, folder: Folder, split: str | None) -> None:
     """Accept no submissions, whatever phases say: to SPLIT, or to all splits.
 
-    Whoever uploads is told the banner as the reason; see `server news banner`.
+    Those who upload are told the banner as the reason; see `server news banner`.
     """
     from reverie_eval.server.service import schedules
 

@@ -50,7 +50,7 @@ ROUNDING = 1e-12
 TOLERANCE = {**dict.fromkeys(BY_A_FIXED_DISTANCE, ROUNDING), "iou": 1e-9}
 """Exponentials, and projections through two cameras; all else agrees to the last digit."""
 BOX_COLUMNS = ["iou", "iou_25", "iou_50", "iou_75"]
-RANDOM_WORLDS, WORLDS_OF_A_TEST = 2500, 100
+RANDOM_WORLDS, WORLDS_OF_A_TEST = 1000, 100
 NEVER_ABOVE = [
     ("spl", "success"),
     ("success", "oracle_success"),

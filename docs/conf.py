@@ -3,6 +3,9 @@
 import sys
 from pathlib import Path
 
+from docutils import nodes
+from sphinx.application import Sphinx
+
 from reverie_eval.version import __version__
 
 DOCS = Path(__file__).parent
@@ -22,6 +25,22 @@ extensions = [
     "sphinx_copybutton",
 ]
 exclude_patterns = ["_build"]
+
+# Search: for who uses the package; what its developers wrote down for each other is not found.
+
+UNSEARCHED = ("decisions/", "project/", "explanation/evidence", "explanation/speed")
+html_search_scorer = str(DOCS / "static" / "scorer.js")
+
+
+def setup(app: Sphinx) -> None:
+    """Leave pages out of the search."""
+    app.connect("doctree-read", _leave_out)
+
+
+def _leave_out(app: Sphinx, _: nodes.document) -> None:
+    if app.env.docname.startswith(UNSEARCHED):
+        app.env.metadata[app.env.docname]["nosearch"] = "true"
+
 
 # Pages.
 

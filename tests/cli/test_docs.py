@@ -143,12 +143,6 @@ def test_links_between_pages_lead_somewhere(page: Path) -> None:
     assert [target for target in targets if not (page.parent / target).exists()] == []
 
 
-@pytest.mark.usefixtures("at_the_root")
-def test_the_python_of_readme_runs() -> None:
-    (block,) = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    exec(block)
-
-
 def test_the_first_page_shows_what_is_printed(run: Run, beside_the_demo: Path) -> None:
     page = (DOCS / "index.md").read_text()
     (_, *words), below = command_above(page, "reverie-eval demo/")

@@ -153,6 +153,18 @@ def test_the_import_brings_numpy_and_msgspec_alone() -> None:
     assert printed == "['msgspec', 'numpy', 'reverie_eval']\n"
 
 
+def test_the_python_of_readme_runs_where_the_wheel_is_installed(
+    wheel: ZipFile, beside_the_demo: Path, tmp_path: Path
+) -> None:
+    wheel.extractall(tmp_path)
+    readme = (REPOSITORY / "README.md").read_text()
+    (block,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    program = [sys.executable, "-c", f"{block}\nprint(rv.__file__)"]
+    environment = {"PYTHONPATH": str(tmp_path), "HOME": str(tmp_path)}
+    printed = subprocess.check_output(program, cwd=beside_the_demo, env=environment, text=True)
+    assert printed == f"{tmp_path}/reverie_eval/__init__.py\n"
+
+
 def test_examples_in_docstrings_run_where_the_wheel_is_installed(
     wheel: ZipFile, beside_the_demo: Path, tmp_path: Path
 ) -> None:

@@ -1,0 +1,65 @@
+"""A newcomer's searches of the documentation lead to the right page."""
+
+from collections.abc import Iterator
+from urllib.parse import quote
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.conftest import REPOSITORY, unavailable
+
+pytestmark = pytest.mark.browser
+SITE = REPOSITORY / "build" / "docs" / "latest"
+"""Where `scripts/docs` builds the site; in CI, before the tests."""
+FIRST_THREE = """
+query => Search._performSearch(...Search._parseQuery(query))
+  .slice(-3).map(([page]) => page)  // the page shows the last one first
+"""
+SEARCHES = {
+    "install": "how-to/install",
+    "score a file": "tutorials/score",
+    "submission format": "reference/submission-format",
+    "rejected": "reference/submission-format",
+    "RGSPL": "reference/metrics",
+    "protocol": "reference/protocols",
+    "number differs from paper": "explanation/why-numbers-differ",
+    "confidence interval": "how-to/uncertainty",
+    "significant difference": "how-to/uncertainty",
+    "compare two methods": "how-to/uncertainty",
+    "training loop": "how-to/training",
+    "wandb": "how-to/training",
+    "slurm": "how-to/cluster",
+    "cite": "how-to/cite",
+    "failure modes": "how-to/report",
+    "figure": "how-to/report",
+    "language model": "how-to/chat",
+    "MatterSim": "how-to/simulator",
+    "run a server": "tutorials/server",
+    "leaderboard": "tutorials/submit",
+}
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser) -> Iterator[Page]:
+    """Open a page in which the site is searched."""
+    if not (SITE / "search.html").exists():
+        unavailable("the site is not built: scripts/docs")
+    page = browser.new_page()
+    yield page
+    page.close()
+
+
+@pytest.mark.parametrize(("query", "right"), SEARCHES.items(), ids=SEARCHES)
+def test_a_search_finds_the_right_page(query: str, right: str, page: Page) -> None:
+    page.goto(f"{(SITE / 'search.html').as_uri()}?q={quote(query)}")
+    page.wait_for_function("Search.hasIndex()")
+    assert right in page.evaluate(FIRST_THREE, query)
+
+
+@pytest.mark.parametrize("query", ["decision", "evidence", "Ed25519", "parsers"])
+def test_what_developers_wrote_for_each_other_is_not_found(query: str, page: Page) -> None:
+    page.goto(f"{(SITE / 'search.html').as_uri()}?q={quote(query)}")
+    page.wait_for_function("Search.hasIndex()")
+    found = page.evaluate(FIRST_THREE.replace(".slice(-3)", ""), query)
+    left_out = ("decisions/", "project/", "explanation/evidence", "explanation/speed")
+    assert [each for each in found if each.startswith(left_out)] == []

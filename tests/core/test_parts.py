@@ -189,6 +189,14 @@ def test_python_says_what_is_missing_too(tmp_path: Path) -> None:
     assert said.splitlines() == list(IN_PYTHON.values())
 
 
+def test_a_file_is_scored_without_what_takes_long_to_import() -> None:
+    """Importing takes most of the command's time."""
+    others = ["reverie_eval.analysis", "pydantic", "scipy", "difflib", "importlib.metadata"]
+    program = "import sys; from reverie_eval_cli.main import main; main(); print(*sys.modules)"
+    said = subprocess.check_output([sys.executable, "-c", program, "score", *SCORED], text=True)
+    assert not set(others).intersection(said.splitlines()[-1].split())
+
+
 def test_every_command_is_run() -> None:
     run = {words[0] for words in (*WORKING, *MISSING)}
     assert run >= set(program.list_commands(click.Context(program)))

@@ -50,7 +50,6 @@ from reverie_eval.submissions import (
 )
 from reverie_eval.tasks import DEFAULT_TASK, find_task
 from reverie_eval_cli import options
-from reverie_eval_cli.commands._sweeps import print_sweep, select_and_report
 from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import (
     check_outputs,
@@ -347,6 +346,20 @@ def watch_for_files(wanted: Wanted) -> int:
             except (SubmissionError, OSError) as error:
                 print(failure_line(file, error), file=sys.stderr)
     return 0
+
+
+def print_sweep(wanted: Wanted) -> int:
+    """Print a row for each checkpoint or setting, and the best; return the exit status."""
+    from reverie_eval_cli.commands import _sweeps  # needs what takes long to import, too
+
+    return _sweeps.print_sweep(wanted)
+
+
+def select_and_report(wanted: Wanted) -> int:
+    """Print the rows of the split to select on, and the best of them on the other."""
+    from reverie_eval_cli.commands import _sweeps
+
+    return _sweeps.select_and_report(wanted)
 
 
 def _print_line(cells: Sequence[str], file: str) -> None:

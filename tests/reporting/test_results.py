@@ -444,6 +444,16 @@ def test_splits_side_by_side_by_their_names(run: Run, tmp_path: Path) -> None:
     assert "of which split? Write {split} where its name stands" in err
 
 
+def test_what_joins_a_method_s_name_to_the_split_s_is_no_part_of_it(
+    run: Run, tmp_path: Path
+) -> None:
+    files = [tmp_path / "val_unseen.first.json", tmp_path / "second_val_unseen.json"]
+    for file, sample in zip(files, ("mediocre", "good"), strict=True):
+        shutil.copy(SAMPLES / f"{sample}.json", file)
+    _, out, _ = run("table", *map(str, files), "--split", SPLIT)
+    assert [line.split()[0] for line in out.splitlines()[1:3]] == ["first", "second"]
+
+
 def test_nothing_published_of_that_name(run: Run) -> None:
     status, _, err = run("table", *FILES, "--split", SPLIT, "--published", "FAST-Shrot")
     assert status == 2

@@ -199,7 +199,9 @@ def find_methods(words: Sequence[str], split: str = "") -> Mapping[str, Sequence
     named = [find_runs(word) for word in words]
     single = [[] if runs else find_files([word]) for word, runs in zip(words, named, strict=True)]
     files = [file for several in single for file in several]
-    names = iter(submission_names([it.replace(split, "") for it in files] if split else files))
+    bare = submission_names([it.replace(split, "") for it in files] if split else files)
+    # Nor is what stood between the two.
+    names = iter([name.strip("._-") or name for name in bare] if split else bare)
     methods: dict[str, Sequence[str]] = {}
     for runs, several in zip(named, single, strict=True):
         for name, each in [runs] if runs else [(next(names), [file]) for file in several]:

@@ -7,6 +7,7 @@ import bz2
 import gzip
 import io
 import json
+import re
 import lzma
 import pickle
 import sys
@@ -509,15 +510,22 @@ def _val_seen_ids() -> list[str]:
 
 
 def table(truth: GroundTruth) -> str:
-    """Return the table of the documentation: each mistake and the first line about it."""
+    """Return the table of the documentation: each mistake and the first line about it.
+
+    Mistakes share a row if their lines differ in nothing but what they quote.
+    """
     told = {
         **{name: message_about(name, truth) for name in MISTAKES},
         **{name: message_about_task(name) for name in MISTAKES_OF_TASKS},
     }
-    first = {name: message.splitlines()[1] for name, message in told.items()}
-    rows = [
-        f"| {name} | {line.replace('`', '').replace('<', '&lt;')} |" for name, line in first.items()
-    ]
+    alike: dict[str, list[str]] = {}
+    first: dict[str, str] = {}
+    for name, message in told.items():
+        line = message.splitlines()[1].replace("`", "").replace("<", "&lt;")
+        kind = re.sub(r"'.*?'|\".*?\"", "", line)
+        alike.setdefault(kind, []).append(name)
+        first.setdefault(kind, line)
+    rows = [f"| {'; '.join(names)} | {first[kind]} |" for kind, names in alike.items()]
     return "\n".join(["| mistake | first line of the message |", "|---|---|", *rows])
 
 

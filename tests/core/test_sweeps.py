@@ -1,4 +1,4 @@
-"""Sweeps: rows from paths, luck by hand, and a thesis's 180 files from training to comparison."""
+"""Sweeps: rows from paths, luck by hand, and a thesis's 180 files from training to a table."""
 
 import json
 import shutil
@@ -17,7 +17,6 @@ from tests.support.trained import write_checkpoints
 
 SEEN, UNSEEN = "val_seen", "val_unseen"
 STEPS = range(1000, 31000, 1000)
-GOOD = SAMPLES / "good.json"
 PATTERN = "{root}/seed{{seed}}/{{step}}_{{split}}.json"
 
 
@@ -138,11 +137,11 @@ def test_what_cannot_be_swept(words: list[str], said: str, run: Run) -> None:
     assert said in err
 
 
-# From the files of a thesis to its claim.
+# From the files of a thesis to its table.
 
 
-def test_180_files_to_a_claim(trained: str, seen: rv.Sweep, run: Run, tmp_path: Path) -> None:
-    """Choose on one split, report on the other, and compare that with two baselines."""
+def test_180_files_to_a_table(trained: str, seen: rv.Sweep, run: Run, tmp_path: Path) -> None:
+    """Choose on one split, report on the other, compare with two baselines, and print both."""
     curve = tmp_path / "curve.svg"
     words = (trained, "--select", SEEN, "--report", UNSEEN, "--jobs", "1")
     status, out, err = run(*words, "--curve", str(curve))
@@ -153,12 +152,22 @@ def test_180_files_to_a_claim(trained: str, seen: rv.Sweep, run: Run, tmp_path: 
     assert f"\ncaution: on {SEEN}, {len(seen.contenders)} of 30 are not significantly diff" in out
     files = out.splitlines()[-1].removeprefix("files: ")
 
-    baselines = {"early": trained.format(seed=1, step=3000, split=UNSEEN), "known": GOOD}
-    named = [f"{name}={file}" for name, file in baselines.items()]
-    compared = run("compare", f"ours={files}", *named, "--split", UNSEEN)
+    baselines = {"early": 1000, "middle": 9000}
+    steps = {name: trained.replace("{step}", str(step)) for name, step in baselines.items()}
+    words = [f"{name}={pattern.replace('{seed}', '1')}" for name, pattern in steps.items()]
+    alone = [word.replace("{split}", UNSEEN) for word in words]
+    compared = run("compare", f"ours={files}", *alone, "--split", UNSEEN)
     assert (compared.status, compared.err) == (0, "")
     verdicts = {line.split()[0]: line.split()[-1] for line in compared.out.splitlines()[1:4]}
-    assert verdicts == {"known": "n.s.", "ours": "baseline", "early": "worse"}
+    assert verdicts == {"ours": "baseline", "middle": "worse", "early": "worse"}
+
+    marked = ("--baseline", "early", "--baseline", "middle", "--format", "csv")
+    both = f"{SEEN},{UNSEEN}"
+    table = run("table", f"ours={seen.best_pattern}", *words, "--split", both, *marked)
+    assert (table.status, table.err) == (0, "")
+    (row,) = [line.split(",") for line in table.out.splitlines() if line.startswith("ours")]
+    assert row[-1].startswith(f"{value}†‡ (")
+    assert row[6].startswith(f"{seen.mean(seen.best, 'rgspl') * 100:.2f}†‡ (")
 
     printout = selection_printout(seen, ours)
     told = json.loads(printout.text("json"))

@@ -9,6 +9,7 @@ import click
 from reverie_eval import ReverieEvalError, Scores
 from reverie_eval.reporting.tables import Printout
 from reverie_eval.scoring import Clustering, Scored
+from reverie_eval.submissions import find_fields
 from reverie_eval.tasks import PublishedResult, published_on
 from reverie_eval.text import did_you_mean
 from reverie_eval_cli import options
@@ -128,7 +129,8 @@ def _files_of_splits(
 
 def _has_file(word: str) -> bool:
     named = word.partition("=")[2]
-    return Path(word).exists() or any(glob(each) for each in (named or word).split(","))  # noqa: PTH207
+    names = (named or word).split(",")
+    return Path(word).exists() or any(glob(each) or find_fields(each) for each in names)  # noqa: PTH207
 
 
 def _published(

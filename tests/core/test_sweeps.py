@@ -119,6 +119,13 @@ def test_a_row_without_a_seed_is_not_chosen(tmp_path: Path, run: Run) -> None:
     assert run(pattern, "--split", UNSEEN, "--format", "csv").out.count("\na,1,") == 1
 
 
+def test_a_ranking_of_many_files_points_to_sweeps(trained: str, run: Run) -> None:
+    files = trained.format(seed=1, step="*", split=SEEN)
+    status, out, err = run(files, "--split", SEEN, "--jobs", "1")
+    assert (status, out.splitlines()[1].split()[0]) == (0, "1")
+    assert err.startswith("note: the best of 30 is partly luck; ")
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -154,8 +161,8 @@ def test_180_files_to_a_table(trained: str, seen: rv.Sweep, run: Run, tmp_path: 
 
     baselines = {"early": 1000, "middle": 9000}
     steps = {name: trained.replace("{step}", str(step)) for name, step in baselines.items()}
-    words = [f"{name}={pattern.replace('{seed}', '1')}" for name, pattern in steps.items()]
-    alone = [word.replace("{split}", UNSEEN) for word in words]
+    named = [f"{name}={pattern.replace('{seed}', '1')}" for name, pattern in steps.items()]
+    alone = [word.replace("{split}", UNSEEN) for word in named]
     compared = run("compare", f"ours={files}", *alone, "--split", UNSEEN)
     assert (compared.status, compared.err) == (0, "")
     verdicts = {line.split()[0]: line.split()[-1] for line in compared.out.splitlines()[1:4]}
@@ -163,7 +170,7 @@ def test_180_files_to_a_table(trained: str, seen: rv.Sweep, run: Run, tmp_path: 
 
     marked = ("--baseline", "early", "--baseline", "middle", "--format", "csv")
     both = f"{SEEN},{UNSEEN}"
-    table = run("table", f"ours={seen.best_pattern}", *words, "--split", both, *marked)
+    table = run("table", f"ours={seen.best_pattern}", *named, "--split", both, *marked)
     assert (table.status, table.err) == (0, "")
     (row,) = [line.split(",") for line in table.out.splitlines() if line.startswith("ours")]
     assert row[-1].startswith(f"{value}†‡ (")

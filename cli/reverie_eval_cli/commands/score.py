@@ -55,6 +55,7 @@ from reverie_eval_cli.output import (
     check_outputs,
     failure_line,
     naming,
+    note,
     open_output,
     score_each,
     show_printout,
@@ -69,6 +70,8 @@ _KEYS = dict.fromkeys(("csv", "json"), frozenset(CATALOGUE))
 _SECONDS_BETWEEN_LOOKS = 1.0
 # Characters in a column, such as `RGSPL %` and `100.00`.
 _WATCH_WIDTH = 7
+# Files of which the best is rather a checkpoint than a method.
+_MANY = 20
 _INTERVALS = frozenset({"--ci", "--cluster", "--confidence"})
 _PRINTING = frozenset({"--format", "--output"})
 
@@ -306,6 +309,11 @@ def rank_files(wanted: Wanted) -> int:
     scored = ScoredFiles.of(with_progress(results, "Scoring", len(files)))
     if scored:
         wanted.show(ranking_printout(scored))
+    if len(scored) > _MANY:
+        note(
+            f"the best of {len(scored)} is partly luck; if these are seeds and checkpoints of a "
+            "method, 'runs/seed{seed}/{checkpoint}.json' averages seeds and says how much"
+        )
     for file, error in scored.failures.items():
         print(failure_line(file, error), file=sys.stderr)
     return 1 if scored.failures else 0

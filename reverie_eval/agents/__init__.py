@@ -10,6 +10,7 @@ from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
 from reverie_eval.agents._finding import BUILT_IN, ENTRY_POINTS, AgentSource
 from reverie_eval.agents._reference import (
     AGENTS,
+    DEMO_AGENT,
     MAX_RANDOM_STEPS,
     RandomAgent,
     ShortestAgent,
@@ -20,6 +21,7 @@ from reverie_eval.agents.chat import ChatAgent
 __all__ = [
     "AGENTS",
     "BUILT_IN",
+    "DEMO_AGENT",
     "ENTRY_POINTS",
     "MAX_RANDOM_STEPS",
     "Agent",

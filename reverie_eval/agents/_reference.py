@@ -5,12 +5,16 @@ Indoor Environments", CVPR 2020, section 5.
 """
 
 from collections.abc import Mapping
+from pathlib import Path
 from types import MappingProxyType
 
 from reverie_eval.agents._episode import Agent, Episode
 from reverie_eval.simulator import Action, Answer, Go, Observation, Stop
 
 MAX_RANDOM_STEPS = 10
+DEMO_AGENT = Path(__file__).parent / "trained" / "demo" / "fast-short"
+"""The folder of a trained agent: FAST-Short on the names of the demo world, with the submission of
+its run on each open split of REVERIE's. ``python -m fixtures.demo_model`` renews it."""
 
 
 class StopAgent:

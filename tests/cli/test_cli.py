@@ -15,6 +15,7 @@ import click
 import pytest
 
 from reverie_eval import GroundTruth, __version__
+from reverie_eval.agents import DEMO_AGENT
 from reverie_eval_cli.main import main, program
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import NOTE, SCORE, TABLE, Run, signature, words
@@ -468,8 +469,10 @@ def test_every_shell_gets_a_script(shell: str, run: Run) -> None:
 def test_demo_writes_the_samples_into_a_new_folder(tmp_path: Path, run: Run) -> None:
     folder = tmp_path / "samples"
     assert run("demo", str(folder)).status == 0
-    written = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert written == {path.name: path.read_bytes() for path in SAMPLES.iterdir()}
+    for original in SAMPLES, DEMO_AGENT:
+        at = folder if original == SAMPLES else folder / DEMO_AGENT.name
+        written = {path.name: path.read_bytes() for path in at.iterdir() if path.is_file()}
+        assert written == {path.name: path.read_bytes() for path in original.iterdir()}
     again = run("demo", str(folder))
     assert (again.status, again.out) == (2, "")
     assert f"{folder} is not empty; name a new folder" in again.err

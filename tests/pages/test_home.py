@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from reverie_eval import evaluate
+from reverie_eval.agents import DEMO_AGENT
 from reverie_eval.runner import run_agent
 from tests.support.entries import entered, get, named, report_result, tables
 from tests.support.serving import (
@@ -37,12 +38,16 @@ def test_an_empty_server_shows_what_reference_agents_score(server: Serving) -> N
     rows = leaders(server)["Val unseen leaderboard"]
     assert [row[1] for row in rows] == [
         "Shortest agent computed here",
+        "FAST-Short on names objects computed here",
         "Random agent computed here",
         "Stop agent computed here",
     ]
     truth = server.state.boards[OPEN].truth
-    for agent, row in zip(("shortest", "random", "stop"), rows, strict=True):
-        scores = evaluate(run_agent(agent, truth), split=OPEN)
+    trained = evaluate(DEMO_AGENT / "val_unseen.json", split=OPEN)
+    shortest, *others = (
+        evaluate(run_agent(agent, truth), split=OPEN) for agent in ("shortest", "random", "stop")
+    )
+    for scores, row in zip((shortest, trained, *others), rows, strict=True):
         shown = [f"{100 * scores[key]:.2f}" for key in ("success", "spl", "rgs", "rgspl")]
         assert row[2:] == shown
         assert row[0] == "-"
@@ -55,7 +60,7 @@ def test_what_is_reported_and_what_is_computed_here_have_different_labels(
     names = [row[1] for row in leaders(server)["Val unseen leaderboard"]]
     reported = [name for name in names if " reported" in name]
     computed = [name for name in names if name.endswith(" computed here")]
-    assert (len(reported), len(computed)) == (1, 3)
+    assert (len(reported), len(computed)) == (1, 4)
     assert [*reported, *computed] == names
     assert not any("paper" in name or "reference" in name for name in names)
 

@@ -168,10 +168,12 @@ def write_samples(*, folder: Path) -> None:
 
     FOLDER is a new or an empty folder; without it, `demo`. The samples are for val_unseen: a good
     one, a mediocre one, one that answers by boxes (drawn), one with every kind of mistake (broken),
-    and one for each further task.
+    and one for each further task. `fast-short` is a trained agent, for `reverie-eval run`.
     """
+    from shutil import copytree
     from zipfile import ZipFile
 
+    from reverie_eval.agents import DEMO_AGENT
     from reverie_eval.files import staged_folder
     from reverie_eval.ground_truth import DEMO_SAMPLES
 
@@ -180,6 +182,7 @@ def write_samples(*, folder: Path) -> None:
     with staged_folder(folder) as aside, ZipFile(DEMO_SAMPLES) as samples:
         # Beside the folder first, which appears complete or not at all.
         samples.extractall(aside)
-        names = samples.namelist()
+        copytree(DEMO_AGENT, aside / DEMO_AGENT.name)
+        names = [*samples.namelist(), f"{DEMO_AGENT.name}/"]
     print(f"{folder}: {', '.join(names)}")
     print(f"try: reverie-eval {folder / 'good.json'} --split val_unseen")

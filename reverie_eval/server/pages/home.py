@@ -16,13 +16,12 @@ from reverie_eval.reporting.answers import AnswerView
 from reverie_eval.reporting.map_svg import map_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.schemas.service import Schedule
-from reverie_eval.scoring import Scores
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.pages.boards import NEWS_SHOWN, Scale
 from reverie_eval.server.pages.rendering import drawn, page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row
-from reverie_eval.server.service.episodes import EpisodeService
+from reverie_eval.server.service.episodes import EpisodeService, Reference
 from reverie_eval.server.service.leaderboard import Ranking, paper_of
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.state import ServerState
@@ -45,8 +44,8 @@ class Leaders:
     """None if a result cannot be read."""
     schedule: Schedule
     rows: Sequence[Row]
-    references: Mapping[str, Scores]
-    """By agent, what it scores; empty if there are results, the solution is private, or the agents
+    references: Sequence[Reference]
+    """What reference agents score; empty if there are results, the solution is private, or they
     have not walked yet since the server started."""
     scale: Scale
     """The scale of the bars of intervals."""
@@ -129,7 +128,7 @@ def _leaders(server: ServerState, session: Session) -> Mapping[str, Sequence[Lea
         rows = all_rows[:MOST_LEADERS]
         has_results = any(row.entry.is_ranked for row in all_rows)
         references = (
-            {} if has_results or server.warming.is_set() else server.episodes.references(board)
+            [] if has_results or server.warming.is_set() else server.episodes.references(board)
         )
         scale = Scale.of(rows, board.primary.key)
         found[board.task.title].append(

@@ -6,17 +6,18 @@ the team chose so, or if it is a baseline. Episodes of private splits are not sh
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
-from typing import Literal
+from pathlib import Path
+from typing import Literal, NamedTuple
 
 import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from reverie_eval.agents import AGENTS
+from reverie_eval.agents import AGENTS, DEMO_AGENT
 from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
@@ -24,7 +25,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import Method, SubmissionReport
+from reverie_eval.schemas.service import InputClass, Method, SubmissionReport
 from reverie_eval.scoring import (
     OUTCOMES,
     FailureModes,
@@ -49,7 +50,7 @@ from reverie_eval.server.service.submissions import (
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Person, Submission, read_stored
 from reverie_eval.submissions import SubmissionColumns
-from reverie_eval.tasks import Task, name_on_server
+from reverie_eval.tasks import DEFAULT_TASK, Task, name_on_server
 
 MOST_LISTED = 200
 """Submissions to choose from, at most; older ones can be opened by their links."""
@@ -68,6 +69,15 @@ class EpisodeFilter:
     """The category of the target, in lower case."""
     text: str = ""
     """Part of the instruction or the id; case is ignored."""
+
+
+class Reference(NamedTuple):
+    """A reference agent on a split."""
+
+    title: str
+    input_class: InputClass | None
+    """What it was shown; None if that is not worth a word."""
+    scores: Scores
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +208,7 @@ class EpisodeService:
         self._annotations = lru_cache(len(boards))(
             lambda split, signature: Annotations.of(self._board_of(split, signature))
         )
-        self._walked = lru_cache(len(boards) * len(AGENTS))(
+        self._walked = lru_cache(len(boards) * (len(AGENTS) + 1))(
             lambda split, signature, agent: self._walk(self._board_of(split, signature), agent)
         )
 
@@ -239,17 +249,18 @@ class EpisodeService:
     def _walk(self, board: Board, agent: str) -> Scores:
         return self._scoring.run(score_agent, board.name, agent).scores(board)
 
-    def references(self, board: Board) -> Mapping[str, Scores]:
+    def references(self, board: Board) -> Sequence[Reference]:
         """Return the reference agents' scores on a split, the best first; none on a private one.
 
         There, the scores of the random agent would reveal something about the solution.
         """
         if board.is_private:
-            return {}
-        scores = {agent: self._walked(board.name, board.signature, agent) for agent in AGENTS}
-        primary = board.primary.key
-        best_first = sorted(scores, key=lambda agent: scores[agent][primary], reverse=True)
-        return {agent: scores[agent] for agent in best_first}
+            return []
+        found = [
+            Reference(title, input_class, self._walked(board.name, board.signature, agent))
+            for agent, title, input_class in _references(board)
+        ]
+        return sorted(found, key=lambda each: each.scores[board.primary.key], reverse=True)
 
     def browse(
         self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
@@ -356,6 +367,19 @@ def _name_of_method(row: Submission) -> str:
     return read_stored(Method, row.method).name
 
 
+def _references(board: Board) -> Iterator[tuple[str, str, InputClass | None]]:
+    """Yield the agents that serve as a reference on a split, with their title and input class."""
+    for name in AGENTS:
+        yield name, f"{name.capitalize()} agent", None
+    if board.truth.is_demo and board.task.name == DEFAULT_TASK and _demo_walks(board).is_file():
+        yield DEMO_AGENT.name, "FAST-Short on names", "objects"
+
+
+def _demo_walks(board: Board) -> Path:
+    """Return the submission of the demo world's trained agent to a split, which may not exist."""
+    return DEMO_AGENT / f"{board.truth.split}.json"
+
+
 def _demo_board(task: Task) -> Board | None:
     """Return an open split of the demo world, which tasks of other packages do not have."""
     bundle = bundle_folder(DEMO_BUNDLES, task.name) / "val_unseen.npz"
@@ -376,7 +400,13 @@ def _agent(name: str) -> Choice:
 def score_agent(context: Context, split: str, agent: str) -> EpisodeValues:
     """Let a reference agent walk, and score it."""
     board = context.boards[split]
-    records = run_agent(agent, board.truth)
+    if agent == DEMO_AGENT.name:
+        # It walked when it was trained: a server need not have PyTorch.
+        walked = json.loads(_demo_walks(board).read_bytes())
+        known = {*board.truth.episodes.instr_ids}
+        records = [record for record in walked if record["instr_id"] in known]
+    else:
+        records = run_agent(agent, board.truth)
     if board.split.track == "grounding":  # takes answers alone
         records = [{key: record[key] for key in ("instr_id", "predObjId")} for record in records]
     return EpisodeValues.of(board, board.score(board.read(json.dumps(records).encode())))

@@ -179,7 +179,7 @@ def running(laptop: Laptop, request: pytest.FixtureRequest) -> Iterator[Running]
         assert token is not None
         yield Running(server, int(server.url.rpartition(":")[2]), token[0])
         log = server.log.read_text()
-        assert [json.loads(line)["level"] for line in log.splitlines()].count("error") == 0
+        assert [line for line in log.splitlines() if json.loads(line)["level"] == "error"] == []
         assert token[0] not in log
 
 

@@ -7,9 +7,9 @@ import bz2
 import gzip
 import io
 import json
-import re
 import lzma
 import pickle
+import re
 import sys
 import tarfile
 import zipfile

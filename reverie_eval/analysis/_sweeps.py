@@ -1,6 +1,6 @@
 """Sweeps: which of many checkpoints or settings is best, and how much of that is luck."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -119,14 +119,15 @@ class Sweep(Mapping[str, Scored]):
         return self._files[0]
 
     @property
-    def seeds(self) -> Sequence[str]:
-        """The seeds of all rows."""
-        return list(dict.fromkeys(seed for runs in self.rows.values() for seed in runs))
+    def n_runs(self) -> int:
+        """The number of runs that most rows have."""
+        numbers = Counter(map(len, self.rows.values()))
+        return max(numbers, key=lambda number: (numbers[number], number))
 
     @property
     def candidates(self) -> Sequence[str]:
-        """The rows that have a file of every seed, among which the best is: others vary more."""
-        return [name for name, runs in self.rows.items() if len(runs) == len(self.seeds)]
+        """The rows that have as many runs as most: means of fewer vary more, and win by luck."""
+        return [name for name, runs in self.rows.items() if len(runs) >= self.n_runs]
 
     @property
     def metrics(self) -> Sequence[Metric]:
@@ -150,19 +151,15 @@ class Sweep(Mapping[str, Scored]):
 
     @cached_property
     def best(self) -> str:
-        """The row with the highest mean of :attr:`primary`; of equal ones, the first.
+        """The candidate with the highest mean of :attr:`primary`; of equal ones, the first.
 
         Raises
         ------
         ProtocolError
-            If no row has a file of every seed.
+            If no file could be scored.
         """
-        if not self.candidates:
-            raise ProtocolError(
-                f"{self.pattern}: no row has a file of every seed ({first_few(self.seeds)}), so "
-                "none can be chosen"
-            )
-        return max(self.candidates, key=lambda name: self.mean(name, self.primary.key))
+        key = self.primary.key
+        return max(self.candidates, key=lambda name: self.mean(name, key))
 
     @property
     def best_pattern(self) -> str:
@@ -205,7 +202,7 @@ class Sweep(Mapping[str, Scored]):
         n_clusters, key = len(np.unique(cluster)), self.primary.key
         if n_clusters < 2:  # nothing shows how much errors may be
             return [True] * len(self.candidates), 0.0
-        rows = [[self.rows[name][seed] for seed in self.seeds] for name in self.candidates]
+        rows = [list(self.rows[name].values())[: self.n_runs] for name in self.candidates]
         values = np.array([[scores.episodes[key] for scores in runs] for runs in rows])
         covariance = covariance_of_rows(values, cluster)
         ranks = rank_intervals(-values.mean(axis=(1, 2)), covariance, n_clusters)
@@ -215,11 +212,11 @@ class Sweep(Mapping[str, Scored]):
     @property
     def sentence(self) -> str:
         """Which row is best, and how many runs that was measured in."""
-        metric, several = self.primary, len(self.seeds) > 1
-        runs = f", the mean of {len(self.seeds)} runs" if several else ""
+        metric, n_runs = self.primary, len(self.rows[self.best])
         value = metric.display(self.mean(self.best, metric.key))
-        of = f" of {len(self.candidates)}" if len(self.candidates) > 1 else ""
-        return f"{self.best} is best{of} by {metric.label} on {self.split}: {value}{runs}"
+        best = f"{self.best} is best of {len(self.candidates)} by " if len(self) > 1 else ""
+        runs = f", the mean of {n_runs} runs" if n_runs > 1 else ""
+        return f"{best}{metric.label} on {self.split}: {value}{runs}"
 
     @property
     def caution(self) -> str:
@@ -231,7 +228,7 @@ class Sweep(Mapping[str, Scored]):
             f"on {self.split}, {contenders} of {len(self.candidates)} are not significantly "
             f"different, and the best of {contenders} is expected to be up to "
             f"{self.primary.display(self.excess)} {self.primary.label} above what other episodes "
-            f"{'and seeds ' if len(self.seeds) > 1 else ''}would give"
+            f"{'and seeds ' if self.n_runs > 1 else ''}would give"
         )
 
     @property
@@ -243,10 +240,10 @@ class Sweep(Mapping[str, Scored]):
     def notes(self) -> Sequence[str]:
         """What a reader of the rows should know, one sentence each."""
         partial = [name for name in self if name not in self.candidates]
-        missing = f"not chosen among, for lack of a seed: {first_few(partial)}" if partial else ""
+        missing = f"not chosen among, for they have fewer runs: {first_few(partial)}"
         noted = {note for scores in self._files for note in scores.notes}
         more = f"some files have notes, which `reverie-eval FILE` shows: {first_few(sorted(noted))}"
-        return list(filter(None, [missing, more if noted else ""]))
+        return [*([missing] if partial else []), *([more] if noted else [])]
 
     def plot(self, metrics: Sequence[str] | None = None, ax: "Axes | None" = None) -> "Axes":
         """Draw the rows as a curve over their numbers, with intervals over seeds.
@@ -296,7 +293,8 @@ class Sweep(Mapping[str, Scored]):
         return sweep_table(self).to_html()
 
     def __repr__(self) -> str:
-        return f"<Sweep of {len(self)}: {self.sentence}; {self.caution}>"
+        told = "; ".join(filter(None, [self.sentence, self.caution])) if self else "none scored"
+        return f"<Sweep of {len(self)}: {told}>"
 
 
 def covariance_of_rows(values: FloatArray, cluster: IntArray) -> FloatArray:

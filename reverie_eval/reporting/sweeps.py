@@ -53,7 +53,6 @@ def selection_printout(sweep: Sweep, reported: Scored) -> Printout:
 def sweep_table(sweep: Sweep) -> Table:
     """Return a row per checkpoint or setting with its means over seeds, the best marked."""
     names, *_ = sweep.fields.values()
-    best = sweep.best if sweep.candidates else ""
     return table_of_scores(
         sweep.first,
         [*names, "runs"],
@@ -64,13 +63,13 @@ def sweep_table(sweep: Sweep) -> Table:
                 str(len(runs)),
                 *(
                     metric.display(sweep.mean(name, metric.key))
-                    + MARK * (name == best and metric is sweep.primary)
+                    + MARK * (name == sweep.best and metric is sweep.primary)
                     for metric in sweep.metrics
                 ),
             ]
             for name, runs in sweep.rows.items()
         ],
-        findings=[sweep.sentence, *_cautions(sweep, "report another split")] if best else [],
+        findings=[sweep.sentence, *_cautions(sweep, "report another split")],
         notes=[f"note: {note}" for note in sweep.notes],
     )
 

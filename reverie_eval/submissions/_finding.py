@@ -49,11 +49,11 @@ def find_fields(pattern: str) -> Mapping[str, Mapping[str, str]]:
     Returns
     -------
     mapping of mappings of str
-        What each field stands for, by path; empty if the pattern has no field, is itself a file or
-        folder, or fits no file.
+        What each field stands for, by path; empty if the pattern fits no file. A file or folder is
+        itself, without fields.
     """
-    if not has_fields(pattern):
-        return {}
+    if Path(pattern).exists():
+        return {pattern: {}}
     constants, names = _FIELD.split(pattern)[::2], _FIELD.findall(pattern)
     first = re.escape(constants[0])
     form = first + "".join(

@@ -80,7 +80,8 @@ def test_the_expected_luck_is_that_of_drawn_worlds(seeds: int, training: float) 
         ("r/seed{seed}/{ckpt}_a.json", {"r/seed1/9_a.json": "1 9"}),
         ("r/seed{n}/9_{n}.json", {}),
         ("r/{x}.json", {"r/[1].json": "[1]"}),
-        ("r/{braces}.txt", {}),
+        ("r/{braces}.txt", {"r/{braces}.txt": ""}),
+        ("r/none.json", {}),
     ],
 )
 def test_fields_of_paths(
@@ -114,9 +115,19 @@ def test_a_row_without_a_seed_is_not_chosen(tmp_path: Path, run: Run) -> None:
     heading, a, b, *_ = out.splitlines()
     assert (heading.split()[:2], a.split()[-1]) == (["ours", "runs"], "57.22")
     assert b.split()[-1] == "34.52*"
-    assert "\nb is best by RGSPL on val_unseen: 34.52, the mean of 2 runs\n" in out
-    assert "\nnote: not chosen among, for lack of a seed: a\n" in out
+    assert "\nb is best of 1 by RGSPL on val_unseen: 34.52, the mean of 2 runs\n" in out
+    assert "\nnote: not chosen among, for they have fewer runs: a\n" in out
     assert run(pattern, "--split", UNSEEN, "--format", "csv").out.count("\na,1,") == 1
+
+
+def test_files_without_seeds_are_rows_of_their_own(trained: str, run: Run) -> None:
+    words = (trained.replace("{seed}", "2"), "--select", SEEN, "--report", UNSEEN, "--jobs", "1")
+    status, out, err = run(*words, "--confidence", "0.9")
+    assert (status, err) == (0, "")
+    (answer,) = (line for line in out.splitlines() if ", chosen on " in line)
+    files = out.splitlines()[-1]
+    scores = rv.evaluate(files.removeprefix("files: "), split=UNSEEN)
+    assert f": RGSPL {scores['rgspl'] * 100:.2f} on {UNSEEN}, 90 % interval " in answer
 
 
 def test_a_ranking_of_many_files_points_to_sweeps(trained: str, run: Run) -> None:

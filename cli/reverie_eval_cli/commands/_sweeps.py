@@ -40,10 +40,10 @@ def select_and_report(wanted: "Wanted") -> int:
     sweep = _score(wanted, pattern, replace(wanted.scoring, split=select))
     _draw(wanted, sweep)
     best = _score(wanted, sweep.best_pattern, wanted.scoring)
-    for seed in sweep.seeds:
-        if seed not in best.seeds:
-            note(f"{sweep.best} has no file of seed {seed} on {wanted.scoring.split}")
-    for name in best:
+    for name, runs in best.rows.items():
+        for seed in sweep.rows[sweep.best]:
+            if seed not in runs:
+                note(f"{sweep.best} has no score of seed {seed} on {wanted.scoring.split}")
         reported = best.with_intervals(
             name, wanted.cluster or "target", confidence=wanted.confidence
         )

@@ -350,9 +350,11 @@ def watch_for_files(wanted: Wanted) -> int:
     with suppress(KeyboardInterrupt):
         for file in watch_files(wanted.submissions, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
             try:
-                _print_line(metric_cells(metrics, evaluator(file)), file)
+                scores = evaluator(file)
             except (SubmissionError, OSError) as error:
                 print(failure_line(file, error), file=sys.stderr)
+                continue
+            _print_line(metric_cells(metrics, scores), file)
     return 0
 
 

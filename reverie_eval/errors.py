@@ -36,6 +36,7 @@ _PARTS: Mapping[str, tuple[str, str]] = {
     "platformdirs": ("calling a server needs", "client"),
     "pyarrow": ("Parquet files need", "parquet"),
     "safetensors": ("trained agents need", "agents"),
+    "pylatexenc": ("tables in LaTeX need", "analysis"),
     "scipy": ("intervals, comparisons and plans need", "analysis"),
     "tenacity": ("calling a server needs", "client"),
     "torch": ("trained agents need", "agents"),

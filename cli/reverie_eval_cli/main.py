@@ -31,6 +31,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "report": "compare:report",
                 "figure": "figure:figure",
                 "table": "table:table",
+                "check-table": "table:check_table",
                 "plan": "plan:plan",
                 "protocol": "protocol:protocol",
                 "subset": "submissions:draw_episodes",

@@ -272,7 +272,7 @@ class Printout:
 
     parts: Callable[[], Sequence[Part]]
     """The result for people."""
-    json: Callable[[], str]
+    json: Callable[[], str] = str
     csv: Callable[[], str] = str
     papers: Mapping[str, Callable[[], Table]] = field(default_factory=dict)
     """The table as papers show it, by the formats that have another one than people."""

@@ -62,6 +62,9 @@ MISSING: Mapping[Words, str] = {
     ("compare", MEDIOCRE, *SCORED): STATISTICS,
     ("plan", "--split", "val_unseen"): STATISTICS,
     ("table", MEDIOCRE, *SCORED): STATISTICS,
+    ("check-table", "paper.tex", *SCORED): (
+        "tables in LaTeX need: pip install 'reverie-eval[analysis]'"
+    ),
     ("report", *SCORED, "-o", "report.html"): (
         "an HTML report needs: pip install 'reverie-eval[report]'"
     ),
@@ -151,9 +154,11 @@ def outcomes(demo_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Outc
     """Run all commands in a process that can import nothing else."""
     every = [*WORKING, *MISSING]
     commands = [[str(demo_world) if word == "DATASET" else word for word in each] for each in every]
+    folder = tmp_path_factory.mktemp("base")
+    (folder / "paper.tex").touch()
     said = subprocess.check_output(
         [sys.executable, "-c", PROGRAM, json.dumps([BLOCKED, commands])],
-        cwd=tmp_path_factory.mktemp("base"),
+        cwd=folder,
         text=True,
     )
     return {

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from reverie_eval import ReverieEvalError, Scores
+from reverie_eval import ReverieEvalError, Scores, evaluate_protocols
+from reverie_eval.analysis import Runs
 from reverie_eval.reporting.tables import Printout
 from reverie_eval.scoring import Clustering, Scored
 from reverie_eval.submissions import find_fields
@@ -15,7 +16,7 @@ from reverie_eval.text import did_you_mean
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.compare import find_methods, score_methods
 from reverie_eval_cli.options import ScoringOptions, each_split
-from reverie_eval_cli.output import check_outputs, note, show_printout
+from reverie_eval_cli.output import check_outputs, note, score_each, show_printout
 
 _SPLIT = "{split}"
 
@@ -88,12 +89,81 @@ def table(
     above = _published(published, next(iter(results.values()))[0], scoring)
     laid_out = results_table(results, baselines=baselines, published=above)
     show_printout(
-        Printout.of_table(
-            lambda: laid_out, json=str, csv=laid_out.to_csv, papers={"html": lambda: laid_out}
-        ),
+        Printout.of_table(lambda: laid_out, csv=laid_out.to_csv, papers={"html": lambda: laid_out}),
         layout,
         output,
     )
+
+
+@click.command("check-table")
+@click.argument("paper", metavar="TABLE", type=options.PATH)
+@_methods
+@options.scoring_of_splits
+@options.layout("table", "csv", explained=" csv has every number that was checked.")
+@options.output("what was found")
+def check_table(
+    *,
+    paper: Path,
+    methods: Sequence[str],
+    scoring: ScoringOptions,
+    layout: str,
+    output: str | None,
+) -> int:
+    """Check the numbers of a paper's table.
+
+    \b
+      reverie-eval check-table paper.tex ours=ours/{split}.json \\
+          DUET=duet/{split}.json --split val_seen,val_unseen
+
+    TABLE is LaTeX (.tex), Markdown (.md) or CSV, with **bold** marked as in Markdown. Each number
+    that a file has is compared with it: whether it agrees, was rounded wrongly, or agrees under
+    another protocol. Rows are matched to files by label, or else by their numbers. For what is bold
+    it says whether it is the best, and significantly so. Exit status 1 if something is wrong.
+    """  # noqa: D301  # click keeps the lines of a paragraph that begins with it
+    from reverie_eval.reporting.printed import read_tables
+    from reverie_eval.reporting.table_check import check_tables
+
+    if paper.suffix.casefold() == ".pdf":
+        raise click.UsageError(
+            f"{paper}: tables are not read from PDF; give LaTeX, or copy the table to a CSV file"
+        )
+    check_outputs([output], [paper])
+    tables = read_tables(paper.read_text("utf-8", errors="replace"), paper.name.casefold())
+    results = {
+        split: _by_protocol(files, each_split(scoring)[split])
+        for split, files in _files_of_splits(methods, scoring, output).items()
+    }
+    by_method = next(iter(results.values()))
+    # The first, whatever alias it was given by.
+    protocol = next(iter(next(iter(by_method.values()))))
+    check = check_tables(tables, results, protocol)
+    show_printout(check.printout(), layout, output)
+    return 0 if check.is_right else 1
+
+
+def _by_protocol(
+    methods: Mapping[str, Sequence[str]], how: ScoringOptions
+) -> Mapping[str, Mapping[str, Scored]]:
+    """Return the scores of each method under each protocol, the wanted one first."""
+    truth = how.find()
+    evaluator = how.evaluator(truth)
+    # Read twice, so that what is wrong in all files is listed together.
+    score_each([file for files in methods.values() for file in files], evaluator)
+
+    def scored(files: Sequence[str]) -> Mapping[str, Scored]:
+        first, *others = runs = [
+            evaluate_protocols(file, split=how.split, ground_truth=truth, track=how.track)
+            for file in files
+        ]
+        names = sorted(first, key=lambda protocol: protocol != evaluator.protocol.name)
+        return {
+            name: Runs.of({str(n): run[name] for n, run in enumerate(runs)})
+            if others
+            else first[name]
+            for name in names
+        }
+
+    return {name: scored(files) for name, files in methods.items()}
 
 
 def _files_of_splits(

@@ -28,7 +28,11 @@ exclude_patterns = ["_build"]
 
 # Search: for who uses the package; what its developers wrote down for each other is not found.
 
-UNSEARCHED = ("decisions/", "project/", "explanation/evidence", "explanation/speed")
+UNSEARCHED = (
+    "decisions/",
+    "project/",
+    *(f"explanation/{page}" for page in ("architecture", "evidence", "speed")),
+)
 html_search_scorer = str(DOCS / "static" / "scorer.js")
 
 

@@ -18,6 +18,7 @@ from reverie_eval.arrays import (
     last_of,
     offsets_of,
     row_of,
+    take_rows,
     with_object,
 )
 from reverie_eval.errors import GroundTruthError
@@ -46,7 +47,7 @@ class CandidateBoxes:
     def find(self, candidate: IntArray, view: IntArray) -> tuple[IntArray, BoolArray]:
         """Return the row of each candidate's box in each view, and whether there is one."""
         order, keys = self._by_candidate
-        index, has_box = find_sorted(keys, _view_key(candidate, view))
+        index, has_box = keys.find(_view_key(candidate, view))
         return order[index], has_box
 
     def pair_with_others(self, box: IntArray) -> tuple[IntArray, IntArray]:
@@ -73,28 +74,26 @@ class CandidateBoxes:
         return self._pair_with_images(_view_key(viewpoint, view))
 
     def _pair_with_images(self, image: IntArray) -> tuple[IntArray, IntArray]:
-        order, images = self._by_image
-        begin = np.searchsorted(images, image, side="left")
-        end = np.searchsorted(images, image, side="right")
-        pair_offsets = offsets_of(end - begin)
-        index = row_of(pair_offsets)
-        rank = np.arange(len(index)) - pair_offsets[:-1][index]
-        return index, order[begin[index] + rank]
+        order, images, offsets = self._by_image
+        number, has_boxes = images.find(image)
+        index, number = np.flatnonzero(has_boxes), number[has_boxes]
+        return np.repeat(index, np.diff(offsets)[number]), order[take_rows(number, offsets)]
 
     # Sorted indexes are cached, so that an evaluator sorts the boxes of a split only once.
 
     @cached_property
-    def _by_candidate(self) -> tuple[IntArray, IntArray]:
+    def _by_candidate(self) -> tuple[IntArray, KeyTable]:
         """Rows of the boxes in the order of candidate and view, and their keys."""
         keys = _view_key(self.candidate, self.view)
         order = np.argsort(keys, kind="stable")
-        return order, keys[order]
+        return order, KeyTable(keys[order])
 
     @cached_property
-    def _by_image(self) -> tuple[IntArray, IntArray]:
-        """Rows of the boxes in the order of viewpoint and view, and their keys."""
+    def _by_image(self) -> tuple[IntArray, KeyTable, IntArray]:
+        """Rows of the boxes in the order of viewpoint and view; images with boxes; their offsets."""
         order = np.argsort(self._image, kind="stable")
-        return order, self._image[order]
+        images, count = np.unique(self._image, return_counts=True)
+        return order, KeyTable(images), offsets_of(count)
 
     @cached_property
     def _image(self) -> IntArray:

@@ -73,7 +73,7 @@ _INTEGERS = frozenset({int, np.int64, np.int32})
 
 # Bytes that are read at once. The arrays of so many stay in the processor's cache, and memory is
 # used again: the time for each episode and the memory do not grow with the file.
-_PIECE = 1 << 20
+_PIECE = 1 << 19
 _SPACE = rb"[ \t\r\n]*"
 _FIRST_FIELD = re.compile(rb'%b\[%b\{%b("[^"\\]*")' % ((_SPACE,) * 3))
 _MOST_FIELDS = 100

@@ -90,7 +90,7 @@ class CandidateBoxes:
 
     @cached_property
     def _by_image(self) -> tuple[IntArray, KeyTable, IntArray]:
-        """Rows of the boxes in the order of viewpoint and view; images with boxes; their offsets."""
+        """Rows of the boxes in the order of viewpoint and view; their images; offsets."""
         order = np.argsort(self._image, kind="stable")
         images, count = np.unique(self._image, return_counts=True)
         return order, KeyTable(images), offsets_of(count)

@@ -227,10 +227,19 @@ class ReviewEntry(NewReview):
 
 
 _PAPER = "https://arxiv.org/abs/1904.10151"
-ReportedMethod = Annotated[
-    Method,
-    Field(examples=[{"name": "Interactive Navigator-Pointer", "paper": _PAPER}]),
-]
+
+
+class ReportedMethod(Method):
+    """The description of a reported result's method."""
+
+    reference: bool | None = None
+    """Not a competing method but something to compare with, such as chance or the shortest path."""
+
+
+class ReportedMethodChange(MethodChange, ReportedMethod):
+    """Changes to the description of a reported result's method."""
+
+
 ReportedScores = Annotated[
     dict[str, float], Field(examples=[{"success": 0.1153, "spl": 0.0947, "rgs": 0.0562}])
 ]
@@ -250,7 +259,9 @@ class NewReported(WireModel):
     """
 
     split: SplitName
-    method: ReportedMethod
+    method: ReportedMethod = Field(
+        examples=[{"name": "Interactive Navigator-Pointer", "paper": _PAPER}]
+    )
     team: Name = Field(examples=["Qi et al., 2020"])
     """Who reports it, as shown on the leaderboard."""
     scores: ReportedScores = Field(min_length=1)
@@ -267,7 +278,7 @@ class NewReported(WireModel):
 class ReportedChange(WireModel):
     """Changes to a reported result; fields that are left out stay as they are."""
 
-    method: MethodChange | None = Field(None, examples=[{"extra_data": False}])
+    method: ReportedMethodChange | None = Field(None, examples=[{"extra_data": False}])
     team: OmittedName = Field("", examples=["Qi et al., CVPR 2020"])
     scores: dict[str, float | None] = Field(default_factory=dict, examples=[{"rgspl": 0.0309}])
     """Metrics that are left out stay as they are; null removes one."""
@@ -300,6 +311,10 @@ class NewImport(WireModel):
         examples=["team,method,SR,SPL,date\nBlue,Walker,59.64,38.98,01/2026\n"],
     )
     """The file: CSV with a header row, or JSON."""
+    human: list[Name] = Field(default_factory=list, examples=[["Human"]])
+    """The methods of the file that are people, if it has no column that says so."""
+    reference: list[Name] = Field(default_factory=list, examples=[["Random", "Shortest"]])
+    """The methods of the file that are references, such as chance or the shortest path."""
     dry_run: bool = False
     """Change nothing; only report what would be added."""
 

@@ -1,14 +1,23 @@
 """What holds of every page in a real browser, whoever looks, on whatever screen."""
 
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, Route, expect
 
-from tests.support.browser import NARROW, PHONE, Ear, OpenPage, barriers, new_context
-from tests.support.demo_site import OPEN, OWNER, Site
+from tests.support.browser import (
+    NARROW,
+    PHONE,
+    WIDE,
+    Ear,
+    OpenPage,
+    Size,
+    barriers,
+    new_context,
+)
+from tests.support.demo_site import OPEN, OWNER, PRIVATE, Site
 from tests.support.page_routes import EXAMPLES, Example
 
 KILOBYTE = 1000
@@ -78,6 +87,63 @@ def test_a_page_serves_everybody(
     assert sum(unpacked) >= sum(needed) > 0
     assert sum(unpacked) < MOST_KILOBYTES * KILOBYTE
     assert window.ear.complaints == []
+
+
+PLACES = """names => Object.fromEntries(names.flatMap(name => {
+    const box = document.querySelector(name)?.getBoundingClientRect();
+    return box ? [[name, [box.left, box.top, box.width]]] : [];
+}))"""
+SHARES = (0.3, 0.6, 1)
+"""How much of a page the browser has when it first draws it."""
+
+
+@pytest.mark.parametrize(
+    ("path", "parts"),
+    [
+        pytest.param("/", ["header", "h1", ".lead"], id="first page"),
+        pytest.param(
+            f"/boards/{OPEN}", ["header", "h1", ".lead", ".filters", ".listed"], id="open"
+        ),
+        pytest.param(f"/boards/{PRIVATE}", ["h1", ".lead", ".filters", ".listed"], id="private"),
+    ],
+)
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_nothing_moves_while_a_page_comes(
+    path: str, parts: list[str], size: Size, site: Site, open_page: OpenPage
+) -> None:
+    """With the viewer's own times in it, which a script adds."""
+    page = open_page(site, "/guide", size=size, timezone_id="Asia/Tokyo")
+    whole = page.request.get(path).text()
+    places: list[dict[str, list[float]]] = []
+    for share in SHARES:
+        body = whole[: int(share * len(whole))]
+        page.route(f"**{path}", partial(fulfill, body=body))
+        page.goto(path)
+        places.append(page.evaluate(PLACES, parts))
+    *early, final = places
+    assert list(final) == parts
+    assert early == [{name: final[name] for name in some} for some in early]
+    assert len(early[-1]) > 1
+
+
+def fulfill(route: Route, body: str) -> None:
+    """Answer with a page that ends early, under the policy of all pages."""
+    route.fulfill(response=route.fetch(), body=body)
+
+
+def test_two_results_are_compared_and_neither_one_nor_three(
+    site: Site, open_page: OpenPage
+) -> None:
+    page = open_page(site, f"/boards/{OPEN}")
+    compare = page.get_by_role("button", name="Compare two results")
+    ticks = page.get_by_role("checkbox")
+    expect(compare).to_be_disabled()
+    ticks.nth(0).check()
+    expect(compare).to_be_disabled()
+    ticks.nth(1).check()
+    expect(ticks.nth(2)).to_be_disabled()
+    compare.click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Walker and Box drawer")
 
 
 HEIGHTS = "rows => rows.map(row => row.getBoundingClientRect().height)"

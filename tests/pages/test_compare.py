@@ -162,7 +162,7 @@ def test_what_cannot_be_compared(server: Serving) -> None:
     report_result(server, "Theirs", rgspl=0.375)
     board = get(server)
     assert re.findall(r'name="result" value="(\w+)"', board.text) == [first, second]
-    assert "reported ones cannot be" in said(board)
+    assert "Tick two that this server has scored" in said(board)
 
     for ticked, status, says in (
         ([], 400, "Tick two results to compare, not 0"),

@@ -134,6 +134,28 @@ def test_flags_are_declared_or_not(server: Serving) -> None:
     assert {name: result["method"][name] for name in flags} == flags
 
 
+PAPER = """{"columns": ["RGS"], "methods": {
+    "Shortest": {"val_unseen": [60]}, "Walker": {"val_unseen": [35]}, "Human": {"val_unseen": [78]}
+}}"""
+
+
+def test_people_and_references_are_marked_and_not_charted_as_methods(server: Serving) -> None:
+    """The shape of the paper's file has no column to say so."""
+    reply = send(server, PAPER, human=["People"], reference=["Walker", "Short"])
+    assert [
+        (each["where"], each["message"].partition(";")[0]) for each in reply.json()["problems"]
+    ] == [
+        ("human", "no row is of the method 'People'"),
+        ("reference", "no row is of the method 'Short'"),
+    ]
+    assert listed(server) == []
+    assert counts(send(server, PAPER, human=["Human"], reference=["Shortest"])) == (3, 3, 0)
+    marks = [(each["method"]["human"], each["method"]["reference"]) for each in listed(server)]
+    assert marks == [(None, True), (None, None), (True, None)]
+    chart = server.client.get(f"/boards/{OPEN}/chart").json()
+    assert chart["lines"] == [{"name": "Human", "y": 78.0}, {"name": "Best reported", "y": 35.0}]
+
+
 def test_everything_that_is_wrong_is_told_at_once_and_nothing_is_added(server: Serving) -> None:
     send(server, "team,SR,date\nKnown,5,2026\n")
     text = (

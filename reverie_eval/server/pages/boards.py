@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
-from math import ceil, inf
+from math import ceil
 from typing import Annotated, Any, Literal, Self, TypeVar
 from urllib.parse import urlencode
 
@@ -25,10 +25,10 @@ from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import ScoringTurn
 from reverie_eval.server.pages.rendering import address_of_site, page, render
 from reverie_eval.server.service.announcements import announcements, corrections_of
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.comparing import compare_results
-from reverie_eval.server.service.entries import Row
+from reverie_eval.server.service.entries import Entry, Row
 from reverie_eval.server.service.feed import (
     MOST_ITEMS,
     items_of,
@@ -36,7 +36,7 @@ from reverie_eval.server.service.feed import (
     items_of_news,
     latest,
 )
-from reverie_eval.server.service.leaderboard import Filter, Ranking, as_bibtex, as_latex
+from reverie_eval.server.service.leaderboard import Filter, Ranking, as_bibtex, as_latex, sort_by
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.receipts import read_as
 from reverie_eval.server.service.snapshots import snapshot_of
@@ -46,6 +46,8 @@ from reverie_eval.text import did_you_mean
 
 PER_PAGE = 60
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
+MOST_APART = 120
+"""Results that are shown below the ranking; one of six years in a table of headline metrics."""
 PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
 """The URL paths of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5
@@ -257,6 +259,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             query=query,
             groups=_groups(ranking.board, query, [*part.rows, *apart]),
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
+            bands=_bands(ranking, apart[:MOST_APART], query),
             costs=_costs(query, part.rows),
             scale=Scale.of(part.rows, query.metric),
             schedule=server.schedules.in_effect(session)[board.name],
@@ -269,9 +272,8 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             primary=ranking.board.primary.key,
             part=part,
             rows=part.rows,
-            apart=apart[:PER_PAGE],
             announced=announcements(session, board, NEWS_SHOWN),
-            reviewed=[row for row in part.rows if row.entry.reviews],
+            reviewed=[row for row in (*part.rows, *apart[:MOST_APART]) if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
             has_charts=bool(charted),
             # A page that is opened as a file cannot load its data.
@@ -380,6 +382,38 @@ def _feed(
     return Response(xml, media_type="application/atom+xml")
 
 
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Results below the ranking that are comparable with each other at most."""
+
+    name: str
+    why: str
+    """Why they are not ranked."""
+    rows: Sequence[Row]
+    """The best first, by what the leaderboard is sorted by."""
+
+
+def _bands(ranking: Ranking, apart: Sequence[Row], query: BoardQuery) -> Sequence[Band]:
+    """Group the results that are not comparable with the ranking, by what they are comparable by.
+
+    Results on other versions of the dataset come first, and disqualified ones last.
+    """
+    found: dict[tuple[int, str, str], list[Row]] = {}
+    for row in sort_by(apart, CATALOGUE[query.metric]):
+        found.setdefault(_band_of(row.entry, ranking.board), []).append(row)
+    return [Band(name, why, found[key]) for key in sorted(found) for _, name, why in [key]]
+
+
+def _band_of(entry: Entry, board: Board) -> tuple[int, str, str]:
+    """Return the place, the name and the reason of the band that a result is in."""
+    if entry.standing == "other-dataset":
+        why = f"another version of the dataset: this leaderboard is on {board.truth.header.dataset}"
+        return 0, f"On {entry.dataset}", why
+    if entry.standing == "other-rules":
+        return 1, "Under other rules", without_version(entry.signature)
+    return 2, "Disqualified", "by the organiser, with the reasons below"
+
+
 def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
     """Count what a leaderboard has, and the rows that are shown as not ranked.
 
@@ -398,18 +432,13 @@ def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
 
 def _part(ranking: Ranking, query: BoardQuery) -> BoardPage:
     """Return the requested page, or the last one."""
-    shown = _sorted(query.shown.of(ranking.rows, ranking), query)
+    shown = query.shown.of(ranking.rows, ranking)
+    if CATALOGUE[query.metric].better == "neither":  # by others, they are already sorted
+        shown = sort_by(shown, CATALOGUE[query.metric])
     pages = max(1, ceil(len(shown) / PER_PAGE))
     number = min(query.page, pages)
     first = PER_PAGE * (number - 1)
     return BoardPage(shown[first : first + PER_PAGE], first, len(shown), number, pages)
-
-
-def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
-    """Sort by a metric without a better direction; for other metrics, rows are already sorted."""
-    if CATALOGUE[query.metric].better != "neither":
-        return rows
-    return sorted(rows, key=lambda row: row.entry.scores.get(query.metric, inf))
 
 
 @dataclass(frozen=True, slots=True)

@@ -122,7 +122,7 @@ def _leaders(server: ServerState, session: Session) -> Mapping[str, Sequence[Lea
     """Return the first rows of every leaderboard, by the title of its task."""
     schedules = server.schedules.in_effect(session)
     found: dict[str, list[Leaders]] = {task.title: [] for task in server.tasks}
-    boards = [*server.boards.values()]
+    boards = sorted(server.boards.values(), key=lambda board: board.truth.is_demo)
     for board, ranking in zip(boards, server.rankings(session, boards), strict=True):
         all_rows = () if ranking is None else ranking.rows
         rows = all_rows[:MOST_LEADERS]

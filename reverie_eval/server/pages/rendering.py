@@ -96,6 +96,8 @@ class Place:
 
     name: str
     url: str
+    is_demo: bool = False
+    """Whether it is of the demo world, on a server that also has real data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +218,11 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     if snapshot is not None and snapshot.browser is not None:
         person, csrf_token = snapshot.caller, server.sessions.csrf_token(snapshot.browser.id)
     is_copy = request.app.state.is_copy
-    boards = [Place(name, f"/boards/{name}") for name in server.boards]
+    has_real = not all(board.truth.is_demo for board in server.boards.values())
+    boards = [
+        Place(name, f"/boards/{name}", has_real and board.truth.is_demo)
+        for name, board in server.boards.items()
+    ]
     episodes = [] if is_copy else [Place("Episodes", "/episodes")]
     # Anyone may look for the way in: who is not signed in is led to how to get an account.
     submit = [] if is_copy else [Place("Submit", "/submit")]

@@ -21,8 +21,9 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
     ``points`` are the results scored here that have both metrics, and ``front`` the indices of
     their Pareto front, the best by ``x`` first; empty if a metric has no better direction.
     ``reported`` are the reported results, and ``lines`` are for comparison: the best human result,
-    and the best reported result of a method. ``progress`` contains the results that were better
-    than all earlier ones by the metric of the ranking, in the order of publication.
+    and the best reported result of a method that is not a reference. ``progress`` contains the
+    results that were better than all earlier ones by the metric of the ranking, in the order of
+    publication.
     """
     scored = [row for row in rows if row.entry.is_ranked]
     reported = [row for row in rows if row.entry.standing == "reported"]
@@ -57,7 +58,8 @@ def _lines(
     if metric.better == "neither":
         return []
     people = [row for row in (*scored, *reported) if row.entry.method.get("human")]
-    methods = [row for row in reported if not row.entry.method.get("human")]
+    marked = ("human", "reference")
+    methods = [row for row in reported if not any(map(row.entry.method.get, marked))]
     lines = []
     for name, rows in (("Human", people), ("Best reported", methods)):
         scores = [row.entry.scores for row in rows if metric.key in row.entry.scores]

@@ -151,7 +151,11 @@ def leaderboard(
 def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:
     """Sort entries, and rank those that this server has scored."""
     scored = [entry.scores.get(metric.key) if entry.is_ranked else None for entry in entries]
-    rows = map(Row, ranks(scored, metric), entries)
+    return sort_by(list(map(Row, ranks(scored, metric), entries)), metric)
+
+
+def sort_by(rows: Sequence[Row], metric: Metric) -> Sequence[Row]:
+    """Sort rows, the best or, without a better direction, the lowest value first."""
     return sorted(rows, key=lambda row: _cost(row.entry.scores.get(metric.key), metric))
 
 

@@ -5,7 +5,7 @@ marked as reported, without a rank; those on another version of the dataset are 
 Removed results stay in the database but are not shown.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from math import isfinite
 from typing import Any, NamedTuple
@@ -133,7 +133,7 @@ def import_reported(
     # A file of another server names the split without the task.
     own_name = new.split.removeprefix(name_on_server(task.name, ""))
     read = read_results(new.text, own_name, new.rates, task.metrics)
-    problems = list(read.problems)
+    problems = [*read.problems, *_unknown_names(read.rows, new)]
     known = _known(transaction.session, new.split)
     first: dict[_Identity, tuple[FileRow, NewReported]] = {}
     count, repeated = 0, []
@@ -266,13 +266,35 @@ def _checked(row: FileRow, new: NewImport) -> tuple[NewReported | None, Sequence
         "date": about.pop("date", None),
         "team": name if team is None else team,
         "scores": row.scores,
-        "method": {"name": team if name is None else name, **about},
+        "method": {"name": _name_of(row), **_marks(row, new), **about},
     }
     try:
         return NewReported.model_validate(fields), ()
     except ValidationError as error:
         # Scores were already checked as printed in the file.
         return None, [_wrong(each) for each in error.errors() if each["loc"] != ("scores",)]
+
+
+def _marks(row: FileRow, new: NewImport) -> Mapping[str, bool]:
+    """Return what the import says of a row's method, besides what the row itself says."""
+    marks = {"human": new.human, "reference": new.reference}
+    return {what: True for what, names in marks.items() if _name_of(row) in names}
+
+
+def _unknown_names(rows: Sequence[FileRow], new: NewImport) -> Iterator[Problem]:
+    """Report methods that are said to be human or a reference, and are not in the file."""
+    names = {_name_of(row) for row in rows}
+    for what in ("human", "reference"):
+        for name in getattr(new, what):
+            if name not in names:
+                told = f"no row is of the method {name!r}{did_you_mean(name, filter(None, names))}"
+                yield Problem("unknown-method", what, told)
+
+
+def _name_of(row: FileRow) -> str | None:
+    """Return the method of a row; the team, if the row has a single name."""
+    name: str | None = row.about.get("method", row.about.get("team"))
+    return name
 
 
 def _wrong(detail: Mapping[str, Any]) -> str:

@@ -14,15 +14,14 @@ from typing import Any, NamedTuple
 
 from reverie_eval.errors import Problem
 from reverie_eval.metrics import CATALOGUE, Metric, printed_value
-from reverie_eval.schemas.organising import Rates
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.organising import Rates, ReportedMethod
 from reverie_eval.server.errors import TableError
 from reverie_eval.server.service.csv_files import CsvRow, CsvTable, read_csv, unreadable
 from reverie_eval.text import did_you_mean
 
 _PER_CENT = 100
 _ABOUT = ("team", "method", "date", "source", "dataset")
-_OF_METHOD = tuple(name for name in Method.model_fields if name != "name")
+_OF_METHOD = tuple(name for name in ReportedMethod.model_fields if name != "name")
 _TEXTS = frozenset({"team", "method", "source", "dataset", "description"})
 """Fields that are an empty text, not null, if they have no value."""
 _COLUMNS: Mapping[str, str] = MappingProxyType(

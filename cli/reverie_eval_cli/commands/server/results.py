@@ -297,6 +297,19 @@ def _print_board(changes: Sequence[ResultChange], task: Task) -> None:
     default="percent",
     help="How FILE gives rates, such as SR: as 59.6 or as 0.596.",
 )
+@click.option(
+    "--human",
+    multiple=True,
+    metavar="NAME",
+    help="A row of FILE that is of people, if no column says so; can be repeated.",
+)
+@click.option(
+    "--reference",
+    multiple=True,
+    metavar="NAME",
+    help="A row of FILE that is no method but something to compare with, such as chance or the "
+    "shortest path; can be repeated.",
+)
 @click.option("--dry-run", is_flag=True, help="Only show what would be added.")
 def import_results(
     *,
@@ -306,6 +319,8 @@ def import_results(
     source: str,
     dataset_version: str,
     rates: Rates,
+    human: Sequence[str],
+    reference: Sequence[str],
     dry_run: bool,
 ) -> None:
     """Import results that a paper or another leaderboard reports.
@@ -324,6 +339,8 @@ def import_results(
         dataset=dataset_version,
         rates=rates,
         text=read_text(file),
+        human=list(human),
+        reference=list(reference),
         dry_run=dry_run,
     )
     tasks = folder.settings.tasks

@@ -15,8 +15,9 @@ from reverie_eval.schemas.organising import (
     Rates,
     ReportedChange,
     ReportedEntry,
+    ReportedMethod,
 )
-from reverie_eval.schemas.service import Method, ProblemDocument
+from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
@@ -30,6 +31,8 @@ from reverie_eval.tasks import Task
 router = APIRouter()
 
 PAGE = "/desk/reported"
+_MARKS = (*METHOD_FLAGS, "reference")
+"""What is yes, no or not declared of a reported result."""
 
 
 @forms.shown_at(router, PAGE, "reported.html")
@@ -39,7 +42,7 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
         "results": reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
         "splits": list(desk.server.boards),
         **_scores_asked(desk.server.tasks),
-        "method_fields": Method.model_fields,
+        "method_fields": ReportedMethod.model_fields,
     }
 
 
@@ -65,7 +68,7 @@ def draw_result(
             problem,
             result=result,
             **_scores_asked([task] if task else desk.server.tasks),
-            method_fields=Method.model_fields,
+            method_fields=ReportedMethod.model_fields,
             typed=_typed_of(result) if typed is None else typed,
         )
 
@@ -84,7 +87,8 @@ def add(desk: Desk, form: Posted) -> Response:
 def import_file(desk: Desk, form: Posted) -> Response:
     """Show what a file would add; add it if that was confirmed."""
     typed = forms.typed_by(desk, form, draw_import)
-    new = read_model(NewImport, {**typed, "dry_run": not forms.is_confirmed(form)})
+    marks = {what: typed.get(what, "").splitlines() for what in ("human", "reference")}
+    new = read_model(NewImport, {**typed, **marks, "dry_run": not forms.is_confirmed(form)})
     report = desk.perform(reported.import_reported, new, desk.server.settings.tasks)
     if new.dry_run:
         return forms.ask(desk, typed, "confirm-import.html", report=report, split=new.split)
@@ -155,7 +159,7 @@ def scores_of(typed: forms.Typed) -> Mapping[str, float]:
 
 def _about(typed: forms.Typed) -> Mapping[str, Any]:
     """Return what the form says of a result besides its scores; empty fields are not known."""
-    may_be_unknown = ("paper", "code", *METHOD_FLAGS)
+    may_be_unknown = ("paper", "code", *_MARKS)
     return {
         "team": typed.get("team", ""),
         "source": typed.get("source", ""),
@@ -173,6 +177,6 @@ def _typed_of(result: ReportedEntry) -> forms.Typed:
     method = result.method.model_dump(mode="json")
     fields = {**method, **result.model_dump(include={"team", "source", "date", "dataset"})}
     texts = {name: "" if value is None else str(value) for name, value in fields.items()}
-    flags = {name: texts[name].lower() for name in METHOD_FLAGS}
+    flags = {name: texts[name].lower() for name in _MARKS}
     scores = {key: as_printed(CATALOGUE[key], value) for key, value in result.scores.items()}
     return texts | flags | scores

@@ -162,3 +162,21 @@ if (section && prepare(section, draw)) {
     load();
   }
 }
+
+// Results are compared when two are ticked; until then, and with a third, there is nothing to press.
+const compare = document.getElementById("compare");
+
+function allowTwo() {
+  const ticks = [...compare.elements].filter(({ name }) => name === "result");
+  const ticked = ticks.filter(({ checked }) => checked).length;
+  compare.querySelector("button").disabled = ticked !== 2;
+  compare.querySelector("span").hidden = ticked === 2;
+  for (const tick of ticks) tick.disabled = ticked >= 2 && !tick.checked;
+}
+
+if (compare) {
+  document.addEventListener("change", ({ target }) => {
+    if (target.form === compare) allowTwo();
+  });
+  addEventListener("pageshow", allowTwo); // with ticks that the browser restores
+}

@@ -2,7 +2,6 @@
 for (const button of document.querySelectorAll("button.copy")) {
   const words = button.nextElementSibling;
   const text = document.getElementById(button.dataset.copies);
-  button.hidden = false;
   button.addEventListener("click", async () => {
     try {
       const copied = text ? text.textContent : await fetched(button.dataset.source);

@@ -17,9 +17,7 @@ function say(words) {
 }
 
 function show(found) {
-  const place = form.querySelector("#outcome");
-  place.replaceChildren(...found);
-  place.dispatchEvent(new Event("added", { bubbles: true }));
+  form.querySelector("#outcome").replaceChildren(...found);
 }
 
 function fault(words) {

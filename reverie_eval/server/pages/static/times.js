@@ -1,9 +1,11 @@
-// Times are written in UTC; this adds the viewer's local time if it differs.
+// Times are written in UTC; this adds the viewer's local time if it differs, to each part of a page as it comes:
+// while the page is read, before it is drawn, so that nothing moves.
 const WRITTEN_AS_UTC_IS = "sv"; // 2027-06-01 21:05, whatever the viewer's language
 
-function addOwnTimes(part) {
-  for (const time of part.querySelectorAll("time[datetime*='T']")) {
+function addOwnTimes() {
+  for (const time of document.querySelectorAll("time[datetime*='T']:not([data-own])")) {
     const instant = new Date(time.dateTime);
+    time.dataset.own = "";
     if (Number.isNaN(instant.valueOf()) || instant.getTimezoneOffset() === 0) continue;
     const own = document.createElement("small");
     own.className = "own";
@@ -13,5 +15,4 @@ function addOwnTimes(part) {
   }
 }
 
-addOwnTimes(document);
-document.addEventListener("added", (event) => addOwnTimes(event.target));
+new MutationObserver(addOwnTimes).observe(document, { childList: true, subtree: true });

@@ -1,12 +1,23 @@
 """Work on many things in several processes."""
 
+import sys
 from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
 from typing import TypeVar
 
 from reverie_eval.errors import ReverieEvalError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+
+def can_start_processes() -> bool:
+    """Whether the main script may run again in a process that starts afresh.
+
+    One that does not ask for its ``__name__`` would start processes in each process.
+    """
+    script = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
+    return not script.is_file() or b"__name__" in script.read_bytes()
 
 
 def map_in_processes(
@@ -27,12 +38,17 @@ def map_in_processes(
     Raises
     ------
     ReverieEvalError
-        If a process was killed.
+        If a process was killed, or none can be started.
     """
     jobs = min(jobs, len(items))
     if jobs <= 1:
         yield from map(work, items)
         return
+    if not can_start_processes():
+        raise ReverieEvalError(
+            "several jobs start this script again in each process; put its commands below "
+            'if __name__ == "__main__":'
+        )
     # `multiprocessing.Pool` waits forever for a process that was killed, and `concurrent.futures`
     # cannot stop running ones.
     from multiprocessing import get_context

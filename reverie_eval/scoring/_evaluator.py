@@ -16,7 +16,7 @@ from typing_extensions import Self
 from reverie_eval.errors import GroundTruthError, SubmissionError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
-from reverie_eval.processes import map_in_processes
+from reverie_eval.processes import can_start_processes, map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
 from reverie_eval.scoring._evaluation import evaluate, is_grounding, why_not
 from reverie_eval.scoring._lookups import Lookups
@@ -288,7 +288,8 @@ def evaluate_many(
     split, ground_truth, protocol, track, subset, task
         As for :func:`reverie_eval.evaluate`.
     jobs : int, optional
-        Number of processes; by default as many as are useful, up to the number of processors.
+        Number of processes; by default as many as are useful, up to the number of processors, or
+        one in a script without ``if __name__ == "__main__"``, which each process would run again.
     executor : optional
         Scores the files instead of processes on this machine: anything with ``submit(function,
         argument)``, such as an executor of ``concurrent.futures`` or submitit, or Dask's client. It
@@ -338,7 +339,8 @@ def score_files(
     Parameters are those of :func:`evaluate_many`; ``keys`` are the metrics that are computed where
     the file is read. All others are computed here, on first access.
     """
-    jobs = jobs or min(os.cpu_count() or 1, 1 + len(files) // _FOR_ONE)
+    useful = min(os.cpu_count() or 1, 1 + len(files) // _FOR_ONE) if can_start_processes() else 1
+    jobs = jobs or useful
     if executor is None and jobs == 1:
         yield from ((file, _result(evaluator, file)) for file in files)
         return

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from reverie_eval import ReverieEvalError
-from reverie_eval.processes import map_in_processes
+from reverie_eval.processes import can_start_processes, map_in_processes
 from tests.conftest import REPOSITORY
 from tests.support.waiting import PATIENCE, wait_until
 
@@ -57,6 +57,27 @@ def test_an_interrupt_does_not_wait_for_the_work(tmp_path: Path) -> None:
     interrupting.join()
     assert time.monotonic() - start < LONG
     assert set(multiprocessing.active_children()) <= set(others)
+
+
+@pytest.mark.parametrize(
+    ("script", "can_start"),
+    [
+        pytest.param("print(1)", False, id="plain"),
+        pytest.param('if __name__ == "__main__":\n    print(1)', True, id="guarded"),
+        pytest.param(None, True, id="notebook"),
+    ],
+)
+def test_a_script_that_processes_would_run_again_starts_none(
+    script: str | None, *, can_start: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "script.py"
+    if script is not None:
+        file.write_text(script)
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", str(file))
+    assert can_start_processes() == can_start
+    if not can_start:
+        with pytest.raises(ReverieEvalError, match='put its commands below if __name__ == "__main'):
+            list(map_in_processes(len, ["a", "b"], 2))
 
 
 def test_processes_end_with_their_item_if_their_parent_is_killed(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 // How the site's search ranks pages: guides first, and those whose title has the words.
-const asked = new URLSearchParams(location.search).get("q") ?? "";
-const words = split(asked);
+const field = document.querySelector('input[name="q"]');
 const folders = {
   "reference/python/": -12,
   "reference/schemas": -12,
@@ -22,6 +21,7 @@ function isForm(one, other) {
 
 var Scorer = {
   score: ([page, title, , , score]) => {
+    const words = split(field.value);
     const [, bonus] = Object.entries(folders).find(([folder]) => page.startsWith(folder)) ?? ["", 0];
     const inTitle = words.filter((word) => split(title).some((other) => isForm(word, other))).length;
     return score + bonus + (10 * inTitle) / Math.max(1, words.length) - (page.endsWith("index") ? 8 : 0);

@@ -17,6 +17,7 @@ from fixtures.clustered_worlds import (
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import power
 from reverie_eval.metrics.power import Design, PublishedDesign
+from tests.conftest import SAMPLES
 from tests.support.flat_world import Run
 
 SPLIT = "val_unseen"
@@ -205,6 +206,20 @@ def test_a_sample_is_planned_as_it_is_drawn(run: Run, tmp_path: Path) -> None:
     assert drawn.startswith(f"40 episodes of {SPLIT} cannot show 25 points above 41.2 %: ")
     assert "\nassumed: 40 episodes, 25 targets, correlation 0.3; the published mean" in drawn
     assert "no number: the published mean varies too" in run(*words, "--effect", "2").out
+
+
+def test_a_planned_sample_to_a_sentence(run: Run, tmp_path: Path) -> None:
+    """Plan it, draw it, score it, and say how it compares with a published mean."""
+    ids, words = tmp_path / "ids.txt", ("--split", SPLIT)
+    planned = run("plan", *words, "--n", "60", "--effect", "40", "--against", "41.2")
+    assert planned.out.startswith(f"60 episodes of {SPLIT} can show 40 points above 41.2 %: ")
+    drawn = run("subset", *words, "--n", "60", "-o", str(ids)).err.split("|")[0]
+    good, sample = str(SAMPLES / "good.json"), ("--episodes-from", str(ids))
+    assert f"|{drawn}|" in run(good, *words, *sample, "--ci").out
+    compared = run("compare", good, *words, *sample, "--against", "SR=41.2")
+    assert (compared.status, compared.err) == (0, "")
+    assert "\nBetter than the published mean by " in compared.out
+    assert f"; on {SPLIT} itself, 95 % interval " in compared.out
 
 
 @pytest.mark.parametrize(

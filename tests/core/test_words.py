@@ -1,4 +1,4 @@
-"""The glossary's words: the names in the code are those that it gives, one for each thing.
+"""The names in the code are the glossary's words: one for each thing, and none that style.md rules out.
 
 A name is defined by a function, a class, a parameter, a field or an assignment. Names of other
 packages, of published files and of the original simulator are only used, or are left out here.
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 
 ROOT = Path(__file__).parents[2]
-GLOSSARY = ROOT / "docs" / "reference" / "glossary.md"
+STYLE = ROOT / "docs" / "project" / "style.md"
 CODE = {"cli": ROOT / "cli" / "reverie_eval_cli", "core": ROOT / "reverie_eval"}
 GIVEN = {
     "simulator/on_path": "the names of the original simulator",
@@ -43,7 +43,7 @@ class Name(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """A row of the glossary's table: in these packages, a name has none of these words."""
+    """A row of the table in style.md: in these packages, a name has none of these words."""
 
     packages: frozenset[str]
     words: frozenset[str]
@@ -52,7 +52,8 @@ class Rule(NamedTuple):
 @cache
 def rules() -> tuple[Rule, ...]:
     """Read the table of words that are not used."""
-    _, _, table = GLOSSARY.read_text("utf-8").partition("| in | not | but |")
+    _, _, below = STYLE.read_text("utf-8").partition("| in | not | but |")
+    table, _, _ = below.partition("\n\n")
     rows = [row.strip("|").split("|") for row in table.splitlines() if row.startswith("| ")]
     quoted = re.compile(r"`([^`]+)`")
     return tuple(

@@ -1,4 +1,4 @@
-"""The names in the code are the glossary's words: one for each thing, and none that style.md rules out.
+"""Names in the code are words of the glossary, and none that style.md rules out.
 
 A name is defined by a function, a class, a parameter, a field or an assignment. Names of other
 packages, of published files and of the original simulator are only used, or are left out here.

@@ -43,6 +43,8 @@ _DRAWN_CLUSTERS = 200_000
 # Where the distribution of an estimated variance is looked at.
 _QUANTILES = (np.arange(20) + 0.5) / 20
 _BOUNDS = np.array([[-1.0], [1.0]])
+# So far within its bounds is a rate of 0 or 1.
+_INSIDE = 1e-9
 _RATES = np.array([[0.0, 0.0], [1.0, 1.0]])
 _MOST_EPISODES = 10_000_000
 _MOST_RUNS = 1_000
@@ -340,9 +342,9 @@ class PublishedDesign:
                 f"an effect of {effect:g} is impossible: no rate is higher than "
                 f"{self.published:g} by so much"
             )
-        rates = np.array([self.published + effect, self.published])
+        # Of ours and theirs. At a bound, a rate would not vary at all.
+        rates = np.clip([self.published + effect, self.published], _INSIDE, 1 - _INSIDE)
         n_split = int(self.of_split.sum())
-        # Of ours and theirs.
         variance = np.array(
             [
                 self._variance(self.sizes, rates[0], n_episodes or self.n_episodes),

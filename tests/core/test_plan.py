@@ -166,6 +166,9 @@ def test_power_against_a_published_rate_by_hand() -> None:
     needed = design.episodes_needed(0.0194)
     assert needed is not None
     assert abs(needed - 10_000) < 300
+    # None of 10,000 may be 0.0384 %, and 3 of 10,000 may be 0.0102 %: together 0.0432 points apart,
+    # which is 0.763 standard errors (0.0173 %) above 0.03 %.
+    assert replace(design, published=0.0).power(0.0003) == pytest.approx(0.2227, abs=1e-3)
     # Four of a target that are alike count as one.
     alike = PublishedDesign(np.full(10_000, 4), each, 0.4, 1.0)
     assert alike.power(0.0194) == pytest.approx(design.power(0.0194), abs=1e-3)

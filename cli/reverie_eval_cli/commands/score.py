@@ -207,11 +207,11 @@ class Wanted:
 def score(*, wanted: Wanted) -> int:
     """Score a submission, or many.
 
-    SUBMISSION is a result file (.json, .json.gz or .zip), the folder of a run, or - for standard
-    input. Several files, a folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking;
-    several runs of a method (ours=seed1.json,seed2.json or ours='seed*.json') their mean; and a
-    sweep ('runs/seed{seed}/{checkpoint}.json') a row for each checkpoint, the mean of its seeds.
-    The word `score` may be left out.
+    SUBMISSION is a result file (.json or .jsonl, also .gz or .zip), the folder of a run, or - for
+    standard input. Several files, a folder of them, or a pattern ('runs/*/val_unseen.json') give a
+    ranking; several runs of a method (ours=seed1.json,seed2.json or ours='seed*.json') their mean;
+    and a sweep ('runs/seed{seed}/{checkpoint}.json') a row for each checkpoint, the mean of its
+    seeds. The word `score` may be left out.
     """
     inputs = [*wanted.submissions, wanted.scoring.ground_truth, wanted.episodes_from]
     check_outputs([wanted.output, wanted.episodes, wanted.curve], inputs)

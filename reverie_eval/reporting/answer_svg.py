@@ -286,7 +286,10 @@ def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, Floa
 def _panorama(shown: AnswerView) -> Iterator[str]:
     """Draw everything that is visible from the viewpoint, with the view in the middle."""
     middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
-    yield from _grid(middle, shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else "")
+    photograph = shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else ""
+    yield from _grid(middle, photograph)
+    if not shown.objects and not photograph:
+        yield _text("tick", WIDTH / 2, _STRIP_HEIGHT / 2 - 8, "no object is visible from here")
     spans: list[tuple[Role, Span, str]] = [
         (role, span_of(each), each.name) for role, each in _outlined(shown)
     ]

@@ -197,9 +197,13 @@ class Layout:
 
     def _stairs(self) -> Iterator[Piece]:
         """Mark the stairs of the episode, which it has if it is on several levels."""
+        taken: list[FloatArray] = []
         for stairs in self._map.stairs.tolist():
             levels = "-".join(map(str, self._map.levels(stairs)))
-            yield Piece(stairs, mark=Mark("stairs", self._point[stairs].mean(axis=0), text=levels))
+            mark = Mark("stairs", self._point[stairs].mean(axis=0), text=levels)
+            # Stairs of several moves are named once.
+            yield Piece(stairs, mark=mark if _is_free(mark, taken) else mark._replace(text=""))
+            taken.append(_box_of(mark))
 
     def _labels(self) -> Iterator[Piece]:
         """Yield the numbers of logged steps, and the levels of the ends if they differ."""
@@ -229,14 +233,7 @@ class Layout:
             for down in _LABEL_LINES
             for side in sides
         ]
-        is_free = [
-            low[0] >= 0
-            and high[0] <= WIDTH
-            and not any(
-                (low < its_high).all() and (its_low < high).all() for its_low, its_high in taken
-            )
-            for low, high in map(_box_of, marks)
-        ]
+        is_free = [_is_free(mark, taken) for mark in marks]
         return marks[is_free.index(True) if any(is_free) else 0]
 
     def _stop_point(self, route: Route) -> FloatArray:
@@ -326,6 +323,13 @@ def _box_of(mark: Mark) -> FloatArray:
     bottom = mark.point[1] - (8 if mark.kind == "stairs" else 0)
     corner = np.array([mark.point[0] - share * width, bottom - _ASCENT])
     return np.stack([corner, corner + np.array([width, height])])
+
+
+def _is_free(mark: Mark, taken: Sequence[FloatArray]) -> bool:
+    """Whether the text of a mark is between the sides of the page, and on no other text."""
+    low, high = _box_of(mark)
+    is_on = ((low < its_high).all() and (its_low < high).all() for its_low, its_high in taken)
+    return bool(low[0] >= 0 and high[0] <= WIDTH) and not any(is_on)
 
 
 def _goes_on(kind: str, line: FloatArray, following: FloatArray) -> bool:

@@ -180,9 +180,14 @@ def many_files(submission: Path, truth: rv.GroundTruth, parser: float) -> Iterat
     for file in files:
         file.symlink_to(submission)
 
+    def make_table(jobs: int) -> list[list[float]]:
+        scored = evaluate_many(files, split=SPLIT, ground_truth=truth, jobs=jobs)
+        # Processes compute the metrics of the table, and this one computes them when it is asked.
+        return [[scores[metric.key] for metric in scored.metrics] for scores in scored.values()]
+
     def score_all(jobs: int) -> tuple[float, float]:
         start = time.perf_counter()
-        used = cpu_seconds(lambda: evaluate_many(files, split=SPLIT, ground_truth=truth, jobs=jobs))
+        used = cpu_seconds(lambda: make_table(jobs))
         return used, time.perf_counter() - start
 
     rounds = [(score_all(1), score_all(2)) for _ in range(2)]

@@ -264,7 +264,7 @@ def test_without_the_csrf_token_nothing_is_done(owner: Visitor, token: str, what
     shown = token.format(other=other)
     reply = owner.send("/submit", fields, csrf_token=shown, file=GOOD)
     assert (reply.status_code, kept(owner.server)) == (403, 0)
-    assert "Nothing was changed." in said(reply)
+    assert "Nothing was scored" in said(reply)
 
 
 # What browsers say of a form that another site's page sends.
@@ -293,7 +293,21 @@ def test_another_site_has_no_session_even_with_the_token(
 def test_who_was_signed_out_meanwhile_comes_back_to_the_form(server: Serving) -> None:
     headers = {"Referer": "http://server/submit?split=test"}
     reply = Visitor(server).send("/submit", {}, csrf_token="", file=GOOD, headers=headers)
-    assert reply.headers["location"] == "/sign-in?back=/submit"
+    assert reply.headers["location"] == "/sign-in?back=/submit&form=kept"
+    assert "go back to the form" in said(Visitor(server).get(reply.headers["location"]))
+
+
+def test_a_form_of_an_earlier_session_keeps_what_was_typed(server: Serving) -> None:
+    before = signed_in(server, OWNER)
+    token = before.csrf_token()
+    owner = signed_in(server, OWNER)
+    typed = {"split": OPEN, "what": "score", "name": "Late", "description": "Typed for an hour."}
+    reply = owner.send("/submit", typed, csrf_token=token, file=GOOD)
+    assert reply.status_code == 403
+    assert "what you typed is below" in said(reply)
+    for text in ('value="Late"', "Typed for an hour."):
+        assert text in reply.text
+    assert kept(server) == 0
 
 
 def test_the_same_file_leads_to_the_same_page_and_spends_once(owner: Visitor) -> None:

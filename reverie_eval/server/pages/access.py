@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Form
 from fastapi.responses import Response
@@ -37,9 +37,9 @@ Text = Annotated[str, Form(max_length=_LONGEST)]
 
 
 @router.get("/sign-in")
-def show_sign_in(visitor: Visitor, back: str = "/team") -> Response:
-    """Ask for a token or an invitation."""
-    return _draw_sign_in(visitor, own_path(back))
+def show_sign_in(visitor: Visitor, back: str = "/team", form: Literal["", "kept"] = "") -> Response:
+    """Ask for a token or an invitation; ``form`` says that a form was sent without a session."""
+    return _draw_sign_in(visitor, own_path(back), is_form_kept=form == "kept")
 
 
 @router.post("/sign-in", dependencies=[Depends(own_page)])
@@ -102,7 +102,12 @@ def own_path(path: str) -> str:
 
 
 def _draw_sign_in(
-    visitor: Call, back: str, wrong: str = "", refused: NotSignedInError | None = None
+    visitor: Call,
+    back: str,
+    wrong: str = "",
+    refused: NotSignedInError | None = None,
+    *,
+    is_form_kept: bool = False,
 ) -> Response:
     with visitor.snapshot() as snapshot:
         return page(
@@ -112,6 +117,7 @@ def _draw_sign_in(
             fault=refused,
             wrong=wrong,
             back=back,
+            is_form_kept=is_form_kept,
             accepts_requests=visitor.server.settings.accept_requests_to_join,
         )
 

@@ -47,6 +47,7 @@ from reverie_eval.server.errors import (
     ERRORS,
     ForgedError,
     MalformedError,
+    NotAllowedError,
     NotSignedInError,
     QuotaSpentError,
     RejectedFileError,
@@ -257,7 +258,10 @@ def _environment() -> Environment:
     )
     environment.globals |= {
         # Errors that templates show in a way of their own, by the names of their classes.
-        **{kind.__name__: kind for kind in (ForgedError, QuotaSpentError, RejectedFileError)},
+        **{
+            kind.__name__: kind
+            for kind in (ForgedError, NotAllowedError, QuotaSpentError, RejectedFileError)
+        },
         "called": TOKEN_NAMES,
         "confidence": f"{100 * CONFIDENCE:g}",  # in percent
         "flags": METHOD_FLAGS,
@@ -403,7 +407,8 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
     if request.url.path.startswith(_NOT_PAGES):
         return None
     if problem.code == NotSignedInError.code:
-        return see_other(f"/sign-in?back={quote(_came_from(request))}")
+        kept = "" if request.method == "GET" else "&form=kept"
+        return see_other(f"/sign-in?back={quote(_came_from(request))}{kept}")
     if not exchange_of(request.scope).asks_database:
         return _fault(request, None, problem)
     if hasattr(request.state, "draw_fault"):
@@ -414,13 +419,20 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
 
 
 def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument) -> Response:
-    way_on = Place("Home", "/")
+    ways_on = [Place("Home", "/")]
     # To the same leaderboard if only its query was invalid.
     if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
         split, further = (request.path_params.get(name, "") for name in ("split", "further"))
         url = f"/boards/{quote(split)}" + (f"/also/{quote(further)}" if further else "")
-        way_on = Place(f"Back to the {split} leaderboard", url)
-    about = {"problem": problem, "way_on": way_on}
+        ways_on.insert(0, Place(f"Back to the {split} leaderboard", url))
+    if problem.status == HTTPStatus.NOT_FOUND:
+        names = state_of(request).boards
+        ways_on += [Place(f"{name} leaderboard", f"/boards/{quote(name)}") for name in names]
+        ways_on += [Place("Your team's submissions", "/team"), Place("Guide", "/guide")]
+    if problem.code == NotAllowedError.code:
+        back = quote(_came_from(request))
+        ways_on.insert(0, Place("Sign in as somebody else", f"/sign-in?back={back}"))
+    about = {"problem": problem, "ways_on": ways_on}
     return _page(request, snapshot, "fault.html", problem.status, **about)
 
 

@@ -71,10 +71,12 @@ def check_form(
     MalformedError
         If no file was chosen.
     """
+    # First, so that a form of an earlier session keeps what was typed: no other site can send a
+    # request of this session.
+    show_faults_with(call.request, partial(draw_fault, call, upload.fields))
     call.server.sessions.check_csrf_token(
         call.session_id or "", upload.fields.get("csrf_token", "")
     )
-    show_faults_with(call.request, partial(draw_fault, call, upload.fields))
     if not upload.filename:
         raise MalformedError("choose a file first")
 

@@ -41,7 +41,14 @@ function rest() {
 function take(reply, what) {
   const { pathname } = new URL(reply.responseURL);
   if (pathname === new URL("sign-in", location).pathname) {
-    location.assign("sign-in?back=/submit");
+    rest();
+    say("");
+    const box = fault("You are signed out, and nothing was scored. Everything here is kept: sign in in another window, then come back and send it again. ");
+    const link = document.createElement("a");
+    Object.assign(link, { href: "sign-in", target: "_blank", textContent: "Sign in" });
+    box.firstElementChild.append(link);
+    show([box]);
+    link.focus();
     return;
   }
   if (pathname !== location.pathname) {
@@ -51,6 +58,12 @@ function take(reply, what) {
   }
   rest();
   const page = reply.response;
+  const { csrf_token: token } = page?.querySelector("form.upload")?.elements ?? {};
+  if (token && token.value !== form.elements.csrf_token.value) { // somebody has signed in again since: this was refused
+    form.elements.csrf_token.value = token.value;
+    send(what);
+    return;
+  }
   const outcome = page?.querySelector("#outcome");
   const other = page?.querySelectorAll("main .fault") ?? [];
   show(outcome ? outcome.childNodes : other.length ? other : [fault("The server's reply could not be read. Try again.")]);
@@ -59,6 +72,7 @@ function take(reply, what) {
   // A file that cannot be scored needs no second try; choosing another one enables the button again.
   scoreButton.disabled = form.querySelector("#outcome .problems") !== null;
   for (const field of form.querySelectorAll(".field")) renew(field, page);
+  form.querySelector("#outcome").scrollIntoView({ block: "nearest" });
   if (what === "score") (form.querySelector("[aria-invalid=true]") ?? form.querySelector("#outcome")).focus();
 }
 

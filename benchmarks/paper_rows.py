@@ -1,11 +1,13 @@
-"""The rows of REVERIE's paper on names instead of pictures: trained, run, and printed as a table.
+"""The rows of REVERIE's paper on names instead of pictures: trained, run, and written as tables.
 
 ``scripts/paper_rows DATASET TRAIN BUNDLES OUT`` trains each agent and runs it on val_seen and
 val_unseen, one after the other in one thread, and goes on where it was interrupted. DATASET is a
 clone of the dataset's repository, TRAIN its training annotations (which may be elsewhere), BUNDLES
-the folder of the compiled splits, OUT a folder for models and runs; ``--seeds 0 1 2`` are the
-seeds. ``--print`` prints the table of what is there: means over the seeds, and 95 % intervals over
-targets and, of several seeds, over these as well.
+the folder of the compiled splits, OUT a folder for models and runs. ``--seeds`` are the seeds;
+seeds do not share anything, so two processes with a seed each are twice as fast. ``--page FILE``
+writes the tables of what is there into a page, between its comments ``<!-- table:NAME -->`` and
+``<!-- end -->``: means over the seeds, with 95 % intervals over targets and, of several seeds, over
+these as well.
 
 Nothing is chosen by val_seen or val_unseen: training stops by what it holds back of train.
 """
@@ -15,109 +17,198 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from random import Random
+from typing import Any, NamedTuple
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from reverie_eval import GroundTruth, Runs, Scores, evaluate
+from reverie_eval import GroundTruth, Runs, Scores, compare, evaluate, published_results
 from reverie_eval.ground_truth import Bundle, pack_texts
 
 SPLITS = ("val_seen", "val_unseen")
 POINTER = "mattnet"
-METRICS = ("success", "oracle_success", "spl", "rgs", "rgspl")
-OTHERS = "others"
-"""The folder, beside the bundles, of those whose episodes have each other's instructions."""
+METRICS = ("path_length", "success", "oracle_success", "spl", "rgs", "rgspl")
+MAIN = frozenset({"success", "rgs", "rgspl"})
+"""Metrics whose intervals are shown."""
+HEADINGS = "TL m | SR | OSR | SPL | RGS | RGSPL |"
+NAMES = "directions, names, boxes"
 
 
 class Row(NamedTuple):
-    """A row of the table."""
+    """A row of a table."""
 
     title: str
-    model: str
-    """The recipe."""
+    recipe: str
     walk: str = ""
     """How a navigator walks; empty for a pointer, which is led to the goal."""
+    reads: str = NAMES
+    """What it reads, besides the instruction."""
+    paper_reads: str = "pictures"
+    without: tuple[str, ...] = ()
+    """Inputs that it was trained without."""
     bundles: str = ""
-    """A folder within that of the bundles."""
+    """What was done to the episodes on which it was run, a key of :data:`CHANGES`."""
+
+    @property
+    def model(self) -> str:
+        """The name of the model, before its seed."""
+        return "-".join((self.recipe, *self.without))
 
 
-ROWS = (
-    Row("name-RNN, at the goal", "name-rnn"),
-    Row("MAttNet, at the goal", "mattnet"),
-    Row("CM-Erase, at the goal", "cm-erase"),
+POINTERS = (
+    Row("name-RNN", "name-rnn", reads="names"),
+    Row("MAttNet", "mattnet", reads="names, boxes"),
+    Row("CM-Erase", "cm-erase", reads="names, boxes"),
+)
+LAN_ONLY = "directions; at the stop, "
+NAVIGATORS = (
     Row("R2R-TF", "r2r-tf", "greedy"),
     Row("R2R-SF", "r2r-sf", "greedy"),
     Row("RCM", "rcm", "greedy"),
     Row("SelfMonitor", "self-monitor", "greedy"),
     Row("FAST-Short", "self-monitor", "fast"),
-    Row("FAST-Short, another episode's instruction", "self-monitor", "fast", OTHERS),
-    Row("FAST-Lan-Only", "fast-lan-only", "fast"),
+    Row("FAST-Lan-Only", "fast-lan-only", "fast", f"{LAN_ONLY}names, boxes", f"{LAN_ONLY}pictures"),
     Row("Interactive Navigator-Pointer", "interactive", "fast"),
 )
+FAST = NAVIGATORS[4]
+ABLATIONS = (
+    FAST,
+    FAST._replace(title="with another episode's instruction", bundles="others"),
+    FAST._replace(title="without instruction", bundles="silent"),
+    FAST._replace(title="with the names of other objects of the building", bundles="shuffled"),
+    FAST._replace(title="with log-probabilities in its queue", walk="likeliest"),
+    FAST._replace(title="trained without names", without=("names", "matches")),
+    FAST._replace(title="trained without matches of names", without=("matches",)),
+    FAST._replace(title="trained without geometry", without=("geometry",)),
+    FAST._replace(title="trained without memory", without=("memory",)),
+)
+ORDERS = (
+    ("R2R-TF", "R2R-SF", "success"),
+    ("SelfMonitor", "FAST-Short", "success"),
+    ("FAST-Lan-Only", "FAST-Short", "success"),
+    ("FAST-Short", "Interactive Navigator-Pointer", "success"),
+    ("name-RNN", "MAttNet", "rgs"),
+    ("CM-Erase", "MAttNet", "rgs"),
+)
+"""Pairs of the paper's rows, the second ahead of the first there, and the metric."""
+PUBLISHED_AS = {"name-RNN": "Baseline"}
+
+
+class Folders(NamedTuple):
+    """Where everything is."""
+
+    dataset: Path
+    train: Path
+    bundles: Path
+    out: Path
+
+    def model(self, row: Row, seed: int) -> Path:
+        """Return the folder of a model."""
+        return self.out / "models" / f"{row.model}.{seed}"
+
+    def run(self, row: Row, split: str, seed: int) -> Path:
+        """Return the folder of a run."""
+        parts = (split, row.model, str(seed), row.walk, row.bundles)
+        return self.out / "runs" / ".".join(filter(None, parts))
 
 
 def main() -> None:
-    """Train and run what is missing, or print the table."""
+    """Train and run what is missing, or write the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    for name in ("dataset", "train", "bundles", "out"):
+    for name in Folders._fields:
         parser.add_argument(name, type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--print", action="store_true", help="print the table of what is there")
+    parser.add_argument("--ablations", action="store_true", help="train and run these as well")
+    parser.add_argument("--page", type=Path, help="write the tables of what is there into it")
     given = parser.parse_args()
-    if given.print:
-        print("\n".join(table(given.bundles, given.out, given.seeds)))
+    folders = Folders(*(getattr(given, name) for name in Folders._fields))
+    if given.page:
+        write_tables(given.page, Results(folders, given.seeds))
         return
-    for split in SPLITS:
-        exchange_instructions(given.bundles, split)
     for seed in given.seeds:
-        pointer = given.out / "models" / f"{POINTER}.{seed}"
-        train(POINTER, given, seed)
-        for row in ROWS:
-            train(row.model, given, seed, *(["--pointer", str(pointer)] if row.walk else []))
+        for row in (*POINTERS, *NAVIGATORS, *(ABLATIONS if given.ablations else ())):
+            train(row, folders, seed)
             for split in SPLITS:
-                run(row, given, split, seed)
+                run(row, folders, split, seed)
 
 
-def exchange_instructions(bundles: Path, split: str) -> None:
+# What is done to episodes before an agent walks them. The submission is scored on the true ones.
+
+
+def exchange_instructions(bundle: Bundle) -> Mapping[str, Any]:
     """Give each episode the instruction of another one, half a split later."""
-    file = bundles / OTHERS / f"{split}.npz"
-    if file.exists():
-        return
-    bundle = Bundle.load(bundles / f"{split}.npz")
     texts = GroundTruth.from_bundle(bundle).episodes.instructions
     half = len(texts) // 2
-    packed = pack_texts([*texts[half:], *texts[:half]])
-    file.parent.mkdir(exist_ok=True)
-    replace(bundle, texts={**bundle.texts, "instruction": packed}).save(file)
+    return {"instruction": pack_texts([*texts[half:], *texts[:half]])}
 
 
-def train(model: str, given: argparse.Namespace, seed: int, *options: str) -> None:
+def silence_instructions(bundle: Bundle) -> Mapping[str, Any]:
+    """Take the instructions away."""
+    return {"instruction": pack_texts([""] * len(bundle.arrays["instr_id"]))}
+
+
+def shuffle_names(bundle: Bundle) -> Mapping[str, Any]:
+    """Give each object the name of another one in its building, the same from everywhere."""
+    truth = GroundTruth.from_bundle(bundle)
+    solution = truth.require_solution()
+    scans = truth.graph.viewpoint_scan[solution.candidate_viewpoint].tolist()
+    objects = list(zip(scans, solution.candidate_object.tolist(), strict=True))
+    name_of = dict(zip(objects, solution.candidate_categories, strict=True))
+    shuffled: dict[tuple[int, int], str] = {}
+    for scan in sorted({*scans}):
+        its = sorted(each for each in name_of if each[0] == scan)
+        names = [name_of[each] for each in its]
+        Random(scan).shuffle(names)  # noqa: S311
+        shuffled |= dict(zip(its, names, strict=True))
+    return {"candidate_category": pack_texts([shuffled[each] for each in objects])}
+
+
+CHANGES: Mapping[str, Callable[[Bundle], Mapping[str, Any]]] = {
+    "others": exchange_instructions,
+    "silent": silence_instructions,
+    "shuffled": shuffle_names,
+}
+
+
+def bundle_of(row: Row, folders: Folders, split: str) -> Path:
+    """Return the bundle whose episodes a row walks, and make it if it is not there."""
+    file = folders.bundles / row.bundles / f"{split}.npz"
+    if not file.exists():
+        bundle = Bundle.load(folders.bundles / f"{split}.npz")
+        file.parent.mkdir(exist_ok=True)
+        replace(bundle, texts={**bundle.texts, **CHANGES[row.bundles](bundle)}).save(file)
+    return file
+
+
+# Commands.
+
+
+def train(row: Row, folders: Folders, seed: int) -> None:
     """Train a model, unless it is there."""
-    folder = given.out / "models" / f"{model}.{seed}"
-    data = ["--data", str(given.dataset), "--annotations", str(given.train)]
-    command("train", model, *data, "--seed", str(seed), "-o", str(folder), *options)
+    words = ["train", row.recipe, "--data", str(folders.dataset)]
+    words += ["--annotations", str(folders.train), "--seed", str(seed)]
+    for name in row.without:
+        words += ["--option", f"{name}=false"]
+    if row.walk:
+        pointer = Row(POINTER, POINTER)
+        train(pointer, folders, seed)
+        words += ["--pointer", str(folders.model(pointer, seed))]
+    command(*words, "-o", str(folders.model(row, seed)))
 
 
-def run(row: Row, given: argparse.Namespace, split: str, seed: int) -> None:
+def run(row: Row, folders: Folders, split: str, seed: int) -> None:
     """Run a model, unless the run has ended."""
-    folder = run_folder(given.out, row, split, seed)
+    folder = folders.run(row, split, seed)
     if (folder / "submission.json").exists():
         return
     walk = ["--option", f"walk={row.walk}"] if row.walk else []
-    truth = ["--split", split, "--ground-truth", str(given.bundles / row.bundles / f"{split}.npz")]
-    model = given.out / "models" / f"{row.model}.{seed}"
-    command("run", str(model), *truth, *walk, "-o", str(folder))
-
-
-def run_folder(out: Path, row: Row, split: str, seed: int) -> Path:
-    """Return the folder of a run."""
-    parts = (split, row.model, str(seed), row.walk, row.bundles)
-    return out / "runs" / ".".join(filter(None, parts))
+    truth = ["--split", split, "--ground-truth", str(bundle_of(row, folders, split))]
+    command("run", str(folders.model(row, seed)), *truth, *walk, "-o", str(folder))
 
 
 def command(*words: str) -> None:
@@ -129,63 +220,228 @@ def command(*words: str) -> None:
         sys.exit(1)
 
 
-def table(bundles: Path, out: Path, seeds: Sequence[int]) -> Iterator[str]:
-    """Yield the table of the rows that were run, a Markdown table for each split."""
-    for split in SPLITS:
-        truth = GroundTruth.load(bundles / f"{split}.npz")
-        yield f"\n{split}\n"
-        yield "| row | seeds | TL m | SR % | OSR % | SPL % | RGS % | RGSPL % |"
-        yield "|---|---:|---:|---:|---:|---:|---:|---:|"
-        shares: list[str] = []
-        for row in ROWS:
-            files = {
-                str(seed): run_folder(out, row, split, seed) / "submission.json" for seed in seeds
-            }
-            runs = {
+# Tables.
+
+
+class Results:
+    """The scores of what was run."""
+
+    def __init__(self, folders: Folders, seeds: Sequence[int]) -> None:
+        self._folders, self._seeds = folders, seeds
+        self.truths = {
+            split: GroundTruth.load(folders.bundles / f"{split}.npz") for split in SPLITS
+        }
+        self._scored: dict[tuple[Row, str], Mapping[str, Scores]] = {}
+
+    def files(self, row: Row, split: str) -> Mapping[str, Path]:
+        """Return the submissions of a row, by seed."""
+        files = {
+            str(seed): self._folders.run(row, split, seed) / "submission.json"
+            for seed in self._seeds
+        }
+        return {seed: file for seed, file in files.items() if file.exists()}
+
+    def runs(self, row: Row, split: str) -> Mapping[str, Scores]:
+        """Return the scores of a row's runs, by seed."""
+        if (row, split) not in self._scored:
+            truth = self.truths[split]
+            self._scored[row, split] = {
                 seed: evaluate(file, split=split, ground_truth=truth)
-                for seed, file in files.items()
-                if file.exists()
+                for seed, file in self.files(row, split).items()
             }
-            if runs:
-                yield f"| {row.title} | {len(runs)} | {' | '.join(values(runs))} |"
-            if runs and not row.walk:
-                shares.append(name_shares(row.title, truth, [files[seed] for seed in runs]))
-        yield from ("", *shares)
+        return self._scored[row, split]
+
+    def scored(self, row: Row, split: str) -> Scores | Runs | None:
+        """Return the scores of a row with their intervals; None if it was not run."""
+        runs = self.runs(row, split)
+        if len(runs) > 1:
+            return Runs.of(runs)
+        return next((each.with_intervals() for each in runs.values()), None)
+
+    def cells(self, row: Row, split: str, metrics: Sequence[str] = METRICS) -> Iterator[str]:
+        """Yield the number of seeds and the metrics of a row, or nothing if it was not run."""
+        scored = self.scored(row, split)
+        if scored is None:
+            return
+        assert scored.intervals is not None  # noqa: S101  # they were asked for
+        yield str(len(self.runs(row, split)))
+        for key in metrics:
+            value = scored[key]
+            if key == "path_length":
+                yield f"{value:.2f}"
+            elif key in MAIN:
+                ends = scored.intervals[key]
+                yield f"{100 * value:.2f} ({100 * ends.low:.1f} to {100 * ends.high:.1f})"
+            else:
+                yield f"{100 * value:.2f}"
 
 
-def values(runs: Mapping[str, Scores]) -> Iterator[str]:
-    """Yield the mean of each metric, and the interval of those that are shares."""
-    only = next(iter(runs.values()))
-    scored = Runs.of(runs) if len(runs) > 1 else only.with_intervals()
-    assert scored.intervals is not None  # noqa: S101  # they were asked for
-    yield f"{scored['path_length']:.2f}"
-    for key in METRICS:
-        low, high = scored.intervals[key].low, scored.intervals[key].high
-        yield f"{100 * scored[key]:.2f} ({100 * low:.1f} to {100 * high:.1f})"
+def published(title: str, split: str) -> Mapping[str, float]:
+    """Return what the paper reports of a method."""
+    key = "reverie", PUBLISHED_AS.get(title, title), split
+    return next(
+        each.scores for each in published_results() if (each.task, each.method, each.split) == key
+    )
 
 
-def name_shares(title: str, truth: GroundTruth, files: Sequence[Path]) -> str:
-    """Say how often a pointer chose an object of the right name, and then the right one."""
+def table_rows(results: Results, split: str) -> Iterator[str]:
+    """Yield the rows of navigators, each after the paper's."""
+    yield f"| row | input | seeds | {HEADINGS}"
+    yield "|---|---|---:|---:|---:|---:|---:|---:|---:|"
+    for row in NAVIGATORS:
+        paper = published(row.title, split)
+        values = (
+            "" if key not in paper else f"{paper[key] * (key == 'path_length' or 100):.2f}"
+            for key in METRICS
+        )
+        yield line(f"{row.title}, paper", row.paper_reads, "", *values)
+        if cells := list(results.cells(row, split)):
+            yield line(row.title, row.reads, *cells)
+
+
+def table_ablations(results: Results, split: str) -> Iterator[str]:
+    """Yield FAST-Short, and what it does without some of its inputs."""
+    yield f"| FAST-Short | seeds | {HEADINGS}"
+    yield "|---|---:|---:|---:|---:|---:|---:|---:|"
+    for row in ABLATIONS:
+        if cells := list(results.cells(row, split)):
+            yield line("as it is" if row == FAST else row.title, *cells)
+
+
+def table_pointers(results: Results) -> Iterator[str]:
+    """Yield how often pointers find the target at the goal, beside the paper's and chance."""
+    yield "| pointer | input | seeds | val_seen | val_unseen |"
+    yield "|---|---|---:|---:|---:|"
+    chances = [
+        f"{100 * np.mean([1 / len(its) for its in names_at_goals(truth)[1]]):.2f}"
+        for truth in results.truths.values()
+    ]
+    yield line("chance", "", "", *chances)
+    for row in POINTERS:
+        title = "CNN-RNN" if row.title in PUBLISHED_AS else row.title
+        values = (f"{100 * published(row.title, split)['rgs']:.2f}" for split in SPLITS)
+        yield line(f"{title}, paper", "pictures", "", *values)
+        cells = [list(results.cells(row, split, ["rgs"])) for split in SPLITS]
+        if all(cells):
+            yield line(row.title, row.reads, cells[0][0], *(each[1] for each in cells))
+
+
+def table_grounding(results: Results) -> Iterator[str]:
+    """Yield how often a pointer chooses an object of the right name, and then the right one."""
+    yield (
+        "| pointer | split | seeds | right name | has rivals of its name "
+        "| the right one of these | chance |"
+    )
+    yield "|---|---|---:|---:|---:|---:|---:|"
+    for row in POINTERS:
+        for split, truth in results.truths.items():
+            files = results.files(row, split)
+            if files:
+                shares = name_shares(truth, [*files.values()])
+                values = (f"{100 * each:.2f}" for each in shares)
+                yield line(row.title, split, str(len(files)), *values)
+
+
+def names_at_goals(truth: GroundTruth) -> tuple[np.ndarray, Sequence[np.ndarray]]:
+    """Return the target's name of each episode, and the names of all objects at its goal."""
     solution = truth.require_solution()
     names = np.array(solution.candidate_categories)
     target, _ = solution.find(solution.target_object, solution.goal)
-    there = [names[solution.candidate_viewpoint == at] for at in solution.goal]
+    return names[target], [names[solution.candidate_viewpoint == at] for at in solution.goal]
+
+
+def name_shares(truth: GroundTruth, files: Sequence[Path]) -> Sequence[float]:
+    """Return the shares of the grounding table, means over some submissions.
+
+    How often an object of the right name is chosen; how many targets have rivals of their name; of
+    these, if the name is right, how often the right one is chosen, and would be by chance.
+    """
+    solution = truth.require_solution()
+    names = np.array(solution.candidate_categories)
+    right, there = names_at_goals(truth)
+    target, _ = solution.find(solution.target_object, solution.goal)
     n_equal = np.array(
-        [np.count_nonzero(its == name) for its, name in zip(there, names[target], strict=True)]
+        [np.count_nonzero(its == name) for its, name in zip(there, right, strict=True)]
     )
     has_rivals = n_equal > 1
     predicted = (
         np.array([each["predObjId"] for each in json.loads(file.read_bytes())]) for file in files
     )
     chosen = np.stack([solution.find(its, solution.goal)[0] for its in predicted])
-    is_named = names[chosen] == names[target]
+    is_named = names[chosen] == right
     is_right = (chosen == target)[is_named & has_rivals]
-    return (
-        f"{title} (chance {np.mean([1 / len(its) for its in there]):.2%}): right name "
-        f"{is_named.mean():.2%}; {has_rivals.mean():.2%} of the targets have rivals of their name, "
-        f"of which, if the name is right, it chose the right one in {is_right.mean():.2%} "
-        f"(chance {np.mean(1 / n_equal[has_rivals]):.2%})"
-    )
+    chance = (1 / n_equal[has_rivals]).mean()
+    return [float(each) for each in (is_named.mean(), has_rivals.mean(), is_right.mean(), chance)]
+
+
+def table_orders(results: Results) -> Iterator[str]:
+    """Yield by how much rows that the paper has ahead of others are ahead of them."""
+    yield "| | metric | seeds | val_seen | in the paper | val_unseen | in the paper |"
+    yield "|---|---|---:|---:|---:|---:|---:|"
+    by_title = {row.title: row for row in (*POINTERS, *NAVIGATORS)}
+    for behind, ahead, metric in ORDERS:
+        pair = by_title[behind], by_title[ahead]
+        cells: list[str] = []
+        for split in SPLITS:
+            first, second = (results.scored(row, split) for row in pair)
+            if first is None or second is None:
+                break
+            comparison = compare(first, second, names=["first", "second"])
+            change = comparison["second"][metric].mean
+            ends = comparison.intervals["second"][metric]
+            in_paper = published(ahead, split)[metric] - published(behind, split)[metric]
+            cells += [
+                f"{100 * change:+.2f} ({100 * ends.low:+.1f} to {100 * ends.high:+.1f})",
+                f"{100 * in_paper:+.2f}",
+            ]
+        else:
+            counts = {len(results.runs(row, split)) for row in pair for split in SPLITS}
+            seeds = " or ".join(map(str, sorted(counts)))
+            label = "SR" if metric == "success" else "RGS"
+            yield line(f"{ahead} over {behind}", label, seeds, *cells)
+
+
+def what_is_missing(results: Results) -> Iterator[str]:
+    """Say which rows were not run."""
+    rows = (*POINTERS, *NAVIGATORS, *ABLATIONS)
+    missing = [
+        f"{row.title} ({split})"
+        for split in SPLITS
+        for row in rows
+        if not results.files(row, split)
+    ]
+    yield f"Not run yet: {', '.join(missing)}." if missing else "All rows were run."
+
+
+TABLES: Mapping[str, Callable[[Results], Iterator[str]]] = {
+    "unseen": lambda results: table_rows(results, "val_unseen"),
+    "seen": lambda results: table_rows(results, "val_seen"),
+    "pointers": table_pointers,
+    "grounding": table_grounding,
+    "orders": table_orders,
+    "ablations-unseen": lambda results: table_ablations(results, "val_unseen"),
+    "ablations-seen": lambda results: table_ablations(results, "val_seen"),
+    "missing": what_is_missing,
+}
+
+
+def line(*cells: str) -> str:
+    """Return a line of a table."""
+    return f"| {' | '.join(cells)} |"
+
+
+def write_tables(page: Path, results: Results) -> None:
+    """Write the tables into a page, in place of those that are there."""
+    text = page.read_text("utf-8")
+    for name, table in TABLES.items():
+        begin, end = f"<!-- table:{name} -->\n", "<!-- end -->"
+        before, place, rest = text.partition(begin)
+        _, is_closed, after = rest.partition(end)
+        if not is_closed:
+            sys.exit(f"{page} has no place for the table {name!r}: {begin.strip()} ... {end}")
+        lines = "\n".join(table(results))
+        text = f"{before}{place}\n{lines}\n\n{end}{after}"
+    page.write_text(text, "utf-8")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,11 @@ from tests.support.browser import OpenPage, copied_site
 from tests.support.demo_site import OPEN, ORGANISER, SAMPLES, Site, sound
 from tests.support.waiting import wait_until
 
+TEXT_SIZES = """() => [...document.querySelectorAll(".example text")]
+    .filter(text => text.checkVisibility())
+    .map(text => parseFloat(getComputedStyle(text).fontSize) * text.getScreenCTM().a)"""
+LEAST_SIZE = 11
+"""Pixels of text in pictures."""
 CONTACT = {"REVERIE_EVAL_CONTACT": "lab@example.org"}
 
 
@@ -45,6 +50,7 @@ def play(page: Page) -> None:
         return invitation.count() > 0
 
     wait_until(is_invited)
+    assert min(page.evaluate(TEXT_SIZES)) >= LEAST_SIZE
     invitation.click()
     page.get_by_role("link", name="Begin").click()
     page.get_by_role("region", name="Walk").get_by_role("link").first.click()

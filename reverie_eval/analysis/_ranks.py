@@ -1,4 +1,4 @@
-"""How certain ranks are: which ranks each of several results may have, and which groups they form.
+"""How certain ranks are: those that results may have, their groups, and the luck of the best.
 
 These are the ranks of true means, over all episodes that a split might have had.
 """
@@ -114,7 +114,7 @@ def rank_intervals(
     # An infinite error makes every difference 0, so equal results are never apart.
     error = np.where(is_same, np.inf, np.sqrt(np.maximum(squares, 0)))
     difference = (costs - costs[:, None]) / error
-    drawn = draw_errors(covariance, engine.resamples, engine.seed)
+    drawn = _draw_errors(covariance, engine.resamples, engine.seed)
     freedom = (n_clusters - 1) * _SHARE_OF_FREEDOM
     is_better: BoolArray = np.zeros(error.shape, dtype=bool)
     is_open = np.triu(~is_same, k=1)
@@ -129,7 +129,48 @@ def rank_intervals(
     return Ranks(low, high, _groups(costs, is_better))
 
 
-def draw_errors(covariance: FloatArray, number: int, seed: int) -> FloatArray:
+def covariance_of_rows(values: FloatArray, cluster: IntArray) -> FloatArray:
+    """Estimate the covariance of the means of rows, without what all rows share.
+
+    Clusters of episodes tell most of it. Trainings add what the means of runs differ in beyond
+    that: as a few seeds cannot tell how it covaries, it counts as independent, and as large as it
+    is on average over the rows.
+
+    Parameters
+    ----------
+    values : array, shape (n_rows, n_runs, n_episodes)
+    cluster : array of int, shape (n_episodes,)
+        Equal numbers mean the same cluster, of which there are at least two.
+
+    Returns
+    -------
+    array, shape (n_rows, n_rows)
+    """
+    from reverie_eval.metrics.uncertainty import cluster_sums
+
+    values = values - values.mean(axis=0)
+    n_rows, n_runs, _ = values.shape
+    mean = values.mean(axis=1)
+    covariance = covariance_of_means(*cluster_sums(mean.T, cluster))
+    if n_runs == 1:
+        return covariance
+    rests = (cluster_sums((values[:, run] - mean).T, cluster) for run in range(n_runs))
+    noise = sum(np.trace(covariance_of_means(*rest)) for rest in rests) / (n_runs - 1)
+    of_runs = values.mean(axis=2).var(axis=1, ddof=1).sum()
+    beyond = max(float(of_runs - noise), 0.0) / n_runs / n_rows
+    return np.asarray(covariance + beyond * np.eye(n_rows))
+
+
+def largest_error(covariance: FloatArray) -> float:
+    """Return the expectation of the largest of several normal errors, given their covariance."""
+    from reverie_eval.metrics.uncertainty import RESAMPLES, SEED
+
+    errors = _draw_errors(covariance, RESAMPLES, SEED)
+    # What all share is 0 on average; without it, as many draws say more.
+    return float((errors.max(axis=0) - errors.mean(axis=0)).mean())
+
+
+def _draw_errors(covariance: FloatArray, number: int, seed: int) -> FloatArray:
     """Draw normal errors of all means together, shape (n_results, number)."""
     # Not Cholesky: the covariance of results that are sums of each other is singular.
     values, vectors = np.linalg.eigh(covariance)

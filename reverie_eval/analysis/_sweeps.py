@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.analysis._ranks import covariance_of_means, draw_errors, rank_intervals
+from reverie_eval.analysis._ranks import covariance_of_rows, largest_error, rank_intervals
 from reverie_eval.analysis._runs import Runs
-from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import Metric, units_of
@@ -295,47 +294,6 @@ class Sweep(Mapping[str, Scored]):
     def __repr__(self) -> str:
         told = "; ".join(filter(None, [self.sentence, self.caution])) if self else "none scored"
         return f"<Sweep of {len(self)}: {told}>"
-
-
-def covariance_of_rows(values: FloatArray, cluster: IntArray) -> FloatArray:
-    """Estimate the covariance of the means of rows, without what all rows share.
-
-    Clusters of episodes tell most of it. Trainings add what the means of runs differ in beyond
-    that: as a few seeds cannot tell how it covaries, it counts as independent, and as large as it
-    is on average over the rows.
-
-    Parameters
-    ----------
-    values : array, shape (n_rows, n_runs, n_episodes)
-    cluster : array of int, shape (n_episodes,)
-        Equal numbers mean the same cluster, of which there are at least two.
-
-    Returns
-    -------
-    array, shape (n_rows, n_rows)
-    """
-    from reverie_eval.metrics.uncertainty import cluster_sums
-
-    values = values - values.mean(axis=0)
-    n_rows, n_runs, _ = values.shape
-    mean = values.mean(axis=1)
-    covariance = covariance_of_means(*cluster_sums(mean.T, cluster))
-    if n_runs == 1:
-        return covariance
-    rests = (cluster_sums((values[:, run] - mean).T, cluster) for run in range(n_runs))
-    noise = sum(np.trace(covariance_of_means(*rest)) for rest in rests) / (n_runs - 1)
-    of_runs = values.mean(axis=2).var(axis=1, ddof=1).sum()
-    beyond = max(float(of_runs - noise), 0.0) / n_runs / n_rows
-    return np.asarray(covariance + beyond * np.eye(n_rows))
-
-
-def largest_error(covariance: FloatArray) -> float:
-    """Return the expectation of the largest of several normal errors, given their covariance."""
-    from reverie_eval.metrics.uncertainty import RESAMPLES, SEED
-
-    errors = draw_errors(covariance, RESAMPLES, SEED)
-    # What all share is 0 on average; without it, as many draws say more.
-    return float((errors.max(axis=0) - errors.mean(axis=0)).mean())
 
 
 def sweep(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.analysis._sweeps import covariance_of_rows, largest_error
+from reverie_eval.analysis._ranks import covariance_of_rows, largest_error
 from reverie_eval.reporting.sweeps import selection_printout
 from reverie_eval.submissions import find_fields
 from tests.conftest import SAMPLES

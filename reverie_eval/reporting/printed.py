@@ -81,6 +81,10 @@ _LINES = frozenset({"toprule", "midrule", "bottomrule", "hline", "Xhline", "spec
 _PARTIAL_LINE = re.compile(
     r"\\(?:cmidrule|cline|addlinespace|arrayrulecolor)\s*(?:\[[^]\n]*\])?(?:\([^)\n]*\))?(?:\{[^}\n]*\})?"
 )
+_TABLE = re.compile(
+    r"\\begin\{((?:sideways|wrap)?table\*?|longtable|tabular[xy*]?|NiceTabular)\}.*?\\end\{\1\}",
+    re.DOTALL,
+)
 # A definition may use another one, but not itself.
 _MOST_EXPANSIONS = 5
 
@@ -196,7 +200,7 @@ class _LatexReader:
             nodes: Sequence[Any] = walker.get_latex_nodes()[0]
             return nodes
 
-        text = _PARTIAL_LINE.sub("", text)
+        text = _PARTIAL_LINE.sub("", _only_tables(text))
         for _ in range(_MOST_EXPANSIONS):
             before = text
             for name, body in _definitions(parse(text)).items():
@@ -257,11 +261,26 @@ class _LatexReader:
 
 
 def _uses(nodes: Iterable[Any], macro: str) -> Iterator[Sequence[Any]]:
-    """Yield the arguments of each use of a macro."""
+    """Yield the arguments of each use of a macro, if it has them."""
     for node in filter(None, nodes):
-        if getattr(node, "macroname", None) == macro:
+        if getattr(node, "macroname", None) == macro and _arguments(node):
             yield _arguments(node)
         yield from _uses([*_arguments(node), *(getattr(node, "nodelist", None) or ())], macro)
+
+
+def _only_tables(text: str) -> str:
+    """Return a file with empty lines for all but tables and definitions: papers are long."""
+
+    def definitions(between: str) -> str:
+        return "\n".join(line if "command" in line else "" for line in between.split("\n"))
+
+    # After an odd number of backslashes, a percent sign is one.
+    text = re.sub(r"(?<!\\)((?:\\\\)*)%[^\n]*", r"\1", text)
+    end, kept = 0, []
+    for found in _TABLE.finditer(text):
+        kept += [definitions(text[end : found.start()]), found[0]]
+        end = found.end()
+    return "".join([*kept, definitions(text[end:])])
 
 
 def _number(node: Any) -> int:
@@ -309,8 +328,10 @@ def _definitions(nodes: Sequence[Any]) -> Mapping[str, str]:
     """Return the bodies of macros that a file defines."""
     found = {}
     for node in nodes:
-        if getattr(node, "macroname", None) in ("newcommand", "renewcommand", "providecommand"):
-            _, name, _, _, body = _arguments(node)
+        name_of_macro, arguments = getattr(node, "macroname", ""), _arguments(node)
+        # Without arguments, if the file is broken there.
+        if arguments and name_of_macro in ("newcommand", "renewcommand", "providecommand"):
+            _, name, _, _, body = arguments
             # An expansion must not move what follows to another line.
             found[name.latex_verbatim().strip("{}\\ ")] = body.latex_verbatim()[1:-1].replace(
                 "\n", " "

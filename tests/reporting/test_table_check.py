@@ -67,6 +67,20 @@ def test_a_table_in_latex() -> None:
     assert len(set(table.blocks[2:])) == 1 != len(set(table.blocks))
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        r"\newcommand",
+        r"\begin{tabular}{l} 1 & \multicolumn \end{tabular}",
+        r"\begin{tabular}{l} \multirow \\ {2 & \end{tabular}",
+        r"\newcommand{\a}{\a\a} \begin{tabular}{l} \a & } \end{tabular}",
+        r"\begin{tabular",
+    ],
+)
+def test_broken_latex_is_read_as_far_as_it_goes(text: str) -> None:
+    assert len(read_tables(text, "paper.tex")) == text.count(r"\end{tabular}")
+
+
 def test_a_table_in_markdown() -> None:
     (table,) = read_tables(MARKDOWN, "paper.md")
     assert [[shown(cell) for cell in row] for row in table.rows] == [

@@ -85,8 +85,9 @@ _TABLE = re.compile(
     r"\\begin\{((?:sideways|wrap)?table\*?|longtable|tabular[xy*]?|NiceTabular)\}.*?\\end\{\1\}",
     re.DOTALL,
 )
-# A definition may use another one, but not itself.
+# A definition may use another one; in a circle, it would grow without end.
 _MOST_EXPANSIONS = 5
+_LONGEST_TEXT = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,12 +202,10 @@ class _LatexReader:
             return nodes
 
         text = _PARTIAL_LINE.sub("", _only_tables(text))
+        definitions = _definitions(parse(text))
         for _ in range(_MOST_EXPANSIONS):
-            before = text
-            for name, body in _definitions(parse(text)).items():
-                text = _expand(text, name, body)
-            if text == before:
-                break
+            for name, body in definitions.items():
+                text = _expand(text, name, body) if len(text) < _LONGEST_TEXT else text
         return cls(text, parse(text))
 
     def tables(self) -> Iterator[PrintedTable]:

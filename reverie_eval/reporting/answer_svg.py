@@ -147,8 +147,8 @@ def panorama_svg(
         for each in objects
     ]
     circle = math.pi * (_WAY_RADIUS / _DEGREE) ** 2
-    places = enumerate(zip(ways, _way_places(ways, heading), strict=True), 1)
-    links += [(circle, _way_link(number, each, *place)) for number, (each, place) in places]
+    numbered = enumerate(zip(ways, _centres(ways, heading), strict=True), 1)
+    links += [(circle, _way_link(number, each, *centre)) for number, (each, centre) in numbered]
     return "".join(
         [
             f'<svg class="answer-view panorama{on}" viewBox="0 0 {WIDTH} {height:.0f}">',
@@ -395,15 +395,15 @@ def _object_link(link: ObjectLink, middle: float, kind: str) -> str:
     )
 
 
-def _way_places(ways: Sequence[WayLink], middle: float) -> Sequence[tuple[float, float]]:
+def _centres(ways: Sequence[WayLink], middle: float) -> Sequence[tuple[float, float]]:
     """Return where the circles of ways are; one that would cover another is higher."""
-    places: list[tuple[float, float]] = []
+    centres: list[tuple[float, float]] = []
     for way in ways:
         x, y = _position(np.array([way.heading, way.elevation]), middle).tolist()
-        while any(math.dist((x, y), other) < 2 * _WAY_RADIUS for other in places):
+        while any(math.dist((x, y), other) < 2 * _WAY_RADIUS for other in centres):
             y -= 1
-        places.append((x, y))
-    return places
+        centres.append((x, y))
+    return centres
 
 
 def _way_link(number: int, link: WayLink, x: float, y: float) -> str:

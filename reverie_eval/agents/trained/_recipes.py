@@ -47,7 +47,7 @@ class Recipe:
     """Whether a pointer reads expressions again without their most important word."""
     walk: Walk = "greedy"
     size: int | None = None
-    """Of embeddings and hidden states; None for what the network has."""
+    """The size of embeddings and hidden states; None for the network's own."""
 
     @property
     def is_pointer(self) -> bool:

@@ -194,10 +194,10 @@ def codabench(*, folder: Folder, split: str, image: str, output: Path) -> None:
 @server_folder
 @options.output("the configuration")
 def evalai(*, folder: Folder, output: str | None) -> None:
-    """Write all splits as phases and leaderboards of a challenge on EvalAI.
+    """Write all splits as phases of a challenge on EvalAI.
 
-    That is their part of EvalAI's challenge_config.yaml, without the solution. Title, texts and
-    dates of the challenge itself are yours to add.
+    With their leaderboards: their part of EvalAI's challenge_config.yaml, without the solution.
+    Title, texts and dates of the challenge itself are yours to add.
     """
     from reverie_eval.server.operations.evalai import export_evalai
 

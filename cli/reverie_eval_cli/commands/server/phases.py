@@ -36,9 +36,10 @@ def phase() -> None:
 @phase.command()
 @server_folder
 def show(*, folder: Folder) -> None:
-    """Show what the settings file says, what the desk has set, and what is in effect.
+    """Show what is in effect, and who says so.
 
-    That is the phases, when scores are shown, what is paused, and the banner.
+    Phases, when scores are shown, what is paused, and the banner: as the settings file has them, as
+    the desk has set them, and what is in effect.
     """
     from reverie_eval.server.service.notices import Notices
     from reverie_eval.server.service.schedules import Schedules
@@ -130,7 +131,7 @@ def reset(*, folder: Folder, split: str) -> None:
 @server_folder
 @click.argument("split", required=False)
 def pause(*, folder: Folder, split: str | None) -> None:
-    """Accept no submissions, whatever phases say: to SPLIT, or to all splits.
+    """Pause SPLIT, or all splits, whatever phases say.
 
     Those who upload are told the banner as the reason; see `server news banner`.
     """
@@ -146,7 +147,7 @@ def pause(*, folder: Folder, split: str | None) -> None:
 @server_folder
 @click.argument("split", required=False)
 def resume(*, folder: Folder, split: str | None) -> None:
-    """Accept submissions to SPLIT, or to all splits, again, as phases allow."""
+    """End a pause of SPLIT, or of all splits."""
     from reverie_eval.server.service import schedules
 
     if split:

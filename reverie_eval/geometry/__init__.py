@@ -1,5 +1,14 @@
-"""The geometry of panoramas: views, projection, outlines, and boxes seen from another camera."""
+"""The geometry of panoramas and buildings: views, projection, boxes from elsewhere; rooms."""
 
+from reverie_eval.geometry._buildings import (
+    Building,
+    Line,
+    Room,
+    Sightings,
+    find_storeys,
+    model_building,
+    name_room,
+)
 from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
 from reverie_eval.geometry._polygons import are_inside, clip_at_depth, polygon_overlap, warp
 from reverie_eval.geometry._views import (
@@ -35,7 +44,11 @@ __all__ = [
     "STEP",
     "VIEW_AXES",
     "WIDTH",
+    "Building",
+    "Line",
     "OrientedBoxes",
+    "Room",
+    "Sightings",
     "are_inside",
     "axes",
     "bounds_in_views",
@@ -43,7 +56,10 @@ __all__ = [
     "clip_at_depth",
     "degrees_between",
     "degrees_off",
+    "find_storeys",
     "is_on_grid",
+    "model_building",
+    "name_room",
     "pixels_of",
     "polygon_overlap",
     "rays_of",

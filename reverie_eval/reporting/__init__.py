@@ -11,7 +11,7 @@ datasets              the faults and contents of a dataset
 drawing               lines by class, as SVG and with matplotlib
 charts, figures       distributions; all figures with matplotlib
 episode_figure        an episode for a paper: SVG, PDF, PNG
-maps                  an episode from above, as data
+maps, buildings       an episode from above, as data, and the building around it
 map_layout, map_svg   what is on a map and where; maps as SVG
 answers, answer_svg   what is visible where an agent answered; its pictures
 replay                what an agent did and said, step by step

@@ -6,7 +6,7 @@ the words of the style sheet: ``route off-level route-1``.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import chain, groupby
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.geometry import FOCAL_LENGTH
+from reverie_eval.geometry import FOCAL_LENGTH, Room, are_inside
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.charts import round_numbers
 from reverie_eval.reporting.drawing import CLOSED, Lines
@@ -31,13 +31,14 @@ KEY_CLASSES: Mapping[SignKind, str] = MappingProxyType(
         "annotated": "annotated",
         "off-level": "route off-level",
         "elsewhere": "viewpoint elsewhere",
+        "plan": "wall",
     }
 )
 """The class that shows the look of a sign in a key; the other signs are marks."""
 # Smallest margin around the viewpoints of the episode, in metres.
-_MARGIN = 1.5
+_MARGIN = 2.5
 # Smallest width of a map, in metres.
-_LEAST_METRES = 8.0
+_LEAST_METRES = 10.0
 # Viewpoints farther from the middle than this, in widths and heights, are not drawn.
 _SIGHT = 0.75
 # Units of the page between two routes; the first is half of it to the right of the edges, so that
@@ -48,9 +49,11 @@ _ASIDE = 6.0
 # Units of the page between a viewpoint and its label, and from its height to other lines.
 _Side = Literal["left of", "right of"]
 _BESIDE: Mapping[_Side, float] = MappingProxyType({"left of": -10.0, "right of": 10.0})
-_LABEL_LINES = (0, 11, -11, 22, -22)
+_LABEL_LINES = (0, 13, -13, 26, -26)
 # Size of a letter of a label, and the part of it that is above the baseline.
-_LETTER, _ASCENT = np.array([5.8, 11.0]), 9.0
+_LETTER, _ASCENT = np.array([6.8, 13.0]), 10.5
+# Half of the size of the largest mark.
+_MARK = 8.0
 _ARROW_SIZE = 9.0
 # Position along a leg: beyond its middle, so that arrows of both directions are side by side.
 _ARROW_SHARE = 0.62
@@ -65,8 +68,9 @@ _NO_LINES: Mapping[str, Sequence[FloatArray]] = MappingProxyType({})
 class Mark(NamedTuple):
     """A sign at a point."""
 
-    kind: Literal["start", "goal", "end", "stop", "stairs", "left of", "right of"]
-    """The last two are texts beside a viewpoint, which end or begin at the point."""
+    kind: Literal["start", "goal", "end", "stop", "stairs", "left of", "right of", "name"]
+    """The last three are texts: beside a viewpoint, where they end or begin at the point, and in
+    the middle of a room."""
     point: FloatArray
     route: int = 0
     """The number of the submission whose stop this is, from 1; 0 for other marks."""
@@ -86,6 +90,8 @@ class Piece(NamedTuple):
     """The viewpoint that it marks, if it marks one."""
     leg: tuple[int, int] | None = None
     """The numbers of the route and of the move in it, from 1; None if the piece is not a move."""
+    storey: int | None = None
+    """The storey of whose plan it is a part; None for what belongs to viewpoints."""
 
 
 class Layout:
@@ -104,6 +110,7 @@ class Layout:
         """Return the pieces of each layer, the lowest first."""
         return [
             self._edges(),
+            self._rooms_off_level(),
             self._annotated_path(),
             self._viewpoints(),
             self._goals(),
@@ -114,8 +121,95 @@ class Layout:
             self._labels(),
         ]
 
+    def plan(self, storey: int) -> Iterator[Piece]:
+        """Yield the plan of a storey as far as it is on the page: rooms, doors, stairs."""
+        size = np.array([WIDTH, HEIGHT])
+        for room in self._map.building.rooms_on(storey):
+            outlines = [self.frame.points(corners) for corners in room.outlines]
+            corners = np.vstack(outlines)
+            if ((corners.max(axis=0) > 0) & (corners.min(axis=0) < size)).all():
+                kind = room.name.partition(" ")[0]
+                yield Piece([], {f"room {kind}".strip(): outlines}, storey=storey)
+        building = self._map.building
+        for kind, lines in (
+            ("door", building.doors_on(storey)),
+            ("tread", building.treads_on(storey)),
+        ):
+            ends = [self.frame.points(line.ends) for line in lines]
+            near = [its for its in ends if ((its > 0) & (its < size)).any()]
+            if near:
+                yield Piece([], {kind: near}, storey=storey)
+
+    def _rooms_off_level(self) -> Iterator[Piece]:
+        """Outline the rooms of the episode on other storeys than that of the plan."""
+        visited = self._map.visited
+        row_in = dict(zip(self._map.building.room[visited].tolist(), visited.tolist(), strict=True))
+        for index, room in enumerate(self._map.building.rooms):
+            if index in row_in and room.storey != self._map.start_storey:
+                closed = [np.vstack([corners, corners[:1]]) for corners in room.outlines]
+                lines = {"wall off-level": list(map(self.frame.points, closed))}
+                yield Piece([row_in[index]], lines)
+
+    def room_names(self, storey: int) -> Iterator[Piece]:
+        """Yield the names of rooms, each where no route, mark or other text is."""
+        taken = [*self._occupied(storey)]
+        for room in sorted(self._map.building.rooms_on(storey), key=lambda each: -each.area):
+            mark = self._room_name(room, taken) if room.name else None
+            if mark:
+                taken.append(_box_of(mark))
+                yield Piece([], mark=mark, storey=storey)
+
+    def _occupied(self, storey: int) -> Iterator[FloatArray]:
+        """Yield the boxes, shape (2, 2), of treads, marks, texts, and pieces of routes."""
+        bar = self.frame.bar_metres * self.frame.scale
+        yield np.array([[0.0, HEIGHT - 30.0], [14.0 + bar, float(HEIGHT)]])
+        for piece in chain(self._stairs(), self._labels()):
+            if piece.mark:
+                yield _box_of(piece.mark)
+        sights = [its for piece in self._sights() for (its,) in piece.lines.values()]
+        treads = [self.frame.points(each.ends) for each in self._map.building.treads_on(storey)]
+        for points in (*sights, *treads):
+            yield np.stack([points.min(axis=0), points.max(axis=0)])
+        yield from map(self._around, self._map.visited.tolist())
+        legs = [self._map.annotated_legs, *(route.legs for route in self._map.routes)]
+        for start, end in self._point[np.unique(np.vstack(legs), axis=0)]:
+            count = int(np.hypot(*(end - start)) // 5) + 1
+            for share in np.linspace(0, 1, count):
+                at = start + share * (end - start)
+                yield np.stack([at - 4, at + 4])
+
+    def _around(self, row: int) -> FloatArray:
+        """Return the box of a mark at a viewpoint."""
+        return np.stack([self._point[row] - _MARK, self._point[row] + _MARK])
+
+    def _room_name(self, room: Room, taken: Sequence[FloatArray]) -> Mark | None:
+        """Put the name of a room near its middle; None if there is no space for it."""
+        outlines = [self.frame.points(corners) for corners in room.outlines]
+        corners = np.vstack(outlines)
+        low, high = (
+            np.maximum(corners.min(axis=0), 0),
+            np.minimum(corners.max(axis=0), (WIDTH, HEIGHT)),
+        )
+        steps = [np.arange(low[axis] + 4, high[axis], 4.0) for axis in (0, 1)]
+        places = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+        box = _box_of(Mark("name", np.zeros(2), text=room.name))
+        first, last = places + box[0] - 1, places + box[1] + 1
+        is_free = ((first >= low) & (last <= high)).all(axis=1)
+        for its_low, its_high in taken:
+            is_free &= ~((first < its_high) & (its_low < last)).all(axis=1)
+        for share in np.linspace(0, 1, 5):
+            for y in (first[:, 1], last[:, 1]):
+                x = first[:, 0] + share * (last[:, 0] - first[:, 0])
+                is_free &= _are_inside(np.column_stack([x, y]), outlines)
+        if not is_free.any():
+            return None
+        away = np.hypot(*((first + last) / 2 - (low + high) / 2)[is_free].T)
+        return Mark("name", places[is_free][int(away.argmin())], text=room.name)
+
     def is_faint(self, piece: Piece) -> bool:
-        """Whether a piece is on a storey where the episode has no viewpoint."""
+        """Whether a piece is on a storey without a viewpoint of the episode, or of its plan."""
+        if piece.storey is not None:
+            return piece.storey != self._map.start_storey
         return bool(self._is_elsewhere[piece.viewpoints].any())
 
     def joined(self, layer: Iterable[Piece]) -> Lines:
@@ -217,6 +311,7 @@ class Layout:
                 (level,) = self._map.levels([row])
                 labels.setdefault(row, []).append(f"level {level}")
         taken = [_box_of(piece.mark) for piece in self._stairs() if piece.mark]
+        taken += [self._around(row) for row in self._map.goal_viewpoints.tolist()]
         for row, texts in labels.items():
             mark = self._label(row, ", ".join(texts), taken)
             taken.append(_box_of(mark))
@@ -330,6 +425,12 @@ def _is_free(mark: Mark, taken: Sequence[FloatArray]) -> bool:
     low, high = _box_of(mark)
     is_on = ((low < its_high).all() and (its_low < high).all() for its_low, its_high in taken)
     return bool(low[0] >= 0 and high[0] <= WIDTH) and not any(is_on)
+
+
+def _are_inside(points: FloatArray, outlines: Sequence[FloatArray]) -> BoolArray:
+    """Whether each point is inside of outlines, and not in one that is a hole."""
+    each = [are_inside(points, np.broadcast_to(its, (len(points), *its.shape))) for its in outlines]
+    return np.asarray(np.logical_xor.reduce(each))
 
 
 def _goes_on(kind: str, line: FloatArray, following: FloatArray) -> bool:

@@ -39,6 +39,7 @@ _KEY_LINES: Mapping[SignKind, str] = MappingProxyType(
         "annotated": "M6 8H34",
         "off-level": "M4 8H36",
         "elsewhere": "M12 8h0M28 8h0",
+        "plan": "M4 13V3H16M26 3H36V13",
     }
 )
 
@@ -115,13 +116,26 @@ class _Drawing:
         return self._svg("episode-map", self.shapes(), attributes, style)
 
     def shapes(self) -> str:
-        layers = map(list, self._layout.layers())
+        edges, *others = self._layout.layers()
+        storey = self._map.start_storey
+        plan, names = self._layout.plan(storey), self._layout.room_names(storey)
+        layers = map(list, (plan, edges, names, *others))
         return self._on_ground(shape for layer in layers for shape in self._joined(layer))
 
     def interactive(self) -> str:
-        edges, annotated, *others = (map(self._apart, layer) for layer in self._layout.layers())
+        edges, rooms, annotated, *others = (
+            map(self._apart, layer) for layer in self._layout.layers()
+        )
+        storeys = range(int(self._map.storey.max()) + 1)
+        plans, names = (
+            map(self._apart, chain.from_iterable(map(layer, storeys)))
+            for layer in (self._layout.plan, self._layout.room_names)
+        )
         shapes = [
+            *plans,
             *edges,
+            *names,
+            *rooms,
             '<g class="annotation" opacity="0.3">',  # as a group: not darker where pieces meet
             *annotated,
             "</g>",
@@ -153,7 +167,8 @@ class _Drawing:
 
     def _apart(self, piece: Piece) -> str:
         """Draw a piece as a group that says what it is and which storeys it is on."""
-        levels = " ".join(map(str, self._map.levels(piece.viewpoints)))
+        on = self._map.levels(piece.viewpoints) if piece.storey is None else [piece.storey + 1]
+        levels = " ".join(map(str, on))
         about = ""
         if piece.viewpoint_id:
             about = f' data-viewpoint="{escape(piece.viewpoint_id)}"'
@@ -196,6 +211,8 @@ def _mark(mark: Mark, title: str = "") -> str:
         case "stairs":
             shape = path("stairs", line_data(mark.point + _STAIRS))
             return shape + (_label(x, y - 8, mark.text, "middle") if mark.text else "")
+        case "name":
+            return text_at(x, y, mark.text, 'class="room-name" text-anchor="middle"')
         case "left of" | "right of":
             return _label(x, y, mark.text, "end" if mark.kind == "left of" else "")
 

@@ -9,19 +9,16 @@ from typing_extensions import Self
 
 from reverie_eval.analysis import Episode
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
+from reverie_eval.geometry import Building
 from reverie_eval.ground_truth import NavigationGraph
 from reverie_eval.reporting.answers import AnswerView
+from reverie_eval.reporting.buildings import building_of
 from reverie_eval.text import count_text
 
-# Smallest distance between the floors of two storeys, in metres.
-_LEAST_STOREY_HEIGHT = 2.0
-# Metres by which most viewpoints on one floor differ in height, at most.
-_FLOOR_TOLERANCE = 0.5
-# Viewpoints at one height that make a storey; fewer are a landing.
-_LEAST_VIEWPOINTS = 3
 _JUMP, _GOAL_VIEWPOINT = "jump between unconnected viewpoints", "goal viewpoint"
 _OFF_LEVEL = "on another level than the start"
 _ELSEWHERE = "on a level that the episode does not reach"
+_PLAN = "walls and doors, inferred from where objects are"
 
 SignKind = Literal[
     "stop",
@@ -34,6 +31,7 @@ SignKind = Literal[
     "off-level",
     "stairs",
     "elsewhere",
+    "plan",
 ]
 
 
@@ -128,8 +126,7 @@ class EpisodeMap:
     viewpoint_ids: Sequence[str]
     position: FloatArray
     """Shape (n_viewpoints, 3): metres, z up."""
-    storey: IntArray
-    """Shape (n_viewpoints,): from 0 for the lowest."""
+    building: Building
     edges: IntArray
     """Shape (n_edges, 2): connected pairs of viewpoints, each once."""
     routes: Sequence[Route]
@@ -164,7 +161,7 @@ class EpisodeMap:
             graph_row=rows,
             viewpoint_ids=ids,
             position=position,
-            storey=find_storeys(position[:, 2]),
+            building=building_of(graph, first.solution, first.scan),
             edges=np.column_stack([start, end])[is_edge],
             routes=[
                 Route(
@@ -185,6 +182,16 @@ class EpisodeMap:
     def without_routes(self) -> Self:
         """Return the map with the annotations only."""
         return replace(self, routes=())
+
+    @property
+    def storey(self) -> IntArray:
+        """Shape (n_viewpoints,): from 0 for the lowest."""
+        return self.building.storey
+
+    @property
+    def start_storey(self) -> int:
+        """The storey of the start, whose plan is on the map."""
+        return int(self.storey[self.start])
 
     @property
     def path_end(self) -> int:
@@ -219,6 +226,7 @@ class EpisodeMap:
             Sign("off-level", _OFF_LEVEL): any(self.is_off_level(each).any() for each in legs),
             Sign("stairs", "stairs, with the levels at their ends"): len(self.stairs) > 0,
             Sign("elsewhere", _ELSEWHERE): bool(self.is_elsewhere.any()),
+            Sign("plan", _PLAN): len(self.building.rooms_on(self.start_storey)) > 0,
         }
         return [
             *(Sign("stop", route.meaning, route.number) for route in self.routes),
@@ -352,27 +360,3 @@ def _legs(viewpoint: IntArray) -> IntArray:
     """Return the pairs of viewpoints, shape (n_legs, 2), that follow each other and differ."""
     legs = np.column_stack([viewpoint[:-1], viewpoint[1:]])
     return np.asarray(legs[legs[:, 0] != legs[:, 1]])
-
-
-def find_storeys(height: FloatArray) -> IntArray:
-    """Assign the viewpoints of a scan to storeys by their heights.
-
-    The dataset does not name storeys. A height shared by several viewpoints is a storey; a
-    viewpoint between two storeys, on stairs, belongs to the nearer one. Heights are in metres, and
-    the lowest storey is 0; both have the shape (n_viewpoints,).
-
-    Examples
-    --------
-    >>> find_storeys(np.array([1.5, 1.5, 1.6, 2.9, 4.3, 4.3, 4.4]))
-    array([0, 0, 0, 0, 1, 1, 1])
-    """
-    # Cameras stand at one height above each floor, so a height that many of them share is a floor.
-    sharing = (np.abs(height[:, None] - height) <= _FLOOR_TOLERANCE).sum(axis=1)
-    floors: list[float] = []
-    for row in np.argsort(-sharing, kind="stable").tolist():
-        is_apart = all(abs(height[row] - floor) >= _LEAST_STOREY_HEIGHT for floor in floors)
-        # The most common height is a floor, even if only one viewpoint has it.
-        if is_apart and (sharing[row] >= _LEAST_VIEWPOINTS or not floors):
-            floors.append(float(height[row]))
-    storey: IntArray = np.abs(height[:, None] - np.sort(floors)).argmin(axis=1)
-    return storey

@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, arrows, sector
-from reverie_eval.reporting.map_svg import MAP_STYLE, map_key, map_picture, map_svg
-from reverie_eval.reporting.maps import EpisodeMap, Step, find_storeys
-from tests.conftest import SAMPLES
+from reverie_eval.geometry import Line, Room
+from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, Layout, arrows, sector
+from reverie_eval.reporting.map_svg import (
+    MAP_STYLE,
+    interactive_map_svg,
+    map_key,
+    map_picture,
+    map_svg,
+)
+from reverie_eval.reporting.maps import EpisodeMap, Step
 from tests.support.home_world import LAMP, OTHER_WALKS, WALKS, home_scores
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -86,33 +92,6 @@ def test_an_agent_that_changes_storeys_is_shown_on_both(other: rv.Scores) -> Non
     episode_map = map_of(other, "1_3_0")
     assert not episode_map.is_elsewhere.any()
     assert episode_map.storeys == "levels 1 and 2 of 2"
-
-
-@pytest.mark.parametrize(
-    ("height", "expected"),
-    [
-        pytest.param([1.5], [0], id="one viewpoint"),
-        pytest.param([0.0, 0.4, 0.8, 1.2], [0, 0, 0, 0], id="a ramp"),
-        pytest.param([0, 0, 0, 2, 2, 2], [0, 0, 0, 1, 1, 1], id="2 m apart"),
-        pytest.param([0, 0, 0, 1.9, 1.9, 1.9], [0] * 6, id="less apart"),
-        pytest.param([3, 0, 3, 0, 3, 0], [1, 0, 1, 0, 1, 0], id="in any order"),
-        pytest.param([0, 0, 0, 2.5, 2.5], [0] * 5, id="two viewpoints are a landing"),
-        pytest.param([0, 0, 0, 3, 3, 3, 6, 6, 6, 4], [0, 0, 0, 1, 1, 1, 2, 2, 2, 1], id="three"),
-    ],
-)
-def test_storeys_by_height(height: list[float], expected: list[int]) -> None:
-    assert find_storeys(np.array(height, dtype=float)).tolist() == expected
-
-
-def test_storeys_of_the_demo_mansion() -> None:
-    """Its generator builds two floors, 2.8 m apart, with stairs between."""
-    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
-    graph = scores.ground_truth.graph
-    scan = graph.scan_ids.index("DemoMansion")
-    height = graph.viewpoint_position[graph.viewpoint_scan == scan, 2]
-    storey = find_storeys(height)
-    assert set(storey[height < 2]) == {0}
-    assert set(storey[height > 4]) == {1}
 
 
 def test_legs_leave_out_turns_on_the_spot(scores: rv.Scores) -> None:
@@ -378,3 +357,65 @@ def test_remarks(number: int, notable: set[str], expected: str) -> None:
     is_goal, is_jump, is_stop = (name in notable for name in ("goal", "jump", "stop"))
     step = Step(number, "hall", 1, 0.0, 0.0, 0.0, is_goal=is_goal, is_jump=is_jump, is_stop=is_stop)
     assert step.note == expected
+
+
+# The plan.
+
+FLOOR = np.array([(6.0, -1.0), (16.0, -1.0), (16.0, 9.0), (6.0, 9.0)])
+"""Around the hall, the stairs' head and half of the way to the room."""
+
+
+def furnished(episode_map: EpisodeMap) -> EpisodeMap:
+    """Put a kitchen with a door on the upper storey and a bedroom below it."""
+    building = replace(
+        episode_map.building,
+        rooms=[Room("bedroom", 0, [FLOOR], 100.0), Room("kitchen", 1, [FLOOR], 100.0)],
+        doors=[Line(1, np.array([(9.5, 9.0), (10.5, 9.0)]))],
+        room=np.where(episode_map.storey == 0, 0, 1),
+    )
+    return replace(episode_map, building=building)
+
+
+def test_the_plan_is_that_of_the_start(scores: rv.Scores) -> None:
+    episode_map = furnished(map_of(scores, "1_3_0"))
+    svg = map_svg(episode_map)
+    (kitchen,) = elements(svg, "room")
+    corners = [tuple(map(float, each.split())) for each in kitchen.get("d", "")[1:-1].split("L")]
+    assert kitchen.get("class") == "room kitchen"
+    assert corners == [tuple(corner.round(1)) for corner in Layout(episode_map).frame.points(FLOOR)]
+    assert [each.get("d", "").count("L") for each in elements(svg, "door")] == [1]
+    assert [each.text for each in elements(svg, "room-name")] == ["kitchen"]
+    assert "plan" in {sign.kind for sign in episode_map.signs}
+    assert not list(elements(svg, "wall"))
+
+
+def test_a_room_on_another_level_is_outlined(other: rv.Scores) -> None:
+    svg = map_svg(furnished(map_of(other, "1_3_0")))
+    assert [each.get("class") for each in elements(svg, "room")] == ["room kitchen"]
+    assert [each.get("class") for each in elements(svg, "wall")] == ["wall off-level"]
+
+
+def test_names_of_rooms_cover_nothing(scores: rv.Scores) -> None:
+    """A name is inside its room and beside the route; one without space is left out."""
+    episode_map = furnished(map_of(scores, "1_3_0"))
+    layout = Layout(episode_map)
+    (name,) = layout.room_names(1)
+    assert name.mark
+    low, high = layout.frame.points(FLOOR).min(axis=0), layout.frame.points(FLOOR).max(axis=0)
+    assert (low < name.mark.point).all()
+    assert (name.mark.point < high).all()
+    route = layout.frame.points(episode_map.position[episode_map.routes[0].viewpoint])
+    assert abs(name.mark.point[0] - route[0, 0]) > 20  # half of the word
+    narrow = [Room("kitchen", 1, [FLOOR * (0.1, 1.0) + (9.0, 0.0)], 10.0)]
+    tight = replace(episode_map, building=replace(episode_map.building, rooms=narrow))
+    assert not list(Layout(tight).room_names(1))
+
+
+def test_plans_of_all_levels_can_be_chosen(scores: rv.Scores) -> None:
+    svg = interactive_map_svg(furnished(map_of(scores, "1_3_0")))
+    groups = [
+        (group.get("data-levels"), group.get("data-elsewhere"), group[0].get("class"))
+        for group in ET.fromstring(svg).iter(f"{SVG}g" if "xmlns" in svg else "g")
+        if len(group) and "room" in group[0].get("class", "").split()
+    ]
+    assert groups == [("1", "", "room bedroom"), ("2", None, "room kitchen")]

@@ -1,0 +1,152 @@
+"""How well buildings are modelled from poses and released boxes, judged by instructions.
+
+``python benchmarks/buildings.py DATASET`` prints the figures of ``docs/how-to/report.md``. DATASET
+is a clone of the dataset repository; all scans with boxes are modelled, without objects' centres.
+"""
+
+import json
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.dataset import DatasetFiles
+from reverie_eval.dataset._boxes import Boxes
+from reverie_eval.dataset._dataset import read_dataset
+from reverie_eval.dataset._reader import no_progress
+from reverie_eval.geometry import Building, Sightings, are_inside, model_building
+from reverie_eval.ground_truth import NavigationGraph
+from reverie_eval.text import category_text
+
+NUMBERS: Mapping[str, int] = {"first": 1, "second": 2, "third": 3, "fourth": 4} | {
+    word: number
+    for number, words in enumerate(("1 one 1st", "2 two 2nd", "3 three 3rd", "4 four 4th"), 1)
+    for word in words.split()
+}
+LEVEL = re.compile(
+    r"\b(?:level (\d|one|two|three|four)"
+    r"|(first|second|third|fourth|1st|2nd|3rd|4th) (?:level|floor|story))\b",
+    re.IGNORECASE,
+)
+ROOMS: Mapping[str, str] = {
+    word: room
+    for room, words in {
+        "bathroom": "bathroom, restroom, powder room, washroom",
+        "bedroom": "bedroom",
+        "closet": "closet",
+        "dining room": "dining room",
+        "gym": "gym, exercise room, workout room",
+        "kitchen": "kitchen",
+        "laundry": "laundry, laundry room",
+        "living room": "living room, family room, lounge",
+        "office": "office, study",
+        "": "hallway, hall, foyer, entryway, entry, stairs, garage, balcony, porch, patio, spa, "
+        "bar, library, theater, utility room, game room, rec room, tv room, toilet",
+    }.items()
+    for word in words.split(", ")
+}
+"""What instructions call rooms; those without a name are never told from objects."""
+ROOM = re.compile(rf"\b({'|'.join(sorted(ROOMS, key=len, reverse=True))})s?\b", re.IGNORECASE)
+
+
+def main() -> int:
+    """Print the figures."""
+    if len(sys.argv) != 2:  # the script, and what its docstring names
+        print("usage: python benchmarks/buildings.py DATASET")
+        return 2
+    root = Path(sys.argv[1])
+    dataset = read_dataset(DatasetFiles.find(root), no_progress)
+    graph = dataset.graphs.ground_truth()
+    buildings: dict[str, Building] = {}
+    seconds = []
+    for scan, position, edges, seen in scenes(graph, dataset.boxes):
+        begin = perf_counter()
+        buildings[scan] = model_building(position, edges, seen)
+        seconds.append(perf_counter() - begin)
+    storeys = Counter(int(each.storey.max()) + 1 for each in buildings.values())
+    rooms = sum(len(each.rooms) for each in buildings.values())
+    print(f"{len(buildings)} buildings, {sum(n * of for n, of in storeys.items())} storeys")
+    print(f"by number of storeys: {dict(sorted(storeys.items()))}; {rooms:,} rooms")
+    print(f"model: median {np.median(seconds):.2f} s, at most {max(seconds):.2f} s")
+    own, some = np.vstack([list(standing(graph, *each)) for each in buildings.items()]).mean(axis=0)
+    print(f"viewpoints in a room of their storey {some:.1%}, in their own room {own:.1%}")
+    for split in ("val_seen", "val_unseen"):
+        path = root / "tasks" / "REVERIE" / "data" / f"REVERIE_{split}.json"
+        compare(split, json.loads(path.read_text(encoding="utf-8")), graph, buildings)
+    return 0
+
+
+def scenes(
+    graph: NavigationGraph, boxes: Boxes
+) -> Iterator[tuple[str, FloatArray, IntArray, Sightings]]:
+    """Yield each scan with what its model is made of."""
+    known = np.array([graph.index.get(key.viewpoint_id, -1) for key in boxes.viewpoints])
+    viewpoint = known[boxes.viewpoint]
+    scan = np.where(boxes.is_visible & (viewpoint >= 0), graph.viewpoint_scan[viewpoint], -1)
+    for index, name in enumerate(graph.scan_ids):
+        rows = np.flatnonzero(graph.viewpoint_scan == index)
+        entries = np.flatnonzero(scan == index)
+        is_its = np.isin(boxes.box_entry, entries)
+        start, end = np.triu_indices(len(rows), k=1)
+        edges = np.column_stack([start, end])[graph.has_edge(rows[start], rows[end])]
+        seen = Sightings.of_boxes(
+            viewpoint=viewpoint[entries] - rows[0],
+            object_id=boxes.object_id[entries],
+            distance=np.full(len(entries), np.inf),
+            names=[category_text(boxes.entries[entry].record.name) for entry in entries.tolist()],
+            row=np.searchsorted(entries, boxes.box_entry[is_its]),
+            view=boxes.box_view[is_its],
+            xywh=boxes.box_xywh[is_its],
+        )
+        yield name, graph.viewpoint_position[rows], edges, seen
+
+
+def standing(graph: NavigationGraph, scan: str, building: Building) -> Iterator[tuple[bool, bool]]:
+    """Yield for each viewpoint whether it is inside its own room, and inside any of its storey."""
+    rows = np.flatnonzero(graph.viewpoint_scan == graph.scan_ids.index(scan))
+    for row, position in enumerate(graph.viewpoint_position[rows, :2]):
+        inside = {
+            index
+            for index, room in enumerate(building.rooms)
+            if room.storey == building.storey[row]
+            and sum(bool(are_inside(position[None], each[None])[0]) for each in room.outlines) % 2
+        }
+        yield int(building.room[row]) in inside, bool(inside)
+
+
+def compare(
+    split: str,
+    items: Sequence[dict[str, Any]],
+    graph: NavigationGraph,
+    buildings: Mapping[str, Building],
+) -> None:
+    """Print how often the goal is where the instruction says: on its level, in its room."""
+    levels, names = [], []
+    for item in items:
+        building, goal = buildings[item["scan"]], graph.index[item["path"][-1]]
+        row = goal - int(np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[goal])[0])
+        room = building.room[row]
+        name = building.rooms[room].name if room >= 0 else ""
+        for text in item["instructions"]:
+            said = {NUMBERS[(one or other).lower()] for one, other in LEVEL.findall(text)}
+            if len(said) == 1:
+                levels.append(said == {int(building.storey[row]) + 1})
+            called = {ROOMS[word.lower()] for word in ROOM.findall(text)}
+            if len(called) == 1:
+                names.append((bool(name), name in called))
+    is_shown, is_right = np.array(names).T
+    print(
+        f"{split}: storey as in {np.mean(levels):.1%} of {len(levels):,} instructions that name one"
+        f"; of {len(names):,} that name one room, {is_shown.mean():.0%} are in a named room, "
+        f"{is_right[is_shown].mean():.1%} of these as in the instruction"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

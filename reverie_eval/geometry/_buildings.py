@@ -1,0 +1,408 @@
+"""Model a building from its navigation graph and the objects that are seen from its viewpoints.
+
+Nothing published says where the rooms of a building are. But object ids follow the order of the
+``.house`` files, which list a building region by region [1]_: a room is a run of ids close
+together in space. All thresholds below are lengths and counts of houses; they were chosen on the 90
+buildings of Matterport3D, and ``benchmarks/buildings.py`` prints how well they do.
+
+The world is metric with z up; plans are seen from above.
+
+References
+----------
+.. [1] ``data_organization.md`` of niessner/Matterport.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from typing_extensions import Self
+
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.geometry._plans import DOOR_WIDTH, Plan, axes_of, without_outliers
+from reverie_eval.geometry._views import HEIGHT, VIEW_AXES, WIDTH, rays_of
+
+# Storeys: the spread of camera heights on one floor, the least distance between two floors, and the
+# least number and share of viewpoints on a floor; fewer are a landing.
+_FLOOR_SPREAD, _STOREY_HEIGHT = 0.25, 1.9
+_LEAST_ON_STOREY, _LEAST_SHARE = 2, 0.02
+# Objects: the usual distance from the camera, and how much it weighs against a ray.
+_USUAL_DISTANCE, _GUESS = 1.45, 0.005
+# Rooms: the least spread of objects along an axis, the cost of another room, objects in a room.
+_LEAST_SPREAD, _PENALTY = 0.6, 9.0
+_FEWEST, _MOST = 3, 250
+# The room of a viewpoint: metres that tell near objects, and the area whose room counts half.
+_AT_HAND, _NEAR, _LARGE = 0.5, 1.5, 50.0
+# Stairs: the least climb of an edge, its slopes, and the least climb of all edges that meet.
+_CLIMB, _SLOPES, _FLIGHT = 0.4, (0.25, 2.5), 1.0
+TREAD = 0.19
+"""Metres between two treads."""
+# What names a room, and by how much. A word within a longer name counts half.
+_TELLING: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "bedroom": {"bed": 6, "nightstand": 2, "headboard": 2},
+        "bathroom": {"toilet": 5, "bathtub": 3, "shower": 3},
+        "kitchen": {"stove": 3, "oven": 3, "refrigerator": 3, "kitchen": 4},
+        "living room": {"couch": 2, "sofa": 2, "coffee table": 2},
+        "dining room": {"dining table": 3, "dining": 2},
+        "laundry": {"washing machine": 4, "dryer": 3},
+        "office": {"desk": 2, "office chair": 2, "computer": 2},
+        "closet": {"clothes": 2, "hanger": 2, "hangers": 2},
+        "gym": {"treadmill": 4, "exercise": 4},
+    }
+)
+# Chairs around a table that is not a desk or beside a couch or bed.
+_CHAIRS, _TABLE, _FEWEST_CHAIRS, _DINING = ("chair", "dining chair"), "table", 4, 2.0
+_MARGIN = 2.0
+_REPEATED = 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Which objects are seen from which viewpoints, a row for each pair."""
+
+    viewpoint: IntArray
+    """Shape (n,): row of the viewpoint."""
+    object_id: IntArray
+    """Shape (n,): in the order of the ``.house`` file."""
+    direction: FloatArray
+    """Shape (n, 3): unit vectors from the viewpoint to the object."""
+    distance: FloatArray
+    """Shape (n,): metres to the object's centre; inf if unknown."""
+    names: Sequence[str]
+    """The name of the object, for people."""
+
+    @classmethod
+    def of_boxes(
+        cls,
+        *,
+        viewpoint: IntArray,
+        object_id: IntArray,
+        distance: FloatArray,
+        names: Sequence[str],
+        row: IntArray,
+        view: IntArray,
+        xywh: IntArray,
+    ) -> Self:
+        """Look at the middle of each object: of its whole boxes, weighted by their areas.
+
+        ``row``, ``view`` and ``xywh`` have a row for each box: the sighting that it belongs to, its
+        view and its pixels. If all boxes of an object are cut by their images' edges, all count.
+        """
+        corner, size = xywh[:, :2].astype(np.float64), xywh[:, 2:].astype(np.float64)
+        is_whole = ((corner > 0) & (corner + size < (WIDTH, HEIGHT))).all(axis=1)
+        has_whole = np.bincount(row[is_whole], minlength=len(names)) > 0
+        area = size.prod(axis=1) * (is_whole | ~has_whole[row])
+        rays = rays_of(corner + size / 2)
+        rays *= (area / np.linalg.norm(rays, axis=1))[:, None]
+        direction = np.zeros((len(names), 3))
+        np.add.at(direction, row, np.einsum("ni,nij->nj", rays, VIEW_AXES[view]))
+        length = np.linalg.norm(direction, axis=1, keepdims=True)
+        return cls(viewpoint, object_id, direction / length, distance, names)
+
+    def none(self) -> Self:
+        """Return no sightings."""
+        return type(self)(
+            self.viewpoint[:0], self.object_id[:0], self.direction[:0], self.distance[:0], ()
+        )
+
+
+class Room(NamedTuple):
+    """A room on its storey."""
+
+    name: str
+    """What its objects tell; empty if they do not."""
+    storey: int
+    """From 0 for the lowest."""
+    outlines: Sequence[FloatArray]
+    """Corners, each of shape (n, 2): the outline, and those of holes and separate parts."""
+    area: float
+    """Square metres."""
+
+
+class Line(NamedTuple):
+    """A door in a wall, or a tread of stairs."""
+
+    storey: int
+    ends: FloatArray
+    """Shape (2, 2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Building:
+    """The storeys of a building with their rooms, doors and stairs."""
+
+    storey: IntArray
+    """Shape (n_viewpoints,): from 0 for the lowest."""
+    room: IntArray
+    """Shape (n_viewpoints,): index into ``rooms``; -1 outside of all."""
+    rooms: Sequence[Room]
+    doors: Sequence[Line]
+    treads: Sequence[Line]
+
+    def rooms_on(self, storey: int) -> Sequence[Room]:
+        """Return the rooms of a storey."""
+        return [room for room in self.rooms if room.storey == storey]
+
+    def doors_on(self, storey: int) -> Sequence[Line]:
+        """Return the doors of a storey."""
+        return [door for door in self.doors if door.storey == storey]
+
+    def treads_on(self, storey: int) -> Sequence[Line]:
+        """Return the treads of stairs that begin or end on a storey."""
+        return [tread for tread in self.treads if tread.storey == storey]
+
+
+def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Building:
+    """Find the storeys, rooms, doors and stairs of a building.
+
+    Parameters
+    ----------
+    position : float array of shape (n_viewpoints, 3)
+        Where the cameras were, metres.
+    edges : int array of shape (n_edges, 2)
+        Pairs of viewpoints between which one can walk, each once.
+    seen : Sightings
+        The objects; fewer than three make no room.
+    """
+    storey = find_storeys(position[:, 2])
+    if len(np.unique(seen.object_id)) < _FEWEST:
+        seen = seen.none()
+    objects = _Objects.of(position, seen)
+    axes = axes_of(np.vstack([objects.centre[:, :2], position[:, :2]]))
+    centre, camera = objects.centre[:, :2] @ axes.T, position[:, :2] @ axes.T
+    room_storey = objects.storeys_of_rooms(storey)
+    evidence = [without_outliers(centre[objects.room == n]) for n in range(objects.n_rooms)]
+    boxes = np.array([[each.min(axis=0), each.max(axis=0)] for each in evidence]).reshape(-1, 2, 2)
+    on_storey = storey[:, None] == room_storey
+    home = _rooms_of_viewpoints(objects.votes_of_viewpoints(), camera, boxes, on_storey)
+    found: list[Room] = []
+    doors: list[Line] = []
+    number = np.full(len(room_storey), -1)
+    for level in range(int(storey.max()) + 1):
+        here = np.flatnonzero(room_storey == level)
+        around = [camera[home == room] for room in here]
+        plan = Plan.of([evidence[room] for room in here], around)
+        for index, room in enumerate(here.tolist()):
+            outlines = [corners @ axes for corners in plan.outlines(index)]
+            if outlines:
+                number[room] = len(found)
+                names = [
+                    objects.names[row] for row in np.flatnonzero(objects.room == room).tolist()
+                ]
+                found.append(Room(name_room(names), level, outlines, plan.area(index)))
+        inside = edges[(storey[edges] == level).all(axis=1)]
+        doors += [Line(level, ends @ axes) for ends in plan.doors(camera[inside])]
+    return Building(
+        storey=storey,
+        room=np.append(number, -1)[home],
+        rooms=found,
+        doors=doors,
+        treads=list(_treads(position, edges, storey)),
+    )
+
+
+def find_storeys(height: FloatArray) -> IntArray:
+    """Assign the viewpoints of a building to storeys by the heights of their cameras.
+
+    Cameras stand at one height above each floor, so a floor is a peak of the density of heights. A
+    viewpoint between two storeys, on stairs, belongs to the nearer one. Heights are in metres, and
+    the lowest storey is 0; both have the shape (n_viewpoints,).
+
+    Examples
+    --------
+    >>> find_storeys(np.array([1.5, 1.5, 1.6, 2.9, 4.3, 4.3, 4.4]))
+    array([0, 0, 0, 0, 1, 1, 1])
+    """
+    density = np.exp(-(((height[:, None] - height) / _FLOOR_SPREAD) ** 2) / 2).sum(axis=1)
+    least = max(_LEAST_ON_STOREY, _LEAST_SHARE * len(height))
+    floors: list[float] = []
+    for row in np.argsort(-density, kind="stable").tolist():
+        is_apart = all(abs(height[row] - floor) >= _STOREY_HEIGHT for floor in floors)
+        # The most common height is a floor, even if only one viewpoint has it.
+        if is_apart and (density[row] >= least or not floors):
+            floors.append(float(height[row]))
+    storey: IntArray = np.abs(height[:, None] - np.sort(floors)).argmin(axis=1)
+    return storey
+
+
+# Objects and rooms.
+
+
+class _Objects(NamedTuple):
+    """The objects of a building, and the viewpoints that see them."""
+
+    position: FloatArray
+    """Shape (n_viewpoints, 3)."""
+    seen: Sightings
+    row: IntArray
+    """Shape (n_sightings,): the object of each sighting."""
+    names: Sequence[str]
+    """In the order of ids, as all that follows."""
+    centre: FloatArray
+    """Shape (n_objects, 3)."""
+    room: IntArray
+    """Shape (n_objects,)."""
+
+    @classmethod
+    def of(cls, position: FloatArray, seen: Sightings) -> Self:
+        """Find where the objects are, and which are in the same room."""
+        ids, first, row = np.unique(seen.object_id, return_index=True, return_inverse=True)
+        names = [seen.names[index] for index in first.tolist()]
+        centre = _centres(position[seen.viewpoint], seen, row, len(ids))
+        return cls(position, seen, row, names, centre, _split_into_rooms(centre))
+
+    @property
+    def n_rooms(self) -> int:
+        return int(self.room.max(initial=-1)) + 1
+
+    def storeys_of_rooms(self, storey: IntArray) -> IntArray:
+        """Return the storey of the viewpoints that see most of each room."""
+        votes = np.zeros((self.n_rooms, int(storey.max()) + 1))
+        rooms = self.room[self.row]
+        np.add.at(votes, (rooms, storey[self.seen.viewpoint]), self._nearness)
+        return np.asarray(votes.argmax(axis=1))
+
+    def votes_of_viewpoints(self) -> FloatArray:
+        """Return how much the objects that a viewpoint sees, and those near it, are of each room.
+
+        Shape (n_viewpoints, n_rooms).
+        """
+        votes = np.zeros((len(self.position), self.n_rooms))
+        np.add.at(votes, (self.seen.viewpoint, self.room[self.row]), self._nearness)
+        away = np.linalg.norm(self.position[:, None] - self.centre, axis=2)
+        np.add.at(votes.T, self.room, np.exp(-((away / _NEAR) ** 2)).T / 2)
+        return votes
+
+    @property
+    def _nearness(self) -> FloatArray:
+        """The weight of each sighting: near viewpoints are more likely in the object's room."""
+        offset = self.centre[self.row] - self.position[self.seen.viewpoint]
+        return np.asarray(1 / (_AT_HAND + np.linalg.norm(offset, axis=1)))
+
+
+def _centres(camera: FloatArray, seen: Sightings, row: IntArray, count: int) -> FloatArray:
+    """Return the points nearest to all rays to each object, by least squares.
+
+    Along its ray an object is at its distance if that is known; otherwise at the usual one, with so
+    little weight that two rays decide.
+    """
+    is_known = np.isfinite(seen.distance)
+    distance = np.where(is_known, seen.distance, _USUAL_DISTANCE)
+    weight = np.where(is_known, 1.0, _GUESS)[:, None, None]
+    along = seen.direction[:, :, None] * seen.direction[:, None]
+    matrix = np.eye(3) - (1 - weight) * along
+    there = camera + distance[:, None] * seen.direction
+    left, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    np.add.at(left, row, matrix)
+    np.add.at(right, row, np.einsum("nij,nj->ni", matrix, there))
+    return np.asarray(np.linalg.solve(left, right[..., None])[..., 0])
+
+
+def _split_into_rooms(centre: FloatArray) -> IntArray:
+    """Cut the sequence of objects into runs that are close together, by dynamic programming.
+
+    A run costs half its length times the sum over the axes of the logarithms of its variances,
+    plus a penalty: the likelihood of a Gaussian for each room.
+    """
+    count = len(centre)
+    zero = np.zeros((1, 3))
+    total = np.vstack([zero, np.cumsum(centre, axis=0)])
+    square = np.vstack([zero, np.cumsum(centre**2, axis=0)])
+    cost, begin = np.full(count + 1, np.inf), np.zeros(count + 1, dtype=np.int64)
+    cost[0] = 0.0
+    for end in range(_FEWEST, count + 1):
+        start = np.arange(max(0, end - _MOST), end - _FEWEST + 1)
+        length = (end - start)[:, None]
+        variance = (square[end] - square[start]) / length - (
+            (total[end] - total[start]) / length
+        ) ** 2
+        spread = np.log(np.maximum(variance, 0) + _LEAST_SPREAD**2).sum(axis=1)
+        whole = cost[start] + length[:, 0] / 2 * spread + _PENALTY
+        best = int(whole.argmin())
+        cost[end], begin[end] = whole[best], start[best]
+    is_first = np.zeros(count, dtype=np.int64)
+    end = count
+    while end > 0:
+        end = int(begin[end])
+        is_first[end] = 1
+    return np.cumsum(is_first) - 1
+
+
+def _rooms_of_viewpoints(
+    votes: FloatArray, camera: FloatArray, boxes: FloatArray, may_be: BoolArray
+) -> IntArray:
+    """Let objects and the rooms around it vote on each viewpoint's room; -1 if none is possible.
+
+    Shapes: votes and ``may_be`` (n_viewpoints, n_rooms), cameras (n_viewpoints, 2), boxes
+    (n_rooms, 2, 2).
+    """
+    if not len(boxes):
+        return np.full(len(camera), -1)
+    is_within = ((camera[:, None] >= boxes[:, 0]) & (camera[:, None] <= boxes[:, 1])).all(axis=2)
+    area = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
+    votes = np.where(may_be, votes + is_within / (1 + area / _LARGE), 0)
+    return np.where(votes.max(axis=1) > 0, votes.argmax(axis=1), -1)
+
+
+def name_room(names: Sequence[str]) -> str:
+    """Name a room after its objects; empty if they tell of no room, or of several.
+
+    Examples
+    --------
+    >>> name_room(["bed", "nightstand", "lamp"]), name_room(["lamp", "chair"])
+    ('bedroom', '')
+    """
+    count = Counter(names)
+    score = {
+        room: sum(
+            weight * (1 if name == word else 0.5) * (1 + _REPEATED * np.log(times))
+            for name, times in count.items()
+            for word, weight in telling.items()
+            if f" {word} " in f" {name} "
+        )
+        for room, telling in _TELLING.items()
+    }
+    if sum(count[chair] for chair in _CHAIRS) >= _FEWEST_CHAIRS and count[_TABLE]:
+        score["dining room"] += _DINING
+    (_, runner_up), (best, most) = sorted(score.items(), key=lambda each: each[1])[-2:]
+    return best if most - runner_up >= _MARGIN else ""
+
+
+# Stairs.
+
+
+def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator[Line]:
+    """Yield treads where the graph climbs."""
+    along = position[edges[:, 1]] - position[edges[:, 0]]
+    climb, run = np.abs(along[:, 2]), np.hypot(along[:, 0], along[:, 1])
+    is_steep = (climb > _CLIMB) & (climb >= _SLOPES[0] * run) & (climb <= _SLOPES[1] * run)
+    parent = list(range(len(position)))
+
+    def root(row: int) -> int:
+        while parent[row] != row:
+            row = parent[row]
+        return row
+
+    flights = []
+    rows = np.flatnonzero(is_steep)
+    for edge in rows[np.argsort(run[rows], kind="stable")].tolist():
+        start, end = map(root, edges[edge].tolist())
+        if start != end:  # a way that the shorter edges do not give yet
+            parent[end] = start
+            flights.append(edge)
+    roots = np.array([root(row) for row in range(len(position))])
+    for edge in flights:
+        heights = position[roots == roots[edges[edge, 0]], 2]
+        if heights.max() - heights.min() < _FLIGHT:
+            continue
+        count = max(2, round(float(climb[edge]) / TREAD))
+        step = along[edge, :2]
+        aside = np.array([-step[1], step[0]]) / run[edge] * DOOR_WIDTH / 2
+        for share in (np.arange(count) + 0.5) / count:
+            at = position[edges[edge, 0], :2] + share * step
+            for level in np.unique(storey[edges[edge]]).tolist():
+                yield Line(level, np.stack([at - aside, at + aside]))

@@ -1,0 +1,177 @@
+"""The plan of a storey: walls along the axes of the building, the rooms between them, doors."""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from typing_extensions import Self
+
+from reverie_eval.arrays import FloatArray, IntArray
+
+# Outlines: objects farther from the median than this many times the 75 % quantile are not evidence;
+# space around a viewpoint; share of the smaller room's evidence that a cut may lose; edges closer
+# than this are one wall.
+_OUTLIER, _AROUND, _MOST_LOST, _WALL = 2.2, 0.45, 0.22, 0.45
+_CUTS = 24
+# Width of a row of points, metres; another direction than north has to be better by this factor.
+_BIN, _CLEARLY = 0.12, 1.05
+# Doors closer together than this are one.
+_DOOR_DISTANCE, DOOR_WIDTH = 0.7, 0.9
+
+
+def axes_of(points: FloatArray) -> FloatArray:
+    """Return the directions of walls: along them, points are in the fewest rows."""
+    turns = np.deg2rad(np.arange(90))  # a building's other axis is at right angles
+    axes = np.stack([np.cos(turns), np.sin(turns), -np.sin(turns), np.cos(turns)], axis=1)
+    axes = axes.reshape(-1, 2, 2)
+    score = [
+        sum((np.bincount(bins) ** 2).sum() for bins in (cells - cells.min(axis=0)).T)
+        for cells in (np.floor(points @ each.T / _BIN).astype(np.int64) for each in axes)
+    ]
+    best = int(np.argmax(score))
+    return np.asarray(axes[best if score[best] > _CLEARLY * score[0] else 0])
+
+
+def without_outliers(points: FloatArray) -> FloatArray:
+    away = np.abs(points - np.median(points, axis=0))
+    return np.asarray(
+        points[(away <= _OUTLIER * np.quantile(away, 0.75, axis=0) + 1e-9).all(axis=1)]
+    )
+
+
+class Plan(NamedTuple):
+    """The rooms of a storey: cells between the lines of walls, in the axes of the building."""
+
+    lines: tuple[FloatArray, FloatArray]
+    """Coordinates of the walls along each axis, ascending."""
+    room: IntArray
+    """Shape (n_x + 1, n_y + 1): the room of each cell between lines; -1 outside, as in the first
+    and the last row and column."""
+
+    @classmethod
+    def of(cls, evidence: Sequence[FloatArray], around: Sequence[FloatArray]) -> Self:
+        points = [np.vstack(each) for each in zip(evidence, around, strict=True)]
+        boxes = np.array(
+            [
+                [
+                    np.vstack([its, stands - _AROUND]).min(axis=0),
+                    np.vstack([its, stands + _AROUND]).max(axis=0),
+                ]
+                for its, stands in zip(evidence, around, strict=True)
+            ]
+        ).reshape(-1, 2, 2)
+        # No room is narrower than one that a camera stands in.
+        middle, half = boxes.mean(axis=1), np.maximum(np.diff(boxes, axis=1)[:, 0] / 2, _AROUND)
+        boxes = np.stack([middle - half, middle + half], axis=1)
+        _cut_apart(boxes, points)
+        boxes = np.stack([_snapped(boxes[..., 0]), _snapped(boxes[..., 1])], axis=-1)
+        lines = np.unique(boxes[..., 0]), np.unique(boxes[..., 1])
+        room = np.full((len(lines[0]) + 1, len(lines[1]) + 1), -1)
+        # Small rooms are cut out of large ones.
+        for index in np.argsort(-np.diff(boxes, axis=1)[:, 0].prod(axis=1), kind="stable").tolist():
+            (left, bottom), (right, top) = (
+                [int(np.searchsorted(lines[axis], corner[axis])) + 1 for axis in (0, 1)]
+                for corner in boxes[index]
+            )
+            room[left:right, bottom:top] = index
+        return cls(lines, room)
+
+    def area(self, room: int) -> float:
+        """Return the square metres of a room."""
+        wide, high = (np.diff(lines, prepend=lines[:1], append=lines[-1:]) for lines in self.lines)
+        return float((wide[:, None] * high)[self.room == room].sum())
+
+    def outlines(self, room: int) -> Iterator[FloatArray]:
+        """Yield the corners of a room's outlines, with the room on the left."""
+        is_inside = self.room == room
+        ways: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        for x, y in np.argwhere(is_inside).tolist():
+            # The lines around cell (x, y) have the indexes x - 1 and x, y - 1 and y.
+            corners = [(x - 1, y - 1), (x, y - 1), (x, y), (x - 1, y)]
+            beyond = [(x, y - 1), (x + 1, y), (x, y + 1), (x - 1, y)]
+            for side, its in enumerate(beyond):
+                if not is_inside[its]:
+                    ways.setdefault(corners[side], []).append(corners[(side + 1) % 4])
+        while ways:
+            here = start = next(iter(ways))
+            corners = []
+            while True:
+                ends = ways[here]
+                there = ends.pop()
+                if not ends:
+                    del ways[here]
+                corners.append(here)
+                here = there
+                if here == start:
+                    break
+            loop = np.array(corners)
+            before, after = loop - np.roll(loop, 1, axis=0), np.roll(loop, -1, axis=0) - loop
+            turns = before[:, 0] * after[:, 1] != before[:, 1] * after[:, 0]
+            x, y = loop[turns].T
+            yield np.column_stack([self.lines[0][x], self.lines[1][y]])
+
+    def doors(self, legs: FloatArray) -> Iterator[FloatArray]:
+        """Yield the ends of the doors that legs of shape (n, 2, 2) pass."""
+        found: list[tuple[int, FloatArray]] = []
+        for start, end in legs:
+            for axis in (0, 1):
+                along = end[axis] - start[axis]
+                if along == 0:
+                    continue
+                lines = self.lines[axis]
+                share = (lines - start[axis]) / along
+                for line in np.flatnonzero((share > 0) & (share < 1)).tolist():
+                    across = start[1 - axis] + share[line] * (end[1 - axis] - start[1 - axis])
+                    cell = int(np.searchsorted(self.lines[1 - axis], across))
+                    before, after = (
+                        self.room[(side, cell) if axis == 0 else (cell, side)]
+                        for side in (line, line + 1)
+                    )
+                    at = np.array([lines[line], across][:: 1 if axis == 0 else -1])
+                    is_new = all(
+                        other != axis or np.hypot(*(at - place)) > _DOOR_DISTANCE
+                        for other, place in found
+                    )
+                    if before != after and is_new:
+                        found.append((axis, at))
+        for axis, at in found:
+            half = np.zeros(2)
+            half[1 - axis] = DOOR_WIDTH / 2
+            yield np.stack([at - half, at + half])
+
+
+def _cut_apart(boxes: FloatArray, points: Sequence[FloatArray]) -> None:
+    """Cut overlapping boxes, in place, where the least evidence of their rooms is lost."""
+    for first, second in combinations(range(len(boxes)), 2):
+        low = np.maximum(boxes[first, 0], boxes[second, 0])
+        high = np.minimum(boxes[first, 1], boxes[second, 1])
+        if not (low < high).all():
+            continue
+        cuts = []
+        for axis in (0, 1):
+            place = np.linspace(low[axis], high[axis], _CUTS)
+            for left, right in ((first, second), (second, first)):
+                lost = (points[left][:, axis, None] > place).sum(axis=0)
+                lost += (points[right][:, axis, None] < place).sum(axis=0)
+                best = int(lost.argmin())
+                # A cut must leave each room its side.
+                if boxes[left, 0, axis] < place[best] < boxes[right, 1, axis]:
+                    cuts.append((int(lost[best]), axis, float(place[best]), left, right))
+        if cuts:
+            lost_there, axis, place_there, left, right = min(cuts)
+            if lost_there <= _MOST_LOST * min(len(points[first]), len(points[second])):
+                boxes[left, 1, axis] = min(boxes[left, 1, axis], place_there)
+                boxes[right, 0, axis] = max(boxes[right, 0, axis], place_there)
+
+
+def _snapped(values: FloatArray) -> FloatArray:
+    """Return numbers with those that are close together replaced by their mean."""
+    flat = np.sort(values, axis=None)
+    group, first = np.zeros(flat.size, dtype=np.int64), -np.inf
+    for index, value in enumerate(flat.tolist()):
+        is_far = value - first > _WALL
+        group[index] = group[index - 1] + is_far if index else 0
+        first = value if is_far else first
+    mean = np.bincount(group, flat) / np.maximum(np.bincount(group), 1)
+    return np.asarray(mean[group[np.searchsorted(flat, values)]])

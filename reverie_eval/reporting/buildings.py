@@ -1,0 +1,50 @@
+"""The buildings of a split, modelled from what its bundle holds."""
+
+from collections.abc import MutableMapping
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from reverie_eval.errors import GroundTruthError
+from reverie_eval.geometry import Building, Sightings, model_building
+from reverie_eval.ground_truth import CandidateBoxes, NavigationGraph, Solution
+from reverie_eval.text import category_text
+
+# Kept with the boxes, which all protocols and subsets of a split share.
+_MODELS: MutableMapping[CandidateBoxes, dict[str, Building]] = WeakKeyDictionary()
+
+
+def building_of(graph: NavigationGraph, solution: Solution, scan: str) -> Building:
+    """Model a scan's building, once for the boxes of a split.
+
+    Without objects, as in tasks that have none, it has storeys and stairs but no rooms.
+    """
+    models = _MODELS.setdefault(solution.boxes, {})
+    if scan not in models:
+        models[scan] = _model(graph, solution, scan)
+    return models[scan]
+
+
+def _model(graph: NavigationGraph, solution: Solution, scan: str) -> Building:
+    rows = np.flatnonzero(graph.viewpoint_scan == graph.scan_ids.index(scan))
+    start, end = np.triu_indices(len(rows), k=1)
+    edges = np.column_stack([start, end])[graph.has_edge(rows[start], rows[end])]
+    # Candidates and their boxes are in the order of viewpoints: a scan's are next to each other.
+    first, last = np.searchsorted(solution.candidate_viewpoint, [rows[0], rows[-1] + 1])
+    boxes = slice(*np.searchsorted(solution.boxes.candidate, [first, last]))
+    candidates = slice(int(first), int(last))
+    distance = solution.candidate_distance
+    try:
+        names = solution.candidate_categories[candidates]
+    except GroundTruthError:  # compiled without them
+        names = ("",) * (last - first)
+    seen = Sightings.of_boxes(
+        viewpoint=solution.candidate_viewpoint[candidates] - rows[0],
+        object_id=solution.candidate_object[candidates],
+        distance=np.full(last - first, np.inf) if distance is None else distance[candidates],
+        names=list(map(category_text, names)),
+        row=solution.boxes.candidate[boxes] - first,
+        view=solution.boxes.view[boxes],
+        xywh=solution.boxes.xywh[boxes],
+    )
+    return model_building(graph.viewpoint_position[rows], edges, seen)

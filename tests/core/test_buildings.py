@@ -1,0 +1,182 @@
+"""Storeys, rooms, doors and stairs of small houses."""
+
+import numpy as np
+import pytest
+
+from reverie_eval.geometry import Building, Room, Sightings, find_storeys, model_building, name_room
+
+HALL, KITCHEN = (1.0, 1.0), (7.0, 1.0)
+"""The cameras of a house of two rooms, 1.5 m above the floor, 6 m apart."""
+OBJECTS = np.array([(-2.0, -2.0, -1.0), (-2.0, 2.0, 0.0), (2.0, -2.0, 1.0), (2.0, 2.0, 0.0)] * 3)
+"""Of a room, relative to its camera."""
+
+
+def seen_from(
+    position: np.ndarray, viewpoint: list[int], centre: np.ndarray, names: list[str], *, known: bool
+) -> Sightings:
+    """See an object from each viewpoint, in the order of ids."""
+    offset = centre - position[np.array(viewpoint, dtype=np.int64)]
+    distance = np.linalg.norm(offset, axis=1)
+    return Sightings(
+        viewpoint=np.array(viewpoint, dtype=np.int64),
+        object_id=np.arange(len(names)) * 3,
+        direction=offset / distance[:, None],
+        distance=distance if known else np.full(len(names), np.inf),
+        names=names,
+    )
+
+
+def house(turn: float = 0.0) -> Building:
+    """Model two rooms, 4 by 4 m, with a door between."""
+    position = np.array([(*HALL, 1.5), (*KITCHEN, 1.5)])
+    centre = np.vstack([position[0] + OBJECTS, position[1] + OBJECTS])
+    turned = np.array(
+        [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+    )
+    position, centre = position @ turned, centre @ turned
+    names = ["lamp"] * len(OBJECTS) + ["oven", *["kitchen cabinet"] * (len(OBJECTS) - 1)]
+    viewpoint = [0] * len(OBJECTS) + [1] * len(OBJECTS)
+    seen = seen_from(position, viewpoint, centre, names, known=True)
+    return model_building(position, np.array([[0, 1]]), seen)
+
+
+@pytest.mark.parametrize(
+    ("height", "expected"),
+    [
+        pytest.param([1.5], [0], id="one viewpoint"),
+        pytest.param([0.0, 0.4, 0.8, 1.2], [0, 0, 0, 0], id="a ramp"),
+        pytest.param([0, 0, 0, 1.9, 1.9, 1.9], [0, 0, 0, 1, 1, 1], id="1.9 m apart"),
+        pytest.param([0, 0, 0, 1.8, 1.8, 1.8], [0] * 6, id="less apart"),
+        pytest.param([3, 0, 3, 0, 3, 0], [1, 0, 1, 0, 1, 0], id="in any order"),
+        pytest.param([0, 0, 0, 2.5], [0] * 4, id="one viewpoint is a landing"),
+        pytest.param([0] * 98 + [2.5] * 2, [0] * 98 + [1] * 2, id="two are a storey"),
+        pytest.param([0] * 149 + [2.5] * 2, [0] * 151, id="unless the building is large"),
+        pytest.param([0, 0, 0, 3, 3, 3, 6, 6, 6, 4], [0, 0, 0, 1, 1, 1, 2, 2, 2, 1], id="three"),
+    ],
+)
+def test_storeys_by_height(height: list[float], expected: list[int]) -> None:
+    assert find_storeys(np.array(height, dtype=float)).tolist() == expected
+
+
+def corners(room: Room) -> list[list[float]]:
+    """Return the corners of a room of one outline, sorted."""
+    (outline,) = room.outlines
+    return sorted(outline.round(6).tolist())
+
+
+def test_rooms_are_runs_of_objects() -> None:
+    """Objects 4 m apart are of one room, those 6 m to the east of the next."""
+    building = house()
+    assert [corners(room) for room in building.rooms] == [
+        [[-1, -1], [-1, 3], [3, -1], [3, 3]],
+        [[5, -1], [5, 3], [9, -1], [9, 3]],
+    ]
+    assert building.room.tolist() == [0, 1]
+    assert [room.name for room in building.rooms] == ["", "kitchen"]
+    assert [room.area for room in building.rooms] == pytest.approx([16, 16])
+
+
+def test_doors_are_where_an_edge_passes_a_wall() -> None:
+    """From x = 1 to x = 7 along y = 1: out of the hall at 3, into the kitchen at 5; 0.9 m wide."""
+    assert [(door.storey, door.ends.round(6).tolist()) for door in house().doors] == [
+        (0, [[3, 0.55], [3, 1.45]]),
+        (0, [[5, 0.55], [5, 1.45]]),
+    ]
+
+
+def test_walls_follow_the_building() -> None:
+    """Turned by 20 degrees, the house has the same rooms and doors, turned."""
+    turn = np.deg2rad(20)
+    back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    straight, turned = house(), house(turn)
+    for one, other in zip(straight.rooms, turned.rooms, strict=True):
+        (outline,) = other.outlines
+        assert sorted((outline @ back).round(6).tolist()) == corners(one)
+    ends = np.array([np.sort(door.ends @ back, axis=0) for door in turned.doors])
+    assert ends == pytest.approx(np.array([door.ends for door in straight.doors]))
+
+
+def test_stairs_between_two_storeys() -> None:
+    """A climb of 3 m on a run of 6: 16 treads, on the plans of both storeys; no door."""
+    position = np.array([(*HALL, 1.5), (*HALL, 1.5), (*KITCHEN, 4.5), (*KITCHEN, 4.5)])
+    nothing = seen_from(position, [], np.zeros((0, 3)), [], known=True)
+    building = model_building(position, np.array([[0, 1], [0, 2], [2, 3]]), nothing)
+    assert building.storey.tolist() == [0, 0, 1, 1]
+    assert (building.rooms, building.doors, building.room.tolist()) == ([], [], [-1] * 4)
+    assert [tread.storey for tread in building.treads] == [0, 1] * 16
+    first = building.treads[0].ends
+    assert first.mean(axis=0) == pytest.approx([1 + 6 / 32, 1])
+    assert np.ptp(first, axis=0) == pytest.approx([0, 0.9])
+
+
+@pytest.mark.parametrize(
+    ("there", "treads"),
+    [
+        pytest.param((2.0, 0.0, 1.2), 6, id="stairs"),
+        pytest.param((2.0, 0.0, 0.9), 0, id="a step"),
+        pytest.param((5.0, 0.0, 1.2), 0, id="a ramp"),
+        pytest.param((0.4, 0.0, 1.2), 0, id="a ladder"),
+    ],
+)
+def test_stairs_climb(there: tuple[float, float, float], treads: int) -> None:
+    position = np.array([(0.0, 0.0, 0.0), there])
+    nothing = seen_from(position, [], np.zeros((0, 3)), [], known=True)
+    assert len(model_building(position, np.array([[0, 1]]), nothing).treads) == treads
+
+
+def test_where_objects_are_without_their_distances() -> None:
+    """Two rays meet at the object: the rooms are those of known distances, to two decimetres."""
+    position = np.array([(0.0, 0.0, 1.5), (2.0, 0.0, 1.5), (0.0, 2.0, 1.5)])
+    centre = np.array([(0, 3, 1), (3, 0, 1), (3, 3, 1)] * 2, dtype=float)
+    once = seen_from(position, [0, 0, 0, 1, 1, 2], centre, ["chair"] * 6, known=False)
+    ids = np.array([0, 1, 2, 0, 2, 1])
+    seen = Sightings(once.viewpoint, ids, once.direction, once.distance, once.names)
+    offset = centre[ids] - position[seen.viewpoint]
+    direction = offset / np.linalg.norm(offset, axis=1, keepdims=True)
+    seen = Sightings(seen.viewpoint, ids, direction, seen.distance, seen.names)
+    (room,) = model_building(position, np.array([[0, 1], [0, 2]]), seen).rooms
+    (outline,) = room.outlines
+    assert outline.max(axis=0) == pytest.approx([3, 3], abs=0.2)
+    assert outline.min(axis=0) == pytest.approx([-0.45, -0.45])
+
+
+def test_one_ray_ends_at_the_usual_distance() -> None:
+    """Objects in three directions, seen once: 1.45 m from the camera."""
+    position = np.zeros((1, 3))
+    around = np.array([(4.0, 0.0, 0.0), (-4.0, 0.0, 0.0), (0.0, 4.0, 0.0)])
+    seen = seen_from(position, [0] * 3, around, ["chair"] * 3, known=False)
+    (room,) = model_building(position, np.zeros((0, 2), dtype=np.int64), seen).rooms
+    assert corners(room) == [[-1.45, -0.45], [-1.45, 1.45], [1.45, -0.45], [1.45, 1.45]]
+
+
+def test_sightings_look_at_the_middle_of_whole_boxes() -> None:
+    """Level view 12 looks north: a whole box around its centre; the box cut by an edge is out."""
+    seen = Sightings.of_boxes(
+        viewpoint=np.array([0, 0]),
+        object_id=np.array([1, 2]),
+        distance=np.array([np.inf, np.inf]),
+        names=["bed", "lamp"],
+        row=np.array([0, 0, 1]),
+        view=np.array([12, 13, 15]),
+        xywh=np.array([(300, 220, 40, 40), (0, 220, 300, 40), (0, 0, 640, 480)]),
+    )
+    assert seen.direction == pytest.approx(np.array([(0, 1, 0), (1, 0, 0)]), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("names", "room"),
+    [
+        pytest.param(["bed", "nightstand", "desk"], "bedroom", id="a bed decides"),
+        pytest.param(["toilet", "sink"], "bathroom", id="one telling object"),
+        pytest.param(["kitchen cabinet"], "kitchen", id="half of a longer name"),
+        pytest.param(["couch", "desk"], "", id="two rooms"),
+        pytest.param(["clothes"], "closet", id="margin of two"),
+        pytest.param(["bathroom cabinet", "shower wall"], "", id="less than the margin"),
+        pytest.param(["chair"] * 4 + ["table"], "dining room", id="chairs around a table"),
+        pytest.param(["chair"] * 3 + ["table"], "", id="three chairs"),
+        pytest.param(["lamp", ""], "", id="nothing telling"),
+        pytest.param([], "", id="nothing"),
+    ],
+)
+def test_names_of_rooms(names: list[str], room: str) -> None:
+    assert name_room(names) == room

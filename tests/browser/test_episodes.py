@@ -79,10 +79,19 @@ def test_picking_a_level(site: Site, path: str, open_page: OpenPage) -> None:
             each.get_attribute("data-levels") for each in page.locator("svg [opacity='0.15']").all()
         }
 
+    def plans() -> set[str | None]:
+        rooms = page.locator("svg [data-levels]:has(> .room)").all()
+        return {
+            each.get_attribute("data-levels")
+            for each in rooms
+            if each.locator(".room").is_visible()
+        }
+
+    assert len(plans()) == 1  # of the start
     page.get_by_label("Level").select_option("1")
-    assert faint() == {"2"}
+    assert (faint(), plans()) == ({"2"}, {"1"})
     page.get_by_label("Level").select_option("2")
-    assert faint() == {"1"}
+    assert (faint(), plans()) == ({"1"}, {"2"})
     page.get_by_label("Level").select_option("all")
     assert page.locator("svg [data-levels][opacity]").count() == 0
     page.get_by_label("Level").select_option("")

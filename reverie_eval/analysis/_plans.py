@@ -178,7 +178,7 @@ def plan(
     Examples
     --------
     >>> plan(split="val_unseen", effect=0.1, against=0.412)
-    <Plan: val_unseen cannot show 10 points above 41.2 %: found in 25 % of comparisons>
+    <Plan: val_unseen cannot show 10 points above 41.2 %: found in 15 % of comparisons>
     """
     from reverie_eval.metrics.power import Design, PublishedDesign
 

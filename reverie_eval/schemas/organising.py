@@ -10,10 +10,10 @@ from reverie_eval.schemas.report import SplitName
 from reverie_eval.schemas.service import (
     Accepted,
     BoardName,
-    Method,
     MethodChange,
     Phases,
     ReleaseScores,
+    ReportedMethod,
     Role,
     Schedule,
     Verdict,
@@ -227,13 +227,6 @@ class ReviewEntry(NewReview):
 
 
 _PAPER = "https://arxiv.org/abs/1904.10151"
-
-
-class ReportedMethod(Method):
-    """The description of a reported result's method."""
-
-    reference: bool | None = None
-    """Not a competing method but something to compare with, such as chance or the shortest path."""
 
 
 class ReportedMethodChange(MethodChange, ReportedMethod):

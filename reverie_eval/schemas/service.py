@@ -197,6 +197,13 @@ class Method(WireModel):
     """Mean price of an episode, in US dollars; 0 if it was free."""
 
 
+class ReportedMethod(Method):
+    """The description of a reported result's method."""
+
+    reference: bool | None = None
+    """Not a competing method but something to compare with, such as chance or the shortest path."""
+
+
 class MethodChange(Method):
     """Changes to the description of a method; fields that are left out stay as they are.
 
@@ -587,7 +594,8 @@ class LeaderboardRow(WireModel):
     """Null for a reported result."""
     team: TeamName
     """Empty while the team is anonymous."""
-    method: Method
+    method: ReportedMethod
+    """Of a submission, without ``reference``."""
     published_at: datetime
     """When it was published on this leaderboard."""
     submissions: int | None = Field(examples=[3])

@@ -134,7 +134,7 @@ def test_every_protocol_agrees_with_the_oracle_from_files(case: Case) -> None:
 def test_random_boxes_have_every_outcome() -> None:
     """Otherwise the agreement above would prove little about boxes."""
     found: Counter[str] = Counter()
-    for seed in range(RANDOM_WORLDS // 10):
+    for seed in range(RANDOM_WORLDS // 4):
         case = random_case(Random(seed))
         truth = ground_truth_by_hand(case.world)
         scores = evaluate(records_of(case.predictions), split=SPLIT, ground_truth=truth)

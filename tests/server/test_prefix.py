@@ -71,7 +71,7 @@ def test_who_signs_in_on_the_way_returns(server: Serving) -> None:
     server.client.cookies.clear()
     page = {"referer": f"{ADDRESS}/submit"}
     late = server.client.post(f"{PREFIX}/submit", headers=page)
-    assert late.headers["location"] == f"{PREFIX}/sign-in?back=/submit"
+    assert late.headers["location"] == f"{PREFIX}/sign-in?back=/submit&form=kept"
 
 
 def test_signing_out_ends_the_cookie_of_the_path(server: Serving) -> None:

@@ -44,7 +44,7 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.tasks import DEFAULT_TASK
 from reverie_eval.text import did_you_mean
 
-PER_PAGE = 60
+PER_PAGE = 50
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
 MOST_APART = 120
 """Results that are shown below the ranking; one of six years in a table of headline metrics."""

@@ -208,6 +208,7 @@ def _row_json(ranking: Ranking, row: Row) -> dict[str, Any]:
         "rank_interval": None if found is None else (found.best, found.worst),
         "group": None if found is None else found.group,
         "team": ranking.team(entry),
+        "method": {"reference": None, **entry.method},  # only that of a reported result has it
         "submissions": ranking.submissions(entry),
     }
     return {

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 from reverie_eval.errors import Problem
 from reverie_eval.metrics import CATALOGUE, Metric, printed_value
-from reverie_eval.schemas.organising import Rates, ReportedMethod
+from reverie_eval.schemas.organising import Rates
+from reverie_eval.schemas.service import ReportedMethod
 from reverie_eval.server.errors import TableError
 from reverie_eval.server.service.csv_files import CsvRow, CsvTable, read_csv, unreadable
 from reverie_eval.text import did_you_mean

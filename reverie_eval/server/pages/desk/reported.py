@@ -15,9 +15,8 @@ from reverie_eval.schemas.organising import (
     Rates,
     ReportedChange,
     ReportedEntry,
-    ReportedMethod,
 )
-from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.service import ProblemDocument, ReportedMethod
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number

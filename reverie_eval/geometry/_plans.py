@@ -130,8 +130,8 @@ class Plan(NamedTuple):
                     )
                     at = np.array([lines[line], across][:: 1 if axis == 0 else -1])
                     is_new = all(
-                        other != axis or np.hypot(*(at - place)) > _DOOR_DISTANCE
-                        for other, place in found
+                        other != axis or np.hypot(*(at - door)) > _DOOR_DISTANCE
+                        for other, door in found
                     )
                     if before != after and is_new:
                         found.append((axis, at))
@@ -150,19 +150,19 @@ def _cut_apart(boxes: FloatArray, points: Sequence[FloatArray]) -> None:
             continue
         cuts = []
         for axis in (0, 1):
-            place = np.linspace(low[axis], high[axis], _CUTS)
+            line = np.linspace(low[axis], high[axis], _CUTS)
             for left, right in ((first, second), (second, first)):
-                lost = (points[left][:, axis, None] > place).sum(axis=0)
-                lost += (points[right][:, axis, None] < place).sum(axis=0)
+                lost = (points[left][:, axis, None] > line).sum(axis=0)
+                lost += (points[right][:, axis, None] < line).sum(axis=0)
                 best = int(lost.argmin())
                 # A cut must leave each room its side.
-                if boxes[left, 0, axis] < place[best] < boxes[right, 1, axis]:
-                    cuts.append((int(lost[best]), axis, float(place[best]), left, right))
+                if boxes[left, 0, axis] < line[best] < boxes[right, 1, axis]:
+                    cuts.append((int(lost[best]), axis, float(line[best]), left, right))
         if cuts:
-            lost_there, axis, place_there, left, right = min(cuts)
-            if lost_there <= _MOST_LOST * min(len(points[first]), len(points[second])):
-                boxes[left, 1, axis] = min(boxes[left, 1, axis], place_there)
-                boxes[right, 0, axis] = max(boxes[right, 0, axis], place_there)
+            fewest, axis, cut, left, right = min(cuts)
+            if fewest <= _MOST_LOST * min(len(points[first]), len(points[second])):
+                boxes[left, 1, axis] = min(boxes[left, 1, axis], cut)
+                boxes[right, 0, axis] = max(boxes[right, 0, axis], cut)
 
 
 def _snapped(values: FloatArray) -> FloatArray:

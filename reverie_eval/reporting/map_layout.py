@@ -191,9 +191,9 @@ class Layout:
             np.minimum(corners.max(axis=0), (WIDTH, HEIGHT)),
         )
         steps = [np.arange(low[axis] + 4, high[axis], 4.0) for axis in (0, 1)]
-        places = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+        points = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
         box = _box_of(Mark("name", np.zeros(2), text=room.name))
-        first, last = places + box[0] - 1, places + box[1] + 1
+        first, last = points + box[0] - 1, points + box[1] + 1
         is_free = ((first >= low) & (last <= high)).all(axis=1)
         for its_low, its_high in taken:
             is_free &= ~((first < its_high) & (its_low < last)).all(axis=1)
@@ -204,7 +204,7 @@ class Layout:
         if not is_free.any():
             return None
         away = np.hypot(*((first + last) / 2 - (low + high) / 2)[is_free].T)
-        return Mark("name", places[is_free][int(away.argmin())], text=room.name)
+        return Mark("name", points[is_free][int(away.argmin())], text=room.name)
 
     def is_faint(self, piece: Piece) -> bool:
         """Whether a piece is on a storey without a viewpoint of the episode, or of its plan."""

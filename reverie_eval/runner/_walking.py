@@ -224,7 +224,7 @@ class _Walk:
             state=state,
             reason=self._reason,
             steps=len(self._steps),
-            seconds=time.perf_counter() - self._began,
+            seconds=sum(each.seconds for each in self._steps),  # of a batch, its share
             read=tuple(sorted(read)),
             is_retried=treatment == "retry",
             traceback="".join(traceback.format_exception(self.error)) if is_failed else "",

@@ -31,7 +31,7 @@ class Desk:
         self._press(self._main.get_by_role("link", name="Import"))
         self._page.get_by_label("Split", exact=True).select_option(PRIVATE)
         self._page.get_by_label("Source", exact=True).fill(source)
-        self._page.get_by_label("Results", exact=True).fill(file.read_text())
+        self._page.get_by_role("textbox", name="Results").fill(file.read_text())
         self._press_button("Show what would be added")
         added = re.search(r"(\d+) added", told)
         assert added

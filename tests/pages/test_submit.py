@@ -81,7 +81,7 @@ def test_the_whole_way_without_scripts(server: Serving) -> None:
         "ensemble": True,
         "navigation_only": None,
         "human": None,
-        **dict.fromkeys(("sample_size", *METHOD_COSTS)),
+        **dict.fromkeys(("reference", "sample_size", *METHOD_COSTS)),
         "input_class": "views",
         "money_per_episode": 0.25,
     }

@@ -258,7 +258,7 @@ _N_EXAMPLES = 3
 def near_misses(scores: Scored) -> Mapping[str, Sequence[str]]:
     """Choose a few episodes of every failure mode, those closest to being correct first.
 
-    Of several runs, those in which most of them failed in this way come before all others.
+    With several runs, episodes that failed in this way in the most runs come first.
 
     Episodes that never reached the goal are ordered by how close they came to the path's end;
     those that overshot, or predicted the correct object at the wrong stop, by how close to it they

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 DISCORDANCE = 0.5
 """By default, methods disagree in as many episodes as unrelated ones with rates of one half."""
 CORRELATION = 0.3
-"""By default, results of episodes with the same target are correlated as those of a trained agent,
+"""By default, results of episodes with the same target are correlated as a trained agent's are,
 as docs/explanation/uncertainty.md measures."""
 
 
@@ -28,12 +28,12 @@ as docs/explanation/uncertainty.md measures."""
 class Plan:
     """What a comparison of two methods in SR or RGS can show; differences are fractions.
 
-    Significant is at 5 %; a split shows a difference that is significant in 80 % of comparisons.
+    A split shows a difference if it is significant, at 5 %, in 80 % of comparisons.
     """
 
     design: "Design | PublishedDesign"
     effect: float
-    """The true difference that is looked for."""
+    """The true difference to be shown."""
     split: str
     n_split: int
     """The number of episodes of the split, of which the design may have a sample."""
@@ -75,7 +75,7 @@ class Plan:
 
     @property
     def assumptions(self) -> str:
-        """What the plan depends on."""
+        """What the plan assumes."""
         from reverie_eval.metrics.power import PublishedDesign
 
         design = self.design
@@ -101,8 +101,9 @@ class Plan:
 
         needed = self.episodes_needed
         if needed is None:
-            is_published = isinstance(self.design, PublishedDesign)
-            return "no number: the published mean varies too" if is_published else "over 10,000,000"
+            if isinstance(self.design, PublishedDesign):
+                return "no number is enough: the published mean is uncertain too"
+            return "over 10,000,000"
         has_fewer = f"; {self.split} has {self.n_split:,}" * (needed > self.n_split)
         return f"{needed:,}{has_fewer}"
 
@@ -118,7 +119,7 @@ class Plan:
         if getattr(self.design, "run_deviation", 0):
             runs = self.runs_needed
             rows[f"runs of each method for {points}"] = (
-                "no number of runs: there are too few episodes" if runs is None else f"{runs:,}"
+                "no number is enough: there are too few episodes" if runs is None else f"{runs:,}"
             )
         width = max(map(len, rows))
         lines = [f"{name:{width}}  {value}" for name, value in rows.items()]
@@ -154,7 +155,7 @@ def plan(
     effect : float
         The true difference, in (0, 1].
     n : int, optional
-        Plan a sample of so many episodes instead, as ``reverie-eval subset --n`` draws it.
+        Plan a random sample of this many episodes, as ``reverie-eval subset --n`` draws it.
     against : float, optional
         Plan a comparison with a published rate over the whole split, without its results.
     discordance : float

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SEED_FIELD = "seed"
-"""The field of a pattern that tells the runs of a row apart."""
+"""The field of a pattern in which the runs of a row differ."""
 SPLIT_FIELD = "split"
 """The field of a pattern that stands for the split."""
 
@@ -239,7 +239,7 @@ class Sweep(Mapping[str, Scored]):
     def notes(self) -> Sequence[str]:
         """What a reader of the rows should know, one sentence each."""
         partial = [name for name in self if name not in self.candidates]
-        missing = f"not chosen among, for they have fewer runs: {first_few(partial)}"
+        missing = f"not candidates, because they have fewer runs: {first_few(partial)}"
         noted = {note for scores in self._files for note in scores.notes}
         more = f"some files have notes, which `reverie-eval FILE` shows: {first_few(sorted(noted))}"
         return [*([missing] if partial else []), *([more] if noted else [])]
@@ -252,7 +252,7 @@ class Sweep(Mapping[str, Scored]):
         Raises
         ------
         ProtocolError
-            If rows have not one field alone, a number, besides the seed.
+            If rows do not have exactly one field, a number, besides the seed.
         """
         from reverie_eval.reporting.figures import plot_curve
 

@@ -229,7 +229,7 @@ class Metric:
         return float(values.mean()) if values.size else float("nan")
 
     def is_better(self, value: float, other: float) -> bool:
-        """Return whether a value is better than another; of some metrics, none is."""
+        """Return whether a value is better than another; never, if neither direction is better."""
         if self.better == "neither":
             return False
         return value > other if self.better == "higher" else value < other

@@ -57,7 +57,7 @@ _SILENT = {
     **dict.fromkeys(("ref", "label"), "{"),
 }
 _SYMBOLS = {"pm": "±", "%": "%", "&": "&", "_": "_", "#": "#", "$": "$", "mp": "±", "times": "x"}
-# What a cell begins with; what follows, such as an interval or a mark, is no part of it.
+# The number that a cell begins with; an interval or a mark after it is not read.
 _NUMBER = re.compile(r"-?(?:\d+(?:\.\d+)?|\.\d+)(?![\d.]*[A-Za-z])")
 _IN_BRACKETS = re.compile(r"\([^)]*\)|\[[^]]*\]")
 _FURTHER_SPELLINGS = {

@@ -116,7 +116,7 @@ def test_a_row_without_a_seed_is_not_chosen(tmp_path: Path, run: Run) -> None:
     assert (heading.split()[:2], a.split()[-1]) == (["ours", "runs"], "57.22")
     assert b.split()[-1] == "34.52*"
     assert "\nb is best of 1 by RGSPL on val_unseen: 34.52, the mean of 2 runs\n" in out
-    assert "\nnote: not chosen among, for they have fewer runs: a\n" in out
+    assert "\nnote: not candidates, because they have fewer runs: a\n" in out
     assert run(pattern, "--split", UNSEEN, "--format", "csv").out.count("\na,1,") == 1
 
 

@@ -194,13 +194,13 @@ def _published(words: Sequence[str]) -> Mapping[str, float] | str:
 def find_methods(words: Sequence[str], split: str = "") -> Mapping[str, Sequence[str]]:
     """Return the files of each method by its name; without a name, a file is one method.
 
-    The name of the split is no part of a method's name.
+    A method's name leaves out the name of the split, if one is given.
     """
     named = [find_runs(word) for word in words]
     single = [[] if runs else find_files([word]) for word, runs in zip(words, named, strict=True)]
     files = [file for several in single for file in several]
     bare = submission_names([it.replace(split, "") for it in files] if split else files)
-    # Nor is what stood between the two.
+    # It also leaves out what joined the two, as in `val_unseen.ours`.
     names = iter([name.strip("._-") or name for name in bare] if split else bare)
     methods: dict[str, Sequence[str]] = {}
     for runs, several in zip(named, single, strict=True):

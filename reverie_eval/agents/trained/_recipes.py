@@ -65,7 +65,7 @@ class Recipe:
         Raises
         ------
         ReverieEvalError
-            If there is no such option, or its value is none of its kind.
+            If an option does not exist, or its value has the wrong type or is out of range.
         """
         inputs = [] if self.is_pointer else [each.name for each in fields(Inputs)]
         known = [*_LEAST, *inputs]

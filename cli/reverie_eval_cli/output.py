@@ -1,6 +1,8 @@
 """What commands print and write: results, progress, and why a submission was rejected."""
 
+import errno
 import io
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -85,7 +87,7 @@ def failure_line(file: str, error: Failure) -> str:
 def check_outputs(
     outputs: Iterable[str | Path | None], inputs: Iterable[str | Path | None]
 ) -> None:
-    """Refuse to write over an input, or twice to the same file."""
+    """Refuse to write over an input, twice to the same file, or where nothing can be written."""
     # Resolved, so that links and ``./`` do not hide that two names are one file.
     taken = {Path(path).resolve() for path in inputs if path and Path(path).is_file()}
     for output in outputs:
@@ -97,6 +99,11 @@ def check_outputs(
                 f"{output} is an input, or named twice; choose another file to write to"
             )
         taken.add(resolved)
+        # Said now, because after the scoring the scores would be lost. A device needs no folder.
+        is_device, folder = resolved.exists() and not resolved.is_file(), resolved.parent
+        if not is_device and not os.access(folder, os.W_OK | os.X_OK):
+            reason = errno.EACCES if folder.is_dir() else errno.ENOENT
+            raise OSError(reason, os.strerror(reason), str(output))
 
 
 @contextmanager

@@ -54,7 +54,7 @@ from reverie_eval.analysis._evidence import (
 from reverie_eval.analysis._plans import Plan, plan
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, leaders, rank_intervals
 from reverie_eval.analysis._runs import RunIntervals, Runs
-from reverie_eval.analysis._sweeps import SPLIT_FIELD, Sweep, sweep, sweep_files
+from reverie_eval.analysis._sweeps import SPLIT_FIELD, Sweep, check_curve, sweep, sweep_files
 
 __all__ = [
     "BEST",
@@ -89,6 +89,7 @@ __all__ = [
     "against",
     "breakdown",
     "check_comparable",
+    "check_curve",
     "check_scored_alike",
     "compare",
     "covariance_of_means",

@@ -256,13 +256,8 @@ class Sweep(Mapping[str, Scored]):
         """
         from reverie_eval.reporting.figures import plot_curve
 
-        numbers = {name: " ".join(fields.values()) for name, fields in self.fields.items()}
-        if not all(map(_is_number, numbers.values())):
-            raise ProtocolError(
-                f"{self.pattern}: a curve needs one field of numbers besides {{{SEED_FIELD}}}, "
-                f"such as {{checkpoint}}; got {first_few(self)}"
-            )
-        return plot_curve({float(numbers[name]): self[name] for name in self}, metrics, ax)
+        steps = _steps(self.pattern, self.fields.values())
+        return plot_curve(dict(zip(steps, self.values(), strict=True)), metrics, ax)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a line per row, with its fields, its number of runs and the means of its metrics.
@@ -354,6 +349,29 @@ def sweep_files(pattern: str, split: str) -> Sequence[str]:
             "folder's name"
         )
     return files
+
+
+def check_curve(pattern: str, split: str) -> None:
+    """Check, before anything is scored, that :meth:`Sweep.plot` can draw the files of a sweep.
+
+    Raises
+    ------
+    ProtocolError
+        As :meth:`Sweep.plot` does.
+    """
+    _steps(pattern, find_fields(_of_split(pattern, split)).values())
+
+
+def _steps(pattern: str, rows: Iterable[Mapping[str, str]]) -> Sequence[float]:
+    """Return the numbers over which a curve is drawn: the only field of each row but the seed."""
+    parts = [[part for name, part in row.items() if name != SEED_FIELD] for row in rows]
+    wrong = [it for it in parts if len(it) != 1 or not _is_number(it[0])]
+    if wrong:
+        raise ProtocolError(
+            f"{pattern}: a curve needs one field of numbers besides {{{SEED_FIELD}}}, such as "
+            f"{{checkpoint}}; got {first_few(' '.join(it) or 'none' for it in wrong)}"
+        )
+    return [float(part) for (part,) in parts]
 
 
 def _of_split(pattern: str, split: str) -> str:

@@ -15,6 +15,7 @@ from reverie_eval.files import staged_file
 from reverie_eval.reporting.answer_svg import ANSWER_STYLE, answer_class, answer_shapes
 from reverie_eval.reporting.answers import AnswerView
 from reverie_eval.reporting.drawing import text_at
+from reverie_eval.reporting.figures import check_figure_name
 from reverie_eval.reporting.map_layout import HEIGHT, WIDTH
 from reverie_eval.reporting.map_svg import MAP_STYLE, map_shapes, sign_shapes
 from reverie_eval.reporting.maps import EpisodeMap
@@ -24,7 +25,6 @@ Columns = Literal[1, 2]
 """The columns of a page that a figure takes up."""
 # A third route would hide the others.
 _MOST_EPISODES = 2
-_SUFFIXES = (".svg", ".pdf", ".png")
 # The width of one and of two columns, in inches, in IEEE's and ACM's styles.
 _INCHES: Mapping[Columns, float] = {1: 3.3, 2: 6.9}
 _PIXELS_PER_INCH = 300
@@ -77,8 +77,7 @@ def save_figure(
         If vl-convert is not installed, for PDF and PNG.
     """
     target = Path(file)
-    if target.suffix not in _SUFFIXES:
-        raise ProtocolError(f"{file}: expected a name that ends in .svg, .pdf or .png")
+    check_figure_name(target)
     convert = str.encode if target.suffix == ".svg" else _converter(target.suffix)
     data = convert(figure_svg(episodes, columns, legend=legend))
     with staged_file(target) as staged:

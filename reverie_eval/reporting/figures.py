@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import cycle
 from numbers import Real
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -342,6 +343,12 @@ def _explain_beside(axes: "Axes") -> None:
 def split_colour(split: str) -> str:
     """Return the colour of a split, the same in every figure."""
     return _SPLIT_COLOURS.get(split, _OTHER_SPLIT)
+
+
+def check_figure_name(file: str | Path) -> None:
+    """Raise ProtocolError if a name does not end in .svg, .pdf or .png."""
+    if Path(file).suffix not in (".svg", ".pdf", ".png"):
+        raise ProtocolError(f"{file}: expected a name that ends in .svg, .pdf or .png")
 
 
 def check_matplotlib() -> None:

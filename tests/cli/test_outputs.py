@@ -31,6 +31,16 @@ def test_a_file_in_use_is_not_written_to(line: str, run: Run) -> None:
     assert not Path("x").exists()
 
 
+@pytest.mark.parametrize(
+    "line", ["not-read.json {split} --episodes none/x.csv", "table not-read.json {split} -o none/x"]
+)
+def test_a_missing_folder_is_named_before_anything_is_read(line: str, run: Run) -> None:
+    Path("not-read.json").touch()
+    status, out, err = run(*words(line))
+    assert (status, out) == (2, "")
+    assert err == f"reverie-eval: {line.rsplit(maxsplit=1)[-1]}: No such file or directory\n"
+
+
 def test_compiling_never_replaces_the_annotations(run: Run) -> None:
     annotations = "dataset/tasks/REVERIE/data/REVERIE_val_unseen.json"
     before = Path(annotations).read_bytes()

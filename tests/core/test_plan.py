@@ -208,7 +208,10 @@ def test_a_sample_is_planned_as_it_is_drawn(run: Run, tmp_path: Path) -> None:
     assert drawn == f"{rv.plan(split=SPLIT, effect=0.25, n=40, against=0.412)}\n"
     assert drawn.startswith(f"40 episodes of {SPLIT} cannot show 25 points above 41.2 %: ")
     assert "\nassumed: 40 episodes, 25 targets, correlation 0.3; the published mean" in drawn
-    assert "no number is enough: the published mean is uncertain too" in run(*words, "--effect", "2").out
+    assert (
+        "no number is enough: the published mean is uncertain too"
+        in run(*words, "--effect", "2").out
+    )
 
 
 def test_a_planned_sample_to_a_sentence(run: Run, tmp_path: Path) -> None:

@@ -130,6 +130,32 @@ def test_files_without_seeds_are_rows_of_their_own(trained: str, run: Run) -> No
     assert f": RGSPL {scores['rgspl'] * 100:.2f} on {UNSEEN}, 90 % interval " in answer
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (
+            "{name}.json --curve c.pdf",
+            "one field of numbers besides {seed}, such as {checkpoint}; got ",
+        ),
+        ("{name}{seed}.json --curve c.pdf", "such as {checkpoint}; got g, m\n"),
+        ("{a}o{b}.json --curve c.pdf", "such as {checkpoint}; got g od, medi cre\n"),
+        ("{name}.json --curve c.doc", "c.doc: expected a name that ends in .svg, .pdf or .png"),
+        ("{n}.json --curve none/c.svg", "none/c.svg: No such file or directory"),
+    ],
+)
+def test_what_cannot_be_drawn_is_not_scored(
+    words: str, says: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("good", "mediocre"):
+        # Scoring would reject them.
+        Path(f"{name}.json").touch()
+    status, out, err = run(*words.split(), "--split", UNSEEN)
+    assert (status, out) == (2, "")
+    assert says in err
+    assert "rejected" not in err
+
+
 def test_a_ranking_of_many_files_points_to_sweeps(trained: str, run: Run) -> None:
     files = trained.format(seed=1, step="*", split=SEEN)
     status, out, err = run(files, "--split", SEEN, "--jobs", "1")
@@ -146,7 +172,6 @@ def test_a_ranking_of_many_files_points_to_sweeps(trained: str, run: Run) -> Non
         (["{x}.json", "--select", SEEN, "--report", UNSEEN], "--select needs {split}"),
         (["{split}.json", "--select", SEEN, "--report", SEEN], "are both val_seen; report another"),
         (["a.json", "--select", SEEN, "--report", UNSEEN], "--select cannot be combined with a "),
-        (["{x}.json", "--split", SEEN, "--curve", "c.doc"], "c.doc ends in none of .pdf, .svg,"),
     ],
 )
 def test_what_cannot_be_swept(words: list[str], said: str, run: Run) -> None:

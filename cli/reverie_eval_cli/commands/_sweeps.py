@@ -2,12 +2,15 @@
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from reverie_eval import ScoredFiles, Sweep
-from reverie_eval.analysis import SPLIT_FIELD, sweep_files
+from reverie_eval.analysis import SPLIT_FIELD, check_curve, sweep_files
+from reverie_eval.files import staged_file
+from reverie_eval.reporting.figures import check_figure_name, check_matplotlib
 from reverie_eval.reporting.sweeps import selection_printout, sweep_printout
 from reverie_eval.scoring import score_files
 from reverie_eval_cli.options import ScoringOptions
@@ -19,8 +22,7 @@ if TYPE_CHECKING:
 
 def print_sweep(wanted: "Wanted") -> int:
     """Print a row for each checkpoint or setting, and the best; return the exit status."""
-    sweep = _score(wanted, _pattern(wanted), wanted.scoring)
-    _draw(wanted, sweep)
+    sweep = _score_and_draw(wanted, _pattern(wanted), wanted.scoring)
     if sweep:
         wanted.show(sweep_printout(sweep))
     return 1 if sweep.failures else 0
@@ -37,8 +39,7 @@ def select_and_report(wanted: "Wanted") -> int:
         raise click.UsageError(f"--select and --report are both {select}; report another split")
     if wanted.episodes_from:
         raise click.UsageError("--episodes-from cannot be combined with --select")
-    sweep = _score(wanted, pattern, replace(wanted.scoring, split=select))
-    _draw(wanted, sweep)
+    sweep = _score_and_draw(wanted, pattern, replace(wanted.scoring, split=select))
     best = _score(wanted, sweep.best_pattern, wanted.scoring)
     for name, runs in best.rows.items():
         for seed in sweep.rows[sweep.best]:
@@ -52,12 +53,26 @@ def select_and_report(wanted: "Wanted") -> int:
 
 
 def _pattern(wanted: "Wanted") -> str:
-    if wanted.curve and not wanted.curve.endswith(_FIGURES):
-        raise click.UsageError(f"{wanted.curve} ends in none of {', '.join(_FIGURES)}")
     pattern, *others = wanted.submissions
     if others:
         raise click.UsageError("give the pattern of a sweep alone, in quotes")
     return pattern
+
+
+def _score_and_draw(wanted: "Wanted", pattern: str, scoring: ScoringOptions) -> Sweep:
+    """Score the files of a pattern, and draw the curve if one is wanted."""
+    if wanted.curve:  # before any time is spent on files that cannot be drawn
+        check_figure_name(wanted.curve)
+        check_matplotlib()
+        check_curve(pattern, scoring.split)
+    sweep = _score(wanted, pattern, scoring)
+    if wanted.curve and sweep:
+        file = Path(wanted.curve)
+        with staged_file(file) as staged:
+            sweep.plot().figure.canvas.print_figure(
+                staged, format=file.suffix[1:], bbox_inches="tight"
+            )
+    return sweep
 
 
 def _score(wanted: "Wanted", pattern: str, scoring: ScoringOptions) -> Sweep:
@@ -69,11 +84,3 @@ def _score(wanted: "Wanted", pattern: str, scoring: ScoringOptions) -> Sweep:
     for file, error in scored.failures.items():
         print(failure_line(file, error), file=sys.stderr)
     return Sweep.of(pattern, scored, scoring.split)
-
-
-_FIGURES = (".pdf", ".svg", ".png")
-
-
-def _draw(wanted: "Wanted", sweep: Sweep) -> None:
-    if wanted.curve:
-        sweep.plot().figure.canvas.print_figure(wanted.curve, bbox_inches="tight")

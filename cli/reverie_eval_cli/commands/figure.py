@@ -41,6 +41,7 @@ def figure(
     EPISODE is an instr_id. A second SUBMISSION is drawn on the same map. NAME=FILE names a method.
     """
     from reverie_eval.reporting import save_figure
+    from reverie_eval.reporting.figures import check_figure_name
 
     named = [run for run in map(find_runs, submissions) if run]
     if named and len(named) < len(submissions):
@@ -56,6 +57,7 @@ def figure(
     names = [name for name, _ in named] or unnamed
     if len(set(names)) < len(names):
         raise click.UsageError(f"two submissions are named {names[0]}")
+    check_figure_name(output)
     check_outputs([output], [*files, scoring.ground_truth])
     scored = score_each(files, scoring.evaluator(scoring.find()))
     episodes = {name: each.episode(episode) for name, each in zip(names, scored, strict=True)}

@@ -61,13 +61,22 @@ def rejection(submission: str, error: SubmissionError) -> str:
 
 def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Scores]:
     """Score all, with the logs of runs; if some are rejected, list the problems of each."""
-    scores: list[Scores] = []
+
+    def score(submission: str) -> Scores:
+        scored, run = evaluator(submission), find_run(submission)
+        return scored if run is None else scored.with_run(run)
+
+    return score_each_by(score, submissions)
+
+
+def score_each_by(score: Callable[[str], T], submissions: Sequence[str]) -> Sequence[T]:
+    """Score all in another way; if some are rejected, list the problems of each."""
+    scores: list[T] = []
     rejections: list[str] = []
     # All files before any is reported: one round of corrections, not one for each file.
     for submission in with_progress(submissions, "Scoring", len(submissions)):
         try:
-            scored, run = evaluator(submission), find_run(submission)
-            scores.append(scored if run is None else scored.with_run(run))
+            scores.append(score(submission))
         except SubmissionError as error:
             rejections.append(rejection(submission, error))
     if rejections:

@@ -369,10 +369,14 @@ class _OneTable:
         if metric.key not in comparison.get(other, {}):
             return f"not tested: the file of {label} has no {metric.label} on {split}"
         found = comparison[other][metric.key]
+        size = metric.display(abs(found.mean))
+        # A difference is the other's minus that of the bold number, of which either can be wrong.
+        if metric.is_better(found.mean, 0.0):
+            return f"but by their files, {label} is better by {size}, {p_text(found.p_value)}"
         is_sure = comparison.is_significant(other, metric.key)
         return (
-            f"{'' if is_sure else 'not '}significantly better than {label}, by "
-            f"{metric.display(abs(found.mean))}, {p_text(found.p_value)}"
+            f"{'' if is_sure else 'not '}significantly better than {label}, by {size}, "
+            f"{p_text(found.p_value)}"
         )
 
     def _comparison(self, split: str, name: str) -> Comparison:

@@ -450,6 +450,19 @@ def test_bold_between_two_rules_and_its_certainty(
     assert third.finding.startswith("is not the best: Walker-A has ")
 
 
+def test_bold_that_is_the_best_as_printed_and_worse_by_the_files(
+    methods: Mapping[str, Mapping[str, Scores]],
+) -> None:
+    better, worse = (methods[f"Walker-{letter}"][PROTOCOL]["success"] for letter in "AB")
+    assert better > worse
+    table = f"Method,SR\nWalker-A,{rounded(better, 1)}\nWalker-B,**99.9**\n"
+    (bold,) = checked(table, "csv", methods).looks
+    assert (bold.row, bold.is_right) == ("Walker-B", True)
+    difference = CATALOGUE["success"].display(better - worse)
+    says = f"is the best; but by their files, Walker-A is better by {difference}, p "
+    assert bold.finding.startswith(says)
+
+
 # At the terminal.
 
 GOOD, MEDIOCRE = str(SAMPLES / "good.json"), str(SAMPLES / "mediocre.json")
@@ -476,7 +489,7 @@ def test_the_table_that_we_write_is_right(run: Run, tmp_path: Path) -> None:
 
 def test_what_cannot_be_checked(run: Run, tmp_path: Path) -> None:
     paper = tmp_path / "paper.tex"
-    paper.write_text(r"\begin{tabular}{lr} Method & Year \\ ours & 2020 \end{tabular")
+    paper.write_text(r"\begin{tabular}{lr} Method & Year \\ ours & 2020 \end{tabular}")
     files = [f"ours={GOOD}", "--split", SPLIT]
     status, _, err = run("check-table", str(paper), *files)
     assert (status, err.partition(": ")[2]) == (
@@ -486,11 +499,15 @@ def test_what_cannot_be_checked(run: Run, tmp_path: Path) -> None:
     status, _, err = run("check-table", str(paper), *files, "--protocol", "dute")
     assert status == 2
     assert "duet" in err
+    empty = [tmp_path / f"empty.{layout}" for layout in ("tex", "md", "csv")]
+    for file in empty:
+        file.write_text(r"Numbers are in \input{table}." if file != empty[-1] else "")
     pdf = tmp_path / "paper.pdf"
     pdf.touch()
     for wrong, says in [
         (str(pdf), "tables are not read from PDF"),
         ("no.tex", "no.tex: No such file"),
+        *((str(file), f"{file}: no table found; in LaTeX (.tex), ") for file in empty),
     ]:
         status, _, err = run("check-table", wrong, *files)
         assert status == 2

@@ -1,7 +1,9 @@
 """``reverie-eval table`` and ``check-table``: the table of a paper, and whether it is right."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from glob import glob
+from itertools import islice
 from pathlib import Path
 
 import click
@@ -16,7 +18,7 @@ from reverie_eval.text import did_you_mean
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.compare import find_methods, score_methods
 from reverie_eval_cli.options import ScoringOptions, each_split
-from reverie_eval_cli.output import check_outputs, note, score_each, show_printout
+from reverie_eval_cli.output import check_outputs, note, score_each_by, show_printout
 
 _SPLIT = "{split}"
 
@@ -129,6 +131,12 @@ def check_table(
         )
     check_outputs([output], [paper])
     tables = read_tables(paper.read_text("utf-8", errors="replace"), paper.name.casefold())
+    if not any(table.rows for table in tables):
+        raise ReverieEvalError(
+            f"{paper}: no table found; in LaTeX (.tex), environments such as tabular, tabularx and "
+            "longtable are read, but not files that it inputs; in Markdown (.md), lines that begin "
+            "with |; any other file is read as CSV"
+        )
     results = {
         split: _by_protocol(files, each_split(scoring)[split])
         for split, files in _files_of_splits(methods, scoring, output).items()
@@ -146,24 +154,21 @@ def _by_protocol(
 ) -> Mapping[str, Mapping[str, Scored]]:
     """Return the scores of each method under each protocol, the wanted one first."""
     truth = how.find()
-    evaluator = how.evaluator(truth)
-    # Read twice, so that what is wrong in all files is listed together.
-    score_each([file for files in methods.values() for file in files], evaluator)
-
-    def scored(files: Sequence[str]) -> Mapping[str, Scored]:
-        first, *others = runs = [
-            evaluate_protocols(file, split=how.split, ground_truth=truth, track=how.track)
-            for file in files
-        ]
-        names = sorted(first, key=lambda protocol: protocol != evaluator.protocol.name)
-        return {
-            name: Runs.of({str(n): run[name] for n, run in enumerate(runs)})
+    wanted = how.evaluator(truth).protocol.name
+    score = partial(evaluate_protocols, split=how.split, ground_truth=truth, track=how.track)
+    # In one go, so that the problems of all files are listed together.
+    scored = iter(score_each_by(score, [file for files in methods.values() for file in files]))
+    results: dict[str, Mapping[str, Scored]] = {}
+    for method, files in methods.items():
+        runs = dict(zip(files, islice(scored, len(files)), strict=True))
+        first, *others = runs.values()
+        results[method] = {
+            name: Runs.of({file: run[name] for file, run in runs.items()})
             if others
             else first[name]
-            for name in names
+            for name in sorted(first, key=lambda name: name != wanted)
         }
-
-    return {name: scored(files) for name, files in methods.items()}
+    return results
 
 
 def _files_of_splits(

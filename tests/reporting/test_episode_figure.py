@@ -109,7 +109,7 @@ def test_everything_can_be_read_in_print(homes: Mapping[str, rv.Scores], browser
     figures = [figure_svg(each, number, legend=True) for each in shown for number in columns]
     page = browser.new_page()
     page.set_content("".join(figures))
-    assert page.evaluate(UNREADABLE) == [], "\n"
+    assert page.evaluate(UNREADABLE) == []
     page.close()
 
 
@@ -150,7 +150,7 @@ def test_two_methods_by_command(run: Run, tmp_path: Path) -> None:
         (["good"], "x.jpg", "x.jpg: expected a name that ends in .svg, .pdf or .png"),
         (["good", "mediocre", "drawn"], "x.svg", "a figure shows one or two submissions, got 3"),
         (["A=good", "mediocre"], "x.svg", "one file has a name and another has none"),
-        (["A=good", "A=mediocre"], "x.svg", "two submissions are named A"),
+        (["A=good", "A=mediocre"], "x.svg", "two methods are named A; give each a name of its own"),
         ([f"{'m' * 40}=good"], "x.svg", f"the name {'m' * 40} is too long for a figure"),
         (["A=good,mediocre"], "x.svg", "A: a figure shows one file of each method, got 2"),
     ],

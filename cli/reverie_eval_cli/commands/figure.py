@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
-from reverie_eval.submissions import find_files, find_runs, submission_names
+from reverie_eval.submissions import find_runs
 from reverie_eval_cli import options
+from reverie_eval_cli.commands.compare import find_methods
 from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import check_outputs, score_each
 
@@ -43,20 +44,18 @@ def figure(
     from reverie_eval.reporting import save_figure
     from reverie_eval.reporting.figures import check_figure_name
 
-    named = [run for run in map(find_runs, submissions) if run]
-    if named and len(named) < len(submissions):
+    is_named = [find_runs(word) is not None for word in submissions]
+    if any(is_named) and not all(is_named):
         raise click.UsageError("one file has a name and another has none; write NAME=FILE for both")
-    for name, runs in named:
+    methods = find_methods(submissions)
+    for name, runs in methods.items():
         if len(runs) > 1:
             raise click.UsageError(
                 f"{name}: a figure shows one file of each method, got {len(runs)}"
             )
-    files = [file for _, (file,) in named] or find_files(submissions)
+    files = [file for (file,) in methods.values()]
     # A single method needs a name only if it is given one.
-    unnamed = [""] if len(files) == 1 else submission_names(files)
-    names = [name for name, _ in named] or unnamed
-    if len(set(names)) < len(names):
-        raise click.UsageError(f"two submissions are named {names[0]}")
+    names = list(methods) if any(is_named) or len(files) > 1 else [""]
     check_figure_name(output)
     check_outputs([output], [*files, scoring.ground_truth])
     scored = score_each(files, scoring.evaluator(scoring.find()))

@@ -60,17 +60,6 @@ def line_data(points: FloatArray) -> str:
 # Matplotlib.
 
 
-def _mark(shape: object, size: float, face: str, edge: str, width: float) -> dict[str, Any]:
-    return {
-        "marker": shape,
-        "markersize": size,
-        "markerfacecolor": face,
-        "markeredgecolor": edge,
-        "markeredgewidth": width,
-        "linestyle": "none",
-    }
-
-
 # The style sheet, as `map.css` and `report.css` are those of pages.
 _LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
     {
@@ -82,8 +71,15 @@ _LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
         "series-6": {"color": "#56B4E9"},
         "band": {"alpha": 0.2, "linewidth": 0},
         "mark": {"color": BLUE, "linewidth": 0},
-        "dot miss": _mark("o", 4, GREY, "none", 0) | {"alpha": 0.6},
-        "dot hit": _mark("o", 4, BLUE, "none", 0) | {"alpha": 0.6},
+        "dot": {
+            "marker": "o",
+            "markersize": 4,
+            "markeredgewidth": 0,
+            "linestyle": "none",
+            "alpha": 0.6,
+        },
+        "dot miss": {"color": GREY},
+        "dot hit": {"color": BLUE},
         "diagonal": {"color": INK, "linestyle": "--", "linewidth": 1.2},
     }
 )
@@ -102,10 +98,10 @@ def _look_of(kind: str) -> dict[str, Any]:
     return look
 
 
-def draw_lines(lines: Lines, axes: "Axes", zorder: int, key: Mapping[str, str]) -> None:
+def draw_lines(lines: Lines, axes: "Axes", key: Mapping[str, str]) -> None:
     """Draw lines with matplotlib; ``key`` has what the classes in the legend mean."""
     for kind, several in lines.items():
-        look = {"label": key.get(kind), "zorder": zorder, **_look_of(kind)}
+        look = {"label": key.get(kind), **_look_of(kind)}
         if kind.startswith(CLOSED):
             for outline in several:
                 axes.fill(*outline.T, **look)

@@ -323,7 +323,7 @@ def _plot_walks(walks: Walks, ax: "Axes | None") -> "Axes":
 
 def _draw_chart(chart: Chart, axes: "Axes") -> None:
     """Draw a chart on its axes, with the ticks that its SVG has."""
-    draw_lines(chart.lines, axes, 1, chart.key)
+    draw_lines(chart.lines, axes, chart.key)
     axes.set_xlim(chart.low, chart.high)
     axes.set_ylim(0, chart.top)
     axes.set_xticks(chart.x_ticks)

@@ -15,25 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from reverie_eval.analysis._breakdown import NO_LEVEL, level_in
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.dataset import DatasetFiles
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import read_dataset
 from reverie_eval.dataset._reader import no_progress
-from reverie_eval.geometry import Building, Sightings, are_inside, model_building
+from reverie_eval.geometry import Building, Sightings, model_building
 from reverie_eval.ground_truth import NavigationGraph
 from reverie_eval.text import category_text
 
-NUMBERS: Mapping[str, int] = {"first": 1, "second": 2, "third": 3, "fourth": 4} | {
-    word: number
-    for number, words in enumerate(("1 one 1st", "2 two 2nd", "3 three 3rd", "4 four 4th"), 1)
-    for word in words.split()
-}
-LEVEL = re.compile(
-    r"\b(?:level (\d|one|two|three|four)"
-    r"|(first|second|third|fourth|1st|2nd|3rd|4th) (?:level|floor|story))\b",
-    re.IGNORECASE,
-)
 ROOMS: Mapping[str, str] = {
     word: room
     for room, words in {
@@ -65,7 +56,7 @@ def main() -> int:
     graph = dataset.graphs.ground_truth()
     buildings: dict[str, Building] = {}
     seconds = []
-    for scan, position, edges, seen in scenes(graph, dataset.boxes):
+    for scan, position, edges, seen in scans(graph, dataset.boxes):
         begin = perf_counter()
         buildings[scan] = model_building(position, edges, seen)
         seconds.append(perf_counter() - begin)
@@ -74,7 +65,8 @@ def main() -> int:
     print(f"{len(buildings)} buildings, {sum(n * of for n, of in storeys.items())} storeys")
     print(f"by number of storeys: {dict(sorted(storeys.items()))}; {rooms:,} rooms")
     print(f"model: median {np.median(seconds):.2f} s, at most {max(seconds):.2f} s")
-    own, some = np.vstack([list(standing(graph, *each)) for each in buildings.items()]).mean(axis=0)
+    stands = [each for its in buildings.items() for each in rooms_around(graph, *its)]
+    own, some = np.mean(stands, axis=0)
     print(f"viewpoints in a room of their storey {some:.1%}, in their own room {own:.1%}")
     for split in ("val_seen", "val_unseen"):
         path = root / "tasks" / "REVERIE" / "data" / f"REVERIE_{split}.json"
@@ -82,7 +74,7 @@ def main() -> int:
     return 0
 
 
-def scenes(
+def scans(
     graph: NavigationGraph, boxes: Boxes
 ) -> Iterator[tuple[str, FloatArray, IntArray, Sightings]]:
     """Yield each scan with what its model is made of."""
@@ -90,11 +82,9 @@ def scenes(
     viewpoint = known[boxes.viewpoint]
     scan = np.where(boxes.is_visible & (viewpoint >= 0), graph.viewpoint_scan[viewpoint], -1)
     for index, name in enumerate(graph.scan_ids):
-        rows = np.flatnonzero(graph.viewpoint_scan == index)
+        rows = graph.viewpoints_of(name)
         entries = np.flatnonzero(scan == index)
         is_its = np.isin(boxes.box_entry, entries)
-        start, end = np.triu_indices(len(rows), k=1)
-        edges = np.column_stack([start, end])[graph.has_edge(rows[start], rows[end])]
         seen = Sightings.of_boxes(
             viewpoint=viewpoint[entries] - rows[0],
             object_id=boxes.object_id[entries],
@@ -104,18 +94,18 @@ def scenes(
             view=boxes.box_view[is_its],
             xywh=boxes.box_xywh[is_its],
         )
-        yield name, graph.viewpoint_position[rows], edges, seen
+        yield name, graph.viewpoint_position[rows], graph.edges_of(name), seen
 
 
-def standing(graph: NavigationGraph, scan: str, building: Building) -> Iterator[tuple[bool, bool]]:
+def rooms_around(
+    graph: NavigationGraph, scan: str, building: Building
+) -> Iterator[tuple[bool, bool]]:
     """Yield for each viewpoint whether it is inside its own room, and inside any of its storey."""
-    rows = np.flatnonzero(graph.viewpoint_scan == graph.scan_ids.index(scan))
-    for row, position in enumerate(graph.viewpoint_position[rows, :2]):
+    for row, position in enumerate(graph.viewpoint_position[graph.viewpoints_of(scan), :2]):
         inside = {
             index
             for index, room in enumerate(building.rooms)
-            if room.storey == building.storey[row]
-            and sum(bool(are_inside(position[None], each[None])[0]) for each in room.outlines) % 2
+            if room.storey == building.storey[row] and room.contains(position[None])[0]
         }
         yield int(building.room[row]) in inside, bool(inside)
 
@@ -130,13 +120,12 @@ def compare(
     levels, names = [], []
     for item in items:
         building, goal = buildings[item["scan"]], graph.index[item["path"][-1]]
-        row = goal - int(np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[goal])[0])
+        row = goal - int(graph.viewpoints_of(item["scan"])[0])
         room = building.room[row]
         name = building.rooms[room].name if room >= 0 else ""
         for text in item["instructions"]:
-            said = {NUMBERS[(one or other).lower()] for one, other in LEVEL.findall(text)}
-            if len(said) == 1:
-                levels.append(said == {int(building.storey[row]) + 1})
+            if (level := level_in(text)) != NO_LEVEL:
+                levels.append(level == f"level {building.storey[row] + 1}")
             called = {ROOMS[word.lower()] for word in ROOM.findall(text)}
             if len(called) == 1:
                 names.append((bool(name), name in called))

@@ -23,6 +23,7 @@ from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.geometry._plans import DOOR_WIDTH, Plan, axes_of, without_outliers
+from reverie_eval.geometry._polygons import are_inside
 from reverie_eval.geometry._views import HEIGHT, VIEW_AXES, WIDTH, rays_of
 
 # Storeys: the spread of camera heights on one floor, the least distance between two floors, and the
@@ -36,10 +37,9 @@ _LEAST_SPREAD, _PENALTY = 0.6, 9.0
 _FEWEST, _MOST = 3, 250
 # The room of a viewpoint: metres that tell near objects, and the area whose room counts half.
 _AT_HAND, _NEAR, _LARGE = 0.5, 1.5, 50.0
-# Stairs: the least climb of an edge, its slopes, and the least climb of all edges that meet.
-_CLIMB, _SLOPES, _FLIGHT = 0.4, (0.25, 2.5), 1.0
-TREAD = 0.19
-"""Metres between two treads."""
+# Stairs: the least climb of an edge, its slopes, the least climb of all edges that meet, and metres
+# from tread to tread.
+_CLIMB, _SLOPES, _FLIGHT, _TREAD = 0.4, (0.25, 2.5), 1.0, 0.19
 # What names a room, and by how much. A word within a longer name counts half.
 _TELLING: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -121,6 +121,14 @@ class Room(NamedTuple):
     """Corners, each of shape (n, 2): the outline, and those of holes and separate parts."""
     area: float
     """Square metres."""
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """Whether points of shape (n, 2) are in the room: within an odd number of outlines.
+
+        A point on a wall is outside; on the wall around a hole, it is inside.
+        """
+        corners = (np.broadcast_to(each, (len(points), *each.shape)) for each in self.outlines)
+        return np.asarray(np.logical_xor.reduce([are_inside(points, each) for each in corners]))
 
 
 class Line(NamedTuple):
@@ -399,7 +407,7 @@ def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator
         heights = position[roots == roots[edges[edge, 0]], 2]
         if heights.max() - heights.min() < _FLIGHT:
             continue
-        count = max(2, round(float(climb[edge]) / TREAD))
+        count = max(2, round(float(climb[edge]) / _TREAD))
         step = along[edge, :2]
         aside = np.array([-step[1], step[0]]) / run[edge] * DOOR_WIDTH / 2
         for share in (np.arange(count) + 0.5) / count:

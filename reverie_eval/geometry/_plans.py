@@ -34,6 +34,7 @@ def axes_of(points: FloatArray) -> FloatArray:
 
 
 def without_outliers(points: FloatArray) -> FloatArray:
+    """Return the objects of a room, shape (n, 2), without those that are far from the others."""
     away = np.abs(points - np.median(points, axis=0))
     return np.asarray(
         points[(away <= _OUTLIER * np.quantile(away, 0.75, axis=0) + 1e-9).all(axis=1)]
@@ -51,6 +52,7 @@ class Plan(NamedTuple):
 
     @classmethod
     def of(cls, evidence: Sequence[FloatArray], around: Sequence[FloatArray]) -> Self:
+        """Lay out the rooms of a storey, by their objects and the cameras that stand in each."""
         points = [np.vstack(each) for each in zip(evidence, around, strict=True)]
         boxes = np.array(
             [

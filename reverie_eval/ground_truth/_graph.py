@@ -123,6 +123,20 @@ class NavigationGraph:
         """Return the scan id of a viewpoint."""
         return self.scan_ids[int(self.viewpoint_scan[viewpoint])]
 
+    def viewpoints_of(self, scan_id: str) -> IntArray:
+        """Return the viewpoints of a scan, which follow each other."""
+        return np.flatnonzero(self.viewpoint_scan == self.scan_ids.index(scan_id))
+
+    def edges_of(self, scan_id: str) -> IntArray:
+        """Return the edges of a scan, each once, as pairs of rows in its viewpoints.
+
+        Shape (n_edges, 2).
+        """
+        viewpoints = self.viewpoints_of(scan_id)
+        start, end = np.triu_indices(len(viewpoints), k=1)
+        is_edge = self.has_edge(viewpoints[start], viewpoints[end])
+        return np.column_stack([start, end])[is_edge]
+
     def distance_between(self, start: IntArray, end: IntArray) -> FloatArray:
         """Metres along the graph from each start to each end, which share a scan."""
         return self.distance[self._pair(start, end)]

@@ -26,11 +26,9 @@ def building_of(graph: NavigationGraph, solution: Solution, scan: str) -> Buildi
 
 
 def _model(graph: NavigationGraph, solution: Solution, scan: str) -> Building:
-    rows = np.flatnonzero(graph.viewpoint_scan == graph.scan_ids.index(scan))
-    start, end = np.triu_indices(len(rows), k=1)
-    edges = np.column_stack([start, end])[graph.has_edge(rows[start], rows[end])]
+    viewpoints = graph.viewpoints_of(scan)
     # Candidates and their boxes are in the order of viewpoints: a scan's are next to each other.
-    first, last = np.searchsorted(solution.candidate_viewpoint, [rows[0], rows[-1] + 1])
+    first, last = np.searchsorted(solution.candidate_viewpoint, [viewpoints[0], viewpoints[-1] + 1])
     boxes = slice(*np.searchsorted(solution.boxes.candidate, [first, last]))
     candidates = slice(int(first), int(last))
     distance = solution.candidate_distance
@@ -39,7 +37,7 @@ def _model(graph: NavigationGraph, solution: Solution, scan: str) -> Building:
     except GroundTruthError:  # compiled without them
         names = ("",) * (last - first)
     seen = Sightings.of_boxes(
-        viewpoint=solution.candidate_viewpoint[candidates] - rows[0],
+        viewpoint=solution.candidate_viewpoint[candidates] - viewpoints[0],
         object_id=solution.candidate_object[candidates],
         distance=np.full(last - first, np.inf) if distance is None else distance[candidates],
         names=list(map(category_text, names)),
@@ -47,4 +45,4 @@ def _model(graph: NavigationGraph, solution: Solution, scan: str) -> Building:
         view=solution.boxes.view[boxes],
         xywh=solution.boxes.xywh[boxes],
     )
-    return model_building(graph.viewpoint_position[rows], edges, seen)
+    return model_building(graph.viewpoint_position[viewpoints], graph.edges_of(scan), seen)

@@ -14,7 +14,7 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.geometry import FOCAL_LENGTH, Room, are_inside
+from reverie_eval.geometry import FOCAL_LENGTH, Room
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.charts import round_numbers
 from reverie_eval.reporting.drawing import CLOSED, Lines
@@ -184,8 +184,8 @@ class Layout:
 
     def _room_name(self, room: Room, taken: Sequence[FloatArray]) -> Mark | None:
         """Put the name of a room near its middle; None if there is no space for it."""
-        outlines = [self.frame.points(corners) for corners in room.outlines]
-        corners = np.vstack(outlines)
+        drawn = room._replace(outlines=list(map(self.frame.points, room.outlines)))
+        corners = np.vstack(drawn.outlines)
         low, high = (
             np.maximum(corners.min(axis=0), 0),
             np.minimum(corners.max(axis=0), (WIDTH, HEIGHT)),
@@ -197,10 +197,11 @@ class Layout:
         is_free = ((first >= low) & (last <= high)).all(axis=1)
         for its_low, its_high in taken:
             is_free &= ~((first < its_high) & (its_low < last)).all(axis=1)
+        # Five points of its upper and lower edge tell whether a name is within the walls.
         for share in np.linspace(0, 1, 5):
             for y in (first[:, 1], last[:, 1]):
                 x = first[:, 0] + share * (last[:, 0] - first[:, 0])
-                is_free &= _are_inside(np.column_stack([x, y]), outlines)
+                is_free &= drawn.contains(np.column_stack([x, y]))
         if not is_free.any():
             return None
         away = np.hypot(*((first + last) / 2 - (low + high) / 2)[is_free].T)
@@ -425,12 +426,6 @@ def _is_free(mark: Mark, taken: Sequence[FloatArray]) -> bool:
     low, high = _box_of(mark)
     is_on = ((low < its_high).all() and (its_low < high).all() for its_low, its_high in taken)
     return bool(low[0] >= 0 and high[0] <= WIDTH) and not any(is_on)
-
-
-def _are_inside(points: FloatArray, outlines: Sequence[FloatArray]) -> BoolArray:
-    """Whether each point is inside of outlines, and not in one that is a hole."""
-    each = [are_inside(points, np.broadcast_to(its, (len(points), *its.shape))) for its in outlines]
-    return np.asarray(np.logical_xor.reduce(each))
 
 
 def _goes_on(kind: str, line: FloatArray, following: FloatArray) -> bool:

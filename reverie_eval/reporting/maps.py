@@ -142,17 +142,13 @@ class EpisodeMap:
         """Lay out the same episode of one or several submissions, by their names."""
         first, *_ = episodes.values()
         graph = first.graph
-        rows = np.flatnonzero(graph.viewpoint_scan == graph.scan_ids.index(first.scan))
+        rows = graph.viewpoints_of(first.scan)
         ids = [graph.viewpoint_ids[row] for row in rows]
         index = {viewpoint_id: row for row, viewpoint_id in enumerate(ids)}
 
         def rows_of(viewpoint_ids: Sequence[str]) -> IntArray:
             return np.array([index[each] for each in viewpoint_ids], dtype=np.int64)
 
-        position = graph.viewpoint_position[rows]
-        # Above the diagonal, so that each pair is drawn once.
-        start, end = np.triu_indices(len(rows), k=1)
-        is_edge = graph.has_edge(rows[start], rows[end])
         return cls(
             instr_id=first.instr_id,
             scan=first.scan,
@@ -160,9 +156,9 @@ class EpisodeMap:
             graph=graph,
             graph_row=rows,
             viewpoint_ids=ids,
-            position=position,
+            position=graph.viewpoint_position[rows],
             building=building_of(graph, first.solution, first.scan),
-            edges=np.column_stack([start, end])[is_edge],
+            edges=graph.edges_of(first.scan),
             routes=[
                 Route(
                     number,

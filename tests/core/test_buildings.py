@@ -1,14 +1,16 @@
 """Storeys, rooms, doors and stairs of small houses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from reverie_eval.geometry import Building, Room, Sightings, find_storeys, model_building, name_room
 
 HALL, KITCHEN = (1.0, 1.0), (7.0, 1.0)
-"""The cameras of a house of two rooms, 1.5 m above the floor, 6 m apart."""
+"""The cameras in the two rooms of a house, 1.5 m above the floor, 6 m apart."""
 OBJECTS = np.array([(-2.0, -2.0, -1.0), (-2.0, 2.0, 0.0), (2.0, -2.0, 1.0), (2.0, 2.0, 0.0)] * 3)
-"""Of a room, relative to its camera."""
+"""Where the objects of each of these rooms are, relative to its camera."""
 
 
 def seen_from(
@@ -127,13 +129,10 @@ def test_stairs_climb(there: tuple[float, float, float], treads: int) -> None:
 def test_where_objects_are_without_their_distances() -> None:
     """Two rays meet at the object: the rooms are those of known distances, to two decimetres."""
     position = np.array([(0.0, 0.0, 1.5), (2.0, 0.0, 1.5), (0.0, 2.0, 1.5)])
-    centre = np.array([(0, 3, 1), (3, 0, 1), (3, 3, 1)] * 2, dtype=float)
-    once = seen_from(position, [0, 0, 0, 1, 1, 2], centre, ["chair"] * 6, known=False)
+    centre = np.array([(0, 3, 1), (3, 0, 1), (3, 3, 1)], dtype=float)
     ids = np.array([0, 1, 2, 0, 2, 1])
-    seen = Sightings(once.viewpoint, ids, once.direction, once.distance, once.names)
-    offset = centre[ids] - position[seen.viewpoint]
-    direction = offset / np.linalg.norm(offset, axis=1, keepdims=True)
-    seen = Sightings(seen.viewpoint, ids, direction, seen.distance, seen.names)
+    once = seen_from(position, [0, 0, 0, 1, 1, 2], centre[ids], ["chair"] * 6, known=False)
+    seen = replace(once, object_id=ids)
     (room,) = model_building(position, np.array([[0, 1], [0, 2]]), seen).rooms
     (outline,) = room.outlines
     assert outline.max(axis=0) == pytest.approx([3, 3], abs=0.2)
@@ -161,6 +160,14 @@ def test_sightings_look_at_the_middle_of_whole_boxes() -> None:
         xywh=np.array([(300, 220, 40, 40), (0, 220, 300, 40), (0, 0, 640, 480)]),
     )
     assert seen.direction == pytest.approx(np.array([(0, 1, 0), (1, 0, 0)]), abs=1e-9)
+
+
+def test_what_is_in_a_room() -> None:
+    """The wall and a hole are outside; the wall of the hole and a separate part are inside."""
+    square = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+    room = Room("", 0, [4 * square, square + 1, square + np.array([6, 0])], 16.0)
+    points = np.array([(0.5, 0.5), (0.0, 2.0), (1.5, 1.5), (1.0, 1.5), (6.5, 0.5), (5.0, 0.5)])
+    assert room.contains(points).tolist() == [True, False, False, True, True, False]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Whether the numbers of a printed table are those of result files, and whether bold is the best.
 
-Each number is compared with the mean that the file of its row has, rounded to as many digits as are
-printed. One that differs is compared with other ways to round, and with other protocols.
+Each number is compared with the mean of its row's file, rounded to as many digits as are printed.
+One that differs is compared with other ways to round, and with other protocols.
 """
 
 import re
@@ -44,7 +44,7 @@ _RANK_NAMES = ("the best", "the second best")
 _SLIP = Decimal("1.5")
 # A mean of binary fractions is half a unit only up to its last bits.
 _LAST_BITS = Decimal("1e-9")
-# If no label names the file of a row, so many of its numbers must be the file's, and half of them.
+# Without a label, a row is a file's if at least so many of its numbers agree, and half of them.
 _FEWEST_AGREEING = 2
 
 
@@ -180,6 +180,16 @@ class _Compared(NamedTuple):
     """The protocols by which the file's number is printed so."""
 
 
+class _Match(NamedTuple):
+    """A row, by its number, and the method whose file it is compared with."""
+
+    number: int
+    method: str
+    compared: Sequence[_Compared]
+    is_labelled: bool
+    """Whether the row's label names the method; if not, its numbers are the file's."""
+
+
 class _OneTable:
     """A printed table beside the results: what its columns and rows are."""
 
@@ -212,7 +222,8 @@ class _OneTable:
             if metric.unit == "fraction" and (number := _number(row, column)) is not None
         ]
         self._whole = 1 if rates and max(rates) <= 1 else 100
-        self._method_of = dict(self._matches())
+        self._matches = sorted(self._find_matches(), key=lambda match: match.number)
+        self._method_of = {match.number: match.method for match in self._matches}
 
     def _rows(self, body: Sequence[Sequence[PrintedCell]], blocks: Sequence[int]) -> Iterator[_Row]:
         first, section = min(self._metrics, default=0), ""
@@ -234,13 +245,15 @@ class _OneTable:
 
     # Rows and files.
 
-    def _matches(self) -> Iterator[tuple[int, str]]:
-        """Yield the number of each row that is of a file, with the name of the method."""
+    def _find_matches(self) -> Iterator[_Match]:
+        """Yield the rows that are those of files, each section's on their own."""
         names = list(dict.fromkeys(name for methods in self._results.values() for name in methods))
         for _, several in groupby(enumerate(self.rows), lambda each: each[1].section):
             rows = dict(several)
             labelled = _by_label({number: row.label for number, row in rows.items()}, names)
-            yield from labelled.items()
+            for number, name in labelled.items():
+                compared = list(self._compare(rows[number], name))
+                yield _Match(number, name, compared, is_labelled=True)
             free = set(names) - set(labelled.values())
             counts = {
                 (number, name): self._agreement(row, name)
@@ -252,8 +265,8 @@ class _OneTable:
             for (number, name), count in sorted(counts.items(), key=lambda each: -each[1]):
                 if count and name in free and number in rows:
                     free.remove(name)
-                    del rows[number]
-                    yield number, name
+                    compared = list(self._compare(rows.pop(number), name))
+                    yield _Match(number, name, compared, is_labelled=False)
 
     def _agreement(self, row: _Row, name: str) -> int:
         """Return how many numbers of a row are a file's under one protocol; 0 if too few are."""
@@ -285,14 +298,14 @@ class _OneTable:
 
     def numbers(self) -> Iterator[CheckedNumber]:
         """Yield every number that a file has."""
-        for number, name in sorted(self._method_of.items()):
-            row = self.rows[number]
-            for column, printed, computed, agreeing in self._compare(row, name):
+        for match in self._matches:
+            row = self.rows[match.number]
+            for column, printed, computed, agreeing in match.compared:
                 split, metric = self.columns[row.section, column]
                 yield CheckedNumber(
                     row.cells[column].line,
                     row.label,
-                    name,
+                    match.method,
                     split,
                     metric.label,
                     str(printed),
@@ -331,7 +344,7 @@ class _OneTable:
     def _wrong_rank(
         self, values: Mapping[int, Decimal], number: int, metric: Metric, rank: int
     ) -> str:
-        """Say why a number has not a rank; empty if it has, in its column or between two lines."""
+        """Say why a number does not have a rank; empty if it does, in its column or block."""
         block = [it for it in values if self.rows[it].block == self.rows[number].block]
         better: Mapping[Decimal, int] = {}
         for rows in (block, values):
@@ -393,22 +406,20 @@ class _OneTable:
 
     def notes(self) -> Iterator[str]:
         """Say how rows were matched to files, and what was not checked."""
-        for number, name in sorted(self._method_of.items()):
-            row = self.rows[number]
-            compared = list(self._compare(row, name))
-            if not _by_label({number: row.label}, [name]):
-                yield (
-                    f"{row.label or 'a row without a label'} is taken for {name}, because "
-                    f"{self._agreement(row, name)} of {len(compared)} numbers agree; no label says "
-                    "so"
-                )
-            counts = _counts(compared)
+        for match in self._matches:
+            label, total = self.rows[match.number].label, len(match.compared)
+            counts = _counts(match.compared)
             most = max(counts.values(), default=0)
+            if not match.is_labelled:
+                yield (
+                    f"{label or 'a row without a label'} is taken for {match.method}, because "
+                    f"{most} of {total} numbers agree; no label says so"
+                )
             if most > counts[self._protocol]:
                 best = ", ".join(each for each in counts if counts[each] == most)
                 yield (
-                    f"{row.label}: of {count_text(len(compared), 'number')}, "
-                    f"{counts[self._protocol]} agree under {self._protocol}, {most} under {best}"
+                    f"{label}: of {count_text(total, 'number')}, {counts[self._protocol]} agree "
+                    f"under {self._protocol}, {most} under {best}"
                 )
         unmatched = [
             row.label
@@ -429,7 +440,7 @@ class _OneTable:
 
 
 def _by_label(labels: Mapping[int, str], names: Iterable[str]) -> Mapping[int, str]:
-    """Return the names that labels are, or else a name that is a part of a single label."""
+    """Return the names of rows: a label is the name or, if none is, alone contains it."""
 
     def simple(text: str) -> str:
         # Without the numbers of citations.
@@ -471,14 +482,14 @@ def _unit(number: Decimal) -> Decimal:
 
 
 def _agrees(printed: Decimal, value: Decimal) -> bool:
-    """Whether a value is printed so, rounded; of a half, both directions are right."""
+    """Whether a printed number is a value, rounded; a half may be rounded up or down."""
     return abs(printed - value) <= _unit(printed) / 2 + _LAST_BITS
 
 
 def _judge(
     printed: Decimal, value: Decimal, agreeing: Sequence[str], protocol: str
 ) -> tuple[Verdict, str]:
-    """Say whether a number agrees or, if it does not, how else it can have been made."""
+    """Say whether a number agrees or, if not, how else it may have come about."""
     if protocol in agreeing:
         return "agrees", f"rounded to {count_text(_decimals(printed), 'decimal')}"
     others = f"agrees under {', '.join(agreeing)}" if agreeing else ""

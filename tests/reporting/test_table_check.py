@@ -393,6 +393,15 @@ def test_labels(labels: Sequence[str], matched: str | None) -> None:
         assert [each.row for each in check_typed(table, found).numbers] == [matched]
 
 
+def test_labels_that_could_both_be_meant_are_told_apart_by_numbers() -> None:
+    found = results(official={"success": 0.5, "spl": 0.4})
+    check = check_typed("Method,SR,SPL\nOurs A,10,20\nOurs B,50,40", found)
+    assert [each.row for each in check.numbers] == ["Ours B", "Ours B"]
+    assert check.notes[0] == (
+        "Ours B is taken for ours, because 2 of 2 numbers agree; no label says so"
+    )
+
+
 def test_splits_above_and_beside_each_other() -> None:
     found = {
         split: {"ours": {"official": {"success": share}}}

@@ -132,9 +132,9 @@ def rank_intervals(
 def covariance_of_rows(values: FloatArray, cluster: IntArray) -> FloatArray:
     """Estimate the covariance of the means of rows, without what all rows share.
 
-    Clusters of episodes tell most of it. Trainings add what the means of runs differ in beyond
-    that: as a few seeds cannot tell how it covaries, it counts as independent, and as large as it
-    is on average over the rows.
+    Most of it is estimated from clusters of episodes. The means of runs vary more than these
+    explain, because trainings differ; as a few seeds cannot show how that part covaries, it counts
+    as independent between rows, with its average variance over the rows.
 
     Parameters
     ----------
@@ -162,11 +162,11 @@ def covariance_of_rows(values: FloatArray, cluster: IntArray) -> FloatArray:
 
 
 def largest_error(covariance: FloatArray) -> float:
-    """Return the expectation of the largest of several normal errors, given their covariance."""
+    """Return the expected largest of several normal errors with a mean of 0."""
     from reverie_eval.metrics.uncertainty import RESAMPLES, SEED
 
     errors = _draw_errors(covariance, RESAMPLES, SEED)
-    # What all share is 0 on average; without it, as many draws say more.
+    # The mean of all errors is 0 on average; without it, the same draws vary less.
     return float((errors.max(axis=0) - errors.mean(axis=0)).mean())
 
 
@@ -227,7 +227,7 @@ def leaders(
     scores : mapping of Scores or Runs
         By name, of the same episodes under the same protocol.
     keys : iterable of str
-        Metrics of which more or less is better. Those that some scores lack are compared between
+        Metrics in which one direction is better. One that some scores lack is compared between
         the others.
     cluster : "target" or "scan"
         What dependent episodes share; there are at least two.

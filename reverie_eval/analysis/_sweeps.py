@@ -46,15 +46,15 @@ SPLIT_FIELD = "split"
 class Sweep(Mapping[str, Scored]):
     """The results of a sweep, a row for each checkpoint or setting: ``sweep["40000"]``.
 
-    A row is the :class:`Runs` of its seeds or, if it has one file, its :class:`Scores`. Rows are in
-    the order of their fields, numbers by size.
+    A row is the :class:`Runs` of its seeds or, if it has one file, its :class:`Scores`. Rows are
+    sorted by their fields, numbers by size.
     """
 
     pattern: str
     rows: Mapping[str, Mapping[str, Scores]]
     """The scores of each row by their seeds."""
     fields: Mapping[str, Mapping[str, str]]
-    """What the fields of the pattern stand for in each row, the seed left out."""
+    """What the fields of the pattern, except the seed, stand for in each row."""
     failures: Mapping[str, Failure]
     """Why other files have no scores, by path."""
 
@@ -177,13 +177,13 @@ class Sweep(Mapping[str, Scored]):
     def excess(self) -> float:
         """By how much the best row is expected to exceed its own true mean, at most.
 
-        The best of several is chosen for its luck as well. Luck is the error of a mean, of which
-        other episodes and other seeds would give another; what the chosen row has of it is never
-        more than the largest error of all. This is the expectation of the largest among
-        :attr:`contenders`, as if errors were normal, with their covariances: rows share episodes
-        and seeds, and luck that all share chooses none. If all are equally good, the best exceeds
-        their mean by as much [1]_: of two independent ones by 0.56 standard errors, of three by
-        0.85, of ten by 1.54.
+        The best of several rows is partly chosen for its luck: the error of its mean, which would
+        differ with other episodes and other seeds. The error of the chosen row is at most the
+        largest of all. This is the expected largest error among :attr:`contenders`, for normal
+        errors with the rows' covariances: rows share episodes and seeds, and luck that all rows
+        share does not affect the choice. If all rows are equally good, the best exceeds their true
+        mean by this much [1]_: by 0.56 standard errors for two independent rows, 0.85 for three,
+        1.54 for ten.
 
         In the unit of :attr:`primary`; 0 for a single contender.
 
@@ -196,7 +196,7 @@ class Sweep(Mapping[str, Scored]):
 
     @cached_property
     def _luck(self) -> tuple[Sequence[bool], float]:
-        """Whether each candidate is a contender, and the excess of the best of them."""
+        """Whether each candidate is a contender, and the excess of the best one."""
         cluster = clusters_of(self.first.ground_truth, "target")
         n_clusters, key = len(np.unique(cluster)), self.primary.key
         if n_clusters < 2:  # nothing shows how much errors may be

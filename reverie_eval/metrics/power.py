@@ -43,7 +43,7 @@ _DRAWN_CLUSTERS = 200_000
 # Where the distribution of an estimated variance is looked at.
 _QUANTILES = (np.arange(20) + 0.5) / 20
 _BOUNDS = np.array([[-1.0], [1.0]])
-# So far within its bounds is a rate of 0 or 1.
+# How far inside its bounds a rate of 0 or 1 is taken to be.
 _INSIDE = 1e-9
 _RATES = np.array([[0.0, 0.0], [1.0, 1.0]])
 _MOST_EPISODES = 10_000_000
@@ -306,7 +306,7 @@ class PublishedDesign:
     sizes: IntArray
     """Shape (n_clusters,): the number of our episodes in each cluster."""
     of_split: IntArray
-    """Shape (n_clusters_of_split,): that of the split."""
+    """Shape (n_clusters_of_split,): the number of the split's episodes in each cluster."""
     published: float
     correlation: float
     """Correlation between the results of two episodes in a cluster."""
@@ -323,14 +323,14 @@ class PublishedDesign:
 
     @property
     def n_clusters(self) -> int:
-        """The number of their clusters."""
+        """The number of clusters of our episodes."""
         return len(self.sizes)
 
     def power(self, effect: float, n_episodes: int | None = None) -> float:
         """Return the probability that a rate higher by a true difference is significantly higher.
 
-        Of this or another number of such episodes. Both rates vary by chance, that of ours by
-        ``p (1 - p) / n`` times the design effect of its clusters.
+        ``n_episodes`` plans another number of such episodes. Both rates vary by chance: their
+        variances are ``p (1 - p) / n`` times the design effect of their clusters.
 
         Raises
         ------

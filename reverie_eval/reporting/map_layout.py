@@ -201,7 +201,7 @@ class Layout:
         for share in np.linspace(0, 1, 5):
             for y in (first[:, 1], last[:, 1]):
                 x = first[:, 0] + share * (last[:, 0] - first[:, 0])
-                is_free &= drawn.contains(np.column_stack([x, y]))
+                is_free[is_free] = drawn.contains(np.column_stack([x, y])[is_free])
         if not is_free.any():
             return None
         away = np.hypot(*((first + last) / 2 - (low + high) / 2)[is_free].T)

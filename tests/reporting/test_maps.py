@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.geometry import Line, Room
+from reverie_eval.geometry import Building, Line, Room
+from reverie_eval.reporting.buildings import building_of
 from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, Layout, arrows, sector
 from reverie_eval.reporting.map_svg import (
     MAP_STYLE,
@@ -19,6 +20,7 @@ from reverie_eval.reporting.map_svg import (
     map_svg,
 )
 from reverie_eval.reporting.maps import EpisodeMap, Step
+from tests.conftest import SAMPLES
 from tests.support.home_world import LAMP, OTHER_WALKS, WALKS, home_scores
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -374,6 +376,37 @@ def furnished(episode_map: EpisodeMap) -> EpisodeMap:
         room=np.where(episode_map.storey == 0, 0, 1),
     )
     return replace(episode_map, building=building)
+
+
+def buildings_of(scores: rv.Scores) -> list[Building]:
+    """Model the mansion and the rectory of the demo world."""
+    truth = scores.ground_truth
+    scans = ("DemoMansion", "DemoRectory")
+    return [building_of(truth.graph, truth.require_solution(), scan) for scan in scans]
+
+
+def test_each_scan_has_the_rooms_of_its_own_objects() -> None:
+    """Names are those of the demo world's floor plans, apart from a library, which has desks."""
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    mansion, rectory = buildings_of(scores)
+    names = [sorted({room.name for room in mansion.rooms_on(n)} - {""}) for n in (0, 1)]
+    assert names == [["bedroom", "kitchen"], ["bedroom", "living room", "office"]]
+    assert sorted(room.name for room in rectory.rooms) == [
+        *("bathroom", "bedroom", "dining room", "kitchen", "laundry", "living room"),
+        *("office", "office"),
+    ]
+
+
+def test_a_building_is_modelled_once_for_a_split() -> None:
+    whole = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    part = rv.evaluate(
+        SAMPLES / "good.json",
+        split="val_unseen",
+        ground_truth=whole.ground_truth,
+        protocol="duet",
+        subset=whole.instr_ids[:20],
+    )
+    assert all(one is other for one, other in zip(*map(buildings_of, (whole, part)), strict=True))
 
 
 def test_the_plan_is_that_of_the_start(scores: rv.Scores) -> None:

@@ -113,6 +113,7 @@ class Walker:
             share = (time.perf_counter() - began) / len(walks)
             for walk in walks:
                 walk.seconds = share
+                walk.all_seconds += share
 
     def _act(self, walks: Sequence["_Walk"]) -> Sequence[Action]:
         if not self._is_batch:
@@ -138,6 +139,8 @@ class _Walk:
         self.error: BaseException | None = None
         self.seconds = 0.0
         """How long the agent took for its last choice."""
+        self.all_seconds = 0.0
+        """How long it took for all choices, also for one that failed and left no step."""
         rng = random.Random(_seed(plan.seed, job.episode))  # noqa: S311
         self.episode = Episode(truth, truth.row_of(job.episode), rng)
         environment.forget_parts_read()
@@ -224,7 +227,7 @@ class _Walk:
             state=state,
             reason=self._reason,
             steps=len(self._steps),
-            seconds=sum(each.seconds for each in self._steps),  # of a batch, its share
+            seconds=self.all_seconds,
             read=tuple(sorted(read)),
             is_retried=treatment == "retry",
             traceback="".join(traceback.format_exception(self.error)) if is_failed else "",

@@ -15,7 +15,7 @@ from reverie_eval import ReverieEvalError
 from reverie_eval.agents import AgentSource
 from reverie_eval.runner import FAILED_IN_A_ROW, TREATMENTS, WAITS, Plan, RunError, read_steps, run
 from reverie_eval.runner._failures import treatment_of
-from reverie_eval.simulator import Go, Observation, Stop
+from reverie_eval.simulator import Go, Observation, Stop, Turn
 from tests.support.runs import EPISODES, STAYED, Act, Home, Scripted, scripted, some, stop
 
 
@@ -73,6 +73,24 @@ def test_an_unknown_error_stops_the_run_and_the_same_command_goes_on(home: Home)
     assert (totals.ended, totals.attempts) == (4, 5)
     assert (totals.input_tokens, totals.money) == (5, 5.0)  # the failed attempt's included
     assert len(home.card.circumstances) == 2
+
+
+def test_the_time_of_a_choice_that_fails_counts(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    walking = importlib.import_module("reverie_eval.runner._walking")
+    monkeypatch.setattr(walking.time, "perf_counter", lambda: clock[0])
+
+    def act(seen: Observation, agent: Scripted) -> Any:
+        clock[0] += agent.acted  # 1 s for the first action, 2 s until it fails
+        if agent.acted == 2:
+            raise KeyError
+        return Turn(1.0)
+
+    with pytest.raises(RunError):
+        home.run(act)
+    assert [(each.steps, each.seconds) for each in home.attempts] == [(1, 3.0)]
 
 
 def test_an_agent_that_exits_stops_the_run(home: Home) -> None:

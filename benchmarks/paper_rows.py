@@ -47,12 +47,13 @@ class Row(NamedTuple):
     walk: str = ""
     """How a navigator walks; empty for a pointer, which is led to the goal."""
     reads: str = NAMES
-    """What it reads, besides the instruction."""
+    """The input of the agent on names, apart from the instruction."""
     paper_reads: str = "pictures"
+    """The input of the paper's agent, apart from the instruction."""
     without: tuple[str, ...] = ()
     """Inputs that it was trained without."""
     bundles: str = ""
-    """What was done to the episodes on which it was run, a key of :data:`CHANGES`."""
+    """How the episodes that it walked were changed, a key of :data:`CHANGES`; empty for none."""
 
     @property
     def model(self) -> str:

@@ -33,7 +33,7 @@ from reverie_eval.simulator import Action, Answer, Go, Observation, Stop
 MODEL, POINTER = "model.safetensors", "pointer.safetensors"
 """The files of a model's folder: what was trained, and the pointer that answers for a navigator."""
 DECIMALS = 6
-"""Decimals of a score. In double precision, what it owes to the rest of its batch is far behind."""
+"""Decimals of a score. In double precision, the rest of a batch changes only later ones."""
 _DIGEST_SHOWN = 12
 
 

@@ -24,9 +24,9 @@ Walk = Literal["greedy", "fast", "likeliest"]
 of the logits along its way (FAST), or by the sum of their log-probabilities."""
 WALKS: Sequence[Walk] = get_args(Walk)
 
-
+# Options that are numbers, and what they are multiples of: both directions of a bidirectional LSTM
+# have a half of its size.
 _LEAST: Mapping[str, int] = {"size": 2, "epochs": 1}
-"""The options that are numbers: multiples of this."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +72,14 @@ class Recipe:
         for name, value in options.items():
             if name not in known:
                 raise ReverieEvalError(f"there is no option {name!r}{did_you_mean(name, known)}")
-            if name in inputs and not isinstance(value, bool):
-                raise ReverieEvalError(f"option {name} is true or false, not {value!r}")
-            least = _LEAST.get(name, 0)
-            is_number = isinstance(value, int) and not isinstance(value, bool)
-            # Both directions of a bidirectional LSTM have a half of its size.
-            if name in _LEAST and not (is_number and value >= least and value % least == 0):
-                kind = "an even number" if least == 2 else "a whole number"
-                raise ReverieEvalError(f"option {name} is {kind} from {least}, not {value!r}")
+            if name in inputs:
+                if type(value) is not bool:
+                    raise ReverieEvalError(f"option {name} is true or false, not {value!r}")
+            elif type(value) is not int or value < _LEAST[name] or value % _LEAST[name]:
+                kind = "an even number" if name == "size" else "a whole number"
+                raise ReverieEvalError(
+                    f"option {name} is {kind} from {_LEAST[name]}, not {value!r}"
+                )
         own = {name: value for name, value in options.items() if name in _LEAST}
         its = {name: value for name, value in options.items() if name in inputs}
         return replace(self, **own, inputs=replace(self.inputs, **its))

@@ -335,7 +335,10 @@ class ScoringOptions(TruthOptions):
 
 def each_split(how: ScoringOptions) -> Mapping[str, ScoringOptions]:
     """Return the options for each of the splits that ``--split`` names, by split."""
-    return {name: replace(how, split=name) for name in how.split.split(",")}
+    names = [name.strip() for name in how.split.split(",")]
+    if "" in names:
+        raise click.UsageError(f"--split {how.split}: a comma has no split before or after it")
+    return {name: replace(how, split=name) for name in names}
 
 
 truth = grouped("truth_options", TruthOptions, split, ground_truth, task)

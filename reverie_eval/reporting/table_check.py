@@ -138,7 +138,8 @@ def check_tables(tables: Sequence[PrintedTable], results: Results, protocol: str
     Raises
     ------
     ProtocolError
-        If no column is headed by a metric of a split that was scored, or no row is one of a file.
+        If no column is headed by a metric of a split that was scored, no row is one of a file, or
+        the files do not have the metrics of their rows.
     """
     checks = [_OneTable(table, results, protocol) for table in tables]
     checks = [each for each in checks if each.columns]
@@ -147,6 +148,12 @@ def check_tables(tables: Sequence[PrintedTable], results: Results, protocol: str
             f"no column is headed by a metric, such as SR or SPL, of {' or '.join(results)}"
         )
     numbers = [number for each in checks for number in each.numbers()]
+    if not numbers and any(each.matches for each in checks):
+        metrics = dict.fromkeys(it.label for each in checks for _, it in each.columns.values())
+        raise ProtocolError(
+            f"nothing to compare: the files have no scores of {', '.join(metrics)}, or their rows "
+            "have no numbers in these columns"
+        )
     if not numbers:
         labels = dict.fromkeys(row.label for each in checks for row in each.rows)
         names = dict.fromkeys(name for methods in results.values() for name in methods)
@@ -222,8 +229,8 @@ class _OneTable:
             if metric.unit == "fraction" and (number := _number(row, column)) is not None
         ]
         self._whole = 1 if rates and max(rates) <= 1 else 100
-        self._matches = sorted(self._find_matches(), key=lambda match: match.number)
-        self._method_of = {match.number: match.method for match in self._matches}
+        self.matches = sorted(self._find_matches(), key=lambda match: match.number)
+        self._method_of = {match.number: match.method for match in self.matches}
 
     def _rows(self, body: Sequence[Sequence[PrintedCell]], blocks: Sequence[int]) -> Iterator[_Row]:
         first, section = min(self._metrics, default=0), ""
@@ -298,7 +305,7 @@ class _OneTable:
 
     def numbers(self) -> Iterator[CheckedNumber]:
         """Yield every number that a file has."""
-        for match in self._matches:
+        for match in self.matches:
             row = self.rows[match.number]
             for column, printed, computed, agreeing in match.compared:
                 split, metric = self.columns[row.section, column]
@@ -406,7 +413,7 @@ class _OneTable:
 
     def notes(self) -> Iterator[str]:
         """Say how rows were matched to files, and what was not checked."""
-        for match in self._matches:
+        for match in self.matches:
             label, total = self.rows[match.number].label, len(match.compared)
             counts = _counts(match.compared)
             most = max(counts.values(), default=0)

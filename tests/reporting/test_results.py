@@ -442,11 +442,12 @@ def test_splits_side_by_side_by_their_names(run: Run, tmp_path: Path) -> None:
     status, _, err = run("table", f"ours={FILES[0]}", "--split", "val_seen,val_unseen")
     assert status == 2
     assert "of which split? Write {split} where its name stands" in err
+    assert run("table", *files, "--split", f" {SPLIT} ").out == out
+    status, _, err = run("table", *files, "--split", f"{SPLIT},")
+    assert (status, f"--split {SPLIT},: a comma has no split" in err) == (2, True)
 
 
-def test_what_joins_a_method_s_name_to_the_split_s_is_no_part_of_it(
-    run: Run, tmp_path: Path
-) -> None:
+def test_what_joins_a_method_s_name_to_the_split_s_is_left_out(run: Run, tmp_path: Path) -> None:
     files = [tmp_path / "val_unseen.first.json", tmp_path / "second_val_unseen.json"]
     for file, sample in zip(files, ("mediocre", "good"), strict=True):
         shutil.copy(SAMPLES / f"{sample}.json", file)

@@ -425,6 +425,11 @@ def test_no_column_of_a_metric() -> None:
         check_typed("Method,Year\nours,2020", results(official={"success": 0.5}))
 
 
+def test_a_file_without_the_metrics_of_its_row() -> None:
+    with pytest.raises(ProtocolError, match="nothing to compare: the files have no scores of SPL"):
+        check_typed("Method,SPL\nours,40", results(official={"success": 0.5}))
+
+
 RULED = r"""\begin{tabular}{lrr}
 Method & SR & SPL \\ \midrule
 Human & 81.5 & 53.7 \\ \midrule

@@ -201,10 +201,12 @@ class Sweep(Mapping[str, Scored]):
         n_clusters, key = len(np.unique(cluster)), self.primary.key
         if n_clusters < 2:  # nothing shows how much errors may be
             return [True] * len(self.candidates), 0.0
+        # As many runs of each, so that the errors of means with more of them count as no smaller.
         rows = [list(self.rows[name].values())[: self.n_runs] for name in self.candidates]
         values = np.array([[scores.episodes[key] for scores in runs] for runs in rows])
         covariance = covariance_of_rows(values, cluster)
-        ranks = rank_intervals(-values.mean(axis=(1, 2)), covariance, n_clusters)
+        means = np.array([self.mean(name, key) for name in self.candidates])
+        ranks = rank_intervals(-means, covariance, n_clusters)
         is_contender = ranks.low == 1
         return is_contender.tolist(), largest_error(covariance[np.ix_(is_contender, is_contender)])
 

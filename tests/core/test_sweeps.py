@@ -120,6 +120,16 @@ def test_a_row_without_a_seed_is_not_chosen(tmp_path: Path, run: Run) -> None:
     assert run(pattern, "--split", UNSEEN, "--format", "csv").out.count("\na,1,") == 1
 
 
+def test_the_best_of_rows_with_more_runs_than_most_is_a_contender(tmp_path: Path) -> None:
+    """Its first two runs, as many as most rows have, are by far the worst."""
+    runs = {"a": ["mediocre"] * 2 + ["good"] * 4, "b": ["drawn"] * 2, "c": ["drawn"] * 2}
+    for name, samples in runs.items():
+        for seed, sample in enumerate(samples):
+            shutil.copy(SAMPLES / f"{sample}.json", tmp_path / f"{name}{seed}.json")
+    sweep = rv.sweep(f"{tmp_path}/{{x}}{{seed}}.json", split=UNSEEN, jobs=1)
+    assert (sweep.n_runs, sweep.best, sweep.contenders[0]) == (2, "a", "a")
+
+
 def test_files_without_seeds_are_rows_of_their_own(trained: str, run: Run) -> None:
     words = (trained.replace("{seed}", "2"), "--select", SEEN, "--report", UNSEEN, "--jobs", "1")
     status, out, err = run(*words, "--confidence", "0.9")

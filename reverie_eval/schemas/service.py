@@ -595,7 +595,7 @@ class LeaderboardRow(WireModel):
     team: TeamName
     """Empty while the team is anonymous."""
     method: ReportedMethod
-    """Of a submission, without ``reference``."""
+    """``reference`` is null for a submission."""
     published_at: datetime
     """When it was published on this leaderboard."""
     submissions: int | None = Field(examples=[3])

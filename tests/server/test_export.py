@@ -27,7 +27,8 @@ def busy(server: Serving) -> Serving:
     server.upload(OWNER, GOOD + b"\n\n", name=SECRET)
     with server.acting(ORGANISER) as transaction:
         review(transaction, first, "verified", "we ran its code")
-        new = NewReported.model_validate(BODIES["POST /organiser/reported"]["json"])
+        body = {**BODIES["POST /organiser/reported"]["json"], "split": OPEN}
+        new = NewReported.model_validate({**body, "method": {"name": "Chance", "reference": True}})
         add_reported(transaction, new, server.state.settings.tasks)
     return server
 
@@ -44,7 +45,7 @@ def test_results_are_those_of_the_leaderboard_s_csv(busy: Serving, folder: Path,
         assert len(own) == len(shown) > 0
         for row, expected in zip(own, shown, strict=True):
             common = row.keys() & expected.keys() - {"reviews"}
-            assert {"spl", "team", "rank", "method"} <= common
+            assert common == expected.keys() - {"reviews"}
             assert {name: row[name] for name in common} == {name: expected[name] for name in common}
 
 
@@ -57,12 +58,14 @@ def test_parquet_has_the_same_values_with_units(busy: Serving, folder: Path, run
     for row, expected in zip(rows, shown, strict=True):
         assert {key: row[key] for key in expected["scores"]} == expected["scores"]
         assert (row["team"], row["rank"]) == (expected["team"], expected["rank"])
-        assert row["method"] == expected["method"]["name"]
+        method = {name: row["method" if name == "name" else name] for name in expected["method"]}
+        assert method == expected["method"]
     assert table.schema.field("spl").metadata == {b"unit": b"fraction"}
     assert table.schema.field("path_length").metadata == {b"unit": b"metres"}
     described = json.loads((out / "datapackage.json").read_text())
     fields = {each["name"]: each for each in described["resources"][1]["schema"]["fields"]}
     assert fields["spl"]["unit"] == "fraction"
+    assert fields["reference"]["type"] == "boolean"
     assert list(fields) == table.schema.names
 
 

@@ -183,6 +183,7 @@ def test_the_board_as_csv(server: Serving) -> None:
         "input_class",
         "sample_size",
         *METHOD_COSTS,
+        "reference",
     ]
     more = ["standing", "reviews", "source", "reported_date", "dataset", "signature"]
     known = ("ranked", *4 * [""], server.state.boards[OPEN].signature)
@@ -197,14 +198,14 @@ def test_the_board_as_csv(server: Serving) -> None:
         [
             *("1", first, "Blue", f"{at}0Z", "1"),
             *('Our, "best"', *links.values(), *undeclared, "true", "", "false"),
-            *("views", "59", "", "", "", "", "0.25"),
+            *("views", "59", "", "", "", "", "0.25", ""),
             *known,
             *("0.5", "0.25"),
         ],
         [
             *("", second, "", f"{at}1Z", "1"),
             *("Walker", "", "", *undeclared, *undeclared),
-            *7 * [""],
+            *8 * [""],
             *known,
             *("0.75", ""),
         ],
@@ -365,7 +366,7 @@ def test_a_leaderboard_as_json() -> None:
                 "group": 1,
                 "submission_id": "walker",
                 "team": "Blue",
-                "method": {"name": "Walker", "reference": None},
+                "method": {"name": "Walker"},
                 "scores": {"spl": 0.5},
                 "intervals": {"spl": [0.25, 0.75]},
                 "signature": "sig",
@@ -376,7 +377,7 @@ def test_a_leaderboard_as_json() -> None:
                 "rank": None,
                 "submission_id": None,
                 "team": "Blue",
-                "method": {"name": "Paper", "reference": None},
+                "method": {"name": "Paper"},
                 "submissions": None,
                 "scores": {},
                 "signature": "",
@@ -392,7 +393,7 @@ def test_a_leaderboard_as_json() -> None:
                 "rank": None,
                 "submission_id": "cat",
                 "team": "",
-                "method": {"name": "Cat", "reference": None},
+                "method": {"name": "Cat"},
                 "scores": {"rgs": 0.0},
                 "signature": "",
                 "standing": "disqualified",
@@ -427,7 +428,7 @@ def test_what_is_not_ranked_comes_last_in_csv() -> None:
     assert headings[-7:] == [
         *("spl", "rgs", "spl_low", "spl_high", "rank_low", "rank_high", "group")
     ]
-    at, empty, undeclared = "2026-03-02T12:00:00Z", [""] * 8, [""] * 7
+    at, empty, undeclared = "2026-03-02T12:00:00Z", [""] * 8, [""] * 8
     ranks_of_first = ("0.25", "0.75", "1", "2", "1")
     assert rows == [
         [

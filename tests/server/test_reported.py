@@ -102,7 +102,7 @@ def test_the_board_of_a_file_is_sorted_like_any_other(server: Serving) -> None:
     }
     lines = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard.csv").text.splitlines()
     assert [line.split(",")[5] for line in lines[1:]] == ["Ours", "Green", "Blue (Walker)", "Red"]
-    nothing = "," * 16
+    nothing = "," * 17
     assert f"Green{nothing}reported,,{SOURCE},2022-11,,," in lines[2]
 
 

@@ -119,6 +119,7 @@ _RESULT = {
     "input_class": _TEXT,
     "sample_size": "integer",
     **dict.fromkeys(METHOD_COSTS, "number"),
+    "reference": _FLAG,
     "signature": _TEXT,
     "source": _TEXT,
     "reported_date": _TEXT,

@@ -28,7 +28,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import Standing, SubmissionReport
+from reverie_eval.schemas.service import ReportedMethod, Standing, SubmissionReport
 from reverie_eval.server.service.audit import RULES
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reviews import PublishedReview, is_disqualified
@@ -71,7 +71,7 @@ class Entry:
     team_id: int | None
     team: str
     method: Mapping[str, Any]
-    """A stored :class:`~reverie_eval.schemas.service.Method`."""
+    """A stored :class:`~reverie_eval.schemas.service.ReportedMethod`."""
     published_at: datetime
     anonymous_until: datetime | None
     scores: Mapping[str, float]
@@ -130,6 +130,12 @@ _REPORT = msgspec.json.Decoder(_Report)
 _FURTHER = msgspec.json.Decoder(dict[str, _Result])
 _METHOD = msgspec.json.Decoder(dict[str, str | bool | int | float | None])
 _SCORES = msgspec.json.Decoder(dict[str, float])
+_NOTHING_DECLARED: Mapping[str, Any] = {
+    name: field.default
+    for name, field in ReportedMethod.model_fields.items()
+    if not field.is_required()
+}
+"""What is not in a stored method: only reported ones may be references, and fields were added."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -400,11 +406,11 @@ def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: dateti
 
 
 def _method(stored: str) -> Mapping[str, Any]:
-    """Return a stored method, of which pages need the name."""
+    """Return a stored method, of which pages need the name, with all fields of any method."""
     method = _METHOD.decode(stored)
     if not isinstance(method.get("name"), str):
         raise msgspec.ValidationError("a method has no name")
-    return method
+    return {**_NOTHING_DECLARED, **method}
 
 
 def _report_on(board: Board, stored: str) -> _Report | None:

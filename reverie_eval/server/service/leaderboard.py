@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.results import methods_table
 from reverie_eval.reporting.tables import latex_comments, latex_text
-from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, Method
+from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, ReportedMethod
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import csv_text
@@ -27,7 +27,7 @@ from reverie_eval.tasks import Task
 
 _OF_RANK = ("rank_low", "rank_high", "group")
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
-_OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
+_OF_METHOD = tuple(name for name in ReportedMethod.model_fields if name != "description")
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
@@ -208,7 +208,6 @@ def _row_json(ranking: Ranking, row: Row) -> dict[str, Any]:
         "rank_interval": None if found is None else (found.best, found.worst),
         "group": None if found is None else found.group,
         "team": ranking.team(entry),
-        "method": {"reference": None, **entry.method},  # only that of a reported result has it
         "submissions": ranking.submissions(entry),
     }
     return {

@@ -47,7 +47,7 @@ from reverie_eval.text import did_you_mean
 PER_PAGE = 50
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
 MOST_APART = 120
-"""Results that are shown below the ranking; one of six years in a table of headline metrics."""
+"""Results that are shown below the ranking, at most: enough for a leaderboard of six years."""
 PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
 """The URL paths of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5
@@ -384,7 +384,7 @@ def _feed(
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Results below the ranking that are comparable with each other at most."""
+    """Results below the ranking that can only be compared with each other."""
 
     name: str
     why: str

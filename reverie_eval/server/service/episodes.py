@@ -76,7 +76,7 @@ class Reference(NamedTuple):
 
     title: str
     input_class: InputClass | None
-    """What it was shown; None if that is not worth a word."""
+    """The input that the agent saw; None for agents that only know the graph or the solution."""
     scores: Scores
 
 

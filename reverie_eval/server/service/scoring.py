@@ -79,8 +79,8 @@ class Scoring(AbstractContextManager["Scoring", None]):
     number: int
     """How many calls they answer at once."""
     turns: int
-    """How many requests may have been given a turn to score: those whose result is being stored
-    leave their process to another."""
+    """How many files may be scored or stored at once: more than ``number`` if a process can score
+    the next one while the last result is being stored."""
 
     @abstractmethod
     def hold(self) -> AbstractContextManager[Runner]:

@@ -36,10 +36,10 @@ def phase() -> None:
 @phase.command()
 @server_folder
 def show(*, folder: Folder) -> None:
-    """Show what is in effect, and who says so.
+    """Show what is in effect, and what set it.
 
-    Phases, when scores are shown, what is paused, and the banner: as the settings file has them, as
-    the desk has set them, and what is in effect.
+    Phases, when scores are shown, pauses and the banner: as in the settings file, as set at the
+    desk or by commands, and as they are in effect.
     """
     from reverie_eval.server.service.notices import Notices
     from reverie_eval.server.service.schedules import Schedules
@@ -133,7 +133,7 @@ def reset(*, folder: Folder, split: str) -> None:
 def pause(*, folder: Folder, split: str | None) -> None:
     """Pause SPLIT, or all splits, whatever phases say.
 
-    Those who upload are told the banner as the reason; see `server news banner`.
+    Uploads are refused with the banner as the reason; `server news banner` sets it.
     """
     from reverie_eval.server.service import schedules
 
@@ -247,7 +247,7 @@ def remove(*, folder: Folder, number: int) -> None:
 def banner(*, folder: Folder, text: str) -> None:
     """Show a banner on all pages: TEXT is one line.
 
-    An empty TEXT removes it; then that of the settings file is shown again.
+    An empty TEXT removes it; then the banner of the settings file is shown again.
     """
     # Checked first, as the pages check it: a banner has to fit on a line.
     _change_notice(folder, banner=options.checked(NewNotice, banner=text).banner)

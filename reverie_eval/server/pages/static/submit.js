@@ -182,7 +182,6 @@ addEventListener("drop", (event) => {
   choose(event.dataTransfer.files[0]);
 });
 
-for (const each of form.querySelectorAll(".if-scripts")) each.hidden = false;
 addEventListener("pageshow", rest); // also when the browser restores the page from its cache
 
 // A person who comes from /play brings the walks that this browser keeps.

@@ -121,6 +121,5 @@ addEventListener("pageshow", () => { // choices that the browser restores
   if (answer.elements.answer.value) choose();
 });
 
-for (const each of document.querySelectorAll(".if-scripts")) each.hidden = false;
 panorama.focus({ preventScroll: true });
 arrive();

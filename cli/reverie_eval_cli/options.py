@@ -352,9 +352,8 @@ def scoring_by(
 
 
 scoring = scoring_by(protocol)
-scoring_of_splits = grouped(
-    "scoring",
-    ScoringOptions,
+scoring_of_splits = scoring_by(
+    protocol,
     click.option(
         "--split",
         required=True,
@@ -362,10 +361,6 @@ scoring_of_splits = grouped(
         shell_complete=_complete_split,
         help="The split, or several: val_seen,val_unseen.",
     ),
-    ground_truth,
-    task,
-    protocol,
-    track,
 )
 """What scores submissions to one or several splits, which :func:`each_split` tells apart."""
 

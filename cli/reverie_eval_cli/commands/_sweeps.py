@@ -41,6 +41,7 @@ def select_and_report(wanted: "Wanted") -> int:
         raise click.UsageError("--episodes-from cannot be combined with --select")
     sweep = _score_and_draw(wanted, pattern, replace(wanted.scoring, split=select))
     best = _score(wanted, sweep.best_pattern, wanted.scoring)
+    # A single row, or none if no file of it could be scored.
     for name, runs in best.rows.items():
         for seed in sweep.rows[sweep.best]:
             if seed not in runs:

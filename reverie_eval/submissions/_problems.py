@@ -193,8 +193,8 @@ MISSING_EPISODE = Template(
 MISSING_EPISODES = Template(
     "missing-episode",
     "{count:,} of the {expected:,} episodes of {split} have no prediction, such as {examples}; "
-    "check that the file is whole, from all processes, or list a stop at the start without an "
-    "answer: a failure each, {points:.1f} points",
+    "check that the file has all processes' results, or list a stop at the start without an "
+    "answer: each is a failure, {points:.1f} points in all",
 )
 IDS_OF_ANOTHER_TASK = Template(
     "other-task",

@@ -24,7 +24,7 @@ from reverie_eval.reporting.printed import (
     split_in,
 )
 from reverie_eval.reporting.tables import Part, Printout, Table
-from reverie_eval.scoring import Scored
+from reverie_eval.scoring import Intervals, Scored
 from reverie_eval.text import count_text
 
 Verdict = Literal["agrees", "rounding", "protocol", "differs"]
@@ -385,6 +385,9 @@ class _OneTable:
         label = self.rows[runner_up].label
         if name is None or other is None or name == other:
             return f"not tested: {label if name else 'it'} has no file"
+        truth = self._results[split][name][self._protocol].ground_truth
+        if reason := Intervals.why_not(truth, "target"):
+            return f"not tested: {reason}"
         comparison = self._comparison(split, name)
         if metric.key not in comparison.get(other, {}):
             return f"not tested: the file of {label} has no {metric.label} on {split}"

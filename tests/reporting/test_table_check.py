@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pytest
 
-from reverie_eval import CATALOGUE, ProtocolError, Scores, compare, evaluate_protocols
+from reverie_eval import CATALOGUE, ProtocolError, Scores, compare, evaluate, evaluate_protocols
 from reverie_eval.reporting.printed import PrintedCell, metric_in, number_in, read_tables, split_in
 from reverie_eval.reporting.table_check import TableCheck, check_tables
 from tests.conftest import REPOSITORY, SAMPLES
@@ -291,6 +291,16 @@ def test_three_planted_errors_are_found_and_nothing_else(
     assert not check.is_right
     (slip,) = [each for each in check.numbers if each.verdict == "rounding"]
     assert slip.finding.startswith("cut off, not rounded")
+
+
+def test_of_one_target_bold_is_checked_but_not_tested() -> None:
+    methods = {
+        name: {PROTOCOL: evaluate(SAMPLES / f"{name}.json", split=SPLIT, subset=["1196_0_0"])}
+        for name in ("good", "mediocre")
+    }
+    (look,) = checked("Method,SPL\ngood,**100.00**\nmediocre,0.00\n", "csv", methods).looks
+    assert look.is_right
+    assert look.finding.startswith("is the best; not tested: all episodes share one target")
 
 
 # By hand.

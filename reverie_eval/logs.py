@@ -124,7 +124,8 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True):
     steps: Count
     """Number of its steps."""
     seconds: Amount
-    """How long the agent took to choose its actions, or to fail; of a batch, an equal share."""
+    """How long the agent took to start and to choose its actions, or to fail; of a batch, an equal
+    share."""
     input_tokens: Count | None = None
     """All that were sent to a model, cached ones included; null if there is no such number."""
     cached_tokens: Count | None = None

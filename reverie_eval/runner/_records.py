@@ -105,7 +105,7 @@ class Totals(msgspec.Struct, frozen=True, kw_only=True):
     steps: int
     """Number of all steps."""
     seconds: float
-    """Seconds that the agent took for all actions; those of a batch share its time."""
+    """Seconds that the agent took in all attempts; those of a batch share its time."""
     input_tokens: int | None
     """All that were sent to a model, cached ones included; null if there is no such number."""
     cached_tokens: int | None

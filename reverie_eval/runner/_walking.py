@@ -84,8 +84,7 @@ class Walker:
             while self._free and (job := take()) is not None:
                 time.sleep(max(0.0, job.due - time.time()))
                 walks.append(walk := _Walk(job, self._plan, self._free.pop()))
-                with walk.catching():
-                    self._agent.start(walk.episode)
+                walk.start(self._agent)
             if not walks:
                 return
             going = [walk for walk in walks if walk.goes_on()]
@@ -140,7 +139,7 @@ class _Walk:
         self.seconds = 0.0
         """How long the agent took for its last choice."""
         self.all_seconds = 0.0
-        """How long it took for all choices, also for one that failed and left no step."""
+        """How long it took to start, and for all choices, also for one that failed."""
         rng = random.Random(_seed(plan.seed, job.episode))  # noqa: S311
         self.episode = Episode(truth, truth.row_of(job.episode), rng)
         environment.forget_parts_read()
@@ -154,6 +153,12 @@ class _Walk:
             yield
         except _ERRORS as error:
             self.error = error
+
+    def start(self, agent: Any) -> None:
+        """Tell the agent that the episode begins."""
+        with self.catching():
+            agent.start(self.episode)
+        self.all_seconds = time.perf_counter() - self._began
 
     @property
     def is_done(self) -> bool:

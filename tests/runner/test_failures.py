@@ -75,12 +75,19 @@ def test_an_unknown_error_stops_the_run_and_the_same_command_goes_on(home: Home)
     assert len(home.card.circumstances) == 2
 
 
-def test_the_time_of_a_choice_that_fails_counts(
+def test_the_time_to_start_and_of_a_choice_that_fails_counts(
     home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [0.0]
     walking = importlib.import_module("reverie_eval.runner._walking")
     monkeypatch.setattr(walking.time, "perf_counter", lambda: clock[0])
+
+    def start(agent: Scripted, episode: Any) -> None:
+        clock[0] += 4
+        begin(agent, episode)
+
+    begin = Scripted.start
+    monkeypatch.setattr(Scripted, "start", start)
 
     def act(seen: Observation, agent: Scripted) -> Any:
         clock[0] += agent.acted  # 1 s for the first action, 2 s until it fails
@@ -90,7 +97,7 @@ def test_the_time_of_a_choice_that_fails_counts(
 
     with pytest.raises(RunError):
         home.run(act)
-    assert [(each.steps, each.seconds) for each in home.attempts] == [(1, 3.0)]
+    assert [(each.steps, each.seconds) for each in home.attempts] == [(1, 7.0)]
 
 
 def test_an_agent_that_exits_stops_the_run(home: Home) -> None:

@@ -198,11 +198,16 @@ def test_an_episode_is_stopped_after_some_steps(
 def test_an_episode_is_stopped_after_some_seconds(
     home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each look at the clock is a second later than the last."""
-    clock = iter(range(1_000_000))
+    """Each action takes two and a half."""
+    clock = [0.0]
     walking = importlib.import_module("reverie_eval.runner._walking")
-    monkeypatch.setattr(walking.time, "perf_counter", lambda: float(next(clock)))
-    home.run(lambda _, agent: Turn(float(agent.acted)), limits=Limits(seconds=5))
+    monkeypatch.setattr(walking.time, "perf_counter", lambda: clock[0])
+
+    def act(_: Observation, agent: Scripted) -> Any:
+        clock[0] += 2.5
+        return Turn(float(agent.acted))
+
+    home.run(act, limits=Limits(seconds=5))
     assert {(each.state, each.reason, each.steps) for each in home.attempts} == {
         ("cut_off", "5 seconds", 2)
     }

@@ -45,7 +45,7 @@ def test_an_entry_has_what_is_published_and_nothing_else(several: Serving) -> No
         (entry,) = read(several, further).entries
         assert (entry.submission_id, entry.team) == (accepted["id"], "Blue")
         assert entry.team_id == several.person(OWNER).team_id
-        assert entry.method == accepted["method"]
+        assert entry.method == {**accepted["method"], "reference": None}
         assert (entry.published_at, entry.date) == (NOON + SECOND, "2026-03-02")
         assert (entry.anonymous_until, entry.scores_held_until) == (until, None)
         assert (entry.scores, entry.signature) == (report["scores"], report["signature"])

@@ -7,7 +7,7 @@ the folder of the compiled splits, OUT a folder for models and runs. ``--seeds``
 seeds do not share anything, so two processes with a seed each are twice as fast. ``--page FILE``
 writes the tables of what is there into a page, between its comments ``<!-- table:NAME -->`` and
 ``<!-- end -->``: means over the seeds, with 95 % intervals over targets and, of several seeds, over
-these as well.
+these as well. It also draws the page's picture.
 
 Nothing is chosen by val_seen or val_unseen: training stops by what it holds back of train.
 """
@@ -15,20 +15,27 @@ Nothing is chosen by val_seen or val_unseen: training stops by what it holds bac
 import argparse
 import json
 import os
-import subprocess
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from reverie_eval import GroundTruth, Runs, Scores, compare, evaluate, published_results
 from reverie_eval.ground_truth import Bundle, pack_texts
+from reverie_eval.reporting.drawing import BLUE, GREY, VERMILION
+from reverie_eval.reporting.figures import STYLE
+from reverie_eval.text import count_text
+from reverie_eval_cli.main import main as reverie_eval
 
 SPLITS = ("val_seen", "val_unseen")
 POINTER = "mattnet"
@@ -98,6 +105,21 @@ ORDERS = (
 )
 """Pairs of the paper's rows, the second ahead of the first there, and the metric."""
 PUBLISHED_AS = {"name-RNN": "Baseline"}
+DRAWN = {
+    "oracle_success": "passes a goal (OSR)",
+    "success": "stops at one (SR)",
+    "rgspl": "answers rightly, by the way (RGSPL)",
+}
+"""Metrics of the picture, and what they mean."""
+WALKED = (NAVIGATORS[3], FAST, ABLATIONS[4])
+DRAWN_ROWS = {
+    "one network: greedily, as FAST-Short, by log-probabilities": ("o-", BLUE, WALKED),
+    "FAST-Short on another instruction, none, or other names": ("X", VERMILION, ABLATIONS[1:4]),
+    "the other rows": ("s", GREY, [row for row in NAVIGATORS if row not in WALKED]),
+}
+"""Rows of the picture, with their look."""
+PICTURE = "../pictures/without-vision.svg"
+"""The picture of a page, from the page's folder."""
 
 
 class Folders(NamedTuple):
@@ -117,6 +139,11 @@ class Folders(NamedTuple):
         parts = (split, row.model, str(seed), row.walk, row.bundles)
         return self.out / "runs" / ".".join(filter(None, parts))
 
+    @property
+    def seconds(self) -> Path:
+        """The log of processor seconds: of each command, and what it made."""
+        return self.out / "seconds.txt"
+
 
 def main() -> None:
     """Train and run what is missing, or write the tables."""
@@ -129,7 +156,9 @@ def main() -> None:
     given = parser.parse_args()
     folders = Folders(*(getattr(given, name) for name in Folders._fields))
     if given.page:
-        write_tables(given.page, Results(folders, given.seeds))
+        results = Results(folders, given.seeds)
+        write_tables(given.page, results)
+        draw(given.page.parent / PICTURE, results)
         return
     for seed in given.seeds:
         for row in (*POINTERS, *NAVIGATORS, *(ABLATIONS if given.ablations else ())):
@@ -191,6 +220,8 @@ def bundle_of(row: Row, folders: Folders, split: str) -> Path:
 
 def train(row: Row, folders: Folders, seed: int) -> None:
     """Train a model, unless it is there."""
+    if (folders.model(row, seed) / "model.safetensors").exists():
+        return
     words = ["train", row.recipe, "--data", str(folders.dataset)]
     words += ["--annotations", str(folders.train), "--seed", str(seed)]
     for name in row.without:
@@ -199,7 +230,7 @@ def train(row: Row, folders: Folders, seed: int) -> None:
         pointer = Row(POINTER, POINTER)
         train(pointer, folders, seed)
         words += ["--pointer", str(folders.model(pointer, seed))]
-    command(*words, "-o", str(folders.model(row, seed)))
+    command(folders, folders.model(row, seed), *words)
 
 
 def run(row: Row, folders: Folders, split: str, seed: int) -> None:
@@ -209,15 +240,22 @@ def run(row: Row, folders: Folders, split: str, seed: int) -> None:
         return
     walk = ["--option", f"walk={row.walk}"] if row.walk else []
     truth = ["--split", split, "--ground-truth", str(bundle_of(row, folders, split))]
-    command("run", str(folders.model(row, seed)), *truth, *walk, "-o", str(folder))
+    command(folders, folder, "run", str(folders.model(row, seed)), *truth, *walk)
 
 
-def command(*words: str) -> None:
-    """Run a command of reverie-eval in one thread; end with its message if it fails."""
-    print(f"reverie-eval {' '.join(words)}", flush=True)
-    one_thread = {**os.environ, "OMP_NUM_THREADS": "1"}
-    program = [sys.executable, "-m", "reverie_eval_cli", *words]
-    if subprocess.run(program, env=one_thread, check=False).returncode:
+def command(folders: Folders, made: Path, *words: str) -> None:
+    """Make a folder by a command of reverie-eval, and log its processor seconds.
+
+    Ends with the command's message if it fails.
+    """
+    folders.out.mkdir(parents=True, exist_ok=True)
+    print(f"reverie-eval {' '.join(words)} -o {made}", flush=True)
+    before = sum(os.times()[:4])
+    status = reverie_eval([*words, "-o", str(made)])
+    seconds = sum(os.times()[:4]) - before
+    with folders.seconds.open("a", encoding="utf-8") as log:
+        log.write(f"{seconds:.1f} {made.relative_to(folders.out).as_posix()}\n")
+    if status:
         sys.exit(1)
 
 
@@ -233,6 +271,22 @@ class Results:
             split: GroundTruth.load(folders.bundles / f"{split}.npz") for split in SPLITS
         }
         self._scored: dict[tuple[Row, str], Mapping[str, Scores]] = {}
+
+    def made(self, rows: Sequence[Row]) -> Mapping[str, set[Path]]:
+        """Return the folders of the models and the runs of some rows."""
+        pairs = list(product(rows, self._seeds))
+        return {
+            "model": {self._folders.model(*pair) for pair in pairs},
+            "run": {self._folders.run(row, each, seed) for row, seed in pairs for each in SPLITS},
+        }
+
+    def minutes(self) -> Mapping[Path, float]:
+        """Return how long the processor took to make each folder."""
+        minutes: dict[Path, float] = defaultdict(float)  # what was interrupted has several lines
+        for each in self._folders.seconds.read_text("utf-8").splitlines():
+            seconds, folder = each.split()
+            minutes[self._folders.out / folder] += float(seconds) / 60
+        return minutes
 
     def files(self, row: Row, split: str) -> Mapping[str, Path]:
         """Return the submissions of a row, by seed."""
@@ -414,6 +468,21 @@ def what_is_missing(results: Results) -> Iterator[str]:
     yield f"Not run yet: {', '.join(missing)}." if missing else "All rows were run."
 
 
+def what_it_took(results: Results) -> Iterator[str]:
+    """Say how long the processor took."""
+    minutes, counted = results.minutes(), set[Path]()
+    for title, rows in ("The rows", (*POINTERS, *NAVIGATORS)), ("What is changed", ABLATIONS):
+        new = {kind: (its - counted) & minutes.keys() for kind, its in results.made(rows).items()}
+        counted |= new["model"] | new["run"]
+        shown = (
+            f"{count_text(len(its), kind)} in {sum(minutes[each] for each in its):.1f} minutes"
+            for kind, its in new.items()
+        )
+        yield f"{title}: {', '.join(shown)} of a processor."
+    whole = sum(minutes[each] for each in counted)
+    yield f"Together {whole:.1f} minutes of one processor, or {whole / 2:.1f} of two."
+
+
 TABLES: Mapping[str, Callable[[Results], Iterator[str]]] = {
     "unseen": lambda results: table_rows(results, "val_unseen"),
     "seen": lambda results: table_rows(results, "val_seen"),
@@ -423,6 +492,7 @@ TABLES: Mapping[str, Callable[[Results], Iterator[str]]] = {
     "ablations-unseen": lambda results: table_ablations(results, "val_unseen"),
     "ablations-seen": lambda results: table_ablations(results, "val_seen"),
     "missing": what_is_missing,
+    "minutes": what_it_took,
 }
 
 
@@ -443,6 +513,27 @@ def write_tables(page: Path, results: Results) -> None:
         lines = "\n".join(table(results))
         text = f"{before}{place}\n{lines}\n\n{end}{after}"
     page.write_text(text, "utf-8")
+
+
+# The picture.
+
+
+def draw(file: Path, results: Results) -> None:
+    """Draw metrics of rows on val_unseen over the metres that they walk."""
+    with mpl.rc_context({**STYLE, "svg.fonttype": "none"}):
+        figure = Figure(figsize=(9.5, 3.8), layout="constrained")
+        for axes, (key, title) in zip(figure.subplots(1, 3), DRAWN.items(), strict=True):
+            for label, (marker, colour, rows) in DRAWN_ROWS.items():
+                its = [scored for row in rows if (scored := results.scored(row, "val_unseen"))]
+                metres = [each["path_length"] for each in its]
+                percent = [100 * each[key] for each in its]
+                axes.plot(metres, percent, marker, color=colour, label=label)
+            axes.set(xscale="log", xlabel="metres", ylim=(0, 50))
+            axes.set_title(title, loc="left", fontsize="medium")
+            axes.set_xticks(ticks := (10, 20, 50, 100), map(str, ticks))
+            axes.minorticks_off()
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower left", frameon=False)
+        figure.savefig(file, metadata={"Date": None})
 
 
 if __name__ == "__main__":

@@ -55,6 +55,7 @@ from reverie_eval.analysis._plans import Plan, plan
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, leaders, rank_intervals
 from reverie_eval.analysis._runs import RunIntervals, Runs
 from reverie_eval.analysis._sweeps import SPLIT_FIELD, Sweep, check_curve, sweep, sweep_files
+from reverie_eval.analysis._walks import WalkOutcomes
 
 __all__ = [
     "BEST",
@@ -86,6 +87,7 @@ __all__ = [
     "Spread",
     "Sweep",
     "VisibleObject",
+    "WalkOutcomes",
     "against",
     "breakdown",
     "check_comparable",

@@ -10,6 +10,8 @@ service               what an evaluation server replies
 datasets              the faults and contents of a dataset
 drawing               lines by class, as SVG and with matplotlib
 charts, figures       distributions; all figures with matplotlib
+history               results over the years, and a rank over time
+outcome_matrix        the outcomes of many methods in every episode
 episode_figure        an episode for a paper: SVG, PDF, PNG
 maps, buildings       an episode from above, as data, and the building around it
 map_layout, map_svg   what is on a map and where; maps as SVG

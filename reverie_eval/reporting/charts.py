@@ -28,8 +28,8 @@ _MOST_BARS = 60
 _SHOWN_WALKS = 99
 # The share of the solved episodes that a chart of budgets shows: a few may be very expensive.
 _SHOWN_SUCCESS = 0.99
-# Colours of the style sheet.
-_MOST_SERIES = 6
+MOST_SERIES = 6
+"""Colours of the style sheet."""
 _MILLIMETRE = 1e-3
 WIDTH, HEIGHT = 400, 250
 _LEFT, _RIGHT, _TOP, _BOTTOM = 42, 12, 10, 40
@@ -229,7 +229,7 @@ def budget_chart(curves: Mapping[str, BudgetCurve]) -> "Chart":
     high = 1.05 * nearly_all or 1.0
     bands, steps = {}, {}
     for number, curve in enumerate(curves.values()):
-        series = f"series-{number % _MOST_SERIES + 1}"
+        series = f"series-{number % MOST_SERIES + 1}"
         shown = curve.budget <= high
         # Each share holds until the next budget, the last one to the chart's end.
         x = np.append(np.repeat(curve.budget[shown], 2)[1:], high)

@@ -5,7 +5,7 @@ and, for matplotlib, by the one below. Colours are distinguishable with any colo
 from the palette of Okabe and Ito, "Color Universal Design", 2008.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -55,6 +55,45 @@ def path_data(kind: str, lines: Sequence[FloatArray]) -> str:
 def line_data(points: FloatArray) -> str:
     """Return the data of a line."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+
+
+# SVG whose places across are percentages.
+
+
+def wide_svg(title: str, height: int, shapes: Iterable[str]) -> str:
+    """Return a picture as wide as its page, with a name for those who cannot see it."""
+    opening = f'<svg class="chart wide" role="img" width="100%" height="{height}">'
+    return f"{opening}<title>{escape(title)}</title>{''.join(shapes)}</svg>"
+
+
+def text_across(
+    across: float, y: float, words: str, anchor: str = "start", kind: str = "tick"
+) -> str:
+    """Return a text of a class at a percentage of the width."""
+    position = f'x="{across:.2f}%" y="{y:.1f}" text-anchor="{anchor}"'
+    return f'<text class="{kind}" {position}>{escape(words)}</text>'
+
+
+def line_across(y: float, name: str) -> str:
+    """Return a line across, with its value at its left end."""
+    position = f'x1="0" x2="100%" y1="{y:.1f}" y2="{y:.1f}"'
+    return element("line", f'class="axis" {position}') + text_across(0, y - 3, name)
+
+
+def steps(points: Sequence[tuple[float, float]], end: float) -> str:
+    """Return the path data of a line that keeps each height until the next point, then an end."""
+    more = "".join(f"H{x:.2f}V{y:.1f}" for x, y in points[1:])
+    return f"M{points[0][0]:.2f} {points[0][1]:.1f}{more}H{end:.2f}"
+
+
+def stretched_paths(height: int, lines: Iterable[tuple[str, str]]) -> str:
+    """Return paths by class, whose places across are percentages; their lines stay as thick."""
+    paths = "".join(
+        element("path", f'class="{kind}" vector-effect="non-scaling-stroke" d="{data}"')
+        for kind, data in lines
+    )
+    view = f'viewBox="0 0 100 {height}" preserveAspectRatio="none"'
+    return f'<svg width="100%" height="{height}" {view}>{paths}</svg>'
 
 
 # Matplotlib.

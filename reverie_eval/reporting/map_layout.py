@@ -14,7 +14,7 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.geometry import FOCAL_LENGTH, Room
+from reverie_eval.geometry import FOCAL_LENGTH, Building, Room
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.charts import round_numbers
 from reverie_eval.reporting.drawing import CLOSED, Lines
@@ -98,7 +98,7 @@ class Layout:
     """A map on its page."""
 
     def __init__(self, episode_map: EpisodeMap) -> None:
-        self.frame = Frame.around(episode_map)
+        self.frame = Frame.around(episode_map.position[episode_map.visited])
         self._map = episode_map
         self._point = self.frame.points(episode_map.position)
         self._is_elsewhere = episode_map.is_elsewhere
@@ -123,22 +123,7 @@ class Layout:
 
     def plan(self, storey: int) -> Iterator[Piece]:
         """Yield the plan of a storey as far as it is on the page: rooms, doors, stairs."""
-        size = np.array([WIDTH, HEIGHT])
-        for room in self._map.building.rooms_on(storey):
-            outlines = [self.frame.points(corners) for corners in room.outlines]
-            corners = np.vstack(outlines)
-            if ((corners.max(axis=0) > 0) & (corners.min(axis=0) < size)).all():
-                kind = room.name.partition(" ")[0]
-                yield Piece([], {f"room {kind}".strip(): outlines}, storey=storey)
-        building = self._map.building
-        for kind, lines in (
-            ("door", building.doors_on(storey)),
-            ("tread", building.treads_on(storey)),
-        ):
-            ends = [self.frame.points(line.ends) for line in lines]
-            near = [its for its in ends if ((its > 0) & (its < size)).any()]
-            if near:
-                yield Piece([], {kind: near}, storey=storey)
+        return plan_of(self._map.building, storey, self.frame)
 
     def _rooms_off_level(self) -> Iterator[Piece]:
         """Outline the rooms of the episode on other storeys than that of the plan."""
@@ -353,10 +338,10 @@ class Frame:
     """Units of the page per metre."""
 
     @classmethod
-    def around(cls, episode_map: EpisodeMap) -> Self:
-        """Show all viewpoints of the episode, as large as possible."""
-        position = episode_map.position[episode_map.visited, :2]
-        low, high = position.min(axis=0) - _MARGIN, position.max(axis=0) + _MARGIN
+    def around(cls, position: FloatArray) -> Self:
+        """Show all of some viewpoints, shape (n, 3), as large as possible."""
+        low = position[:, :2].min(axis=0) - _MARGIN
+        high = position[:, :2].max(axis=0) + _MARGIN
         across, down = high - low
         metres = max(across, down * WIDTH / HEIGHT, _LEAST_METRES)
         x, y = (low + high) / 2
@@ -388,6 +373,22 @@ class Frame:
                 break
             length = metres
         return length
+
+
+def plan_of(building: Building, storey: int, frame: Frame) -> Iterator[Piece]:
+    """Yield the plan of a storey as far as it is on the page: rooms, doors, stairs."""
+    size = np.array([WIDTH, HEIGHT])
+    for room in building.rooms_on(storey):
+        outlines = [frame.points(corners) for corners in room.outlines]
+        corners = np.vstack(outlines)
+        if ((corners.max(axis=0) > 0) & (corners.min(axis=0) < size)).all():
+            kind = room.name.partition(" ")[0]
+            yield Piece([], {f"room {kind}".strip(): outlines}, storey=storey)
+    for kind, lines in (("door", building.doors_on(storey)), ("tread", building.treads_on(storey))):
+        ends = [frame.points(line.ends) for line in lines]
+        near = [its for its in ends if ((its > 0) & (its < size)).any()]
+        if near:
+            yield Piece([], {kind: near}, storey=storey)
 
 
 def arrows(lanes: FloatArray) -> Iterator[FloatArray | None]:

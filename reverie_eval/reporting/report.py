@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 _TEMPLATE = "report.html.jinja"
+_STYLES = text_of("report.css"), text_of("shared/charts.css"), MAP_STYLE, ANSWER_STYLE
 # Rows of a breakdown that are shown; the others are folded.
 _SHOWN_GROUPS = 10
 _LISTED_CHANGES = 50
@@ -117,7 +118,7 @@ def _context(every: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any]
     # A report of a small split still shows who won which episodes.
     comparison = Comparison.of(every, cluster) if others and not why_not else None
     return {
-        "styles": [as_markup(style) for style in (text_of("report.css"), MAP_STYLE, ANSWER_STYLE)],
+        "styles": [as_markup(style) for style in _STYLES],
         "name": name,
         "names": list(scores),
         "all_names": list(every),
@@ -138,7 +139,7 @@ def _context(every: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any]
         "shown_groups": _SHOWN_GROUPS,
         "few_episodes": sections.FEW_EPISODES,
         "few_targets": FEW_CLUSTERS,
-        "success": CATALOGUE["success"],
+        "success": CATALOGUE["success"] if sections.has_walks(scores) else None,
         "primary": sections.shared_primary(scores),
         "charts": list(sections.charts(scores)),
         **(_outcomes(scores) if sections.has_outcomes(scores) else {}),

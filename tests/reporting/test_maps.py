@@ -107,7 +107,7 @@ def test_legs_leave_out_turns_on_the_spot(scores: rv.Scores) -> None:
 @pytest.mark.parametrize("instr_id", ["1_3_0", "1_3_2", "2_4_0"])
 def test_all_that_matters_is_in_the_frame(instr_id: str, other: rv.Scores) -> None:
     episode_map = map_of(other, instr_id)
-    frame = Frame.around(episode_map)
+    frame = Frame.around(episode_map.position[episode_map.visited])
     place = frame.points(episode_map.position[episode_map.visited])
     margin = 1.4 * frame.scale
     assert (place > margin).all()
@@ -115,7 +115,7 @@ def test_all_that_matters_is_in_the_frame(instr_id: str, other: rv.Scores) -> No
 
 
 def test_north_is_up_and_a_metre_is_as_long_both_ways(scores: rv.Scores) -> None:
-    frame = Frame.around(map_of(scores, "1_3_0"))
+    frame = Frame.around(map_of(scores, "1_3_0").position)
     origin, east, north = frame.points(np.array([[0, 0], [1, 0], [0, 1]], dtype=float))
     assert (east - origin).tolist() == pytest.approx([frame.scale, 0])
     assert (north - origin).tolist() == pytest.approx([0, -frame.scale])
@@ -124,7 +124,7 @@ def test_north_is_up_and_a_metre_is_as_long_both_ways(scores: rv.Scores) -> None
 def test_going_and_coming_are_two_lines(scores: rv.Scores) -> None:
     """The agent goes south and back: to its right is west, then east."""
     episode_map = map_of(scores, "2_4_0")
-    frame = Frame.around(episode_map)
+    frame = Frame.around(episode_map.position[episode_map.visited])
     going, coming = frame.lanes(episode_map, episode_map.routes[0])
     assert going[0][0] == going[1][0] < coming[0][0] == coming[1][0]
     assert going[0][1] < going[1][1]

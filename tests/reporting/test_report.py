@@ -461,7 +461,7 @@ def test_both_are_side_by_side(both: str) -> None:
         "mine SR\u00a0%",
         "mine RGSPL\u00a0%",
         "theirs RGSPL\u00a0%",
-        None,
+        "RGSPL",
     ]
 
 

@@ -15,7 +15,7 @@ from tests.support.demo_site import ORGANISER, Sent, Site, send_all
 from tests.support.serving import NO_TLS, OPEN, PRIVATE, populate
 from tests.support.waiting import PATIENCE
 
-_TEAMS = (
+TEAMS = (
     "Northern Lights",
     "Institute for Robotics, University of Lower Saxony",
     "Wayfinders",
@@ -31,7 +31,7 @@ _TEAMS = (
     "Grey",
 )
 """Beside the four who submit to the demo site."""
-_METHODS = (
+METHODS = (
     "Layout transformer",
     "Waypoint memory",
     "Object prior",
@@ -63,7 +63,7 @@ _RESULTS = 52
 def crowd(site: Site) -> Site:
     """Add teams with what they send in, reported results, news, phases and requests to join."""
     now = datetime.now(UTC)
-    people = {f"Person {number}": team for number, team in enumerate(_TEAMS)}
+    people = {f"Person {number}": team for number, team in enumerate(TEAMS)}
     with acting(load_settings(site.folder), "test") as transaction:
         tokens = populate(transaction, people)
     site = replace(site, tokens={**site.tokens, **tokens})
@@ -95,14 +95,14 @@ def crowd(site: Site) -> Site:
 
 
 def _open(people: dict[str, str]) -> list[Sent]:
-    said = zip(cycle(people), cycle(_METHODS), cycle(_FLAGS), cycle(_CHANGES), strict=False)
+    said = zip(cycle(people), cycle(METHODS), cycle(_FLAGS), cycle(_CHANGES), strict=False)
     return [
         Sent(
             who,
             OPEN,
             f"mixed {12 + (37 * number) % 79}",
             300 - 5 * number,
-            {"name": f"{method} {1 + number // len(_METHODS)}", **flags},
+            {"name": f"{method} {1 + number // len(METHODS)}", **flags},
             change,
         )
         for number, (who, method, flags, change) in enumerate(islice(said, _RESULTS))
@@ -110,7 +110,7 @@ def _open(people: dict[str, str]) -> list[Sent]:
 
 
 def _private(people: dict[str, str]) -> list[Sent]:
-    methods = cycle(_METHODS)
+    methods = cycle(METHODS)
     return [
         Sent(
             who,

@@ -27,6 +27,8 @@ MARKUP = "<script>alert(1)</script>"
 """A team's name."""
 BOLD = "<b>Bold</b> & 'quoted' walker"
 """A method's name."""
+WALKER = "Walker"
+"""The owner's best method."""
 ENDLESS = "Methodofonewordthatgoesonandon" * 3 + "tothelimit"
 """A name as long as any may be, without a place to break it."""
 PEOPLE = {
@@ -101,6 +103,8 @@ class Site:
     tokens: Mapping[str, str]
     ids: Mapping[tuple[str, str], str]
     """By split and name of the method."""
+    instr_id: str = "1196_0_0"
+    """An episode of the open split."""
 
     def ask(self, who: str, method: str, path: str, **content: Any) -> httpx.Response:
         """Ask the API with somebody's token."""

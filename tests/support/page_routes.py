@@ -17,6 +17,7 @@ from tests.support.demo_site import (
     ORGANISER,
     OWNER,
     PRIVATE,
+    WALKER,
     WORDY,
     Site,
 )
@@ -43,13 +44,13 @@ class Example(NamedTuple):
             "split": OPEN,
             "task": DEFAULT_TASK,
             "further": GROUNDING,
-            "submission_id": site.ids.get((OPEN, "Walker")),
+            "submission_id": site.ids.get((OPEN, WALKER)),
             "other_id": site.ids.get((OPEN, BOLD)),
             "wordy_id": site.ids.get((OPEN, ENDLESS)),
             "result_id": "1",
             "number": "1",
             "person_id": "1",
-            "instr_id": "1196_0_0",
+            "instr_id": site.instr_id,
             "private_id": site.ids.get((PRIVATE, "Shortest paths")),
         }
         return (self.route + self.query).format(**parts)

@@ -24,6 +24,7 @@ from tests.support.browser import (
 )
 from tests.support.crowded_site import crowd
 from tests.support.demo_site import PEOPLE, Site
+from tests.support.full_site import full_site
 from tests.support.page_routes import EXAMPLES, Example
 from tests.support.serving import populate, running
 
@@ -55,6 +56,8 @@ NEED_RESULTS = {
     "private_id",
 }
 """Parts of addresses that lead nowhere on an empty server."""
+SHOWN_FULL = ("/boards/{split}", "/episodes", "/play", "/submissions", "/teams", "/team")
+"""Pages that look otherwise on a server of real size; so does the first page."""
 
 
 def main(folder: Path, *only: str) -> int:
@@ -74,6 +77,11 @@ def main(folder: Path, *only: str) -> int:
         with _empty_site(Path(temporary) / "empty") as site:
             bare = [each for each in wanted if not _needs_results(each)]
             _take_all(browser, site, bare, folder, "empty")
+        with full_site(Path(temporary) / "full") as site:
+            few = [
+                each for each in wanted if each.route == "/" or each.route.startswith(SHOWN_FULL)
+            ]
+            _take_all(browser, site, few, folder, "full")
     _write_index(folder)
     return 0
 

@@ -1,0 +1,298 @@
+"""The history of a leaderboard as SVG: results over the years, and a rank over time.
+
+Places across are percentages, so that a picture is as wide as its page and its text as large as
+the page's. Colours come from ``charts.css``.
+"""
+
+import math
+from bisect import bisect_left, insort
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+from operator import attrgetter
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from reverie_eval.metrics import Metric
+from reverie_eval.reporting.charts import MOST_SERIES, round_numbers
+from reverie_eval.reporting.drawing import (
+    element,
+    line_across,
+    steps,
+    stretched_paths,
+    text_across,
+    wide_svg,
+)
+
+_TOP, _LINE = 18, 16
+_FIRST, _LAST = 7.0, 97.0
+_WEEK = 7 / 365
+# Names are placed for this width in pixels; narrower pages show those of the best alone.
+_WIDTH, _LETTER = 640.0, 6.6
+_LONGEST_NAME = 24
+
+
+class PastResult(NamedTuple):
+    """A result on a timeline."""
+
+    name: str
+    date: str
+    """A day, a month or a year: ``2021-06-01``, ``2021-06`` or ``2021``."""
+    value: float
+    """In the metric's own unit."""
+    version: str
+    """The version of the dataset, or other rules: results of one version can be compared."""
+    kind: Literal["method", "human", "reference"] = "method"
+
+    @property
+    def years(self) -> float:
+        """When it was published, in years; the middle of a month or a year."""
+        return years_of(self.date)
+
+
+def years_of(date: str) -> float:
+    """Return a day, or the middle of a month or a year, in years.
+
+    >>> years_of("2021-01-01"), years_of("2021-07"), years_of("2021")
+    (2021.0, 2021.5416666666667, 2021.5)
+    """
+    year, *month_and_day = map(int, date.split("-"))
+    if not month_and_day:
+        return year + 0.5
+    month, *day = month_and_day
+    return year + (month - 1 + ((day[0] - 1) / 31 if day else 0.5)) / 12
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Results over the years; each version of the dataset has its own best-so-far line.
+
+    Lines are of methods alone: a human or a reference result is a mark of its own.
+    """
+
+    metric: Metric
+    results: Sequence[PastResult]
+    """At least one."""
+    until: str
+    """The day up to which the lines go on."""
+    height: int = 300
+    """Pixels."""
+
+    @cached_property
+    def versions(self) -> Mapping[str, str]:
+        """The class of each version's marks, the version with the latest results first."""
+        by_version: dict[str, float] = {}
+        for each in sorted(self.results, key=attrgetter("years"), reverse=True):
+            by_version.setdefault(each.version, each.years)
+        return {
+            version: f"series-{number % MOST_SERIES + 1}"
+            for number, version in enumerate(by_version)
+        }
+
+    def best_so_far(self, version: str) -> Sequence[PastResult]:
+        """Return the methods of a version that were better than all before, by date.
+
+        Of methods of the same date, the best counts.
+        """
+        own = [each for each in self.results if (each.version, each.kind) == (version, "method")]
+        best: list[PastResult] = []
+        for each in sorted(own, key=lambda it: (it.years, self._cost(it.value))):
+            if not best or self._cost(each.value) < self._cost(best[-1].value):
+                best.append(each)
+        return best
+
+    def svg(self) -> str:
+        """Draw the timeline."""
+        shapes = [*self._years(), *self._values(), *self._human(), *self._steps(), *self._marks()]
+        names = [*self._names()]
+        number = len(self.results)
+        title = f"{number} results by {self.metric.name}, {self._axis.first} to {self._axis.last}"
+        return wide_svg(title, self.height, [*shapes, *names])
+
+    @cached_property
+    def _axis(self) -> "Years":
+        first = min(each.years for each in self.results)
+        return Years(math.floor(first), max(years_of(self.until), first + 0.5))
+
+    @cached_property
+    def _ticks(self) -> Sequence[float]:
+        most = max(self._shown(each.value) for each in self.results)
+        step = next(each for each in round_numbers() if most / each <= 5)
+        return np.arange(0, most + step, step).tolist()
+
+    def _y(self, value: float) -> float:
+        inside = self.height - _TOP - 2 * _LINE
+        return _TOP + inside * (1 - self._shown(value) / self._ticks[-1])
+
+    def _shown(self, value: float) -> float:
+        return 100 * value if self.metric.unit == "fraction" else value
+
+    def _cost(self, value: float) -> float:
+        return -value if self.metric.better == "higher" else value
+
+    def _years(self) -> Iterator[str]:
+        yield from self._axis.labels(self.height - 4)
+
+    def _values(self) -> Iterator[str]:
+        for tick in self._ticks:
+            yield line_across(self._y(tick / self._shown(1.0)), f"{tick:g}")
+
+    def _human(self) -> Iterator[str]:
+        """Draw a line across at each version's best human result."""
+        people = [each for each in self.results if each.kind == "human"]
+        people.sort(key=attrgetter("version"))
+        for version, its in groupby(people, attrgetter("version")):
+            best = min(its, key=lambda each: self._cost(each.value))
+            y = f"{self._y(best.value):.1f}"
+            line = f'class="human" x1="{_FIRST}%" x2="100%" y1="{y}" y2="{y}"'
+            yield element("line", line, f"{best.name}, {version}")
+            told = f"{best.name} {self.metric.display(best.value)}"
+            yield text_across(100, float(y) - 4, told, "end")
+
+    def _steps(self) -> Iterator[str]:
+        lines = []
+        for version, kind in self.versions.items():
+            points = [
+                (self._axis.across(each.years), self._y(each.value))
+                for each in self.best_so_far(version)
+            ]
+            if points:
+                lines.append((f"curve {kind}", steps(points, self._axis.across(self._axis.end))))
+        yield stretched_paths(self.height, lines)
+
+    def _marks(self) -> Iterator[str]:
+        best = {each for version in self.versions for each in self.best_so_far(version)}
+        # What is drawn last is on top.
+        for each in sorted(self.results, key=lambda it: it in best):
+            kind = "best" if each in best else each.kind
+            position = f'cx="{self._axis.across(each.years):.2f}%" cy="{self._y(each.value):.1f}"'
+            told = f"{each.name}: {self.metric.display(each.value)}, {each.date}, {each.version}"
+            shape = f'class="{kind} {self.versions[each.version]}" {position} r="4"'
+            yield element("circle", shape, told)
+
+    def _names(self) -> Iterator[str]:
+        """Name those that were the best, the latest first, where there is room to their left."""
+        taken: list[tuple[float, float, float]] = []
+        best = [each for version in self.versions for each in self.best_so_far(version)]
+        leader = min(best, key=lambda it: self._cost(it.value), default=None)
+        for each in sorted(best, key=lambda it: (self._cost(it.value), it.years)):
+            name = _short(each.name)
+            right = self._axis.across(each.years) / 100 * _WIDTH - 7
+            left, y = right - _LETTER * len(name), self._y(each.value) - 6
+            overlaps = any(
+                left < its_right and its_left < right and abs(y - its_y) < _LINE
+                for its_left, its_right, its_y in taken
+            )
+            if left >= 0 and not overlaps:
+                taken.append((left, right, y))
+                kind = "leader" if each is leader else "was-best"
+                yield text_across(self._axis.across(each.years), y, name, "end", kind)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+
+
+class RankAt(NamedTuple):
+    """A rank from a moment on."""
+
+    years: float
+    rank: int
+    results: int
+    """The number of results then."""
+
+
+def rank_over_time(
+    results: Iterable[tuple[float, float]], own: Iterable[tuple[float, float]]
+) -> Sequence[RankAt]:
+    """Return the best rank of some results whenever it or the number of results changed.
+
+    Parameters
+    ----------
+    results : iterable of (float, float)
+        When each was published, in years, and its cost, lower being better; ``own`` among them.
+    own : iterable of (float, float)
+        Those whose best rank it is.
+
+    Examples
+    --------
+    >>> [tuple(each) for each in rank_over_time([(1, 5.0), (2, 4.0), (3, 9.0)], [(1, 5.0)])]
+    [(1, 1, 1), (2, 2, 2), (3, 2, 3)]
+    """
+    mine = sorted(own)
+    if not mine:
+        return []
+    found: list[RankAt] = []
+    costs: list[float] = []
+    best = math.inf
+    for years, cost in sorted(results):
+        insort(costs, cost)
+        while mine and mine[0][0] <= years:
+            best = min(best, mine.pop(0)[1])
+        if best < math.inf:
+            rank = RankAt(years, 1 + bisect_left(costs, best), len(costs))
+            # Of several at a moment, the last has counted them all.
+            if found and found[-1].years == years:
+                found[-1] = rank
+            else:
+                found.append(rank)
+    return found
+
+
+def rank_svg(ranks: Sequence[RankAt], until: float, title: str, height: int = 150) -> str:
+    """Draw a rank over time, the first at the top, above the number of results.
+
+    ``ranks`` are at least one, and ``until`` is when the lines end, in years.
+    """
+    axis = Years(ranks[0].years - _WEEK, max(until, ranks[0].years) + _WEEK)
+    last = ranks[-1]
+    most = max(each.results for each in ranks)
+    inside = height - _TOP - 2 * _LINE
+
+    def y(rank: int) -> float:
+        return _TOP + inside * (rank - 1) / max(most - 1, 1)
+
+    def line(rank: Callable[[RankAt], int]) -> str:
+        points = [(axis.across(each.years), y(rank(each))) for each in ranks]
+        return steps(points, axis.across(max(until, last.years)))
+
+    own, count = line(attrgetter("rank")), line(attrgetter("results"))
+    shapes = [
+        *axis.labels(height - 4),
+        *(line_across(y(rank), f"{rank}") for rank in sorted({1, most})),
+        stretched_paths(height, [("count", count), ("curve series-1", own)]),
+        text_across(_LAST, y(last.rank) - 5, f"{last.rank} of {last.results}", "end", "leader"),
+    ]
+    return wide_svg(title, height, shapes)
+
+
+class Years(NamedTuple):
+    """An axis of time."""
+
+    start: float
+    end: float
+
+    @property
+    def first(self) -> int:
+        """The year of the start."""
+        return math.floor(self.start)
+
+    @property
+    def last(self) -> int:
+        """The year of the end."""
+        return math.floor(self.end)
+
+    def across(self, years: float) -> float:
+        """Return where a moment is, in percent of the width."""
+        return _FIRST + (_LAST - _FIRST) * (years - self.start) / (self.end - self.start)
+
+    def labels(self, y: float) -> Iterator[str]:
+        """Write the years, or the months of a short period, below a picture."""
+        months = 12 if self.end - self.start > 1.5 else 1 if self.end - self.start < 0.5 else 3
+        first = math.ceil(round(12 * self.start, 6) / months)
+        for number in range(first, math.floor(12 * self.end / months) + 1):
+            month = number * months
+            name = f"{month // 12}" if months == 12 else f"{month // 12}-{month % 12 + 1:02d}"
+            yield text_across(self.across(month / 12), y, name, "middle")

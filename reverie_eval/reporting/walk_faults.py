@@ -1,0 +1,132 @@
+"""Where the walks of many methods stop and turn wrong, on the plans of a building."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from typing_extensions import Self
+
+from reverie_eval.analysis import WalkOutcomes
+from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.geometry import Building
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.reporting.buildings import building_of
+from reverie_eval.reporting.drawing import element, path, path_data
+from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, arrows, plan_of
+from reverie_eval.scoring import OUTCOMES
+from reverie_eval.text import count_text
+
+STOPS = {
+    "at-goal": "stopped at the goal",
+    "moved-on": "stopped elsewhere after the goal was reached",
+    "gave-up": "stopped without having reached the goal",
+}
+"""The kinds of stops by class, each with its meaning."""
+# The kind of each outcome: an object that was right from afar was named before the goal was reached
+# in all but few episodes.
+_KIND = {
+    "never reached": "gave-up",
+    "overshot": "moved-on",
+    "wrong object": "at-goal",
+    "correct object at the wrong stop": "gave-up",
+    "correct": "at-goal",
+}
+_KINDS = np.array([list(STOPS).index(_KIND[outcome]) for outcome in OUTCOMES])
+# Units of the page.
+_LARGEST = 13.0
+_THICKEST, _THINNEST = 7.0, 1.2
+# Wrong turns that are drawn on a storey, at most: the most frequent.
+_MOST_TURNS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class WalkFaults:
+    """How often walks in a building ended at each viewpoint, and how often they turned wrong."""
+
+    scan: str
+    building: Building
+    position: FloatArray
+    """Shape (n_viewpoints, 3): metres."""
+    stops: IntArray
+    """Shape (n_kinds, n_viewpoints): the number of stops, in the order of :data:`STOPS`."""
+    turns: IntArray
+    """Shape (n_turns, 2): moves by which walks first left the way to the goal."""
+    times: IntArray
+    """Shape (n_turns,): how often each occurred, the most frequent first."""
+
+    @classmethod
+    def of(cls, truth: GroundTruth, scan: str, methods: Sequence[WalkOutcomes]) -> Self:
+        """Count the stops and wrong turns of methods in the episodes of a scan."""
+        graph = truth.graph
+        viewpoints = graph.viewpoints_of(scan)
+        first, count = int(viewpoints[0]), len(viewpoints)
+        is_here = np.isin(truth.episodes.start, viewpoints)
+        kind = np.concatenate([_KINDS[each.outcome[is_here]] for each in methods])
+        stop = np.concatenate([each.stop[is_here] for each in methods]) - first
+        turns = np.vstack([each.wrong_turn[is_here] for each in methods])
+        turns, times = np.unique(turns[turns[:, 0] >= 0] - first, axis=0, return_counts=True)
+        order = np.argsort(-times, kind="stable")
+        return cls(
+            scan=scan,
+            building=building_of(graph, truth.require_solution(), scan),
+            position=graph.viewpoint_position[viewpoints],
+            stops=np.bincount(kind * count + stop, minlength=len(STOPS) * count).reshape(-1, count),
+            turns=turns[order],
+            times=times[order],
+        )
+
+    def pictures(self) -> Sequence[tuple[str, str]]:
+        """Return the name of each storey with its picture, for a page with ``map.css``."""
+        count = int(self.building.storey.max()) + 1
+        names = [f"level {storey + 1} of {count}" if count > 1 else "" for storey in range(count)]
+        return [(name, self._picture(storey, name)) for storey, name in enumerate(names)]
+
+    def _picture(self, storey: int, name: str) -> str:
+        is_on = self.building.storey == storey
+        frame = Frame.around(self.position[is_on])
+        at_goal, moved_on, gave_up = self.stops[:, is_on].sum(axis=1).tolist()
+        told = (
+            f"{at_goal:,} stops at the goal, {moved_on:,} after it, {gave_up:,} without reaching it"
+        )
+        title = f"Walks in {self.scan}{f', {name}' if name else ''}: {told}"
+        shapes = [
+            f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
+            *(
+                path(kind, path_data(kind, lines))
+                for piece in plan_of(self.building, storey, frame)
+                for kind, lines in piece.lines.items()
+            ),
+            *self._stops(np.flatnonzero(is_on), frame),
+            *self._turns(storey, frame),
+        ]
+        return (
+            f'<svg class="episode-map faults" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
+            f"<title>{escape(title)}</title>{''.join(shapes)}</svg>"
+        )
+
+    def _stops(self, viewpoints: IntArray, frame: Frame) -> Iterator[str]:
+        """Draw circles whose areas are the numbers of stops, the larger ones below."""
+        scale = _LARGEST / np.sqrt(max(self.stops.max(), 1))
+        for row in viewpoints.tolist():
+            x, y = frame.points(self.position[row])
+            numbers = dict(zip(STOPS, self.stops[:, row].tolist(), strict=True))
+            told = "; ".join(f"{STOPS[kind]}: {number:,}" for kind, number in numbers.items())
+            for kind, number in sorted(numbers.items(), key=lambda each: -each[1]):
+                if number:
+                    radius = f'r="{max(scale * np.sqrt(number), 1):.1f}"'
+                    shape = f'class="stops {kind}" cx="{x:.1f}" cy="{y:.1f}" {radius}'
+                    yield element("circle", shape, told)
+
+    def _turns(self, storey: int, frame: Frame) -> Iterator[str]:
+        """Draw the most frequent wrong turns as arrows, as thick as they are frequent."""
+        here = np.flatnonzero(self.building.storey[self.turns[:, 0]] == storey)[:_MOST_TURNS]
+        ends = frame.points(self.position[self.turns[here]])
+        shown = zip(ends, arrows(ends), self.times[here].tolist(), strict=True)
+        for line, arrow, times in reversed(list(shown)):
+            width = max(_THICKEST * times / self.times[0], _THINNEST)
+            told = count_text(times, "wrong turn")
+            shape = f'class="turn" stroke-width="{width:.1f}" d="{path_data("turn", [line])}"'
+            yield element("path", shape, told)
+            if arrow is not None:
+                yield path("turn-arrow", path_data("arrow", [arrow]))

@@ -122,8 +122,8 @@ class KeyTable:
 
     def _slots(self, keys: IntArray) -> IntArray:
         # The first bits of a product with a large odd number depend on all bits of a key.
-        mixed = keys.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-        return (mixed >> self._shift).astype(np.int64)
+        mixed = keys.view(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+        return (mixed >> self._shift).view(np.int64)
 
 
 def difference(values: FloatArray, others: FloatArray) -> FloatArray:

@@ -119,6 +119,17 @@ class NavigationGraph:
         """The index of each viewpoint id by its letters."""
         return ViewpointTable(self.viewpoint_ids)
 
+    @cached_property
+    def component(self) -> IntArray:
+        """Shape (n_viewpoints,): the first viewpoint to which there is a route from each one.
+
+        Two viewpoints with the same one can reach each other.
+        """
+        first_of_scan = np.searchsorted(self.viewpoint_scan, self.viewpoint_scan)
+        pair = np.flatnonzero(np.isfinite(self.distance))
+        # Every viewpoint can reach itself, so there is a pair in each row.
+        return pair[np.searchsorted(pair, self._row_begin + first_of_scan)] - self._row_begin
+
     def scan_of(self, viewpoint: int) -> str:
         """Return the scan id of a viewpoint."""
         return self.scan_ids[int(self.viewpoint_scan[viewpoint])]

@@ -408,13 +408,15 @@ def score_boxes(
     is_in_view = is_visible & has_box
     target_xywh = solution.boxes.xywh[target]
     whole_image = np.broadcast_to([0.0, 0.0, WIDTH, HEIGHT], target_xywh.shape)
+    is_ambiguous = is_in_view.copy()
+    is_ambiguous[is_in_view] = _has_rival(target[is_in_view], solution)
     return BoxScores(
         row=boxes.row,
         overlap=_masked(_overlap(boxes, view, target_xywh), is_in_view),
         whole_image=_masked(box_overlap(whole_image, target_xywh), is_in_view),
         is_visible=is_visible,
         is_in_view=is_in_view,
-        is_ambiguous=is_in_view & _has_rival(target, solution),
+        is_ambiguous=is_ambiguous,
     )
 
 

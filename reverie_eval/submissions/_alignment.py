@@ -343,15 +343,10 @@ def _trajectory_problems(
     # looked up for it below is masked out again.
     record = row_of(predictions.offsets)
     start = ground_truth.episodes.start[episode][record]
-    in_scan = (viewpoint != _UNKNOWN) & (
-        graph.viewpoint_scan[viewpoint] == graph.viewpoint_scan[start]
-    )
-    # Distances exist within a scan only, so other viewpoints are replaced before the look-up.
-    distance = graph.distance_between(start, np.where(in_scan, viewpoint, start))
-    is_valid = in_scan & np.isfinite(distance)
+    is_wrong = (graph.component[viewpoint] != graph.component[start]) | (viewpoint == _UNKNOWN)
     first = predictions.offsets[:-1][np.diff(predictions.offsets) > 0]
-    is_valid[first] &= viewpoint[first] == start[first]
-    for pose in np.flatnonzero(~is_valid & (episode[record] != _UNKNOWN)).tolist():
+    is_wrong[first] |= viewpoint[first] != start[first]
+    for pose in np.flatnonzero(is_wrong & (episode[record] != _UNKNOWN)).tolist():
         if predictions.viewpoint_id(pose) is not None:  # None was reported while reading
             yield _pose_problem(predictions, pose, int(viewpoint[pose]), int(start[pose]), graph)
 

@@ -354,21 +354,22 @@ def box_columns(given: GivenBoxes, log: ReadingLog) -> BoxAnswers:
     """
     row, xywh, image_size, camera, stop_angles = given
     whole = np.array([WIDTH, HEIGHT])
+    # Below, `any(axis=1)` would take twenty times as long as the same by `logical_or`.
     # Each side has a scale of its own: models that take squares distort an image of 640 x 480.
     scale = whole / image_size
     with np.errstate(over="ignore", invalid="ignore"):  # of numbers that hardly fit a float
         begin, end = xywh[:, :2] * scale, (xywh[:, :2] + xywh[:, 2:]) * scale
         cut_begin, cut_end = begin.clip(0, whole), end.clip(0, whole)
         # By rounding, a box as wide as its scaled image may end beyond 640.
-        is_cut = (np.maximum(cut_begin - begin, end - cut_end) > _SLACK).any(axis=1)
+        is_cut = np.logical_or(*(np.maximum(cut_begin - begin, end - cut_end) > _SLACK).T)
         uncut_xywh = np.hstack([begin, end - begin])
-    is_outside = (cut_end <= cut_begin).any(axis=1)
+    is_outside = np.logical_or(*(cut_end <= cut_begin).T)
     # Matterport's views are wider than tall, so this is probably [height, width], as numpy has it.
     is_upright = image_size[:, 0] < image_size[:, 1]
     off_grid = camera[~is_on_grid(camera)]
     log.differences.update(
         {
-            "scaled boxes": int((image_size != whole).any(axis=1).sum()),
+            "scaled boxes": int(np.logical_or(*(image_size != whole).T).sum()),
             "upright images": int(is_upright.sum()),
             "cut boxes": int((is_cut & ~is_outside).sum()),
             "boxes outside": int(is_outside.sum()),
@@ -386,8 +387,8 @@ def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
     """Yield a problem if most boxes cannot match anything, so that their scale must be wrong."""
     if len(boxes.row) < ENOUGH_BOXES:
         return
-    is_outside = (boxes.xywh[:, 2:] == 0).any(axis=1)
-    is_tiny = (boxes.uncut_xywh[:, 2:] <= _TINY).all(axis=1)
+    is_outside = np.logical_or(*(boxes.xywh[:, 2:] == 0).T)
+    is_tiny = np.logical_and(*(boxes.uncut_xywh[:, 2:] <= _TINY).T)
     for is_wrong, problem in (
         (is_outside, problems.BOXES_OUTSIDE),
         (is_tiny & ~is_outside, problems.TINY_BOXES),

@@ -65,7 +65,7 @@ from reverie_eval.submissions._predictions import (
 )
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._trajectories import DUETS_ID, MAX_POSES, PATH_KEY, have_types
-from reverie_eval.tasks import BOX, ID_PREFIX, IMAGE_SIZE, ITEM_MARK, VIEW, Task
+from reverie_eval.tasks import BOX, ID_PREFIX, IMAGE_SIZE, ITEM_MARK, OBJECT, VIEW, Task
 
 _LISTS = frozenset({list, tuple})
 _NUMBERS = frozenset({float, int, np.float64, np.float32})
@@ -343,11 +343,12 @@ def _pieces(text: bytes, between: re.Pattern[bytes]) -> Iterator[bytes]:
     If all of them are lists of records, so is the whole. Where a cut is not between records after
     all, the lists on either side of it are not JSON.
     """
-    begin, opening = 0, b""
+    # Joined as a view: a slice would be copied first.
+    view, begin, opening = memoryview(text), 0, b""
     while cut := between.search(text, begin + _PIECE):
-        yield opening + text[begin : cut.start() + 1] + b"]"
+        yield b"".join((opening, view[begin : cut.start() + 1], b"]"))
         begin, opening = cut.end(), b"["
-    yield opening + text[begin:]
+    yield b"".join((opening, view[begin:]))
 
 
 @lru_cache(maxsize=64)
@@ -371,7 +372,7 @@ def _form_of(names: tuple[str, ...], task: Task, *, has_keys: bool) -> _Form:
     _require(not (known.has_answers and any(map(answers_spelt_like, ignored))))
     types: dict[str, Any] = dict.fromkeys(names, Raw)
     types |= dict.fromkeys(ids, str | int if task.has_numbers else str)
-    types |= dict.fromkeys(answers, str | int | None)
+    types |= dict.fromkeys(answers, OBJECT.type | str | None)
     types |= {field.name: field.type for field in _BOX_FIELDS if has_boxes and field.name in names}
     types |= dict.fromkeys(POINT_KEYS if task.has_items else (), float | list[float] | None)
     fields = {name: f"field_{index}" for index, name in enumerate(names)}
@@ -438,11 +439,8 @@ def _read_answers(
         return np.full(n_records, ABSTAINED), no, no
     keys, (first, *_) = tuple(columns), columns.values()
     if keys == ANSWER_KEYS[:1] and set(map(type, first)) == {int}:
-        # Nearly always: whole numbers under the official name differ in nothing but their range.
-        _require(max(first) <= LARGEST_OBJECT_ID)
-        objects = np.array(first, dtype=np.int64)
-        _require(objects.min() >= ABSTAINED)
-        return objects, no, no
+        # Nearly always: whole numbers under the official name differ in nothing.
+        return np.array(first, dtype=np.int64), no, no
     different = Numbering[tuple[Any, ...]]()
     index = different.numbers(zip(*columns.values(), strict=True))
     answers, differences = zip(*map(partial(_read_answer, keys), different), strict=True)
@@ -468,15 +466,14 @@ def _read_answer(
 
 def _read_boxes(columns: Mapping[str, list[Any]]) -> FloatArray:
     boxes = columns[BOX.name]
-    nothing = [None] * len(boxes)
-    sizes, views = (columns.get(field.name, nothing) for field in (IMAGE_SIZE, VIEW))
-    return np.column_stack(
-        [
-            _table([box or _NO_BOX for box in boxes], 4),
-            _table([size or (WIDTH, HEIGHT) for size in sizes], 2),
-            np.array(views, dtype=np.float64),  # NaN for null
-        ]
-    )
+    table = np.full((len(boxes), 7), (*_NO_BOX, WIDTH, HEIGHT, np.nan))
+    table[:, :4] = _table([box or _NO_BOX for box in boxes], 4)
+    if IMAGE_SIZE.name in columns:
+        sizes = columns[IMAGE_SIZE.name]
+        table[:, 4:6] = _table([size or (WIDTH, HEIGHT) for size in sizes], 2)
+    if VIEW.name in columns:
+        table[:, 6] = np.array(columns[VIEW.name], dtype=np.float64)  # NaN for null
+    return table
 
 
 def _table(rows: Sequence[Sequence[float]], width: int) -> FloatArray:
@@ -612,10 +609,13 @@ def _are_within_turn(text: bytes, end: IntArray) -> BoolArray:
 
 def _read_angles(text: bytes, end: IntArray) -> FloatArray:
     """Return the angles behind each viewpoint that ends there; NaN where there are none."""
-    texts = [text[each + 1 : text.index(b"]", each)] for each in end.tolist()]
-    count = np.array([each.count(b",") for each in texts], dtype=np.int64)
-    # Each of the texts begins with a comma if it has numbers.
-    numbers = np.array(_decode_numbers(b"[0%b,0,0]" % b"".join(texts)))
+    letters = np.frombuffer(text, np.uint8)
+    closes = np.flatnonzero(letters == _CLOSE)
+    offsets = offsets_of(closes[np.searchsorted(closes, end)] - end - 1)
+    # What is behind each begins with a comma if it is numbers.
+    behind = letters[np.arange(offsets[-1]) + np.repeat(end + 1 - offsets[:-1], np.diff(offsets))]
+    count = np.diff(offsets_of(behind == _COMMA)[offsets])
+    numbers = np.array(_decode_numbers(b"[0%b,0,0]" % behind.tobytes()))
     first = offsets_of(count)[:-1] + 1
     angles = np.column_stack([numbers[first], numbers[first + 1]])
     angles[count == 0] = np.nan

@@ -4,9 +4,7 @@
 the annotated objects that the agent sees, whichever of them is the target.
 """
 
-from collections.abc import Iterator, Mapping
-from functools import partial
-from typing import TypeAlias
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -113,9 +111,6 @@ _SMALL_IMAGE = 384
 # Share of the boxes by which another reading must fit better than the one that was used.
 _BETTER = 0.25
 
-# Boxes, shape (n, 4), and their views, shape (n,).
-_Drawn: TypeAlias = tuple[FloatArray, IntArray]
-
 
 def box_hints(boxes: BoxAnswers) -> Iterator[str]:
     """Yield hints that need nothing but the boxes, a sentence each."""
@@ -159,12 +154,19 @@ def reading_hints(
     # Spread over the file, whose records may be sorted by building.
     sample = np.unique(np.linspace(0, len(boxes.row) - 1, _SAMPLE).astype(np.int64))
     boxes, viewpoint = boxes.take(sample), viewpoint[sample]
-    given = boxes.uncut_xywh, snap(boxes.camera)
-    share = partial(_share_of_fits, viewpoint=viewpoint, annotated=annotated)
-    as_given = share(given)
-    readings = {what: share(read) for what, read in _other_readings(*given).items()}
+    xywh, view = boxes.uncut_xywh, snap(boxes.camera)
+    pairs = annotated.pair_with_all(viewpoint, view)
+    as_given = _share_of_fits(xywh, pairs, annotated)
+    views = _other_views(view)
     if np.isfinite(boxes.stop_angles).all():
-        readings["boxes in the view of the last pose"] = share((given[0], snap(boxes.stop_angles)))
+        views["boxes in the view of the last pose"] = snap(boxes.stop_angles)
+    readings = {
+        **{what: _share_of_fits(other, pairs, annotated) for what, other in _other_boxes(xywh)},
+        **{
+            what: _share_of_fits(xywh, annotated.pair_with_all(viewpoint, other), annotated)
+            for what, other in views.items()
+        },
+    }
     what = max(readings, key=lambda each: readings[each])
     if readings[what] > max(MOST, as_given + _BETTER):
         yield (
@@ -174,19 +176,20 @@ def reading_hints(
         )
 
 
-def _share_of_fits(drawn: _Drawn, viewpoint: IntArray, annotated: CandidateBoxes) -> float:
-    """Return the share of boxes that would be correct for some object in their view."""
-    xywh, view = drawn
-    index, row = annotated.pair_with_all(viewpoint, view)
+def _share_of_fits(
+    xywh: FloatArray, pairs: tuple[IntArray, IntArray], annotated: CandidateBoxes
+) -> float:
+    """Return the share of boxes that would be correct for some object that they are paired with."""
+    index, row = pairs
     # Corners read as [x, y, width, height], or the other way round, may give sides below 0.
-    has_area = (xywh[index, 2:] > 0).all(axis=1)
+    has_area = np.logical_and(*(xywh[:, 2:] > 0).T)[index]
     index, row = index[has_area], row[has_area]
     fits = box_match(xywh[index], annotated.xywh[row])
-    return float((np.bincount(index, weights=fits, minlength=len(view)) > 0).mean())
+    return float((np.bincount(index, weights=fits, minlength=len(xywh)) > 0).mean())
 
 
-def _other_readings(xywh: FloatArray, view: IntArray) -> Mapping[str, _Drawn]:
-    """Return boxes and their views as they would be if they were meant otherwise."""
+def _other_boxes(xywh: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+    """Yield boxes as they would be if they were meant otherwise."""
     x, y, width, height = xywh.T
     boxes = {
         "[left, top, right, bottom]": (x, y, width - x, height - y),
@@ -195,17 +198,19 @@ def _other_readings(xywh: FloatArray, view: IntArray) -> Mapping[str, _Drawn]:
         "x measured from the right edge": (WIDTH - x - width, y, width, height),
         "y measured from the lower edge": (x, HEIGHT - y - height, width, height),
     }
+    for what, columns in boxes.items():
+        yield what, np.column_stack(columns)
     # What vision models scale images to; some language models give boxes in thousandths of a side.
     for side in (224, 336, 384, 1000):
         scaled = xywh * np.array([WIDTH, HEIGHT, WIDTH, HEIGHT]) / side
-        boxes[f"boxes of {side} x {side} images"] = tuple(scaled.T)
+        yield f"boxes of {side} x {side} images", scaled
+
+
+def _other_views(view: IntArray) -> dict[str, IntArray]:
+    """Return views as they would be if they were meant otherwise."""
     row, column = np.divmod(view, N_HEADINGS)
-    views = {
+    return {
         "views counted from 1": (view - 1) % N_VIEWS,
         "views one too low": (view + 1) % N_VIEWS,
         "views whose first row looks up": (2 - row) * N_HEADINGS + column,
-    }
-    return {
-        **{what: (np.column_stack(each), view) for what, each in boxes.items()},
-        **{what: (xywh, other) for what, other in views.items()},
     }

@@ -141,14 +141,14 @@ class SubmissionColumns:
         new_row = np.full(len(self.predicted_object), -1)  # of rows that are left out
         new_row[rows] = np.arange(len(rows))
         boxes = replace(self.boxes, row=new_row[self.boxes.row])
-        boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
+        n_left_out = np.count_nonzero(boxes.row < 0)
         return SubmissionColumns(
             viewpoint=self.viewpoint[take_rows(rows, self.offsets)],
             offsets=offsets_of(np.diff(self.offsets)[rows]),
             predicted_object=self.predicted_object[rows],
             answer_is_text=self.answer_is_text[rows],
             has_leading_zeros=self.has_leading_zeros[rows],
-            boxes=boxes.take(np.argsort(boxes.row)),
+            boxes=boxes.take(np.argsort(boxes.row)[n_left_out:]),
             is_navigation_only=self.is_navigation_only,
             point=None if self.point is None else self.point[rows],
         )
@@ -284,5 +284,5 @@ def look_like_degrees(stop_angles: FloatArray) -> bool:
     """
     # NaN exceeds nothing. Sums of turns in radians may exceed a full turn too, but not most of
     # them.
-    exceeding = (np.abs(stop_angles) > 2 * np.pi).any(axis=1).sum()
+    exceeding = np.logical_or(*(np.abs(stop_angles) > 2 * np.pi).T).sum()
     return bool(exceeding > MOST * len(stop_angles))

@@ -15,7 +15,7 @@ from reverie_eval.geometry import view_angles
 from reverie_eval.scoring import PreparedSubmission
 from reverie_eval.submissions import BoxAnswers, read_predictions
 from reverie_eval.submissions._answers import box_scale_problems
-from reverie_eval.submissions._hints import _other_readings, _point_hints, box_hints
+from reverie_eval.submissions._hints import _other_boxes, _other_views, _point_hints, box_hints
 from tests.support.worlds import SPLIT
 
 Box = list[float]
@@ -340,19 +340,15 @@ def test_what_boxes_say_by_themselves(boxes: BoxAnswers, hints: list[str]) -> No
     ],
 )
 def test_another_reading_worked_by_hand(reading: str, box: Box, view: int) -> None:
-    given = np.array([[10.0, 20.0, 30.0, 50.0]]), np.array([13])
-    boxes, views = _other_readings(*given)[reading]
-    assert boxes[0].tolist() == pytest.approx(box)
-    assert views.tolist() == [view]
+    given, view_given = np.array([[10.0, 20.0, 30.0, 50.0]]), np.array([13])
+    boxes = {**dict(_other_boxes(given)), **dict.fromkeys(_other_views(view_given), given)}
+    assert boxes[reading][0].tolist() == pytest.approx(box)
+    assert _other_views(view_given).get(reading, view_given).tolist() == [view]
 
 
 def test_views_at_the_ends_of_their_rows() -> None:
-    boxes, views = np.zeros((4, 4)), np.array([0, 11, 12, 35])
-    read = {
-        name: _other_readings(boxes, views)[name][1].tolist()
-        for name in ("views counted from 1", "views one too low", "views whose first row looks up")
-    }
-    assert read == {
+    others = _other_views(np.array([0, 11, 12, 35]))
+    assert {name: views.tolist() for name, views in others.items()} == {
         "views counted from 1": [35, 10, 11, 34],
         "views one too low": [1, 12, 13, 0],
         "views whose first row looks up": [24, 35, 12, 11],

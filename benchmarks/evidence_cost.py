@@ -23,6 +23,8 @@ from typing import Any
 import numpy as np
 from sqlalchemy import delete, insert, select
 
+from reverie_eval.server.integrity.evidence import EvidenceService
+
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.bars import Figure, judge
@@ -32,12 +34,12 @@ from reverie_eval import GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewPerson, NewTeam
+from reverie_eval.server.accounts.people import add_person, add_team
+from reverie_eval.server.integrity.evidence import AT_ONCE
 from reverie_eval.server.operations.checks import opened_server
-from reverie_eval.server.service import soundness
-from reverie_eval.server.service.evidence import AT_ONCE
-from reverie_eval.server.service.people import add_person, add_team
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
+from reverie_eval.server.store import watches
 from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.tables import Fingerprint, Person, Submission
 
@@ -137,8 +139,8 @@ def request(state: ServerState) -> float:
         session.execute(delete(Fingerprint).where(Fingerprint.sha256.in_(known)))
     before = time.process_time()
     with state.database.reading() as session:
-        report, read = state.evidence.report(session, SPLIT)
-    state.evidence.keep(SPLIT, read)
+        report, read = state.get(EvidenceService).report(session, SPLIT)
+    state.get(EvidenceService).keep(SPLIT, read)
     if report.left:
         raise RuntimeError(f"{report.left} uploads were not read")
     return time.process_time() - before
@@ -146,7 +148,7 @@ def request(state: ServerState) -> float:
 
 def search(state: ServerState) -> float:
     """Return the seconds of the processors in which all uploads are read once."""
-    soundness.READING = math.inf  # otherwise a second in each minute
+    watches.READING = math.inf  # otherwise a second in each minute
     before = time.process_time()
     with state.database.reading() as session:
         number = count_rows(session, Submission)

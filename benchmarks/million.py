@@ -31,11 +31,11 @@ from benchmarks.processors import processor_milliseconds
 from fixtures.many_submissions import SAMPLE, SPLIT, fill
 from fixtures.servers import make_folder
 from reverie_eval.schemas.organising import NewPerson, NewToken
+from reverie_eval.server.accounts.people import add_person
+from reverie_eval.server.accounts.tokens import create_token
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.checks import acting
-from reverie_eval.server.service.people import add_person
-from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
-from reverie_eval.server.state import ServerState
 from tests.support.serving import make_database, running, running_postgresql
 
 SUBMISSIONS = 1_000_000
@@ -72,7 +72,7 @@ def main() -> int:
         make_folder(folder)
         with (folder / SETTINGS_FILE).open("a", encoding="utf-8") as settings:
             settings.write(FURTHER)
-        state = ServerState.open(load_settings(folder))
+        state = open_server(load_settings(folder))
         fill(state, submissions, min(submissions, PUBLISHED), max(2, submissions // FILES_OF_TEAM))
         state.database.close()
         print(f"sqlite, {submissions:,} submissions")

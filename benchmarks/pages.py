@@ -36,12 +36,14 @@ from fixtures.servers import make_folder
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, QuotaReport, Receipt
+from reverie_eval.server.accounts.people import add_person, add_team
+from reverie_eval.server.accounts.tokens import create_token
+from reverie_eval.server.audit.transactions import utc_now
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.checks import acting
-from reverie_eval.server.service.paging import LONGEST
-from reverie_eval.server.service.people import add_person, add_team
-from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState, utc_now
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.paging import LONGEST
 from reverie_eval.server.store.tables import Person, Submission
 from tests.support.browser import browsing, chromium_path
 
@@ -63,9 +65,9 @@ MOST_TO_USE = 1000.0
 SERVER = """
 import sys
 from pathlib import Path
-from reverie_eval.server.operations.run import run_server
-from reverie_eval.server.service.paging import LONGEST
-from reverie_eval.server.service.tokens import create_token
+from reverie_eval.server.run import run_server
+from reverie_eval.server.store.paging import LONGEST
+from reverie_eval.server.accounts.tokens import create_token
 from reverie_eval.server.settings import load_settings
 settings = load_settings(Path(sys.argv[1]))
 run_server(settings, "127.0.0.1", 0, announce=lambda url: print(url, flush=True))
@@ -109,7 +111,7 @@ def main() -> int:
 
 def fill(folder: Path) -> str:
     """Put results on the board, as if each had been submitted; return a token of an organiser."""
-    state = ServerState.open(load_settings(folder))
+    state = open_server(load_settings(folder))
     board = state.board(SPLIT)
     report = board.score(board.read(SAMPLE.read_bytes())).with_intervals().to_report()
     sample, receipt = report.model_dump(mode="json"), _receipt(state, report)

@@ -38,11 +38,11 @@ from benchmarks.processors import busy_milliseconds, family_of, processor_millis
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
+from reverie_eval.server.accounts.people import add_person, add_team
+from reverie_eval.server.accounts.tokens import create_token
+from reverie_eval.server.audit.receipts import make_key
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.folder import upgrade_folder
-from reverie_eval.server.service.people import add_person, add_team
-from reverie_eval.server.service.receipts import make_key
-from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import load_settings
 
 SPLIT = "val_unseen"
@@ -72,7 +72,7 @@ SERVER = """
 import sys
 from functools import partial
 from pathlib import Path
-from reverie_eval.server.operations.run import run_server
+from reverie_eval.server.run import run_server
 from reverie_eval.server.settings import load_settings
 folder, workers = sys.argv[1:]
 announce = partial(print, flush=True)
@@ -83,7 +83,7 @@ BARE = """
 import orjson
 import uvicorn
 from fastapi import FastAPI, Request
-from reverie_eval.server.operations.run import configuration, listen, url_of
+from reverie_eval.server.run import configuration, listen, url_of
 app = FastAPI()
 @app.post("/")
 async def read(request: Request) -> int:

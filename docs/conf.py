@@ -69,7 +69,7 @@ numpydoc_show_class_members = False
 # Looks. Nothing is asked of another host.
 
 html_theme = "furo"
-html_favicon = "../reverie_eval/server/pages/static/icon.svg"
+html_favicon = "../reverie_eval/server/http/static/icon.svg"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_js_files = [("site.js", {"defer": "defer"})]

@@ -2,7 +2,7 @@
 import { readFileSync, writeFileSync } from "node:fs";
 import { build } from "esbuild";
 
-const OUTPUT = new URL("../reverie_eval/server/pages/static/vendor/", import.meta.url);
+const OUTPUT = new URL("../reverie_eval/server/http/static/vendor/", import.meta.url);
 const BUNDLED = ["chart.js", "@kurkle/color"];
 
 const read = (path) => readFileSync(new URL(path, import.meta.url), "utf8");

@@ -20,11 +20,11 @@ from reverie_eval_cli.output import note, show_table
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
+    from reverie_eval.server.audit.transactions import Transaction
     from reverie_eval.server.operations.checks import Finding
-    from reverie_eval.server.service.paging import Listed, Page
-    from reverie_eval.server.service.transactions import Transaction
     from reverie_eval.server.settings import Settings
     from reverie_eval.server.state import ServerState
+    from reverie_eval.server.store.paging import Listed, Page
 
 Report = TypeVar("Report")
 # Later dates are beyond what a token needs, and close to what Python's calendar ends at.
@@ -63,7 +63,7 @@ class Folder:
 
     def all_of(self, list_rows: "Callable[[Session, Page], Listed[Report]]") -> Sequence[Report]:
         """Return the rows of all pages of a list."""
-        from reverie_eval.server.service.paging import all_pages
+        from reverie_eval.server.store.paging import all_pages
 
         with self.reading() as session:
             return list(all_pages(partial(list_rows, session)))
@@ -81,8 +81,8 @@ class Folder:
         Over HTTP this is refused. Here it is not, because this machine has what is needed to let an
         organiser in again, and the last token may be one that was stolen.
         """
-        from reverie_eval.server.service.people import organisers
-        from reverie_eval.server.service.tokens import has_organiser
+        from reverie_eval.server.accounts.people import organisers
+        from reverie_eval.server.identity import has_organiser
 
         with self.acting() as transaction:
             # Only a change is worth a warning: a new server has no organiser yet.

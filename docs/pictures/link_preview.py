@@ -1,6 +1,6 @@
 """Take the picture that links to a server show, ``preview.png`` of the static files, with Chromium.
 
-``.venv/bin/python -m docs.pictures.link_preview reverie_eval/server/pages/static/preview.png``. It
+``.venv/bin/python -m docs.pictures.link_preview reverie_eval/server/http/static/preview.png``. It
 shows the task: an instruction, the way to its object, and the object. The episode is one of the
 demo world, drawn as the pages draw it; the picture has no data of REVERIE.
 """

@@ -5,6 +5,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 
 from fastapi import Depends, FastAPI
+from starlette.middleware.gzip import GZipMiddleware
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from reverie_eval.server.http.middleware import (
@@ -20,20 +21,14 @@ from reverie_eval.server.http.middleware import (
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
+from reverie_eval.server.http.rendering import STATIC, StaticPages, fault_page
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
-from reverie_eval.server.jobs.work import jobs_of
-from reverie_eval.server.pages import add_pages
-from reverie_eval.server.pages.home import warm_up
-from reverie_eval.server.pages.rendering import fault_page
-from reverie_eval.server.routes import (
-    access,
-    joining,
-    operations,
-    organising,
-    splits,
-    submissions,
-)
+from reverie_eval.server.jobs import Jobs
+from reverie_eval.server.messages.faults import tell_fault
+from reverie_eval.server.operations import routes as monitoring
+from reverie_eval.server.operations.health import Health
+from reverie_eval.server.rooms import rooms
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -45,7 +40,7 @@ def create_app(server: ServerState, address: str = "http://localhost") -> FastAP
     ``address`` is printed where people copy the server's address, unless the settings have another:
     what a request's Host header says is anybody's choice.
     """
-    jobs = jobs_of(server, partial(warm_up, server))
+    jobs = jobs_of(server)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -69,15 +64,33 @@ def create_app(server: ServerState, address: str = "http://localhost") -> FastAP
     app.state.server = server
     app.state.address = server.settings.public_address or address
     app.state.is_copy = False
+    app.state.rooms = rooms()
     app.state.runtime = RuntimeState.of(server, jobs)
-    for part in (access, joining, splits, submissions, organising):
-        app.include_router(part.router, dependencies=[Depends(known_query)])
-    app.include_router(operations.router)
-    add_pages(app)
+    app.state.health = Health(server, jobs)
+    app.include_router(monitoring.router)
+    add_rooms(app)
     add_error_handlers(app, fault_page)
     add_edge(app, server.settings)
     describe(app, server.settings.path_prefix)
     return app
+
+
+def jobs_of(server: ServerState) -> Jobs:
+    """Return the jobs of all rooms."""
+    jobs = [job for room in rooms().values() for job in room.jobs(server)]
+    return Jobs(jobs, server.database, server.clock, partial(tell_fault, server))
+
+
+def add_rooms(app: FastAPI) -> None:
+    """Add the routes and the pages of all rooms, and the files that pages use."""
+    for room in rooms().values():
+        for routes in room.routes:
+            app.include_router(routes, dependencies=[Depends(known_query)])
+        for pages in room.pages:
+            app.include_router(pages, include_in_schema=False)
+    # Pages are not compressed: next to text chosen by an attacker, the compressed length could leak
+    # the CSRF token (BREACH). Static files hold no secrets, so they are.
+    app.mount(STATIC, GZipMiddleware(StaticPages()), name="static")
 
 
 def work_out_routes(app: FastAPI) -> None:

@@ -145,7 +145,7 @@ def test_the_smallest_box_is_hit_in_every_view(browser: Browser) -> None:
     random = Random(3)
     pictures = [made_up_view(random) for _ in range(200)]
     page = browser.new_page(viewport={"width": 1200, "height": 900})
-    sheet = files("reverie_eval.server.pages").joinpath("static/style.css").read_text()
+    sheet = files("reverie_eval.server.http").joinpath("static/style.css").read_text()
     page.set_content(f"<style>{sheet}{ANSWER_STYLE}</style>")
     found = page.evaluate(HITS, pictures)
     page.close()

@@ -13,7 +13,7 @@ from urllib.request import url2pathname
 import pytest
 from playwright.sync_api import expect
 
-from reverie_eval.server.operations.site import export_site
+from reverie_eval.server.platforms.site import export_site
 from tests.support.browser import PHONE, OpenPage, await_chart, serious_violations
 from tests.support.demo_site import OPEN, Site
 

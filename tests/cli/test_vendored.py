@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from reverie_eval.server.pages.rendering import STATIC_FOLDERS
+from reverie_eval.server.http.rendering import STATIC_FOLDERS
 from tests.conftest import REPOSITORY
 
-VENDOR = REPOSITORY.joinpath("reverie_eval/server/pages", STATIC_FOLDERS[0][1], "vendor")
+VENDOR = REPOSITORY.joinpath("reverie_eval/server/http", STATIC_FOLDERS[0][1], "vendor")
 BUNDLED = ("chart.js", "@kurkle/color")
 
 

@@ -40,7 +40,8 @@ def test_a_function_that_is_named_exists(name: str) -> None:
 
 
 def test_a_submission_takes_the_steps_of_the_page() -> None:
-    steps = re.findall(r"^\| \d \| `([\w.]+)` \|", PAGE, re.MULTILINE)
+    page = PAGE.partition("## The path of a submission")[2]
+    steps = re.findall(r"^\| \d \| `([\w.]+)` \|", page, re.MULTILINE)
     assert len(steps) == 8
     named = [pkgutil.resolve_name(f"reverie_eval.{step}") for step in steps]
     codes = [
@@ -71,9 +72,30 @@ def test_private_modules_are_imported_within_their_package_alone() -> None:
     assert reached == []
 
 
-def test_only_the_service_writes_into_the_audit_log() -> None:
+SERVER = REPOSITORY / "reverie_eval" / "server"
+DOOR = re.compile(
+    r"\w+\.py|(http|platforms)/.*|"
+    r"\w+/(routes|pages|desk|room|uploads|forms|health|\w+_page|\w+_desk)\.py"
+)
+"""Where the server knows HTTP: the doors of its rooms, what they share, what puts it together."""
+
+
+def test_only_doors_of_the_server_know_http() -> None:
+    """What a room does is the same over the API, in the browser and on the command line."""
+    http = re.compile(
+        r"^ *(from|import) (fastapi|starlette|reverie_eval\.server\.http)", re.MULTILINE
+    )
+    for file in SERVER.rglob("*.py"):
+        name = str(file.relative_to(SERVER))
+        if not DOOR.fullmatch(name):
+            assert not http.search(file.read_text("utf-8")), name
+
+
+def test_only_what_doors_call_writes_into_the_audit_log() -> None:
     """What other parts change goes through its functions, which record it."""
     writing = re.compile(r"transaction\.record\(|audit_log\.append\(")
     sources = [*(REPOSITORY / "reverie_eval").rglob("*.py"), *(REPOSITORY / "cli").rglob("*.py")]
-    rooms = {path.parent.name for path in sources if writing.search(path.read_text("utf-8"))}
-    assert rooms == {"service"}
+    for path in sources:
+        if writing.search(path.read_text("utf-8")):
+            assert path.is_relative_to(SERVER)
+            assert not DOOR.fullmatch(str(path.relative_to(SERVER)))

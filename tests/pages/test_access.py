@@ -10,7 +10,8 @@ import pytest
 from reverie_eval.schemas.organising import NewNews, NewSnapshot
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
-from reverie_eval.server.service.news import add_news
+from reverie_eval.server.boards.news import add_news
+from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.store.tables import ReportedResult
 from tests.support.acting import NOON, ask_to_join, create_token, review
 from tests.support.page_routes import page_routes
@@ -217,7 +218,7 @@ def stock(server: Serving) -> Mapping[str, str]:
             created_at=NOON,
         )
         transaction.add(result)
-        taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
+        taken = server.state.get(Snapshots).take(transaction, NewSnapshot(split=OPEN, title="2026"))
     return {
         "hint": spare,
         "person_id": "1",

@@ -13,8 +13,10 @@ import pytest
 from reverie_eval import CATALOGUE
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.service import Phase, Verdict
-from reverie_eval.server.service.reviews import lift_review
-from reverie_eval.server.service.submissions import submission_of
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.reviews import lift_review
+from reverie_eval.server.intake.submissions import SubmissionService, submission_of
+from reverie_eval.server.state import Reading
 from reverie_eval.tasks.reverie import TASK as REVERIE
 from tests.support.acting import review
 from tests.support.entries import BOARD, HTML, entered, get, named, report_result, tables
@@ -482,9 +484,9 @@ def test_intervals_are_those_of_the_command_line(server: Serving) -> None:
     submission = entered(server)
     report = server.ask(OWNER, "GET", f"/submissions/{submission}").json()["report"]
     with server.state.database.reading() as session:
-        view = server.state.submissions.view(session, server.clock())
+        view = View.of(Reading(server.state, session, server.clock()))
         known = submission_of(session, server.person(OWNER), submission, view)
-    scores = server.state.submissions.episodes(known)
+    scores = server.state.get(SubmissionService).episodes(known)
     expected = scores.with_intervals().intervals
     assert expected is not None
     assert report["intervals"]["resamples"] == 10_000
@@ -510,7 +512,7 @@ def test_nothing_is_stale(server: Serving) -> None:
 
 
 def test_pages_of_a_long_board(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reverie_eval.server.pages.boards.PER_PAGE", 2)
+    monkeypatch.setattr("reverie_eval.server.boards.pages.PER_PAGE", 2)
     for number in range(5):
         entered(server, {"rgspl": 0.5 - 0.1 * number}, **named(f"M{number}"))
     assert ranking(server) == [("1", "M0"), ("2", "M1")]

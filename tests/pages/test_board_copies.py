@@ -8,9 +8,9 @@ import pytest
 
 from reverie_eval import CATALOGUE
 from reverie_eval.schemas.service import SubmissionReport
-from reverie_eval.server.service.charts import chart_of, front, progress_of, records
-from reverie_eval.server.service.entries import Entry, Row
-from reverie_eval.server.service.leaderboard import Ranking
+from reverie_eval.server.boards.charts import chart_of, front, progress_of, records
+from reverie_eval.server.boards.entries import Entry, Row
+from reverie_eval.server.boards.leaderboard import Ranking
 from tests.support.acting import NOON
 from tests.support.entries import BOARD, entered, get, named, report_result
 from tests.support.serving import OPEN, OTHER, OWNER, Serving
@@ -316,7 +316,7 @@ def test_of_nothing_there_are_no_copies(server: Serving, query: str) -> None:
 def test_copies_of_a_page_that_is_not_there_are_of_the_last(
     server: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("reverie_eval.server.pages.boards.PER_PAGE", 2)
+    monkeypatch.setattr("reverie_eval.server.boards.pages.PER_PAGE", 2)
     for number in range(3):
         entered(server, {"rgspl": 0.5 - 0.1 * number}, **named(f"M{number}"))
     for copy in ("latex", "bibtex"):

@@ -13,9 +13,11 @@ import reverie_eval as rv
 from reverie_eval import CATALOGUE
 from reverie_eval.reporting.comparisons import signed
 from reverie_eval.schemas.service import Phase
+from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.comparing import ComparedPair, compare_results
+from reverie_eval.server.explore.comparing import ComparedPair, compare_results
+from reverie_eval.server.intake.submissions import SubmissionService
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
@@ -180,8 +182,8 @@ def test_what_cannot_be_compared(server: Serving) -> None:
 
 def pair_of(server: Serving, *ids: str, board: Board | None = None) -> ComparedPair:
     with server.state.database.reading() as session:
-        ranking = server.state.ranking(session, board or server.state.boards[OPEN])
-        return compare_results(session, server.state.submissions, ranking, ids)
+        ranking = server.state.get(Rankings).ranking(session, board or server.state.boards[OPEN])
+        return compare_results(session, server.state.get(SubmissionService), ranking, ids)
 
 
 def test_a_pair_has_differences_and_outcomes_of_the_first_minus_the_second(

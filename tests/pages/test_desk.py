@@ -14,19 +14,19 @@ from starlette.datastructures import UploadFile
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.schemas.organising import NewSchedule
 from reverie_eval.schemas.service import Phase
+from reverie_eval.server.accounts.people import person_named, team_named
+from reverie_eval.server.accounts.tokens import list_tokens
+from reverie_eval.server.audit.log import entries, row_name
+from reverie_eval.server.boards.reported import list_reported
+from reverie_eval.server.boards.reviews import standing_reviews
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.http import desk as forms
 from reverie_eval.server.http.callers import Call
-from reverie_eval.server.http.health import Canary, UnhealthyError
+from reverie_eval.server.intake.attempts import list_attempts
+from reverie_eval.server.intake.quotas import list_grants
+from reverie_eval.server.operations.health import Canary, UnhealthyError
 from reverie_eval.server.operations.keys import replace_lost_key
-from reverie_eval.server.pages.desk import forms
-from reverie_eval.server.pages.desk.overview import ON_A_PAGE
-from reverie_eval.server.service.attempts import list_attempts
-from reverie_eval.server.service.audit import entries, row_name
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.people import person_named, team_named
-from reverie_eval.server.service.quotas import list_grants
-from reverie_eval.server.service.reported import list_reported
-from reverie_eval.server.service.reviews import standing_reviews
-from reverie_eval.server.service.tokens import list_tokens
+from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
 from tests.support.acting import NOON
 from tests.support.serving import (
@@ -168,11 +168,11 @@ def test_the_overview_says_what_is_not(desk: Visitor, monkeypatch: pytest.Monkey
 
 
 def test_uploads_are_paged_and_chosen_by_outcome(desk: Visitor) -> None:
-    for _ in range(ON_A_PAGE + 1):
+    for _ in range(forms.ENTRIES_ON_A_PAGE + 1):
         desk.server.upload(OWNER, BROKEN)
     sent(desk.server)
     first = desk.get("/desk/uploads?outcome=submission-rejected")
-    assert first.text.count(">submission-rejected</span>") == ON_A_PAGE
+    assert first.text.count(">submission-rejected</span>") == forms.ENTRIES_ON_A_PAGE
     assert ">scored</span>" not in first.text
     (following,) = re.findall(r'rel="next" href="([^"]+)"', first.text)
     second = desk.get(f"/desk/uploads{following.replace('&amp;', '&')}")
@@ -367,13 +367,13 @@ def test_phases_that_are_set_meanwhile_stay(
 
     def perform_late(call: Call, *given: Any) -> Any:
         with server.acting() as transaction:
-            server.state.schedules.set(transaction, PRIVATE, new)
+            server.state.get(Schedules).set(transaction, PRIVATE, new)
         return perform(call, *given)
 
     monkeypatch.setattr(Call, "perform", perform_late)
     told(desk, "/desk/phases", split=PRIVATE, what=what, **YES)
     with server.state.database.reading() as session:
-        latest = server.state.schedules.of(session, PRIVATE).latest
+        latest = server.state.get(Schedules).of_split(session, PRIVATE).latest
     assert ([phase.name for phase in latest.phases], latest.paused) == (["late"], paused)
 
 
@@ -382,7 +382,7 @@ def test_it_is_said_that_scores_will_be_shown(desk: Visitor) -> None:
     with server.acting() as transaction:
         until = Phase(name="a", closes=NOON + timedelta(days=1))
         new = NewSchedule(phases=(until,), release_scores="phase-end")
-        server.state.schedules.set(transaction, PRIVATE, new)
+        server.state.get(Schedules).set(transaction, PRIVATE, new)
     server.upload(OWNER, submission_for(PRIVATE), PRIVATE)
     asked = said(sending(desk, "/desk/phases", split=PRIVATE, what="reset"))
     assert "The scores of 1 submission will be shown at once. This cannot be undone." in asked
@@ -537,10 +537,10 @@ def test_more_is_given_with_the_reason_on_record(desk: Visitor) -> None:
 def test_the_audit_log_is_paged_and_searched(desk: Visitor) -> None:
     with desk.server.acting("Zoe") as transaction:
         team = team_named(transaction.session, "Blue")
-        for number in range(ON_A_PAGE):
+        for number in range(forms.ENTRIES_ON_A_PAGE):
             transaction.record("did", team, f"thing {number}", found={"a": MARKUP})
     first = desk.get("/desk/audit?actor=Zoe")
-    assert first.text.count(">did</td>") == ON_A_PAGE
+    assert first.text.count(">did</td>") == forms.ENTRIES_ON_A_PAGE
     assert 'rel="next"' not in first.text
     assert MARKUP not in first.text
     assert said(desk.get("/desk/audit?subject=thing%207")).count("thing 7") == 1
@@ -578,7 +578,7 @@ def test_the_audit_log_says_what_nobody_can_check(open_server: OpenServer) -> No
 def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visitor) -> None:
     with desk.server.acting("Zoe") as transaction:
         team = team_named(transaction.session, "Blue")
-        for number in range(ON_A_PAGE):
+        for number in range(forms.ENTRIES_ON_A_PAGE):
             transaction.record("did", team, f"thing {number}")
         transaction.session.execute(
             update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody")

@@ -11,7 +11,7 @@ import pytest
 import reverie_eval as rv
 from reverie_eval.agents import AGENTS
 from reverie_eval.runner import run_agent
-from reverie_eval.server.service import submissions as service
+from reverie_eval.server.intake import submissions as service
 from tests.support.episode_pages import drawn, linked, listed, picture, send, visitor, walks
 from tests.support.serving import (
     ANYBODY,
@@ -368,7 +368,7 @@ def test_who_looks_at_the_next_episode_waits_for_no_scoring(
     def fail(*_: object) -> None:
         raise AssertionError("scored again")
 
-    monkeypatch.setattr("reverie_eval.server.service.boards.Board.read", fail)
+    monkeypatch.setattr("reverie_eval.server.scoring.boards.Board.read", fail)
     assert browser.get(f"/episodes/{OPEN}/1_3_0?{query}").text == before
     assert browser.get(f"/episodes/{OPEN}/2_4_0?{query}").status_code == 200
     assert visitor(home, OTHER).get(f"/episodes/{OPEN}/1_3_0?{query}").status_code == 404
@@ -383,7 +383,7 @@ def test_few_are_kept(home: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
         scored.append(len(content))
         return read(board, content)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("reverie_eval.server.service.boards.Board.read", count)
+    monkeypatch.setattr("reverie_eval.server.scoring.boards.Board.read", count)
     for id_ in [*ids, *ids[1:], ids[0]]:
         assert browser.get(f"/episodes/{OPEN}?submission={id_}").status_code == 200
     assert len(scored) == service.RECENT + 2

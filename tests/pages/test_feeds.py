@@ -11,15 +11,15 @@ import feedparser
 import pytest
 
 from reverie_eval.schemas.service import CorrectionReport, NewsReport
-from reverie_eval.server.service.entries import Row
-from reverie_eval.server.service.feed import (
+from reverie_eval.server.boards.entries import Row
+from reverie_eval.server.boards.feed import (
     Item,
     items_of,
     items_of_corrections,
     items_of_news,
     latest,
 )
-from reverie_eval.server.service.reviews import PublishedReview
+from reverie_eval.server.boards.reviews import PublishedReview
 from tests.support.acting import NOON, review
 from tests.support.entries import demo_board, entry, ranking_of
 from tests.support.serving import (

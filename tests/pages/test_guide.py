@@ -13,21 +13,14 @@ from jsonschema import Draft202012Validator
 from reverie_eval import PROTOCOLS
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.service import Method, Phase
+from reverie_eval.server.boards.pages import BoardQuery
 from reverie_eval.server.errors import ERRORS
-from reverie_eval.server.pages.boards import BoardQuery
-from reverie_eval.server.pages.guide import in_words
+from reverie_eval.server.home.guide_page import in_words
 from reverie_eval.server.settings import Limits, Quota
 from reverie_eval.submissions import submission_schema
 from reverie_eval.tasks import find_task
 from tests.support.acting import NOON
-from tests.support.serving import (
-    OWNER,
-    PRIVATE,
-    OpenServer,
-    Serving,
-    adjusted,
-    settings_of,
-)
+from tests.support.serving import OWNER, PRIVATE, OpenServer, Serving, adjusted, settings_of
 from tests.support.visiting import Visitor, said
 
 CHAPTERS = ("", "/submitting", "/metrics", "/protocols", "/rules", "/api", "/privacy")

@@ -9,6 +9,7 @@ import pytest
 from reverie_eval import evaluate
 from reverie_eval.agents import DEMO_AGENT
 from reverie_eval.runner import run_agent
+from reverie_eval.server.explore.episodes import EpisodeService
 from tests.support.entries import entered, get, named, report_result, tables
 from tests.support.serving import (
     OPEN,
@@ -89,7 +90,7 @@ def test_a_team_that_hides_is_not_named(server: Serving) -> None:
 
 
 def test_an_example_with_its_instruction_and_answer(server: Serving) -> None:
-    page, shown = home(server), server.state.episodes.example
+    page, shown = home(server), server.state.get(EpisodeService).example
     assert shown is not None
     board, example = shown
     assert example.instruction in unescape(page)

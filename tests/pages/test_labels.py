@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from reverie_eval.server.pages.labels import labels_of
+from reverie_eval.server.http.labels import labels_of
 from tests.pages.test_access import ROWS, stock
 from tests.support.serving import GOOD, OPEN, ORGANISER, OWNER, PRIVATE, Serving
 from tests.support.visiting import Visitor, said, signed_in

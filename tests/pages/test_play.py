@@ -16,18 +16,11 @@ from reverie_eval import CATALOGUE, GroundTruth
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import MalformedError, NotFoundError
-from reverie_eval.server.service.boards import load_board
-from reverie_eval.server.service.episodes import Annotations, Browsing
-from reverie_eval.server.service.play import HumanWalk, sample
+from reverie_eval.server.explore.episodes import Annotations, Browsing, EpisodeService
+from reverie_eval.server.explore.play import HumanWalk, sample
+from reverie_eval.server.scoring.boards import load_board
 from reverie_eval.server.settings import Split
-from tests.support.serving import (
-    OPEN,
-    PRIVATE,
-    OpenServer,
-    Serving,
-    adjusted,
-    settings_of,
-)
+from tests.support.serving import OPEN, PRIVATE, OpenServer, Serving, adjusted, settings_of
 from tests.support.visiting import Visitor, said
 
 TRUTH = GroundTruth.load(DEMO_BUNDLES / f"{OPEN}.npz")
@@ -141,7 +134,7 @@ def test_a_sample_is_the_same_for_everyone_and_repeats_targets_last(server: Serv
 
 def browsing(server: Serving) -> Browsing:
     with server.state.database.reading() as session:
-        return server.state.episodes.browse(session, None, OPEN, [])
+        return server.state.get(EpisodeService).browse(session, None, OPEN, [])
 
 
 def refused(error: type[Exception], action: Any, *given: Any) -> str:

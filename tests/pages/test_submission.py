@@ -12,7 +12,7 @@ import pytest
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Envelope
-from reverie_eval.server.service.reviews import lift_review
+from reverie_eval.server.boards.reviews import lift_review
 from reverie_eval.server.settings import Quota
 from tests.conftest import SAMPLES
 from tests.support.acting import add_person, add_team, create_token, review

@@ -5,7 +5,7 @@ import re
 from sqlalchemy import update
 
 from fixtures.many_submissions import SAMPLE, fill
-from reverie_eval.server.pages.boards import PER_PAGE
+from reverie_eval.server.boards.pages import PER_PAGE
 from reverie_eval.server.store.tables import Submission
 from tests.support.serving import OPEN, ORGANISER, Serving
 from tests.support.visiting import signed_in

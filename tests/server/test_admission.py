@@ -11,10 +11,9 @@ import pytest
 from anyio.from_thread import BlockingPortal
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from reverie_eval.server.app import create_app
+from reverie_eval.server.app import create_app, jobs_of
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.http.runtime import RuntimeState, Turns
-from reverie_eval.server.jobs.work import jobs_of
 from reverie_eval.server.settings import Limits
 from tests.support.serving import (
     GOOD,
@@ -152,7 +151,7 @@ def test_a_team_leaves_a_process_that_scores_to_all_others(
 ) -> None:
     monkeypatch.setattr(server.state.scoring, "number", processes)
     monkeypatch.setattr(server.state.scoring, "turns", 2 * processes)
-    turns = RuntimeState.of(server.state, jobs_of(server.state, lambda: None)).scoring
+    turns = RuntimeState.of(server.state, jobs_of(server.state)).scoring
 
     async def scenario() -> int:
         async with AsyncExitStack() as places:

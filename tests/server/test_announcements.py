@@ -5,14 +5,10 @@ from datetime import timedelta
 import pytest
 
 from reverie_eval.schemas.organising import NewNews, NewSnapshot
-from reverie_eval.server.service.announcements import (
-    Announcement,
-    announcements,
-    corrections_of,
-)
-from reverie_eval.server.service.news import add_news, remove_news
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.snapshots import list_snapshots
+from reverie_eval.server.boards.announcements import Announcement, announcements, corrections_of
+from reverie_eval.server.boards.news import add_news, remove_news
+from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots
+from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import Correction
 from tests.support.acting import NOON
 from tests.support.serving import OPEN, PRIVATE, STRICT, Serving
@@ -39,7 +35,7 @@ def announced(several: Serving) -> Serving:
         correct(several, split, further, text)
         with several.acting() as transaction:
             if not further:
-                several.state.snapshots.take(transaction, NewSnapshot(split=split, title=text))
+                several.state.get(Snapshots).take(transaction, NewSnapshot(split=split, title=text))
             news = add_news(transaction, NewNews(text=text))
             if text == "private":
                 remove_news(transaction, news.id)

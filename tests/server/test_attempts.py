@@ -12,9 +12,12 @@ from sqlalchemy.exc import OperationalError
 from reverie_eval.errors import Problem, SubmissionError
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.schemas.people import Rejection
+from reverie_eval.server.accounts.joining import reject_request
+from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.errors import MalformedError, NotFoundError
-from reverie_eval.server.service import attempts
-from reverie_eval.server.service.attempts import (
+from reverie_eval.server.intake import attempts
+from reverie_eval.server.intake.attempts import (
     SplitCounts,
     Totals,
     counts_of_splits,
@@ -22,12 +25,9 @@ from reverie_eval.server.service.attempts import (
     list_attempts,
     totals,
 )
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.intake import Intake
-from reverie_eval.server.service.joining import reject_request
-from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.personal_data import delete_person
+from reverie_eval.server.intake.intake import Intake
+from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import Attempt
 from tests.support.acting import NOON, ask_to_join
 from tests.support.serving import (
@@ -273,7 +273,7 @@ def test_totals_leave_out_who_is_no_longer_there(server: Serving) -> None:
 def test_how_long_an_upload_took(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter([7.0, 7.2506])
     monkeypatch.setattr(time, "perf_counter", lambda: next(times))
-    with server.state.intake.attempts.recording(server.person(OWNER), OPEN, 5):
+    with server.state.get(Intake).attempts.recording(server.person(OWNER), OPEN, 5):
         server.clock.turn(seconds=1)
     monkeypatch.undo()
     with server.state.database.reading() as session:
@@ -306,7 +306,7 @@ def test_what_an_upload_that_failed_came_to(
     error: Exception, outcome: str, problems: int, server: Serving
 ) -> None:
     person = server.person(OWNER)
-    with pytest.raises(type(error)), server.state.intake.attempts.recording(person, OPEN, 5):
+    with pytest.raises(type(error)), server.state.get(Intake).attempts.recording(person, OPEN, 5):
         raise error
     assert noted(server) == [(outcome, problems, 5)]
 

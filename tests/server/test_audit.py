@@ -11,7 +11,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from sqlalchemy import select
 
 from reverie_eval.schemas.organising import KeyRevocation, NewTeam
-from reverie_eval.server.service.audit import (
+from reverie_eval.server.accounts.people import person_named, rename_team, team_named
+from reverie_eval.server.audit.keys import all_keys
+from reverie_eval.server.audit.log import (
     INSPECTED,
     AuditLog,
     audit_reports,
@@ -20,13 +22,11 @@ from reverie_eval.server.service.audit import (
     list_entries,
     list_reports,
 )
-from reverie_eval.server.service.audited_rows import mismatches, swapped_names
-from reverie_eval.server.service.keys import all_keys
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.people import person_named, rename_team, team_named
-from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.rotation import replace_key, revoke_key
+from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.rotation import replace_key, revoke_key
+from reverie_eval.server.audit.rows import mismatches, swapped_names
 from reverie_eval.server.store.database import Database, count_rows
+from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import AuditEntry, News, Person, SigningKey, Team
 from tests.support.acting import AUDIT_LOG, NOON, acting, add_person, add_team
 

@@ -8,7 +8,8 @@ import pytest
 from sqlalchemy import Update, update
 
 from reverie_eval.schemas.organising import NewSnapshot
-from reverie_eval.server.service.audited_rows import changed_values, mismatches
+from reverie_eval.server.audit.rows import changed_values, mismatches
+from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.store.tables import (
     AuditEntry,
     Base,
@@ -58,7 +59,7 @@ def do_everything(server: Serving) -> str:
         assert reply.is_success, (path, reply.text)
     with server.acting() as transaction:
         review(transaction, sent, "verified", "run again")
-        server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="A month"))
+        server.state.get(Snapshots).take(transaction, NewSnapshot(split=OPEN, title="A month"))
         row = Correction(split=OPEN, board="", signature="s", reason="Targets.", created_at=NOON)
         transaction.record("correction announced", row, OPEN, reason=row.reason)
     return sent

@@ -14,11 +14,11 @@ import pytest
 from sqlalchemy import func, select, text
 
 from reverie_eval.schemas.organising import NewMerge
+from reverie_eval.server.accounts.merging import merge_teams
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.folder import DatabaseTakenError
 from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import RowsError, dump, load

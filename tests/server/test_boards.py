@@ -11,24 +11,10 @@ from reverie_eval.errors import GroundTruthError, Problem, SubmissionError
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle, GroundTruth
 from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.service.boards import (
-    Board,
-    board_named,
-    load_board,
-    load_boards,
-    tasks_of,
-)
+from reverie_eval.server.scoring.boards import Board, board_named, load_board, load_boards, tasks_of
 from reverie_eval.server.settings import Also, SettingsError, Split
 from reverie_eval.version import __version__
-from tests.support.serving import (
-    GOOD,
-    GROUNDING,
-    OPEN,
-    PRIVATE,
-    STRICT,
-    settings_of,
-    with_arrays,
-)
+from tests.support.serving import GOOD, GROUNDING, OPEN, PRIVATE, STRICT, settings_of, with_arrays
 
 R2R = "r2r-val_unseen"
 

@@ -13,7 +13,9 @@ import pytest
 
 from reverie_eval.reporting.service import METHOD_COSTS
 from reverie_eval.schemas.service import Phase
-from reverie_eval.server.service.bulk import Archive, archive_of
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.intake.bulk import Archive, archive_of
+from reverie_eval.server.state import Reading
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError
 from tests.support.flat_world import Run
@@ -54,7 +56,7 @@ def members(content: bytes) -> dict[str, bytes]:
 def archive(server: Serving) -> Archive:
     state = server.state
     with state.database.reading() as session:
-        view = state.submissions.view(session, server.clock())
+        view = View.of(Reading(state, session, server.clock()))
         return archive_of(session, state.boards[OPEN], state.uploads, view)
 
 

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 import reverie_eval as rv
-from reverie_eval.server.operations import codabench_program
+from reverie_eval.server.platforms import codabench_program
 from reverie_eval.server.settings import SETTINGS_FILE
 from tests.conftest import SAMPLES
 from tests.support.codabench import KILLS, Task, compute

@@ -2,8 +2,8 @@
 
 import pytest
 
+from reverie_eval.server.csv_files import CsvRow, CsvTable, read_csv, spreadsheet_cell
 from reverie_eval.server.errors import TableError
-from reverie_eval.server.service.csv_files import CsvRow, CsvTable, read_csv, spreadsheet_cell
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,8 @@ from pydantic import BaseModel
 from sqlalchemy import text
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.http import health
-from reverie_eval.server.service.snapshots import Snapshots
+from reverie_eval.server.corrections.snapshots import Snapshots
+from reverie_eval.server.operations import health
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import Database, UnreadableValueError
 from reverie_eval.server.store.tables import read_stored

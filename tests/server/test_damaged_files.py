@@ -13,16 +13,17 @@ from types import SimpleNamespace
 import pytest
 from sqlalchemy.exc import DBAPIError
 
-from reverie_eval.server.http import health
-from reverie_eval.server.http.health import REMEDIES, Health
-from reverie_eval.server.jobs.work import jobs_of
+from reverie_eval.server.app import jobs_of
+from reverie_eval.server.audit.receipts import make_key
+from reverie_eval.server.intake.retention import Retention
+from reverie_eval.server.operations import health
 from reverie_eval.server.operations.checks import check_folder
-from reverie_eval.server.service import soundness
-from reverie_eval.server.service.receipts import make_key
-from reverie_eval.server.service.soundness import UnsoundError, UploadsWatch
+from reverie_eval.server.operations.health import REMEDIES, Health
 from reverie_eval.server.settings import SETTINGS_FILE
+from reverie_eval.server.store import watches
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.watches import UnsoundError, UploadsWatch
 from tests.conftest import REPOSITORY
 from tests.support.acting import add_person, add_team, create_token
 from tests.support.amounts import amount, tell
@@ -299,8 +300,8 @@ def test_uploads_are_read_a_few_at_a_time_and_once_a_day(
     lively: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = 1.0
-    monkeypatch.setattr(soundness, "time", SimpleNamespace(monotonic=lambda: now))
-    monkeypatch.setattr(soundness, "READING", 0)  # each search reads one
+    monkeypatch.setattr(watches, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(watches, "READING", 0)  # each search reads one
     watch, folder = lively.state.uploads_watch, lively.state.settings.folder / "uploads"
     for _ in range(2 + len(submissions := lively.ask(ORGANISER, "GET", "/submissions").json())):
         watch.search()
@@ -322,7 +323,7 @@ def test_uploads_are_read_a_few_at_a_time_and_once_a_day(
 def test_an_upload_that_was_deleted_as_it_was_old_is_not_missed(lively: Serving) -> None:
     watch = lively.state.uploads_watch
     lively.clock.turn(days=100)
-    replace(lively.state.retention, days=30).tidy(ORGANISER)
+    replace(lively.state.get(Retention), days=30).tidy(ORGANISER)
     watch.search()
     watch.search()
     assert failing(lively) == []
@@ -495,7 +496,7 @@ def test_damage_that_postgresql_finds_is_recognised(postgresql: NewDatabase) -> 
 @pytest.mark.parametrize("page", ["SECURITY.md", "docs/reference/server-operations.md"])
 def test_every_check_of_health_is_explained(page: str, lively: Serving) -> None:
     state = lively.state
-    names = [*Health(state, jobs_of(state, lambda: None)).checks, "job mail"]
+    names = [*Health(state, jobs_of(state)).checks, "job mail"]
     lines = (REPOSITORY / page).read_text().splitlines()
     explained = [line.split(" | ") for line in lines if line.startswith("| `")]
     for name in names:

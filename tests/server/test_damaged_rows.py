@@ -7,19 +7,11 @@ from contextlib import closing
 import pytest
 from sqlalchemy import text
 
-from reverie_eval.server.http import health
+from reverie_eval.server.operations import health
 from tests.support.acting import review
 from tests.support.entries import entered, named, report_result
 from tests.support.server_data import faults
-from tests.support.serving import (
-    GROUNDING,
-    OPEN,
-    ORGANISER,
-    OTHER,
-    PRIVATE,
-    CopyServer,
-    Serving,
-)
+from tests.support.serving import GROUNDING, OPEN, ORGANISER, OTHER, PRIVATE, CopyServer, Serving
 from tests.support.visiting import said, signed_in
 
 CANNOT = f"The {OPEN} leaderboard cannot be shown: a result on it cannot be read."

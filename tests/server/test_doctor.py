@@ -26,18 +26,21 @@ from reverie_eval.schemas.organising import (
     ReportedChange,
 )
 from reverie_eval.schemas.service import Method
+from reverie_eval.server.accounts.people import rename_team, team_named
+from reverie_eval.server.accounts.tokens import revoke_token
+from reverie_eval.server.audit.log import entries, row_name
+from reverie_eval.server.audit.receipts import make_key
+from reverie_eval.server.audit.rows import mismatches
+from reverie_eval.server.boards.news import add_news, remove_news
+from reverie_eval.server.boards.reported import add_reported, change_reported, remove_reported
+from reverie_eval.server.boards.reviews import lift_review
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.corrections.snapshots import Snapshots
+from reverie_eval.server.intake.quotas import grant
+from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.operations import doctor
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import entries, row_name
-from reverie_eval.server.service.audited_rows import mismatches
-from reverie_eval.server.service.news import add_news, remove_news
-from reverie_eval.server.service.people import rename_team, team_named
-from reverie_eval.server.service.quotas import grant
-from reverie_eval.server.service.receipts import make_key
-from reverie_eval.server.service.reported import add_reported, change_reported, remove_reported
-from reverie_eval.server.service.reviews import lift_review
-from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.tables import AuditEntry, News, Submission
 from tests.support.acting import AUDIT_LOG, NOON, add_person, add_team, create_token, review
 from tests.support.flat_world import Run
@@ -334,9 +337,9 @@ def do_everything(server: Serving) -> None:
     result = later(add_reported, reported, server.state.settings.tasks)
     later(change_reported, result.id, ReportedChange(team="They all"), server.state.settings.tasks)
     later(remove_reported, result.id)
-    later(server.state.notices.post, NewNotice(banner="Hello"))
-    later(server.state.schedules.set, PRIVATE, NewSchedule(paused=True))
-    later(server.state.snapshots.take, NewSnapshot(split=PRIVATE, title="2026"))
+    later(server.state.get(Notices).post, NewNotice(banner="Hello"))
+    later(server.state.get(Schedules).set, PRIVATE, NewSchedule(paused=True))
+    later(server.state.get(Snapshots).take, NewSnapshot(split=PRIVATE, title="2026"))
     later(remove_news, later(add_news, NewNews(text="Hello")).id)
 
 

@@ -10,10 +10,13 @@ from pydantic import ValidationError
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.organising import EmailedFile
 from reverie_eval.schemas.service import Envelope, Method, Phase
-from reverie_eval.server.service.embargo import View
-from reverie_eval.server.service.reviews import any_submission
-from reverie_eval.server.service.submissions import publication
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.reviews import any_submission
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.intake.emailed_files import EmailedFiles
+from reverie_eval.server.intake.submissions import publication
 from reverie_eval.server.settings import Split
+from reverie_eval.server.state import Reading
 from tests.support.acting import NOON
 from tests.support.serving import (
     ORGANISER,
@@ -157,7 +160,7 @@ def test_what_was_released_or_is_of_a_split_that_is_gone_keeps_its_scores(held: 
     submission = submit(held)
     with held.state.database.reading() as session:
         row = any_submission(session, submission)
-        timetables, signer = held.state.schedules.read(session), held.state.signer
+        timetables, signer = held.state.get(Schedules).read(session), held.state.signer
         view = View(timetables, signer, CLOSES)
         assert view.score_report(row).scores == {}
         after = View(timetables, signer, CLOSES + timedelta(seconds=1))
@@ -175,7 +178,7 @@ def test_everyone_sees_a_result_without_scores_and_earlier_ones(held: Serving) -
     seen = []
     for now in (CLOSES, CLOSES + timedelta(seconds=1)):
         with held.state.database.reading() as session:
-            view = held.state.submissions.view(session, now)
+            view = View.of(Reading(held.state, session, now))
             shown = publication(session, submission, view)
         seen.append((shown.scores_held_until, bool(shown.report.scores), len(shown.earlier)))
     assert seen == [(CLOSES, False, 0), (None, True, 1)]
@@ -200,7 +203,7 @@ def test_a_file_that_came_by_e_mail_is_held_back_by_the_phase_of_its_date(server
     body = {"phases": [challenge], "release_scores": "phase-end"}
     server.ask(ORGANISER, "PUT", path, json=body).raise_for_status()
     server.clock.turn(hours=1)
-    organiser, office = server.person(ORGANISER), server.state.emailed_files
+    organiser, office = server.person(ORGANISER), server.state.get(EmailedFiles)
     file = EmailedFile(
         split=PRIVATE, team="Blue", person=OWNER, received_at=NOON + timedelta(minutes=9)
     )

@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from reverie_eval.schemas.organising import NewMerge
-from reverie_eval.server.service import entries as entries_module
-from reverie_eval.server.service.entries import BoardEntries, EntriesCache
-from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.reviews import PublishedReview, lift_review
+from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.boards import entries as entries_module
+from reverie_eval.server.boards.entries import BoardEntries, EntriesCache
+from reverie_eval.server.boards.reviews import PublishedReview, lift_review
+from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.store.tables import Submission
 from tests.support.acting import NOON, review
 from tests.support.entries import entered, report_result
@@ -24,7 +25,7 @@ SECOND = timedelta(seconds=1)
 
 def read(server: Serving, further: str = "", cache: EntriesCache | None = None) -> BoardEntries:
     """Return the entries of a leaderboard of the open split."""
-    cache = cache or EntriesCache(server.state.schedules)
+    cache = cache or EntriesCache(server.state.get(Schedules))
     with server.state.database.reading() as session:
         return cache.entries(session, server.state.board(OPEN, further), server.clock())
 
@@ -62,7 +63,7 @@ def test_entries_are_read_once_for_all_who_ask_meanwhile(
     server: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     entered(server, {"rgspl": 0.5})
-    cache, came, calls = EntriesCache(server.state.schedules), Event(), []
+    cache, came, calls = EntriesCache(server.state.get(Schedules)), Event(), []
     read_entries = entries_module._read_entries  # noqa: SLF001
 
     def reading(*about: Any) -> Any:
@@ -114,7 +115,7 @@ def test_a_reported_result_has_its_source_and_no_team_of_the_server(several: Ser
 
 
 def test_entries_are_read_again_if_a_leaderboard_has_changed(several: Serving) -> None:
-    cache = EntriesCache(several.state.schedules)
+    cache = EntriesCache(several.state.get(Schedules))
     empty = read(several, cache=cache)
     several.upload(OWNER, several.distinct())  # publishes nothing
     assert read(several, cache=cache) is empty
@@ -146,12 +147,12 @@ def test_entries_are_over_when_scores_are_released(held: object, *, expected: bo
 
 
 def test_submissions_of_teams_are_counted_on(server: Serving) -> None:
-    cache = EntriesCache(server.state.schedules)
+    cache = EntriesCache(server.state.get(Schedules))
     blue, red = (server.person(name).team_id for name in (OWNER, OTHER))
 
     def counts(split: str = OPEN) -> dict[int, int]:
         with server.state.database.reading() as session:
-            fresh = EntriesCache(server.state.schedules).submissions_of_teams(session, split)
+            fresh = EntriesCache(server.state.get(Schedules)).submissions_of_teams(session, split)
             found = dict(cache.submissions_of_teams(session, split))
         assert found == dict(fresh)
         return found

@@ -25,18 +25,18 @@ import yaml
 from tenacity import RetryCallState, Retrying
 
 import reverie_eval as rv
-from reverie_eval.server.operations import evalai_worker
+from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.operations.checks import opened_server
-from reverie_eval.server.operations.evalai_api import (
+from reverie_eval.server.operations.logs import JsonLines
+from reverie_eval.server.platforms import evalai_worker
+from reverie_eval.server.platforms.evalai_api import (
     EvalAIClient,
     EvalAIError,
     MismatchError,
     UnavailableError,
 )
-from reverie_eval.server.operations.evalai_worker import EvalAIWorker
-from reverie_eval.server.operations.logs import JsonLines
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.platforms.evalai_worker import EvalAIWorker
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import SETTINGS_FILE, SettingsError, load_settings
 from reverie_eval.server.state import ServerState
 from tests.conftest import REPOSITORY
@@ -301,7 +301,7 @@ def test_scores_that_are_held_back_are_not_shown(
     splits = adjusted(opened.settings, release_scores="phase-end").splits
     submission = evalai.submit(FOR_TEST, submission_for(PRIVATE))
     state = copy(opened)
-    state.schedules = Schedules(splits)
+    state.services = {**opened.services, Schedules: Schedules(splits)}
     drain(replace(worker, state=state), evalai)
     check_finished_once(evalai, submission)
     assert submission.shown == []

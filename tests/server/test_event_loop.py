@@ -19,15 +19,16 @@ from starlette import requests
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 
+from reverie_eval.server.audit.transactions import utc_now
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http import openapi, problems, uploads
+from reverie_eval.server.home import guide_page as guide
+from reverie_eval.server.http import openapi, problems, rendering
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.exchange import begin
 from reverie_eval.server.http.middleware import BodyLimits
-from reverie_eval.server.http.uploads import receive
-from reverie_eval.server.pages import guide, rendering
+from reverie_eval.server.intake import uploads
+from reverie_eval.server.intake.uploads import receive
 from reverie_eval.server.settings import Limits
-from reverie_eval.server.state import utc_now
 from tests.support.serving import GOOD, OPEN, OWNER, OpenServer, Serving, settings_of
 from tests.support.waiting import PATIENCE
 

@@ -16,12 +16,12 @@ from reverie_eval import GroundTruth, evaluate
 from reverie_eval.arrays import IntArray
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.scoring import clusters_of
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.integrity.evidence import EvidenceService
+from reverie_eval.server.integrity.fingerprints import Fingerprint
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.evidence import EvidenceService
-from reverie_eval.server.service.fingerprints import Fingerprint
-from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission
@@ -88,7 +88,7 @@ def test_the_most_similar_files_are_compared_in_full(
     assert pair["equal"] == pair["equal_answers"] == pytest.approx(1 - 21 / 84)
     assert report["usual_similarity"] == 0.75
     assert report["same_files"] == []
-    monkeypatch.setattr("reverie_eval.server.service.evidence.PAIRS", 0)
+    monkeypatch.setattr("reverie_eval.server.integrity.evidence.PAIRS", 0)
     assert shown(server)["similar"] == []
 
 
@@ -271,7 +271,7 @@ def test_uploads_are_read_some_at_a_time_and_only_once(
 ) -> None:
     for _ in range(3):
         sent(server, OWNER, server.distinct())
-    monkeypatch.setattr("reverie_eval.server.service.evidence.AT_ONCE", 2)
+    monkeypatch.setattr("reverie_eval.server.integrity.evidence.AT_ONCE", 2)
     first, second = shown(server), shown(server)
     assert (first["left"], first["teams"][0]["submissions"]) == (1, 2)
     assert (second["left"], second["teams"][0]["submissions"]) == (0, 3)
@@ -284,7 +284,7 @@ def test_the_command_reads_all_uploads_some_at_a_time(
 ) -> None:
     for _ in range(5):
         sent(server, OWNER, server.distinct())
-    monkeypatch.setattr("reverie_eval.server.service.evidence.AT_ONCE", 2)
+    monkeypatch.setattr("reverie_eval.server.integrity.evidence.AT_ONCE", 2)
     report = json.loads(run("server", "evidence", str(folder), OPEN, "--format", "json").out)
     assert (report["left"], report["teams"][0]["submissions"]) == (0, 5)
 

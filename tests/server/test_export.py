@@ -9,7 +9,7 @@ import pytest
 from pyarrow import parquet
 
 from reverie_eval.schemas.organising import NewReported
-from reverie_eval.server.service.reported import add_reported
+from reverie_eval.server.boards.reported import add_reported
 from tests.server.test_roles import BODIES
 from tests.support.acting import review
 from tests.support.entries import entered, named

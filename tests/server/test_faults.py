@@ -7,22 +7,14 @@ from typing import Any
 import pytest
 from sqlalchemy import event, select
 
-from reverie_eval.server.service import intake
-from reverie_eval.server.service.audit import AuditLog, entries
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.embargo import View
-from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.audit.log import AuditLog, entries
+from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.intake import intake
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import FolderUploads
-from tests.support.serving import (
-    OPEN,
-    ORGANISER,
-    OTHER,
-    OWNER,
-    PRIVATE,
-    Serving,
-    submission_for,
-)
+from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving, submission_for
 
 
 def upload(server: Serving) -> Any:

@@ -11,8 +11,8 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from reverie_eval import evaluate
-from reverie_eval.server.service.boards import Board, load_board
-from reverie_eval.server.service.fingerprints import Fingerprint, Fingerprints, Walks
+from reverie_eval.server.integrity.fingerprints import Fingerprint, Fingerprints, Walks
+from reverie_eval.server.scoring.boards import Board, load_board
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission

@@ -4,7 +4,7 @@ import pytest
 from starlette.datastructures import Headers
 
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.forms import File, parse_form
+from reverie_eval.server.intake.forms import File, parse_form
 
 BOUNDARY = "----WebKitFormBoundary7MA4YWxkTrZu0gW"
 FILE = 'Content-Disposition: form-data; name="file"; filename="a.json"'

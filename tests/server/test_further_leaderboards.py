@@ -11,15 +11,15 @@ from sqlalchemy.orm import Session
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Envelope, Phase
+from reverie_eval.server.audit.rows import mismatches
+from reverie_eval.server.audit.transactions import utc_now
+from reverie_eval.server.corrections.rescoring import count_outdated
 from reverie_eval.server.operations.checks import acting, check_folder
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.operations.export import export
-from reverie_eval.server.service.audited_rows import mismatches
-from reverie_eval.server.service.boards import Board, load_boards
-from reverie_eval.server.service.rescoring import count_outdated
-from reverie_eval.server.service.results import results_of, store_result
+from reverie_eval.server.platforms.export import export
+from reverie_eval.server.scoring.boards import Board, load_boards
 from reverie_eval.server.settings import SETTINGS_FILE, SettingsError, load_settings
-from reverie_eval.server.state import utc_now
+from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
 from tests.support.flat_world import Run
@@ -230,7 +230,7 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(
     before = board(added)
     corrections = signed_in(added, ORGANISER).get("/desk/corrections")
     assert "4 results to be scored again" in corrections.text
-    monkeypatch.setattr("reverie_eval.server.service.rescoring.AT_ONCE", 1)
+    monkeypatch.setattr("reverie_eval.server.corrections.rescoring.AT_ONCE", 1)
     left = [rescored(added)["left"] for _ in range(4)]
     assert left == [3, 2, 1, 0]
     assert board(added) == before

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.server.service.boards import load_boards
+from reverie_eval.server.scoring.boards import load_boards
 from reverie_eval.server.settings import SettingsError
 from tests.support.serving import (
     GOOD,

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import pytest
 
 from reverie_eval.schemas.service import HealthReport
-from reverie_eval.server.http import health
-from reverie_eval.server.http.health import Health
-from reverie_eval.server.jobs.work import jobs_of
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.app import jobs_of
+from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.operations import health
+from reverie_eval.server.operations.health import Health
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.uploads import FolderUploads
 from tests.support.processes import Laptop, Server
@@ -114,7 +114,7 @@ def test_who_asks_meanwhile_waits_for_the_same_result(
         return HealthReport(status="ok")
 
     async def ask_thrice() -> list[HealthReport]:
-        checked = Health(server.state, jobs_of(server.state, lambda: None))
+        checked = Health(server.state, jobs_of(server.state))
         return await asyncio.gather(*(checked.report() for _ in range(3)))
 
     monkeypatch.setattr(Health, "_examine", examine)

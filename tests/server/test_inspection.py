@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from reverie_eval import CATALOGUE
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.audited_rows import mismatches
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.store.tables import Submission
 from tests.support.flat_world import Run
 from tests.support.serving import (

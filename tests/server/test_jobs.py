@@ -20,13 +20,12 @@ from sqlalchemy import select
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server import app as application
-from reverie_eval.server.app import create_app
+from reverie_eval.server import jobs as runner
+from reverie_eval.server.app import add_rooms, create_app, jobs_of
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.http import health
-from reverie_eval.server.jobs import runner
-from reverie_eval.server.jobs.runner import Job, Jobs, one_line
-from reverie_eval.server.jobs.work import jobs_of
-from reverie_eval.server.pages import add_pages
+from reverie_eval.server.home import pages as home
+from reverie_eval.server.jobs import Job, Jobs, one_line
+from reverie_eval.server.operations import health
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, Message, StoredSnapshot, Submission
 from tests.server.test_notifications import Hook, Mailbox, hook, hook_at, mail_to
@@ -56,7 +55,8 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look at the health of a server whenever somebody asks, and do again at once what failed."""
     monkeypatch.setattr(health, "SECONDS_KEPT", 0)
     monkeypatch.setattr(runner, "SECONDS_TO_RETRY", 0.05)
-    monkeypatch.setattr("reverie_eval.server.jobs.work._SOON", 0.05)
+    for room in ("boards", "messages"):
+        monkeypatch.setattr(f"reverie_eval.server.{room}.room.SOON", 0.05)
 
 
 @pytest.fixture
@@ -368,7 +368,7 @@ def test_nobody_waits_for_what_a_server_computes_when_it_starts(
         begun.set()
         assert gate.wait(PATIENCE)
 
-    monkeypatch.setattr(application, "warm_up", hang)
+    monkeypatch.setattr(home, "warm_up", hang)
     with at_work(server) as client:
         assert begun.wait(PATIENCE)
         first = client.get("/")
@@ -387,15 +387,15 @@ def test_a_server_computes_what_its_first_page_shows(
 ) -> None:
     with at_work(server) as client:
         wait_until(lambda: reports(client)["warm-up"]["runs"])
-        monkeypatch.delattr("reverie_eval.server.service.episodes.run_agent")
-        monkeypatch.delattr("reverie_eval.server.pages.home.map_svg")
+        monkeypatch.delattr("reverie_eval.server.explore.episodes.run_agent")
+        monkeypatch.delattr("reverie_eval.server.explore.first_page.map_svg")
         assert 'class="example"' in client.get("/").text
 
 
 def test_a_server_knows_its_routes_before_the_first_request(
     server: Serving, at_work: AtWork, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(application, "add_pages", add_pages)  # tests share routes otherwise
+    monkeypatch.setattr(application, "add_rooms", add_rooms)  # tests share routes otherwise
     with at_work(server) as client, monkeypatch.context() as broken:
         broken.delattr("fastapi.routing.get_dependant")
         assert client.get("/guide").status_code == 200
@@ -445,14 +445,15 @@ def test_a_backlog_that_cannot_be_counted_is_left_out(server: Serving) -> None:
 
 
 def test_a_scoring_process_that_is_killed_while_a_server_warms_up_is_no_fault(
-    server: Serving,
+    server: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outcomes = iter([BusyError(10), None])
 
-    def warm_up() -> None:
+    def warm_up(_: object) -> None:
         if (error := next(outcomes)) is not None:
             raise error
 
-    (job,) = (job for job in jobs_of(server.state, warm_up).jobs if job.name == "warm-up")
+    monkeypatch.setattr(home, "warm_up", warm_up)
+    (job,) = (job for job in jobs_of(server.state).jobs if job.name == "warm-up")
     job.work()
     assert next(outcomes, "warm") == "warm"

@@ -19,10 +19,10 @@ from limits.storage import MemoryStorage
 from sqlalchemy import select
 
 from reverie_eval.schemas.people import Rejection
+from reverie_eval.server.accounts import joining
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.runtime import JoinLimit
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service import joining
 from reverie_eval.server.settings import Channel
 from reverie_eval.server.store.tables import JoinRequest, Message
 from tests.support.acting import NOON, ask_to_join

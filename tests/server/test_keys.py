@@ -14,14 +14,15 @@ from sqlalchemy import text
 
 from reverie_eval.receipts import NotGenuineError, verify_by_history
 from reverie_eval.schemas.service import Envelope, KeyReport
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.audit.receipts import make_key
+from reverie_eval.server.audit.rows import mismatches
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import rotate_key
 from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.audited_rows import mismatches
-from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from tests.server.test_doctor import sql
@@ -157,7 +158,7 @@ def test_a_rotation_that_is_killed_leaves_a_whole_server(
     write_backup(folder, archive)
     restore_backup(archive, restored)
     for place in (folder, restored):
-        with closing(ServerState.open(load_settings(place)).database):
+        with closing(open_server(load_settings(place)).database):
             assert faults(place) == []
     keys = keys_of(server)
     assert len(keys) == count
@@ -267,7 +268,7 @@ def once_rotated(
     with acting(settings, "test") as transaction:
         add_team(transaction, "Blue")
     rotate_key(settings, "test", "the yearly change")
-    state = ServerState.open(settings)
+    state = open_server(settings)
     with closing(state.database):
         yield state
 

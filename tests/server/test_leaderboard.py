@@ -13,8 +13,8 @@ import pytest
 from reverie_eval import CATALOGUE
 from reverie_eval.reporting.service import METHOD_COSTS
 from reverie_eval.schemas.service import CorrectionReport
-from reverie_eval.server.service.entries import Entry, Row
-from reverie_eval.server.service.leaderboard import (
+from reverie_eval.server.boards.entries import Entry, Row
+from reverie_eval.server.boards.leaderboard import (
     Filter,
     Ranking,
     as_csv,
@@ -23,19 +23,13 @@ from reverie_eval.server.service.leaderboard import (
     paper_of,
     ranks,
 )
-from reverie_eval.server.service.rank_intervals import RankInterval
-from reverie_eval.server.service.reviews import PublishedReview
+from reverie_eval.server.boards.rank_intervals import RankInterval
+from reverie_eval.server.boards.reviews import PublishedReview
 from reverie_eval.tasks import find_task
 from tests.support.acting import NOON
 from tests.support.description import Description
 from tests.support.entries import demo_board, entered, entry, ranking_of
-from tests.support.serving import (
-    OPEN,
-    OTHER,
-    OWNER,
-    PRIVATE,
-    Serving,
-)
+from tests.support.serving import OPEN, OTHER, OWNER, PRIVATE, Serving
 
 BOARD = f"/splits/{OPEN}/leaderboard"
 

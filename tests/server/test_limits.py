@@ -26,13 +26,13 @@ import uvicorn
 from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
+from reverie_eval.server import run
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware, timeouts
 from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.http.middleware import MOST_AT_ONCE, BodyLimits
-from reverie_eval.server.operations import run
 from reverie_eval.server.operations.checks import acting
-from reverie_eval.server.operations.run import listen
+from reverie_eval.server.run import listen
 from reverie_eval.server.settings import load_settings
 from tests.support.acting import add_person, add_team, create_token
 from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, Serving, running

@@ -8,11 +8,11 @@ import pytest
 from sqlalchemy import select
 
 from reverie_eval.schemas.organising import NewMerge, NewTeam
+from reverie_eval.server.accounts import merging
+from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.people import person_named, rename_team, team_named
+from reverie_eval.server.audit.rows import all_names_of_teams
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service import merging
-from reverie_eval.server.service.audited_rows import all_names_of_teams
-from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.people import person_named, rename_team, team_named
 from reverie_eval.server.store.tables import Submission, Team
 from tests.support.acting import add_person, add_team
 from tests.support.flat_world import Run

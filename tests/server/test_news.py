@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from reverie_eval.schemas.organising import NewNews
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.boards.news import add_news, remove_news
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.news import add_news, remove_news
 from reverie_eval.server.settings import SettingsError, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import News

@@ -9,8 +9,8 @@ import httpx
 import pytest
 
 from reverie_eval.schemas.organising import NewNotice
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.notices import Notices
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.store.database import Database
 from tests.support.acting import NOON, acting
 from tests.support.flat_world import Run

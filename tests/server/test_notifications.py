@@ -22,14 +22,14 @@ from aiosmtpd.smtp import AuthResult
 from sqlalchemy import select
 
 from reverie_eval.schemas.service import Phase
-from reverie_eval.server.http import health
-from reverie_eval.server.jobs import smtp
-from reverie_eval.server.jobs.delivery import SIGNATURE
-from reverie_eval.server.jobs.smtp import DeliveryError
-from reverie_eval.server.jobs.work import jobs_of
+from reverie_eval.server.app import jobs_of
+from reverie_eval.server.audit.transactions import Transaction
+from reverie_eval.server.messages import smtp
+from reverie_eval.server.messages.delivery import SIGNATURE
+from reverie_eval.server.messages.outbox import LEASE, PATIENCE, announce, claim
+from reverie_eval.server.messages.smtp import DeliveryError
+from reverie_eval.server.operations import health
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.outbox import LEASE, PATIENCE, announce, claim
-from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Mail, Settings, SettingsError, Webhook, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Message
@@ -153,7 +153,7 @@ def deliver_now(server: Serving, **later: float) -> None:
     """Do the jobs of a server once, each after the one before."""
     now = server.clock.now
     server.clock.turn(**later)
-    for job in jobs_of(server.state, lambda: None).jobs:
+    for job in jobs_of(server.state).jobs:
         with suppress(DeliveryError):
             job.work()
     server.clock.now = now

@@ -14,13 +14,13 @@ from prometheus_client.parser import text_string_to_metric_families
 from starlette.routing import Mount
 
 from reverie_eval.schemas.organising import NewSnapshot
-from reverie_eval.server.app import create_app
+from reverie_eval.server.app import create_app, jobs_of
+from reverie_eval.server.corrections.snapshots import Snapshots
+from reverie_eval.server.http.rendering import STATIC
 from reverie_eval.server.http.runtime import RuntimeState
-from reverie_eval.server.jobs.work import jobs_of
+from reverie_eval.server.intake import routes as submissions
 from reverie_eval.server.operations.logs import JsonLines
-from reverie_eval.server.pages.rendering import STATIC
-from reverie_eval.server.routes import submissions
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.scoring.boards import Board
 from tests.support.serving import (
     BROKEN,
     GOOD,
@@ -365,7 +365,7 @@ def test_metrics_say_how_much_is_stored(server_on: Serving) -> None:
     other = submission_for(PRIVATE)
     server_on.upload(OTHER, other, PRIVATE)
     with server_on.acting() as transaction:
-        server_on.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="Now"))
+        server_on.state.get(Snapshots).take(transaction, NewSnapshot(split=OPEN, title="Now"))
     samples = metrics_of(server_on)
     assert samples[("reverie_eval_uploads_bytes",)] == len(GOOD) + len(other)
     assert samples[("reverie_eval_database_bytes",)] > 100_000
@@ -436,7 +436,7 @@ def test_metrics_tell_of_nobody(server: Serving) -> None:
 
 
 def test_applications_in_one_process_count_for_themselves(server: Serving) -> None:
-    other = RuntimeState.of(server.state, jobs_of(server.state, lambda: None))
+    other = RuntimeState.of(server.state, jobs_of(server.state))
     server.ask(OWNER, "GET", "/me")
     assert ("reverie_eval_requests_total", "GET", "/api/v1/me", "200") in metrics_of(server)
     assert b"/api/v1/me" not in other.metrics.text()

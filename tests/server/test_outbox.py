@@ -10,18 +10,17 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.service import Phase
-from reverie_eval.server.service.outbox import (
+from reverie_eval.server.audit.transactions import Transaction
+from reverie_eval.server.boards.phase_ends import announce_ends, untold_ends
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.messages.outbox import (
     announce,
-    announce_ends,
     announce_fault,
     claim,
     given_up,
     is_any_due,
     settle,
-    untold_ends,
 )
-from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Channel, Mail, Webhook
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Message

@@ -9,19 +9,13 @@ from sqlalchemy import event, select
 
 from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
 from reverie_eval.schemas.service import Method
+from reverie_eval.server.accounts.people import list_teams
+from reverie_eval.server.boards.news import add_news
+from reverie_eval.server.boards.reported import add_reported
+from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
-from reverie_eval.server.service.news import add_news
-from reverie_eval.server.service.paging import (
-    LONGEST,
-    Listed,
-    Page,
-    all_pages,
-    key_of,
-    list_page,
-)
-from reverie_eval.server.service.people import list_teams
-from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.paging import LONGEST, Listed, Page, all_pages, key_of, list_page
 from reverie_eval.server.store.tables import Team
 from tests.support.acting import (
     NOON,
@@ -57,7 +51,7 @@ def filled(original: Serving) -> Serving:
             add_reported(transaction, NewReported.model_validate(new | about), tasks)
             add_news(transaction, NewNews(text=f"News {number}"))
             snapshot = NewSnapshot(split=OPEN, title=f"Snapshot {number}")
-            original.state.snapshots.take(transaction, snapshot)
+            original.state.get(Snapshots).take(transaction, snapshot)
     for number in range(ROWS):
         expires_at = NOON.replace(year=2027).isoformat()
         given: dict[str, Any] = {
@@ -280,7 +274,7 @@ def test_monitors_and_links_may_add_parameters(path: str, server: Serving) -> No
 
 
 def test_the_lists_of_commands_are_whole(full: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reverie_eval.server.service.paging.LONGEST", 2)
+    monkeypatch.setattr("reverie_eval.server.store.paging.LONGEST", 2)
     with full.state.database.reading() as session:
         listed = [team.name for team in all_pages(lambda page: list_teams(session, page))]
         assert listed == [team.name for team in list_teams(session, Page()).rows]

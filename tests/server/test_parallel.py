@@ -12,7 +12,7 @@ from sqlalchemy import select
 
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Envelope
-from reverie_eval.server.service.audit import AuditLog, entries
+from reverie_eval.server.audit.log import AuditLog, entries
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
 from tests.support.participants import RealServer, private_submission

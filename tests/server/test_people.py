@@ -14,22 +14,15 @@ from pydantic import ValidationError
 from sqlalchemy import delete, select, update
 
 from reverie_eval.schemas.organising import MOST_EXTRA, NewTeam, NewTokenReport, TokenKind
+from reverie_eval.server.accounts.people import team_named
+from reverie_eval.server.accounts.tokens import revoke_token
+from reverie_eval.server.audit.log import entries
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.people import team_named
-from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import AuditEntry, Token
 from tests.support.acting import AUDIT_LOG, NOON, acting, add_person, add_team, create_token
 from tests.support.description import Description
-from tests.support.serving import (
-    OPEN,
-    ORGANISER,
-    OTHER,
-    OWNER,
-    PRIVATE,
-    Serving,
-)
+from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 
 TOMORROW = NOON + timedelta(days=1)
 

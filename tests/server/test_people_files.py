@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from reverie_eval.schemas.people import NewPeopleImport, PersonInvitation
+from reverie_eval.server.accounts.people_files import import_people, invitations_csv
 from reverie_eval.server.errors import TableError
-from reverie_eval.server.service.people_files import import_people, invitations_csv
 from tests.support.acting import NOON
 from tests.support.flat_world import Run
 from tests.support.serving import ORGANISER, Serving

@@ -16,20 +16,15 @@ from sqlalchemy import delete, select
 
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.schemas.people import Rejection
+from reverie_eval.server.accounts.joining import accept_request, reject_request
+from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.personal_data import delete_person
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.audit.rows import mismatches, swapped_names
 from reverie_eval.server.errors import ConflictError
+from reverie_eval.server.intake.retention import Retention
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.audited_rows import mismatches, swapped_names
-from reverie_eval.server.service.joining import accept_request, reject_request
-from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.personal_data import delete_person
-from reverie_eval.server.store.tables import (
-    AuditEntry,
-    BrowserSession,
-    Message,
-    Person,
-    Token,
-)
+from reverie_eval.server.store.tables import AuditEntry, BrowserSession, Message, Person, Token
 from tests.support.acting import NOON, add_person, ask_to_join, create_token
 from tests.support.flat_world import Run
 from tests.support.serving import GOOD, MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
@@ -161,7 +156,7 @@ def test_actions_on_people_that_are_cut_off_the_log_are_seen(server: Serving) ->
         merge_teams(transaction, NewMerge(team="Red", into="Green"))
         delete_person(transaction, 1)
     server.clock.turn(days=1)
-    replace(server.state.retention, days=1).tidy("test")
+    replace(server.state.get(Retention), days=1).tidy("test")
     assert faults(server) == []
     with server.state.database.writing() as session:
         session.execute(delete(AuditEntry).where(AuditEntry.id > first))
@@ -304,7 +299,7 @@ def test_people_are_looked_after_on_both_databases(server_on: Serving) -> None:
     ]
     assert statuses == 6 * [200]
     server.clock.turn(days=1)
-    assert replace(server.state.retention, days=1).tidy("test").files == 1
+    assert replace(server.state.get(Retention), days=1).tidy("test").files == 1
     with server.state.database.reading() as session:
         assert list(mismatches(session)) == []
         assert list(swapped_names(session, server.state.audit_log)) == []

@@ -8,15 +8,18 @@ import pytest
 from pydantic import ValidationError
 
 from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, PersonChange
+from reverie_eval.server.accounts import people
+from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.people import change_person, person_named
+from reverie_eval.server.accounts.personal_data import delete_person
+from reverie_eval.server.audit.log import audit_reports, entries
+from reverie_eval.server.audit.transactions import Transaction
+from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.service import people
-from reverie_eval.server.service.audit import audit_reports, entries
-from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.people import change_person, person_named
-from reverie_eval.server.service.personal_data import delete_person
-from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.intake.team import team_of
+from reverie_eval.server.state import Reading
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.paging import Page
 from tests.support.acting import NOON, acting, add_person, add_team, create_token
 from tests.support.flat_world import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
@@ -302,9 +305,9 @@ def test_a_team_s_page_has_its_latest_submissions_and_one_s_own_tokens(server: S
         add_person(transaction, "Blue", "Gone")
         delete_person(transaction, person_named(transaction.session, "Gone").id)
     with server.state.database.reading() as session:
-        view = server.state.submissions.view(session, NOON)
-        team = people.team_of(session, server.person(OWNER), 2, view)
-        latest = people.team_of(session, server.person(OWNER), 1, view)
+        view = View.of(Reading(server.state, session, NOON))
+        team = team_of(session, server.person(OWNER), 2, view)
+        latest = team_of(session, server.person(OWNER), 1, view)
         assert [person.name for person in team.people] == ["Aaron", OWNER, MATE]
         assert [token.hint for token in team.tokens] == [hint, server.tokens[OWNER][:11]]
     assert [each.id for each in team.submissions] == [sent[1], sent[0]]

@@ -13,23 +13,13 @@ from sqlalchemy import func, select
 
 from reverie_eval.schemas.organising import NewGrant
 from reverie_eval.schemas.service import WINDOWS
-from reverie_eval.server.errors import (
-    BytesSpentError,
-    MalformedError,
-    NotFoundError,
-    RequestError,
-)
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.people import person_named
-from reverie_eval.server.service.quotas import (
-    QuotaUsage,
-    grant,
-    list_grants,
-    usage_of,
-)
+from reverie_eval.server.accounts.people import person_named
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.errors import BytesSpentError, MalformedError, NotFoundError, RequestError
+from reverie_eval.server.intake.quotas import QuotaUsage, grant, list_grants, usage_of
 from reverie_eval.server.settings import Quota
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import Base, Grant, Submission, Team
 from tests.support.acting import NOON, acting
 from tests.support.serving import (

@@ -17,9 +17,12 @@ from sqlalchemy import delete
 from reverie_eval import evaluate
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewCorrection
-from reverie_eval.server.service import rank_intervals
-from reverie_eval.server.service.entries import EntriesCache, Row
-from reverie_eval.server.service.rank_intervals import RankInterval, RankIntervals
+from reverie_eval.server.boards import rank_intervals
+from reverie_eval.server.boards.entries import EntriesCache, Row
+from reverie_eval.server.boards.leaderboard import Rankings
+from reverie_eval.server.boards.rank_intervals import RankInterval, RankIntervals
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.corrections.rescoring import Rescoring
 from reverie_eval.server.store.tables import ClusterSums
 from tests.support.entries import entered, entry, get, named, tables
 from tests.support.serving import (
@@ -87,7 +90,7 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
     lock: Any = WatchedLock(came)
     intervals = RankIntervals(_lock=lock)
     with state.database.reading() as session:
-        read = EntriesCache(state.schedules).entries(session, state.board(OPEN), three.clock())
+        read = EntriesCache(state.get(Schedules)).entries(session, state.board(OPEN), three.clock())
     rows = [Row(rank, entry) for rank, entry in enumerate(read.entries, 1)]
     with ThreadPoolExecutor(2) as pool:
         first, second = pool.map(compute, range(2))
@@ -99,7 +102,7 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
 def test_what_has_no_rank_is_not_compared(three: Serving) -> None:
     state = three.state
     with state.database.reading() as session:
-        ranking = state.ranking(session, state.board(OPEN), "rgspl")
+        ranking = state.get(Rankings).ranking(session, state.board(OPEN), "rgspl")
         walker = entry("Walker")  # has no value
         more = [*ranking.rows, Row(None, walker), Row(None, replace(walker, submission_id=None))]
         found = [
@@ -191,7 +194,7 @@ def test_scoring_again_renews_what_ranks_are_compared_by(
     submission = leaderboard(three)[0]["submission_id"]
     again = open_server(adjusted(settings_of(folder), OPEN, protocol="paper"), three.tokens)
     new = NewCorrection(split=OPEN, reason="the paper's rules")
-    again.state.rescoring.rescore(again.person(ORGANISER), new)
+    again.state.get(Rescoring).rescore(again.person(ORGANISER), new)
     scores = evaluate(GOOD, split=OPEN, protocol="paper")
     with again.state.database.reading() as session:
         stored = session.get_one(ClusterSums, (submission, "")).sums

@@ -7,11 +7,13 @@ from pathlib import Path
 import httpx
 import pytest
 
+from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.middleware import FAILED_COST, site_of
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.submissions import list_submissions
+from reverie_eval.server.intake.submissions import list_submissions
 from reverie_eval.server.settings import Limits
+from reverie_eval.server.state import Reading
+from reverie_eval.server.store.paging import Page
 from tests.support.serving import GOOD, OPEN, OTHER, OWNER, OpenServer, Serving, settings_of
 
 PER_MINUTE = 30
@@ -183,7 +185,7 @@ def test_who_is_sent_away_is_not_even_read(limited: Callable[..., Serving]) -> N
         me(server, OWNER)
     assert server.upload(OWNER).status_code == 429
     with server.state.database.reading() as session:
-        view = server.state.submissions.view(session, server.clock())
+        view = View.of(Reading(server.state, session, server.clock()))
         assert list_submissions(session, server.person(OWNER), Page(), view).rows == []
 
 

@@ -38,7 +38,7 @@ from reverie_eval.schemas.service import (
     Receipt,
     Snapshot,
 )
-from reverie_eval.server.service.receipts import (
+from reverie_eval.server.audit.receipts import (
     KeyMissingError,
     Signer,
     load_key,
@@ -46,13 +46,7 @@ from reverie_eval.server.service.receipts import (
     public_pem_of,
 )
 from tests.support.acting import NOON
-from tests.support.serving import (
-    GOOD,
-    OWNER,
-    PRIVATE,
-    Serving,
-    submission_for,
-)
+from tests.support.serving import GOOD, OWNER, PRIVATE, Serving, submission_for
 from tests.support.signing import receipt_in, with_payload
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))

@@ -16,10 +16,10 @@ import time_machine
 from anyio.from_thread import BlockingPortal
 
 from reverie_eval.schemas.organising import NewMerge
+from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.audit.rows import all_names_of_teams
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.service.audited_rows import all_names_of_teams
-from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.settings import load_settings
 from tests.support.amounts import amount, is_evidence, tell
 from tests.support.entries import entered

@@ -11,18 +11,10 @@ from typing import Any
 import httpx
 import pytest
 
-from reverie_eval.server.service.audit import RULES, entries
+from reverie_eval.server.audit.log import RULES, entries
 from reverie_eval.server.store.database import Database
 from tests.support.processes import Laptop, Server
-from tests.support.serving import (
-    GOOD,
-    NO_TLS,
-    OPEN,
-    OWNER,
-    Template,
-    replace_answers,
-    settings_of,
-)
+from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, Template, replace_answers, settings_of
 from tests.support.waiting import PATIENCE, wait_until
 
 NAME = "same rules as other servers"

@@ -13,10 +13,9 @@ from sqlalchemy.orm import Session
 
 from fixtures.published import published_folder
 from reverie_eval.schemas.organising import ImportReport, NewImport, NewReported, ReportedChange
-from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError, TableError
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.reported import (
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.audit.transactions import Transaction
+from reverie_eval.server.boards.reported import (
     add_reported,
     change_reported,
     find_reported,
@@ -25,8 +24,9 @@ from reverie_eval.server.service.reported import (
     remove_reported,
     reported_of,
 )
-from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError, TableError
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.paging import Page
 from reverie_eval.tasks import find_task
 from tests.conftest import REPOSITORY, unavailable
 from tests.server.test_reported_files import LEGACY

@@ -6,12 +6,8 @@ from collections.abc import Mapping, Sequence
 import pytest
 
 from reverie_eval.metrics import CATALOGUE, printed_value
+from reverie_eval.server.boards.reported_files import as_printed, read_change, read_results
 from reverie_eval.server.errors import TableError
-from reverie_eval.server.service.reported_files import (
-    as_printed,
-    read_change,
-    read_results,
-)
 
 LEGACY = """\
 team,nav_success,nav_oracle_success,nav_spl,nav_length,rgs,rgspl,date

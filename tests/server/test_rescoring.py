@@ -19,15 +19,10 @@ from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import EarlierResult, Envelope, Phase
-from reverie_eval.server.operations import rescoring
-from reverie_eval.server.operations.checks import check_folder
-from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import audit_reports, entries
-from reverie_eval.server.service.audited_rows import mismatches
-from reverie_eval.server.service.intake import Intake
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.rank_intervals import cluster_sums
-from reverie_eval.server.service.rescoring import (
+from reverie_eval.server.audit.log import audit_reports, entries
+from reverie_eval.server.audit.rows import mismatches
+from reverie_eval.server.boards.rank_intervals import cluster_sums
+from reverie_eval.server.corrections.rescoring import (
     Job,
     Outcome,
     Rescored,
@@ -38,11 +33,16 @@ from reverie_eval.server.service.rescoring import (
     outdated,
     score_again,
 )
-from reverie_eval.server.service.rules import append_rules, record_rules, rules_of
-from reverie_eval.server.service.snapshots import Closing, Snapshots
-from reverie_eval.server.service.submissions import SubmissionService
+from reverie_eval.server.corrections.snapshots import Closing, Snapshots
+from reverie_eval.server.intake.intake import Intake
+from reverie_eval.server.intake.submissions import SubmissionService
+from reverie_eval.server.operations import rescoring
+from reverie_eval.server.operations.checks import check_folder
+from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.scoring.rules import append_rules, record_rules, rules_of
 from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
 from tests.support.acting import NOON, review
 from tests.support.flat_world import Run
@@ -231,7 +231,7 @@ def test_a_run_goes_on_where_another_was_interrupted(corrected: Serving) -> None
     with state.database.reading() as session:
         jobs = outdated(session, place)
     outcomes = map(scoring_again(corrected, OPEN), jobs)
-    running = state.rescoring.replace_results(ORGANISER, place, WHY, jobs, outcomes)
+    running = state.get(Rescoring).replace_results(ORGANISER, place, WHY, jobs, outcomes)
     assert len(list(islice(running, 1))) == 1
     report = rescored(corrected, reason="another reason")
     assert (report["scored"], report["left"]) == (1, 0)
@@ -247,13 +247,13 @@ def test_two_runs_at_once_replace_each_result_once(corrected: Serving) -> None:
         jobs = outdated(session, place)
     outcomes = list(map(scoring_again(corrected, OPEN), jobs))
     for _ in range(2):
-        list(state.rescoring.replace_results(ORGANISER, place, WHY, jobs, outcomes))
+        list(state.get(Rescoring).replace_results(ORGANISER, place, WHY, jobs, outcomes))
     submissions = corrected.ask(ORGANISER, "GET", "/submissions").json()
     assert [len(each["earlier"]) for each in submissions] == [1, 1]
 
 
 def test_a_few_at_a_time(corrected: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reverie_eval.server.service.rescoring.AT_ONCE", 1)
+    monkeypatch.setattr("reverie_eval.server.corrections.rescoring.AT_ONCE", 1)
     reports = [rescored(corrected) for _ in range(2)]
     assert [(report["scored"], report["left"]) for report in reports] == [(1, 1), (1, 0)]
 
@@ -725,7 +725,7 @@ def test_a_server_that_runs_uses_the_new_ground_truth_at_once(
         assert list(server.state.audit_log.broken_links(session)) == []
 
 
-@pytest.mark.parametrize("moment", ["_known", "_store"])
+@pytest.mark.parametrize("moment", ["find_earlier", "store"])
 def test_an_upload_during_a_correction_is_scored_by_the_new_ground_truth(
     moment: str, server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

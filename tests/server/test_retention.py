@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
+from reverie_eval.server.audit.transactions import Transaction
+from reverie_eval.server.corrections.rescoring import outdated, score_again
+from reverie_eval.server.intake.retention import Retention, Tidied
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.rescoring import outdated, score_again
-from reverie_eval.server.service.retention import Tidied
-from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Fingerprint, Submission
 from reverie_eval.server.store.uploads import pack
 from tests.support.serving import (
@@ -60,9 +60,9 @@ def files(server: Serving) -> int:
 def test_a_file_is_deleted_after_so_many_days(seconds: int, expected: int, server: Serving) -> None:
     submission = sent(server)
     server.clock.turn(days=DAYS, seconds=seconds)
-    tidied = server.state.retention.tidy("test")
+    tidied = server.state.get(Retention).tidy("test")
     assert (list(tidied.submissions), files(server)) == (expected * [submission], 1 - expected)
-    assert server.state.retention.tidy("test").files == 0
+    assert server.state.get(Retention).tidy("test").files == 0
 
 
 def test_what_is_published_stays_and_what_is_withdrawn_does_not(server: Serving) -> None:
@@ -75,7 +75,7 @@ def test_what_is_published_stays_and_what_is_withdrawn_does_not(server: Serving)
         for digest in digests.values():
             session.add(Fingerprint(split=OPEN, sha256=digest, basis="", content=b""))
     server.clock.turn(days=DAYS)
-    assert list(server.state.retention.tidy("test").submissions) == [withdrawn]
+    assert list(server.state.get(Retention).tidy("test").submissions) == [withdrawn]
     assert server.ask(OWNER, "GET", f"/submissions/{published}/file").status_code == 200
     with server.state.database.reading() as session:
         assert session.scalars(select(Fingerprint.sha256)).all() == [digests[published]]
@@ -89,7 +89,7 @@ def test_what_is_published_meanwhile_stays(server: Serving) -> None:
 
     server.clock.turn(days=DAYS)
     begins = replace(server.state.transactions, begins=publish_second)
-    tidied = replace(server.state.retention, transactions=begins).tidy("test")
+    tidied = replace(server.state.get(Retention), transactions=begins).tidy("test")
     assert (sorted(tidied.submissions), tidied.files) == (sorted([first, third]), 2)
     assert server.ask(OWNER, "GET", f"/submissions/{second}/file").status_code == 200
 
@@ -103,7 +103,7 @@ def test_the_oldest_files_are_deleted_first(server: Serving) -> None:
     with server.state.database.reading() as session:
         digests = {row.id: row.sha256 for row in session.scalars(select(Submission))}
     assert sorted(names, key=digests.__getitem__) != names  # no accident
-    assert server.state.retention.tidy("test") == Tidied(names, 5)
+    assert server.state.get(Retention).tidy("test") == Tidied(names, 5)
 
 
 def test_a_file_of_two_teams_stays_until_both_need_it_no_more(server: Serving) -> None:
@@ -112,9 +112,9 @@ def test_a_file_of_two_teams_stays_until_both_need_it_no_more(server: Serving) -
     server.clock.turn(days=1)
     second = sent(server, OTHER, content)
     server.clock.turn(days=DAYS - 1)
-    assert server.state.retention.tidy("test").files == 0
+    assert server.state.get(Retention).tidy("test").files == 0
     server.clock.turn(days=1)
-    tidied = server.state.retention.tidy("test")
+    tidied = server.state.get(Retention).tidy("test")
     assert (list(tidied.submissions), tidied.files) == ([first, second], 1)
 
 
@@ -122,12 +122,12 @@ def test_the_same_file_is_stored_again_for_another_team(server: Serving) -> None
     content = server.distinct()
     sent(server, OWNER, content)
     server.clock.turn(days=DAYS)
-    server.state.retention.tidy("test")
+    server.state.get(Retention).tidy("test")
     again = sent(server, OTHER, content)
     assert server.ask(OTHER, "GET", f"/submissions/{again}/file").content == content
     assert faults(server) == []
     server.clock.turn(days=DAYS)
-    assert list(server.state.retention.tidy("test").submissions) == [again]
+    assert list(server.state.get(Retention).tidy("test").submissions) == [again]
 
 
 def test_a_file_that_is_deleted_while_the_same_arrives_is_not_lost(server: Serving) -> None:
@@ -150,7 +150,7 @@ def test_everything_knows_that_the_file_is_gone(
     submission = server.upload(OWNER).json()["submission"]
     path = f"/submissions/{submission['id']}"
     server.clock.turn(days=DAYS)
-    server.state.retention.tidy("server")
+    server.state.get(Retention).tidy("server")
     seen = server.ask(OWNER, "GET", path).json()
     assert seen["upload_deleted_at"] == "2026-04-01T12:00:00Z"
     assert (seen["receipt"], seen["report"]) == (submission["receipt"], submission["report"])
@@ -184,7 +184,7 @@ def test_everything_knows_that_the_file_is_gone(
 def test_without_a_number_of_days_nothing_is_deleted(server: Serving) -> None:
     sent(server)
     server.clock.turn(days=10_000)
-    assert replace(server.state.retention, days=None).tidy("test") == Tidied([], 0)
+    assert replace(server.state.get(Retention), days=None).tidy("test") == Tidied([], 0)
 
 
 @pytest.mark.server

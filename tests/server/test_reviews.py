@@ -10,11 +10,9 @@ from pydantic import ValidationError
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Verdict
 from reverie_eval.schemas.wire import LONGEST_LINE
-from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.service.audit import audit_reports, entries
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.reported import reported_of
-from reverie_eval.server.service.reviews import (
+from reverie_eval.server.audit.log import audit_reports, entries
+from reverie_eval.server.boards.reported import reported_of
+from reverie_eval.server.boards.reviews import (
     is_disqualified,
     latest_submissions,
     lift_review,
@@ -23,6 +21,8 @@ from reverie_eval.server.service.reviews import (
     reviews_of,
     standing_reviews,
 )
+from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.store.paging import Page
 from tests.support.acting import review
 from tests.support.serving import OPEN, ORGANISER, OWNER, PRIVATE, Serving
 

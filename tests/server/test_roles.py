@@ -8,10 +8,11 @@ from fastapi.routing import iter_route_contexts
 
 from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
 from reverie_eval.schemas.service import Method
+from reverie_eval.server.accounts.tokens import revoke_token
 from reverie_eval.server.app import create_app
-from reverie_eval.server.service.news import add_news
-from reverie_eval.server.service.reported import add_reported
-from reverie_eval.server.service.tokens import revoke_token
+from reverie_eval.server.boards.news import add_news
+from reverie_eval.server.boards.reported import add_reported
+from reverie_eval.server.corrections.snapshots import Snapshots
 from tests.support.acting import ask_to_join, create_token, review
 from tests.support.description import API, Description
 from tests.support.serving import (
@@ -211,7 +212,7 @@ def stock(server: Serving) -> Mapping[str, str]:
         spare = create_token(transaction, OWNER)
         said = review(transaction, ids[OPEN], "verified")
         result = add_reported(transaction, reported, server.state.settings.tasks)
-        taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
+        taken = server.state.get(Snapshots).take(transaction, NewSnapshot(split=OPEN, title="2026"))
         told = add_news(transaction, NewNews(text="The workshop is on 12 June."))
     return {
         "split": OPEN,

@@ -12,7 +12,8 @@ import pytest
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import QuotaSpentError
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.intake.intake import Intake
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import Limits, Quota
 from tests.support.acting import NOON
 from tests.support.serving import (
@@ -92,7 +93,7 @@ def both(server: Serving, split: str, *contents: bytes) -> list[str]:
 
     def submit(content: bytes) -> str:
         try:
-            server.state.intake.submit(
+            server.state.get(Intake).submit(
                 person, split, content, Method(name="Walker"), None, arrived=NOON
             )
         except ReverieEvalError as error:

@@ -11,9 +11,7 @@ from sqlalchemy import select
 from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.organising import KeyRevocation, NewSnapshot
 from reverie_eval.schemas.service import EarlierResult, Envelope
-from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFoundError
-from reverie_eval.server.service.audit import AuditLog, entries
-from reverie_eval.server.service.keys import (
+from reverie_eval.server.audit.keys import (
     all_keys,
     audit_key_of,
     audit_keys,
@@ -24,11 +22,14 @@ from reverie_eval.server.service.keys import (
     list_keys,
     open_key,
 )
-from reverie_eval.server.service.receipts import Signer, load_key, make_key
-from reverie_eval.server.service.results import results_of, store_result
-from reverie_eval.server.service.rotation import replace_key, revoke_key
-from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.audit.log import AuditLog, entries
+from reverie_eval.server.audit.receipts import Signer, load_key, make_key
+from reverie_eval.server.audit.rotation import replace_key, revoke_key
+from reverie_eval.server.audit.transactions import Transaction, Transactions
+from reverie_eval.server.corrections.snapshots import Snapshots
+from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFoundError
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission
 from tests.support.acting import AUDIT_LOG, NOON, acting
 from tests.support.serving import OPEN, OWNER, Serving
@@ -239,11 +240,11 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
     for _ in range(2):
         server.upload(OWNER, server.distinct())
         with server.acting() as transaction:
-            state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
+            state.get(Snapshots).take(transaction, NewSnapshot(split=OPEN, title="2026"))
         server.clock.turn(hours=1)
     server.upload(OWNER, server.distinct())
     with server.acting() as transaction:
-        state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="another"))
+        state.get(Snapshots).take(transaction, NewSnapshot(split=OPEN, title="another"))
     with state.database.writing() as session:
         _, later, _ = session.scalars(select(Submission).order_by(Submission.received_at)).all()
         known = results_of(later)[""]

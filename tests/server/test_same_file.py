@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
+from reverie_eval.server.audit.log import entries
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import entries
 from reverie_eval.server.settings import Settings, Webhook
 from reverie_eval.server.store.tables import Message, Team
 from tests.support.flat_world import Run

@@ -8,20 +8,12 @@ import pytest
 from reverie_eval import GroundTruth, evaluate
 from reverie_eval.errors import GroundTruthError
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle, read_episode_ids
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.operations.site import export_site
-from reverie_eval.server.service.boards import load_board
+from reverie_eval.server.platforms.site import export_site
+from reverie_eval.server.scoring.boards import load_board
 from reverie_eval.server.settings import SETTINGS_FILE, SettingsError, Split
-from reverie_eval.server.state import ServerState
-from tests.support.serving import (
-    GOOD,
-    OPEN,
-    OWNER,
-    PRIVATE,
-    OpenServer,
-    Serving,
-    settings_of,
-)
+from tests.support.serving import GOOD, OPEN, OWNER, PRIVATE, OpenServer, Serving, settings_of
 
 NAME = f"{OPEN}-twenty"
 WHOLE = DEMO_BUNDLES / f"{OPEN}.npz"
@@ -134,7 +126,7 @@ def test_an_open_sample_of_a_private_split_is_refused(folder: Path) -> None:
     ids = Bundle.load(private).arrays["instr_id"][:5].tolist()
     declare(folder, f"{PRIVATE}-five", private, ids)
     with pytest.raises(SettingsError, match="has the solution of the open split test-five"):
-        ServerState.open(settings_of(folder))
+        open_server(settings_of(folder))
 
 
 def test_a_bundle_declares_a_sample(tmp_path: Path) -> None:

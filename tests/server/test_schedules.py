@@ -11,9 +11,10 @@ import pytest
 
 from reverie_eval.schemas.organising import NewSchedule
 from reverie_eval.schemas.service import Method, Phase, Schedule, first_overlap
+from reverie_eval.server.boards.schedules import Schedules, Timetable, closed, with_phase
 from reverie_eval.server.errors import ConflictError, NotFoundError, NotOpenError
+from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.operations.checks import check_folder
-from reverie_eval.server.service.schedules import Timetable, closed, with_phase
 from reverie_eval.server.store.tables import SetSchedule
 from tests.support.acting import NOON
 from tests.support.flat_world import Run
@@ -93,7 +94,7 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
     server.clock.turn(seconds=1)
 
     def submit(at: datetime, person: str) -> str:
-        accepted = server.state.intake.submit(
+        accepted = server.state.get(Intake).submit(
             server.person(person), OPEN, GOOD, METHOD, key=None, arrived=at
         )
         return accepted.submission.status
@@ -221,17 +222,17 @@ def test_what_is_set_is_reported_and_logged(server: Serving) -> None:
 
 
 def test_a_transaction_sees_what_it_has_set(server: Serving) -> None:
-    schedules = server.state.schedules
+    schedules = server.state.get(Schedules)
     with server.acting() as transaction:
-        assert not schedules.of(transaction.session, OPEN).latest.paused
+        assert not schedules.of_split(transaction.session, OPEN).latest.paused
         schedules.set(transaction, OPEN, NewSchedule(paused=True))
-        assert schedules.of(transaction.session, OPEN).latest.paused
+        assert schedules.of_split(transaction.session, OPEN).latest.paused
         in_effect = schedules.in_effect(transaction.session)
         assert {name: each.paused for name, each in in_effect.items()} == {
             name: name == OPEN for name in SPLITS
         }
         with pytest.raises(NotFoundError) as missing:
-            schedules.of(transaction.session, "none")
+            schedules.of_split(transaction.session, "none")
     told = "there is no split 'none' here; choose one of: test, val_seen, val_unseen"
     assert str(missing.value) == told
 
@@ -257,7 +258,7 @@ def test_what_a_schedule_would_show_is_counted(folder: Path, open_server: OpenSe
     with server.state.database.reading() as session:
         for release, expected in (("at-once", 2), ("phase-end", 0)):
             asked = NewSchedule.model_validate({"phases": [first], "release_scores": release})
-            schedule, shown = server.state.schedules.if_set(session, PRIVATE, asked, now)
+            schedule, shown = server.state.get(Schedules).if_set(session, PRIVATE, asked, now)
             assert (schedule.release_scores, shown) == (release, expected)
 
 
@@ -485,7 +486,7 @@ def test_a_leaderboard_follows_the_phase_in_effect(folder: Path, open_server: Op
     assert not scores()
     with server.state.database.reading() as session:
         asked = NewSchedule(phases=(phase,), release_scores="at-once")
-        _, released = server.state.schedules.if_set(session, PRIVATE, asked, server.clock())
+        _, released = server.state.get(Schedules).if_set(session, PRIVATE, asked, server.clock())
     assert released == 1
     put(server, PRIVATE, phases=later, release_scores="at-once")
     assert scores()

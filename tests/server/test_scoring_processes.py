@@ -23,10 +23,10 @@ from reverie_eval import evaluate
 from reverie_eval.errors import SubmissionError
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.service import scoring_processes
-from reverie_eval.server.service.boards import load_boards
-from reverie_eval.server.service.scoring import Context, open_file
-from reverie_eval.server.service.scoring_processes import ScoringProcesses
+from reverie_eval.server.scoring import processes as scoring_processes
+from reverie_eval.server.scoring.boards import load_boards
+from reverie_eval.server.scoring.contexts import Context, open_file
+from reverie_eval.server.scoring.processes import ScoringProcesses
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission

@@ -22,7 +22,7 @@ from reverie_eval.ground_truth import Bundle, Solution
 from reverie_eval.server.app import create_app
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import check_folder
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import SETTINGS_FILE, Split
 from tests.support.page_routes import page_routes
 from tests.support.serving import (

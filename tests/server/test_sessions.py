@@ -10,21 +10,13 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 
+from reverie_eval.server.accounts.tokens import revoke_token
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.operations.keys import rotate_key
-from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.tables import BrowserSession
 from tests.support.acting import NOON, create_token
 from tests.support.description import Description
-from tests.support.serving import (
-    GOOD,
-    OPEN,
-    ORGANISER,
-    OWNER,
-    OpenServer,
-    Serving,
-    settings_of,
-)
+from tests.support.serving import GOOD, OPEN, ORGANISER, OWNER, OpenServer, Serving, settings_of
 
 HERE = "http://server"
 ELSEWHERE = "https://evil.example"

@@ -22,14 +22,14 @@ from reverie_eval.schemas.service import (
     Snapshot,
     SubmissionReport,
 )
+from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.rotation import revoke_key
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import rotate_key
 from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.rotation import revoke_key
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import StoredSnapshot, Submission
 from tests.server.test_receipts import RECEIPT, SIGNER, SNAPSHOT
 from tests.support.acting import NOON
@@ -447,7 +447,7 @@ def test_a_backup_keeps_the_bytes(server: Serving, folder: Path, tmp_path: Path)
     write_backup(folder, tmp_path / "backup.tar.gz")
     restored = tmp_path / "restored"
     restore_backup(tmp_path / "backup.tar.gz", restored)
-    state = ServerState.open(load_settings(restored))
+    state = open_server(load_settings(restored))
     with state.database.reading() as session:
         row = session.get_one(Submission, submission)
         assert Envelope.model_validate(row.receipt) == receipt

@@ -19,10 +19,10 @@ from anyio.from_thread import BlockingPortal
 from reverie_eval import PROTOCOLS, GroundTruth, ReverieEvalError, evaluate
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.app import create_app
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.backup import write_backup
-from reverie_eval.server.operations.site import export_site
+from reverie_eval.server.platforms.site import export_site
 from reverie_eval.server.settings import SETTINGS_FILE
-from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.dump import dump
 from reverie_eval.version import __version__
 from tests.support.acting import NOON, review
@@ -106,7 +106,7 @@ def lab(
     bundle = folder / "bundles" / "test.npz"
     planted(Bundle.load(bundle)).save(bundle)
     clock = Clock()
-    state = ServerState.open(settings_of(folder), clock)
+    state = open_server(settings_of(folder), clock)
     with state.transactions.begin("test") as transaction:
         tokens = populate(transaction, PEOPLE)
     transport = InProcess(create_app(state, "http://server"), portal)

@@ -13,15 +13,16 @@ from sqlalchemy import delete, event, select
 from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
 from reverie_eval.schemas.organising import KeyRevocation, NewSchedule, NewTeam
 from reverie_eval.schemas.service import Envelope, KeyReport, Phase, Snapshot
+from reverie_eval.server.accounts.people import rename_team
+from reverie_eval.server.accounts.tokens import revoke_token
 from reverie_eval.server.app import create_app
+from reverie_eval.server.audit.rotation import revoke_key
+from reverie_eval.server.audit.transactions import Transactions
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.corrections.snapshots import SnapshotError, Snapshots, snapshot_of
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import rotate_key
-from reverie_eval.server.service.people import rename_team
-from reverie_eval.server.service.rotation import revoke_key
-from reverie_eval.server.service.snapshots import SnapshotError, Snapshots, snapshot_of
-from reverie_eval.server.service.tokens import revoke_token
-from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.database import UnreadableValueError
 from reverie_eval.server.store.tables import AuditEntry, SetSchedule, StoredSnapshot, Submission
@@ -174,7 +175,7 @@ def test_a_snapshot_is_logged_and_numbered_by_split(server: Serving) -> None:
 
 def due(server: Serving, now: datetime) -> list[tuple[str, str, datetime]]:
     """Return the closings without a snapshot, as a server knows them that has just started."""
-    fresh = Snapshots(lambda: server.state.boards, server.state.schedules, "")
+    fresh = Snapshots(lambda: server.state.boards, server.state.get(Schedules), "")
     with server.state.database.reading() as session:
         return [(each.split, each.phase, each.at) for each in fresh.due(session, now)]
 
@@ -248,7 +249,7 @@ def test_a_server_looks_no_more_for_what_is_done(
     server = open_server(closing_settings)
     publish(server, OWNER)
     server.clock.now = END
-    looked_for = server.state.snapshots
+    looked_for = server.state.get(Snapshots)
     with server.state.database.reading() as session:
         assert len(looked_for.due(session, END)) == 1
     looked_for.take_if_due(server.state.transactions)
@@ -298,7 +299,7 @@ def test_it_is_taken_with_nobody_there(closing_settings: Settings, open_server: 
     publish(server, OWNER)
 
     def look() -> None:
-        server.state.snapshots.take_if_due(server.state.transactions)
+        server.state.get(Snapshots).take_if_due(server.state.transactions)
 
     server.clock.now = CLOSES
     look()
@@ -308,7 +309,7 @@ def test_it_is_taken_with_nobody_there(closing_settings: Settings, open_server: 
         list(pool.map(lambda _: look(), range(8)))
     twin = open_server(closing_settings, server.tokens)
     twin.clock.now = END + timedelta(minutes=1)
-    twin.state.snapshots.take_if_due(twin.state.transactions)
+    twin.state.get(Snapshots).take_if_due(twin.state.transactions)
     assert [each.title for each in snapshots(server)] == ["challenge"]
     with server.state.database.reading() as session:
         taken = AuditEntry.action == "snapshot taken"
@@ -363,7 +364,7 @@ def test_which_phases_leave_one(
     server.clock.now = END if set_late else CLOSES
     new = NewSchedule(phases=(Phase(name="challenge", closes=CLOSES),), release_scores="at-once")
     with server.acting() as transaction:
-        server.state.schedules.set(transaction, PRIVATE, new)
+        server.state.get(Schedules).set(transaction, PRIVATE, new)
     server.clock.turn(hours=1)
     with server.acting() as transaction:
         add_team(transaction, "Green")
@@ -408,7 +409,7 @@ def repair(server: Serving) -> None:
 
 def look(server: Serving) -> None:
     """Do what a running server does every minute."""
-    server.state.snapshots.take_if_due(server.state.transactions)
+    server.state.get(Snapshots).take_if_due(server.state.transactions)
 
 
 def test_a_row_that_cannot_be_read_fails_no_write(ended: Serving, run: Run) -> None:
@@ -496,7 +497,7 @@ def reschedule(server: Serving, split: str) -> None:
     phases = (Phase(name="challenge", closes=CLOSES), Phase(name="next", opens=END))
     with server.acting() as transaction:
         new = NewSchedule(phases=phases, release_scores="at-once")
-        server.state.schedules.set(transaction, split, new)
+        server.state.get(Schedules).set(transaction, split, new)
 
 
 @pytest.mark.parametrize(
@@ -521,11 +522,11 @@ def test_a_changed_leaderboard_leaves_no_snapshot_and_that_is_told(
     look(ended)
     assert [each.title for each in snapshots(ended)] == ([] if is_missed else ["challenge"])
     with ended.state.database.reading() as session:
-        missed = ended.state.snapshots.missed(session, ended.clock())
+        missed = ended.state.get(Snapshots).missed(session, ended.clock())
     assert [each.phase for each in missed] == (["challenge"] if is_missed else [])
     take(ended, PRIVATE)
     with ended.state.database.reading() as session:
-        assert ended.state.snapshots.missed(session, ended.clock()) == []
+        assert ended.state.get(Snapshots).missed(session, ended.clock()) == []
 
 
 def test_a_command_takes_one(server: Serving, folder: Path, run: Run) -> None:

@@ -19,9 +19,10 @@ from sqlalchemy import event
 from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewMerge
-from reverie_eval.server.service.entries import EntriesCache
-from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.rank_intervals import RankIntervals
+from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.boards.entries import EntriesCache
+from reverie_eval.server.boards.leaderboard import Rankings
+from reverie_eval.server.boards.rank_intervals import RankIntervals
 from reverie_eval.server.settings import Split
 from reverie_eval.tasks import BUILT_IN, name_on_server
 from tests.support.acting import review
@@ -75,8 +76,8 @@ def counting(server: Serving) -> Iterator[Counter[str]]:
 
 def forget(server: Serving) -> None:
     """Let the next request find nothing of leaderboards, as after a change of all of them."""
-    server.state.entries = EntriesCache(server.state.schedules)
-    server.state.rank_intervals = RankIntervals()
+    for kind in (Rankings, EntriesCache, RankIntervals):
+        server.state.services.pop(kind, None)
 
 
 @dataclass(frozen=True)

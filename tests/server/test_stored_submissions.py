@@ -11,21 +11,14 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from reverie_eval.schemas.service import (
-    EarlierResult,
-    Method,
-    SubmissionChange,
-    SubmissionReport,
-)
+from reverie_eval.schemas.service import EarlierResult, Method, SubmissionChange, SubmissionReport
+from reverie_eval.server.audit.log import audit_reports, entries
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.rank_intervals import cluster_sums
+from reverie_eval.server.boards.reviews import lift_review
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
-from reverie_eval.server.service.audit import audit_reports, entries
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.embargo import View
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.rank_intervals import cluster_sums
-from reverie_eval.server.service.results import results_of, store_result, submission_report
-from reverie_eval.server.service.reviews import lift_review
-from reverie_eval.server.service.submissions import (
+from reverie_eval.server.intake.submissions import (
+    SubmissionService,
     all_submissions,
     check_metadata,
     list_submissions,
@@ -37,6 +30,10 @@ from reverie_eval.server.service.submissions import (
     submission_of,
     with_public_episodes,
 )
+from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.state import Reading
+from reverie_eval.server.store.paging import Page
+from reverie_eval.server.store.results import results_of, store_result, submission_report
 from reverie_eval.server.store.tables import ClusterSums, Submission
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
@@ -108,7 +105,7 @@ def test_lists_begin_with_the_latest_and_then_with_the_largest_id(server: Servin
         """Read pages of two."""
         with server.state.database.reading() as session:
             person, cursor, ids = server.person(who), None, []
-            view = server.state.submissions.view(session, NOON)
+            view = View.of(Reading(server.state, session, NOON))
             for _ in range(4):
                 found = list_submissions(session, person, Page(2, cursor), view)
                 ids += [row.id for row in found.rows]
@@ -159,7 +156,7 @@ def test_lists_begin_with_the_latest_and_then_with_the_largest_id(server: Servin
 def test_another_team_s_submission_is_no_cursor(server: Serving) -> None:
     theirs = sent(server, OTHER)
     with server.state.database.reading() as session:
-        view = server.state.submissions.view(session, NOON)
+        view = View.of(Reading(server.state, session, NOON))
         with pytest.raises(MalformedError) as refused:
             list_submissions(session, server.person(OWNER), Page(1, theirs), view)
         assert submission_of(session, server.person(ORGANISER), theirs, view).id == theirs
@@ -239,7 +236,7 @@ def test_a_report_has_everything_that_is_stored(several: Serving) -> None:
     assert list(stored.also) == [GROUNDING, STRICT]
     assert stored.also == fresh.also
     with server.state.database.reading() as session:
-        view = server.state.submissions.view(session, NOON)
+        view = View.of(Reading(server.state, session, NOON))
         assert submission_of(session, server.person(OWNER), submission, view) == stored
     assert result_on(STRICT, stored) == stored.also[STRICT]
     with pytest.raises(NotFoundError, match=r"^[0-9a-f]+ has no result on .*: grounding, strict$"):
@@ -303,7 +300,7 @@ def test_required_information_that_is_empty_is_missing() -> None:
 
 def test_episodes_are_scored_by_the_rules_of_the_leaderboard(several: Serving) -> None:
     """By hand, as README has them: RGS is 40.48 or 28.57; in all, 34 of 84 answers are right."""
-    service = several.state.submissions
+    service = several.state.get(SubmissionService)
     mediocre = known(several, sent(several, content=MEDIOCRE))
     good = known(several, sent(several, content=GOOD))
     for further, right in (("", 34), (STRICT, 24), (GROUNDING, 34)):
@@ -324,8 +321,8 @@ def test_episodes_are_scored_by_the_rules_of_the_leaderboard(several: Serving) -
 def test_few_scores_and_comparisons_are_kept(
     several: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("reverie_eval.server.service.submissions.RECENT", 1)
-    service, board = replace(several.state.submissions), several.state.boards[OPEN]
+    monkeypatch.setattr("reverie_eval.server.intake.submissions.RECENT", 1)
+    service, board = replace(several.state.get(SubmissionService)), several.state.boards[OPEN]
     named = {"one": known(several, sent(several)), "two": known(several, sent(several))}
     first, second = named.values()
     scores, compared = service.episodes(first), service.compare(board, named)
@@ -336,7 +333,7 @@ def test_few_scores_and_comparisons_are_kept(
 
 
 def test_episodes_that_cannot_be_shown_are_refused_with_the_reason(several: Serving) -> None:
-    service, boards = several.state.submissions, several.state.boards
+    service, boards = several.state.get(SubmissionService), several.state.boards
     mine = known(several, sent(several))
     private = known(several, sent(several, OWNER, PRIVATE))
     deleted = mine.model_copy(update={"upload_deleted_at": NOON})
@@ -371,7 +368,7 @@ def test_episodes_that_cannot_be_shown_are_refused_with_the_reason(several: Serv
 
 def test_a_change_is_logged_with_who_made_it_and_what_was_said(server: Serving) -> None:
     submission = sent(server)
-    service, owner = server.state.submissions, server.person(OWNER)
+    service, owner = server.state.get(SubmissionService), server.person(OWNER)
     said: dict[str, Any] = {
         "method": {"name": "Runner", "code": "https://example.org/code"},
         "anonymous_until": "2026-04-01T00:00:00Z",
@@ -412,7 +409,9 @@ def test_publishing_computes_intervals_on_every_leaderboard_once(
     with several.state.database.reading() as session:
         sums = {each.board: each.sums for each in session.scalars(select(ClusterSums))}
     assert sums == {
-        board.further: cluster_sums(several.state.submissions.episodes(before_it, board.further))
+        board.further: cluster_sums(
+            several.state.get(SubmissionService).episodes(before_it, board.further)
+        )
         for board in several.state.boards[OPEN].all
     }
     for name, report in after.items():
@@ -491,6 +490,8 @@ def test_a_withdrawn_submission_is_restored_before_it_is_published(server: Servi
     submission, owner = sent(server), server.person(OWNER)
     change(server, submission, withdrawn=True)
     with pytest.raises(ConflictError, match=r"^a withdrawn submission cannot be published"):
-        server.state.submissions.change(owner, submission, SubmissionChange(published=True))
+        server.state.get(SubmissionService).change(
+            owner, submission, SubmissionChange(published=True)
+        )
     change(server, submission, withdrawn=False, published=True)
     assert known(server, submission).status == "published"

@@ -13,7 +13,8 @@ import pytest
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.runner import run_agent
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.explore.episodes import EpisodeService
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK
 from tests.conftest import SAMPLES
 from tests.support.processes import TOKEN, Laptop
@@ -168,7 +169,7 @@ def look_at_pages(lab: Serving, board: Board, submission: str) -> None:
     title = f"{board.task.title} {board.truth.split.replace('_', ' ')} leaderboard"
     assert title in said(owner.get("/"))
     guide = [f"/guide/{chapter}/{name}" for chapter in ("submitting", "metrics", "protocols")]
-    browsed = next(each.name for each in lab.state.episodes.boards)
+    browsed = next(each.name for each in lab.state.get(EpisodeService).boards)
     first, *_ = lab.state.boards[browsed].truth.episodes.instr_ids
     episode = f"/episodes/{browsed}/{quote(first)}"
     pages = (

@@ -19,12 +19,14 @@ from sqlalchemy import select
 from reverie_eval import CATALOGUE, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.service import Phase
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.reviews import lift_review
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.reviews import lift_review
-from reverie_eval.server.service.submissions import publication, result_on, submission_of
+from reverie_eval.server.intake.submissions import publication, result_on, submission_of
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import Webhook
+from reverie_eval.server.state import Reading
 from reverie_eval.server.store.tables import Message
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
@@ -385,7 +387,7 @@ def test_what_is_refused_of_a_stored_submission_says_why(
 def test_what_has_no_result_or_is_not_published_says_so(server: Serving) -> None:
     submission = server.upload(OWNER).json()["submission"]["id"]
     with server.state.database.reading() as session:
-        view = server.state.submissions.view(session, NOON)
+        view = View.of(Reading(server.state, session, NOON))
         own = submission_of(session, server.person(OWNER), submission, view)
         with pytest.raises(NotFoundError) as none_here:
             result_on("strict", own)

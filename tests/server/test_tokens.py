@@ -12,6 +12,17 @@ import pytest
 from sqlalchemy import select
 
 from reverie_eval.schemas.organising import NewToken
+from reverie_eval.server.accounts import tokens
+from reverie_eval.server.accounts.people import person_named
+from reverie_eval.server.accounts.tokens import (
+    accept_invitation,
+    list_tokens,
+    revoke_token,
+    revoke_tokens_of_person,
+    revoke_tokens_of_team,
+)
+from reverie_eval.server.audit.log import audit_reports, entries
+from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import (
     ConflictError,
     ForgedError,
@@ -19,25 +30,16 @@ from reverie_eval.server.errors import (
     NotFoundError,
     NotSignedInError,
 )
-from reverie_eval.server.service import tokens
-from reverie_eval.server.service.audit import audit_reports, entries
-from reverie_eval.server.service.paging import Page
-from reverie_eval.server.service.people import person_named
-from reverie_eval.server.service.tokens import (
+from reverie_eval.server.identity import (
     Sessions,
-    accept_invitation,
     check_organiser_left,
     has_organiser,
-    list_tokens,
     name_in,
-    revoke_token,
-    revoke_tokens_of_person,
-    revoke_tokens_of_team,
     token_state,
     valid_token,
 )
-from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import BrowserSession, Token
 from tests.support.acting import NOON, acting, add_person, add_team, create_token
 

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from reverie_eval.server.http.runtime import Turns
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.scoring.boards import Board
 from tests.support.serving import OPEN, OWNER, Serving, runtime_of
 from tests.support.visiting import signed_in
 from tests.support.waiting import wait_until

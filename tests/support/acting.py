@@ -18,11 +18,12 @@ from reverie_eval.schemas.organising import (
 )
 from reverie_eval.schemas.people import NewJoinRequest, NewPersonToJoin
 from reverie_eval.schemas.service import Role, Verdict
-from reverie_eval.server.service import people, reviews, tokens
-from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.joining import receive_request
-from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.accounts import people, tokens
+from reverie_eval.server.accounts.joining import receive_request
+from reverie_eval.server.audit.log import AuditLog
+from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.transactions import Transaction, Transactions
+from reverie_eval.server.boards import reviews
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import JoinRequest
 

@@ -10,10 +10,10 @@ import httpx
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Method
-from reverie_eval.server.service.boards import Board, load_board
-from reverie_eval.server.service.entries import Entry, Row
-from reverie_eval.server.service.leaderboard import Ranking
-from reverie_eval.server.service.reported import add_reported
+from reverie_eval.server.boards.entries import Entry, Row
+from reverie_eval.server.boards.leaderboard import Ranking
+from reverie_eval.server.boards.reported import add_reported
+from reverie_eval.server.scoring.boards import Board, load_board
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Submission
 from tests.support.acting import NOON

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 from urllib.parse import parse_qsl
 
-from reverie_eval.server.operations.evalai_worker import run_worker
+from reverie_eval.server.platforms.evalai_worker import run_worker
 from reverie_eval.server.settings import load_settings
 from tests.support import killing
 from tests.support.forking import Forked, Surroundings

@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Self
 from unittest.mock import patch
 
-from reverie_eval.server.service import scoring_processes
+from reverie_eval.server.scoring import processes as scoring_processes
 from tests.conftest import REPOSITORY
 from tests.support.flat_world import Outcome
 
@@ -27,7 +27,7 @@ PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload(
     [
         "PIL.Image",
-        "reverie_eval.server.operations.run",
+        "reverie_eval.server.run",
         "reverie_eval_cli.main",
         "reverie_eval_cli.commands.score",
         "reverie_eval_cli.commands.serve",

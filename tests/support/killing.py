@@ -19,14 +19,14 @@ from typing import Any, Literal, NamedTuple
 
 from sqlalchemy.engine.default import DefaultDialect
 
+from reverie_eval.server.audit.log import AuditLog
+from reverie_eval.server.audit.transactions import Transactions
 from reverie_eval.server.http import middleware
-from reverie_eval.server.http import uploads as reception
-from reverie_eval.server.operations.run import run_server
-from reverie_eval.server.service.attempts import Attempts
-from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.intake import Intake
-from reverie_eval.server.service.scoring_processes import ScoringProcesses, _Process
-from reverie_eval.server.service.transactions import Transactions
+from reverie_eval.server.intake import uploads as reception
+from reverie_eval.server.intake.attempts import Attempts
+from reverie_eval.server.intake.intake import Intake
+from reverie_eval.server.run import run_server
+from reverie_eval.server.scoring.processes import ScoringProcesses, _Process
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store import uploads as store
 from reverie_eval.server.store.uploads import FolderUploads
@@ -47,8 +47,8 @@ STEPS: Mapping[str, Step] = MappingProxyType(
         "the head of an upload is there": Step(reception, "receive"),
         "some of an upload is there": Step(middleware, "_in_time"),
         "all of an upload is there": Step(ScoringProcesses, "hold"),
-        "it is unpacked": Step(Intake, "_known"),
-        "it is about to be scored": Step(Intake, "_known", "after"),
+        "it is unpacked": Step(Intake, "find_earlier"),
+        "it is about to be scored": Step(Intake, "find_earlier", "after"),
         "it is scored": Step(FolderUploads, "staged"),
         "its file is written": Step(Transactions, "begin"),
         "its rows are written": Step(AuditLog, "append", "after"),
@@ -63,7 +63,7 @@ STEPS: Mapping[str, Step] = MappingProxyType(
 
 PAUSES: Mapping[str, Step] = MappingProxyType(
     {
-        "it is stored": Step(Intake, "_store", "after"),
+        "it is stored": Step(Intake, "store", "after"),
         "its reply is worded": Step(Intake, "submit", "after"),
     }
 )

@@ -22,7 +22,7 @@ from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import Bundle, pack_texts
 from reverie_eval.schemas.service import BoardResult
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.service.results import results_of, store_result
+from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import Submission
 from tests.support.serving import FURTHER, PRIVATE, OpenServer, Serving, adjusted, settings_of
 from tests.support.signing import payload_in, receipt_in

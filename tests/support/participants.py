@@ -22,9 +22,9 @@ from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import Role
+from reverie_eval.server.audit.log import AuditLog
+from reverie_eval.server.audit.receipts import Signer, load_key
 from reverie_eval.server.operations.checks import acting
-from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database
 from tests.support.acting import add_person, add_team, create_token

@@ -42,18 +42,18 @@ from reverie_eval import GroundTruth
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.runner import run_agent
-from reverie_eval.server.app import create_app
+from reverie_eval.server.accounts.people import person_named
+from reverie_eval.server.app import add_rooms, create_app
+from reverie_eval.server.audit.log import entries
+from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.http import middleware
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.runtime import RuntimeState
+from reverie_eval.server.opening import open_server as open_state
 from reverie_eval.server.operations.checks import acting
-from reverie_eval.server.operations.run import run_server
-from reverie_eval.server.pages import add_pages
-from reverie_eval.server.service import boards
-from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.boards import Board, load_board
-from reverie_eval.server.service.people import person_named
-from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.run import run_server
+from reverie_eval.server.scoring import boards
+from reverie_eval.server.scoring.boards import Board, load_board
 from reverie_eval.server.settings import SETTINGS_FILE, Also, Limits, Settings, Split, load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
@@ -170,19 +170,19 @@ _routes: list[BaseRoute] = []
 """Of the first application in this process."""
 
 
-def add_pages_once(app: FastAPI) -> None:
+def add_rooms_once(app: FastAPI) -> None:
     """Add the pages, and put the routes of the first application there was in place of its own.
 
     FastAPI works out what routes take when the first request comes, which takes longer than most
     tests. Nothing of that is one server's.
     """
     if not _routes:
-        add_pages(app)
+        add_rooms(app)
         _routes.extend(app.routes)
     app.router.routes[:] = _routes
 
 
-sharing_routes = partial(patch, f"{create_app.__module__}.add_pages", add_pages_once)
+sharing_routes = partial(patch, f"{create_app.__module__}.add_rooms", add_rooms_once)
 """Let applications share their routes."""
 
 
@@ -448,7 +448,7 @@ def opening(folder: Path, portal: BlockingPortal, populated: Populated) -> Itera
         clock, settings = Clock(), settings or settings_of(folder)
         if tokens is None and populated.replace(settings):
             tokens = populated.tokens
-        state = ServerState.open(settings, clock, workers)
+        state = open_state(settings, clock, workers)
         scoring.enter_context(state.scoring)
         if tokens is None:
             with state.transactions.begin("test") as transaction:

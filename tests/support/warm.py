@@ -11,9 +11,9 @@ from fastapi.routing import iter_route_contexts
 
 from fixtures.servers import make_folder
 from reverie_eval.server.app import create_app
-from reverie_eval.server.pages.rendering import _environment
+from reverie_eval.server.http.rendering import _environment
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
 from tests.support.serving import sharing_routes
 
 
@@ -21,7 +21,7 @@ def _prepare_routes() -> None:
     with TemporaryDirectory() as name, patch.dict(os.environ, clear=True):
         folder = Path(name, "server")
         make_folder(folder)
-        state = ServerState.open(load_settings(folder))
+        state = open_server(load_settings(folder))
         with closing(state.database):
             list(iter_route_contexts(create_app(state).routes))
 

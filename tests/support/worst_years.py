@@ -25,6 +25,8 @@ from reverie_eval import GroundTruth
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.runner import run_agent
 from reverie_eval.server.app import create_app
+from reverie_eval.server.intake.retention import Retention
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from reverie_eval.server.state import ServerState
@@ -111,7 +113,7 @@ class Lab:
         """Return the server, which is started if it does not run."""
         if self._running is None:
             with patch.dict(os.environ, self._variables):
-                state = ServerState.open(load_settings(self.folder))
+                state = open_server(load_settings(self.folder))
             transport = InProcess(create_app(state, "http://server"), self.portal)
             self._running = state, httpx.Client(transport=transport, base_url="http://server")
         return self._running
@@ -295,7 +297,7 @@ class WorstYear:
 
     def tidy(self) -> None:
         """Delete old files, as a running server does every day."""
-        self.lab.running()[0].retention.tidy("server")
+        self.lab.running()[0].get(Retention).tidy("server")
 
     # What organisers publish.
 

@@ -26,9 +26,9 @@ from fixtures.published import published_folder
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http.runtime import MOST_JOINING
-from reverie_eval.server.operations.run import configuration, listen, url_of
+from reverie_eval.server.opening import open_server
+from reverie_eval.server.run import configuration, listen, url_of
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
 from tests.support.participants import private_submission
 from tests.support.plain_sql import Stored, stored
 from tests.support.processes import TOKEN, Laptop
@@ -124,7 +124,7 @@ class Year:
 
     def start(self) -> None:
         """Start the server, in this process."""
-        state = ServerState.open(load_settings(self.folder))
+        state = open_server(load_settings(self.folder))
         listening = listen("127.0.0.1", 0)
         self.url = url_of(listening)
         app = create_app(state, self.url)

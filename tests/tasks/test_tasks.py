@@ -34,16 +34,10 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, find_ground_truth
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.runner import run_agent
 from reverie_eval.scoring._evaluation import check_first_of_hop
-from reverie_eval.server.service.boards import load_board
+from reverie_eval.server.scoring.boards import load_board
 from reverie_eval.server.settings import Also, Split
 from reverie_eval.submissions import convert
-from reverie_eval.tasks import (
-    BUILT_IN,
-    DEFAULT_PROTOCOL,
-    Task,
-    find_task,
-    task_names,
-)
+from reverie_eval.tasks import BUILT_IN, DEFAULT_PROTOCOL, Task, find_task, task_names
 from tests.conftest import REPOSITORY
 from tests.support.flat_world import Outcome, Run
 

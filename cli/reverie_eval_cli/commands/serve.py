@@ -42,7 +42,7 @@ def serve(*, folder: Path | None, host: str, port: int, workers: int | None) -> 
     Exit status: 0 stopped, 1 settings or data are not sound, 2 usage or system error.
     """
     from reverie_eval.server.operations.checks import check_sound
-    from reverie_eval.server.operations.run import WORKERS, run_server
+    from reverie_eval.server.run import WORKERS, run_server
 
     gc.enable()  # off in this command, which pays off in short lives only
     # A demo that is there already keeps its people and results.

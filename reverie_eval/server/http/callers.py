@@ -8,7 +8,7 @@ something needs the session's CSRF token as well. The API accepts both; pages ac
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
@@ -22,26 +22,23 @@ from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import Role
 from reverie_eval.schemas.wire import EXAMPLE_TOKEN
-from reverie_eval.server.errors import (
-    ForgedError,
-    NotAllowedError,
-    NotSignedInError,
-    RequestError,
-)
-from reverie_eval.server.service.embargo import View
-from reverie_eval.server.service.tokens import (
+from reverie_eval.server.audit.transactions import Transaction
+from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError, RequestError
+from reverie_eval.server.identity import (
     HINT_LENGTH,
     PREFIX,
+    Sessions,
     check_organiser_left,
     valid_token,
 )
-from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.state import ServerState
+from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.tables import BrowserSession, Person
 
 Given = ParamSpec("Given")
 Report = TypeVar("Report")
 
+SplitName = Annotated[str, Path(examples=["test"])]
+FurtherName = Annotated[str, Path(examples=["grounding"])]
 TokenHint = Annotated[
     str,
     Path(
@@ -65,12 +62,10 @@ _Cookie = APIKeyCookie(
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class CallReading(Reading):
     """The database as one request sees it, and the caller."""
 
     request: Request
-    session: Session
-    now: datetime
     browser: BrowserSession | None
     """The browser session of the caller, if any."""
     caller: Person | None
@@ -81,11 +76,6 @@ class Snapshot:
         if self.caller is None:
             raise NotSignedInError("send your token: `Authorization: Bearer rv_...`")
         return self.caller
-
-    @property
-    def view(self) -> View:
-        """What may be seen of submissions now."""
-        return state_of(self.request).submissions.view(self.session, self.now)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +97,8 @@ class Call:
     """The role that the caller must have; None if anyone may call."""
 
     @contextmanager
-    def snapshot(self) -> Iterator[Snapshot]:
-        """Open a snapshot of the database, after checking the caller.
+    def reading(self) -> Iterator[CallReading]:
+        """Read the database as it is now, after checking the caller.
 
         Raises
         ------
@@ -121,17 +111,19 @@ class Call:
         """
         with self.server.database.reading() as session:
             browser, caller = self._sender(session)
-            snapshot = Snapshot(self.request, session, self.server.clock(), browser, caller)
+            reading = CallReading(
+                self.server, session, self.server.clock(), self.request, browser, caller
+            )
             if self.required is not None:
-                person = snapshot.person
+                person = reading.person
                 if self.required == "organiser" and not person.is_organiser:
                     raise NotAllowedError("only organisers may do this")
-            yield snapshot
+            yield reading
 
     def person(self) -> Person:
-        """Return the caller; raises the errors of :meth:`snapshot`."""
-        with self.snapshot() as snapshot:
-            return snapshot.person
+        """Return the caller; raises the errors of :meth:`reading`."""
+        with self.reading() as reading:
+            return reading.person
 
     def perform(
         self,
@@ -139,7 +131,7 @@ class Call:
         *given: Given.args,
         **named: Given.kwargs,
     ) -> Report:
-        """Run an action as the caller; also raises the errors of :meth:`snapshot`.
+        """Run an action as the caller; also raises the errors of :meth:`reading`.
 
         Raises
         ------
@@ -162,7 +154,7 @@ class Call:
         return sender
 
     def _find_sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
-        now, sessions = self.server.clock(), self.server.sessions
+        now, sessions = self.server.clock(), self.server.get(Sessions)
         if self.token is not None:
             return None, valid_token(session, self.token, "access", now).person
         if self.session_id is None:
@@ -202,7 +194,7 @@ def session_id_of(request: Request, cookie: str | None) -> str | None:
     """Return the id of the browser session, if the request is from this server's own pages."""
     if cookie is None or is_of_another_site(request):
         return None
-    return state_of(request).sessions.id_in(cookie)
+    return state_of(request).get(Sessions).id_in(cookie)
 
 
 def state_of(request: Request) -> ServerState:
@@ -317,7 +309,7 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> AsyncIterator[Form
         csrf_token: Any = form.get("csrf_token", "")
         if not isinstance(csrf_token, str):
             raise ForgedError("csrf_token must be text, not a file")
-        visit.server.sessions.check_csrf_token(visit.session_id, csrf_token)
+        visit.server.get(Sessions).check_csrf_token(visit.session_id, csrf_token)
         yield form
 
 

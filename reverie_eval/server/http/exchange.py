@@ -15,7 +15,7 @@ from starlette.types import Scope
 
 from reverie_eval.schemas.service import Accepted, QuotaReport
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.service.tokens import HINT_LENGTH, PREFIX, name_in
+from reverie_eval.server.identity import HINT_LENGTH, PREFIX, name_in
 
 API = "/api/v1"
 UNMATCHED = "unmatched"

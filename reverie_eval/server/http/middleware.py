@@ -38,7 +38,7 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.exchange import address_of, exchange_of, session_of, token_of
-from reverie_eval.server.service.scoring import SECONDS_TO_RETRY
+from reverie_eval.server.scoring.contexts import SECONDS_TO_RETRY
 
 SMALL = 256 << 10
 """Bytes; several times the longest JSON, other than a submission, that any route accepts."""

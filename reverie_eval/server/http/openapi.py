@@ -7,7 +7,7 @@ operation can return, and that a cookie needs the CSRF token as well.
 from functools import cache
 from typing import Any
 
-from fastapi import Depends, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
 
@@ -45,6 +45,12 @@ _EVERYWHERE: tuple[str, ...] = (
 )
 _OF_FASTAPI = ("HTTPValidationError", "ValidationError")
 _CHANGING = frozenset({"post", "patch", "put", "delete"})
+
+
+def organiser_router() -> APIRouter:
+    """Return a router for what only organisers may do over the API."""
+    refusals = problems("not-signed-in", "not-allowed")
+    return APIRouter(prefix=f"{API}/organiser", tags=["organiser"], responses=refusals)
 
 
 def problems(*codes: str) -> dict[int | str, Document]:

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Call
-from reverie_eval.server.service.paging import LARGEST, LONGEST, Listed, Page
+from reverie_eval.server.store.paging import LARGEST, LONGEST, Listed, Page
 from reverie_eval.text import did_you_mean
 
 Report = TypeVar("Report")
@@ -29,8 +29,8 @@ class Pager:
 
     def read(self, call: Call, rows: Callable[[Session, Page], Listed[Report]]) -> list[Report]:
         """Return the rows of the page of a list, if the caller may see it, and link the next."""
-        with call.snapshot() as snapshot:
-            return self.reply(rows(snapshot.session, self.page))
+        with call.reading() as reading:
+            return self.reply(rows(reading.session, self.page))
 
     def reply(self, listed: Listed[Report]) -> list[Report]:
         """Return the rows of the page, and link the next page."""

@@ -40,7 +40,7 @@ from reverie_eval.server.store.database import is_full, is_unreachable
 from reverie_eval.server.wrong_values import unreadable_json, wrong_value
 
 if TYPE_CHECKING:
-    from reverie_eval.server.service.soundness import DatabaseWatch
+    from reverie_eval.server.store.watches import DatabaseWatch
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -1,4 +1,4 @@
-"""The state of the running application: turns, requests to join, metrics, health.
+"""The state of the running application: turns, requests to join, metrics.
 
 Uploads take turns twice: for a place in memory, and for a process that scores. Waiting uploads are
 not read yet: their bytes are still with the sender. So five hundred uploads at once need no more
@@ -25,12 +25,11 @@ from limits.strategies import FixedWindowRateLimiter
 from starlette.types import Scope
 
 from reverie_eval.server.errors import BusyError, TooManyError
-from reverie_eval.server.http.exchange import address_of
-from reverie_eval.server.http.health import Health
+from reverie_eval.server.http.exchange import address_of, session_of, token_of
 from reverie_eval.server.http.middleware import site_of
 from reverie_eval.server.http.telemetry import Metrics
-from reverie_eval.server.jobs.runner import Jobs
-from reverie_eval.server.service.scoring import SECONDS_TO_RETRY
+from reverie_eval.server.jobs import Jobs
+from reverie_eval.server.scoring.contexts import SECONDS_TO_RETRY
 from reverie_eval.server.state import ServerState
 
 MOST_JOINING = 5
@@ -188,7 +187,6 @@ class RuntimeState:
     counts: Storage
     joining: JoinLimit
     metrics: Metrics
-    health: Health
 
     @classmethod
     def of(cls, server: ServerState, jobs: Jobs) -> Self:
@@ -202,7 +200,7 @@ class RuntimeState:
         scoring = Turns(server.scoring.turns, share, *queue, metrics.scoring_waiting.set)
         counts = MemoryStorage()
         joining = JoinLimit(counts, server.signer.secret_for("requests to join"))
-        return cls(uploads, scoring, counts, joining, metrics, Health(server, jobs))
+        return cls(uploads, scoring, counts, joining, metrics)
 
 
 async def runtime_of(request: Request) -> RuntimeState:
@@ -212,3 +210,14 @@ async def runtime_of(request: Request) -> RuntimeState:
 
 
 Runtime = Annotated[RuntimeState, Depends(runtime_of)]
+
+
+async def scoring_turn(request: Request, runtime: Runtime) -> AsyncIterator[None]:
+    """Wait for a turn to score, without occupying a thread."""
+    scope = request.scope
+    async with runtime.scoring.hold(token_of(scope) or session_of(scope) or address_of(scope)):
+        yield
+
+
+ScoringTurn = Annotated[None, Depends(scoring_turn, scope="function")]
+"""For routes that may score a stored submission again."""

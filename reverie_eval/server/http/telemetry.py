@@ -36,7 +36,7 @@ from reverie_eval.server.http.exchange import (
 )
 from reverie_eval.server.http.middleware import Middleware
 from reverie_eval.server.http.problems import log_fault, reply_to
-from reverie_eval.server.jobs.runner import Jobs
+from reverie_eval.server.jobs import Jobs
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import StoredSnapshot, Submission
 

@@ -17,16 +17,17 @@ from sqlalchemy.orm import Session
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.boards import Board, leaderboards, load_boards
-from reverie_eval.server.service.keys import current_key, open_key
-from reverie_eval.server.service.receipts import KeyMissingError, load_key, public_pem_of
-from reverie_eval.server.service.rescoring import count_outdated
-from reverie_eval.server.service.rules import LastRules, different, rules_of
-from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.snapshots import Snapshots
-from reverie_eval.server.service.soundness import try_newest
-from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.audit.keys import current_key, open_key
+from reverie_eval.server.audit.log import AuditLog
+from reverie_eval.server.audit.receipts import KeyMissingError, load_key, public_pem_of
+from reverie_eval.server.audit.transactions import Transaction, Transactions, utc_now
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.corrections.rescoring import count_outdated
+from reverie_eval.server.corrections.snapshots import Snapshots
+from reverie_eval.server.opening import open_server
+from reverie_eval.server.operations.soundness import try_newest
+from reverie_eval.server.scoring.boards import Board, leaderboards, load_boards
+from reverie_eval.server.scoring.rules import LastRules, different, rules_of
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
     PhasesError,
@@ -35,7 +36,7 @@ from reverie_eval.server.settings import (
     load_settings,
     variables_ignored,
 )
-from reverie_eval.server.state import ServerState, signer_of, utc_now
+from reverie_eval.server.state import ServerState, signer_of
 from reverie_eval.server.store.damage import damage_in, find_damage
 from reverie_eval.server.store.database import (
     AT_ONCE,
@@ -248,11 +249,11 @@ def opened_server(settings: Settings) -> Iterator[ServerState]:
     Raises
     ------
     SettingsError, ReceiptError
-        As :meth:`ServerState.open`.
+        As :func:`open_server`.
     """
     _refuse(database_fault(settings))
     with database_errors(settings.database_url):
-        state = ServerState.open(settings)
+        state = open_server(settings)
         with closing(state.database):
             yield state
 

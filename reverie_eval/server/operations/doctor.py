@@ -13,13 +13,7 @@ from sqlalchemy import ScalarResult, Select, func, select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.receipts import (
-    Content,
-    NewerVersionError,
-    ReceiptError,
-    read,
-    verify_by_history,
-)
+from reverie_eval.receipts import Content, NewerVersionError, ReceiptError, read, verify_by_history
 from reverie_eval.schemas.service import (
     BoardResult,
     EarlierResult,
@@ -30,6 +24,17 @@ from reverie_eval.schemas.service import (
     SnapshotEntry,
     SubmissionReport,
 )
+from reverie_eval.server.audit.keys import list_keys
+from reverie_eval.server.audit.log import AuditLog
+from reverie_eval.server.audit.rows import (
+    all_names_of_teams,
+    changed_values,
+    mismatches,
+    swapped_names,
+)
+from reverie_eval.server.corrections.snapshots import Snapshots
+from reverie_eval.server.messages.outbox import announce_fault, given_up
+from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.checks import (
     NEWEST_UPLOAD,
     REFUSALS,
@@ -38,20 +43,11 @@ from reverie_eval.server.operations.checks import (
     check_folder,
     guarded,
 )
-from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.audited_rows import (
-    all_names_of_teams,
-    changed_values,
-    mismatches,
-    swapped_names,
-)
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.keys import list_keys
-from reverie_eval.server.service.outbox import announce_fault, given_up
-from reverie_eval.server.service.results import submission_report
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
+from reverie_eval.server.store.results import submission_report
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
@@ -68,7 +64,7 @@ def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Fi
     """Check what a server needs to start, then all stored data, if it can be read at all."""
     yield from (each for each in check_folder(folder) if each.check != NEWEST_UPLOAD)
     try:
-        state = ServerState.open(load_settings(folder))
+        state = open_server(load_settings(folder))
     except (ReverieEvalError, *REFUSALS):
         message = "not checked; fix the faults above first"
         yield Finding("stored data", "note", message)
@@ -327,7 +323,7 @@ def _at_snapshots(session: Session, state: ServerState) -> Iterator[Finding]:
             yield Finding("snapshots", "fault", f"{name}: {trouble}; {_RESTORE}")
     if unread:
         yield Finding("snapshots", "note", _not_compared(count_text(unread, "snapshot")))
-    for missed in state.snapshots.missed(session, state.clock()):
+    for missed in state.get(Snapshots).missed(session, state.clock()):
         message = (
             f"none of {missed.split} was taken at the end of {missed.phase}: the leaderboard "
             "changed before; take one as it is now with `reverie-eval server snapshot`"

@@ -22,10 +22,10 @@ from reverie_eval.errors import Problem, RejectedError
 from reverie_eval.files import staged_folder
 from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder, bundle_name
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
+from reverie_eval.server.accounts.people import add_person, add_team
+from reverie_eval.server.accounts.tokens import create_token
+from reverie_eval.server.audit.receipts import make_key
 from reverie_eval.server.operations.checks import acting, check_known
-from reverie_eval.server.service.people import add_person, add_team
-from reverie_eval.server.service.receipts import make_key
-from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task

@@ -6,12 +6,12 @@ a user who can read the ground truth anyway, and the audit log records it.
 
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.scoring import Scores
+from reverie_eval.server.boards.reviews import any_submission
 from reverie_eval.server.errors import ConflictError
+from reverie_eval.server.intake.submissions import record_inspection
 from reverie_eval.server.operations.checks import opened_server
-from reverie_eval.server.service.results import submission_report
-from reverie_eval.server.service.reviews import any_submission
-from reverie_eval.server.service.submissions import record_inspection
 from reverie_eval.server.settings import Settings
+from reverie_eval.server.store.results import submission_report
 from reverie_eval.server.store.uploads import stored_upload
 
 

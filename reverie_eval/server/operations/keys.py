@@ -9,14 +9,14 @@ from pathlib import Path
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import KeyReport
+from reverie_eval.server.audit.keys import pending_path
+from reverie_eval.server.audit.log import AuditLog
+from reverie_eval.server.audit.receipts import KeyMissingError, Signer, load_key, make_key
+from reverie_eval.server.audit.rotation import replace_key
+from reverie_eval.server.audit.transactions import Transaction, utc_now
 from reverie_eval.server.operations.checks import acting, opened
-from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.keys import pending_path
-from reverie_eval.server.service.receipts import KeyMissingError, Signer, load_key, make_key
-from reverie_eval.server.service.rotation import replace_key
-from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Settings
-from reverie_eval.server.state import signer_of, utc_now
+from reverie_eval.server.state import signer_of
 
 
 def rotate_key(settings: Settings, actor: str, reason: str) -> KeyReport:

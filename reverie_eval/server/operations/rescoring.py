@@ -14,12 +14,19 @@ from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.processes import map_in_processes
 from reverie_eval.schemas.organising import ResultChange
+from reverie_eval.server.corrections.rescoring import (
+    Job,
+    Outcome,
+    Rescoring,
+    changes,
+    outdated,
+    score_again,
+)
 from reverie_eval.server.errors import no_split
 from reverie_eval.server.operations.checks import opened_server
-from reverie_eval.server.service.boards import Board, load_board, load_boards
-from reverie_eval.server.service.rescoring import Job, Outcome, changes, outdated, score_again
-from reverie_eval.server.service.rules import append_rules, different, rules_of
-from reverie_eval.server.service.scoring import Context
+from reverie_eval.server.scoring.boards import Board, load_board, load_boards
+from reverie_eval.server.scoring.contexts import Context
+from reverie_eval.server.scoring.rules import append_rules, different, rules_of
 from reverie_eval.server.settings import Settings, Split
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.uploads import open_uploads
@@ -82,7 +89,9 @@ def rescore(
         for board in state.board(split).all:
             waiting = _outdated(state, board)
             with _scoring(state, board, waiting, jobs) as outcomes:
-                replaced = state.rescoring.replace_results(actor, board, reason, waiting, outcomes)
+                replaced = state.get(Rescoring).replace_results(
+                    actor, board, reason, waiting, outcomes
+                )
                 scored = dict(progress(replaced, len(waiting)))
             with state.database.reading() as session:
                 found += changes(session, board, _named(scored), first_results=_first(waiting))
@@ -142,7 +151,7 @@ def correct(
             )
             for board in boards:
                 of_board = outcomes[board.further]
-                state.rescoring.replace_at_once(transaction, board, reason, of_board)
+                state.get(Rescoring).replace_at_once(transaction, board, reason, of_board)
             replacement.install()  # last, so that nobody finds it long before the new results
     changed: list[ResultChange] = []
     with opened_server(settings) as state, state.database.reading() as session:

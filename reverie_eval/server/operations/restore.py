@@ -25,6 +25,7 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
+from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.operations.backup import (
     DATABASE,
     FORMAT,
@@ -136,7 +137,7 @@ def verify_backup(archive: Path) -> None:
             _fill(settings, manifest, extras)
             with opened_server(settings) as state, state.database.reading() as session:
                 for board in state.leaderboards:
-                    state.ranking(session, board)
+                    state.get(Rankings).ranking(session, board)
         except BackupError:
             raise
         except ReverieEvalError as error:

@@ -40,7 +40,7 @@ MIGRATIONS = Path(__file__).parent / "migrations"
 
 AT_ONCE = 1000
 """Rows in memory while all of a table, which may be a million, are read or written."""
-IS_SNAPSHOT = "is a snapshot"
+IS_READING = "is a reading"
 """In ``info`` of sessions that only read, so what was read once need not be read again."""
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
@@ -124,7 +124,7 @@ class Database:
     @contextmanager
     def reading(self) -> Iterator[Session]:
         """Open a session for reading that sees one snapshot of the database."""
-        with Session(self._snapshots, info={IS_SNAPSHOT: True}) as session:
+        with Session(self._snapshots, info={IS_READING: True}) as session:
             yield session
 
     @contextmanager

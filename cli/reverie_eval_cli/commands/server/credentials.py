@@ -31,7 +31,7 @@ def key() -> None:
 @server_folder
 def list_keys(*, folder: Folder) -> None:
     """List the keys that sign receipts, the earliest first."""
-    from reverie_eval.server.service import keys
+    from reverie_eval.server.audit import keys
 
     with folder.reading() as session:
         known = keys.list_keys(session)
@@ -78,7 +78,7 @@ def revoke(*, folder: Folder, key_id: str, since: datetime, reason: str) -> None
     Its signatures of submissions that came after TIME do not count. Those submissions get receipts
     signed with the key in use.
     """
-    from reverie_eval.server.service.rotation import revoke_key
+    from reverie_eval.server.audit.rotation import revoke_key
 
     asked = options.checked(KeyRevocation, since=since, reason=reason)
     with folder.acting() as transaction:
@@ -122,7 +122,8 @@ def invite(*, folder: Folder, person: str, team: str | None, expires_days: int |
 @server_folder
 def list_tokens(*, folder: Folder) -> None:
     """List tokens and invitations by their first characters."""
-    from reverie_eval.server.service import tokens
+    from reverie_eval.server.accounts import tokens
+    from reverie_eval.server.identity import token_state
 
     # One time for all rows, or a token could be valid in one and expired in the next.
     known, at = folder.all_of(tokens.list_tokens), now()
@@ -134,7 +135,7 @@ def list_tokens(*, folder: Folder) -> None:
             each.team,
             minute(each.created_at),
             minute(each.expires_at) or "never",
-            tokens.token_state(each, at),
+            token_state(each, at),
         )
         for each in known
     ]
@@ -149,7 +150,7 @@ def revoke_token(*, folder: Folder, begins: str) -> None:
 
     BEGINS is its first 11 characters, which `server token list` shows.
     """
-    from reverie_eval.server.service import tokens
+    from reverie_eval.server.accounts import tokens
 
     # The last token may be the stolen one: warned about, not refused.
     with folder.revoking() as transaction:
@@ -165,7 +166,8 @@ def _create(
     expires_days: int | None,
 ) -> None:
     """Print a token alone, for scripts; on standard error whose it is."""
-    from reverie_eval.server.service.tokens import TOKEN_NAMES, create_token
+    from reverie_eval.server.accounts.tokens import create_token
+    from reverie_eval.server.identity import TOKEN_NAMES
 
     ends = after(expires_days)
     new = options.checked(NewToken, person=name, team=team, kind=kind, expires_at=ends)

@@ -10,12 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from reverie_eval.files import staged_file
-from reverie_eval.reporting.service import (
-    history_table,
-    pairs_table,
-    same_files_table,
-    teams_table,
-)
+from reverie_eval.reporting.service import history_table, pairs_table, same_files_table, teams_table
 from reverie_eval.reporting.tables import Part, Printout
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
@@ -24,7 +19,7 @@ from reverie_eval_cli.organising import Folder, actor, server_folder
 from reverie_eval_cli.output import STANDARD_OUTPUT, note, open_output, show_printout, write_text
 
 if TYPE_CHECKING:
-    from reverie_eval.server.operations.export import Format
+    from reverie_eval.server.platforms.export import Format
 
 
 _OWNER_ONLY = 0o600
@@ -74,8 +69,10 @@ def evidence(
     These are numbers, not a verdict; the documentation explains each under "Inspect
     submissions". The first run reads all uploads to SPLIT, later ones only new uploads.
     """
+    from reverie_eval.server.integrity.evidence import EvidenceService
+
     with folder.open() as state:
-        report = state.evidence.report_on_all(split, team)
+        report = state.get(EvidenceService).report_on_all(split, team)
     for submission, reason in report.unreadable.items():
         note(f"{submission} is left out: {reason}")
     of_teams = teams_table(report.teams) if team is None else history_table(report.history)
@@ -111,11 +108,13 @@ def submissions(*, folder: Folder, split: str, output: Path) -> None:
     It has metadata.csv, with a row per submission, and every file as it was submitted, unpacked.
     The archive appears complete or not at all; a new one can be read by its owner alone.
     """
-    from reverie_eval.server.service.bulk import archive_of
+    from reverie_eval.server.boards.embargo import View
+    from reverie_eval.server.intake.bulk import archive_of
+    from reverie_eval.server.state import Reading
 
     with folder.open() as state:
         with state.database.reading() as session:
-            view = state.submissions.view(session, state.clock())
+            view = View.of(Reading(state, session, state.clock()))
             archive = archive_of(session, state.board(split), state.uploads, view)
         with staged_file(output, mode=_OWNER_ONLY) as file:
             file.writelines(archive.pieces())
@@ -132,7 +131,7 @@ def tables(*, folder: Folder, output: Path, layout: "Format") -> None:
     These are leaderboards, results, reviews and corrections, with datapackage.json, which describes
     their columns and units. Nothing is in them that the leaderboards do not show.
     """
-    from reverie_eval.server.operations.export import export as written
+    from reverie_eval.server.platforms.export import export as written
 
     counts = ", ".join(
         f"{each.name} ({count_text(len(each.rows), 'row')})"
@@ -158,7 +157,7 @@ def site(*, source: Path, output: Path, date: datetime | None) -> int:
 
     Exit status: 0 written, 1 a backup or the settings are rejected, 2 usage or system error.
     """
-    from reverie_eval.server.operations.site import export_site
+    from reverie_eval.server.platforms.site import export_site
 
     report = export_site(source, output, date)
     print(
@@ -183,7 +182,7 @@ def codabench(*, folder: Folder, split: str, image: str, output: Path) -> None:
     The zip archive has the split's rules, phases and quotas, the scoring program, and the solution:
     upload it to a Codabench that you trust, and show it to nobody else.
     """
-    from reverie_eval.server.operations.codabench import export_codabench
+    from reverie_eval.server.platforms.codabench import export_codabench
 
     for sentence in export_codabench(folder.settings, split, image, output):
         note(f"not in the competition: {sentence}")
@@ -199,7 +198,7 @@ def evalai(*, folder: Folder, output: str | None) -> None:
     With their leaderboards: their part of EvalAI's challenge_config.yaml, without the solution.
     Title, texts and dates of the challenge itself are yours to add.
     """
-    from reverie_eval.server.operations.evalai import export_evalai
+    from reverie_eval.server.platforms.evalai import export_evalai
 
     config = export_evalai(folder.settings)
     for sentence in config.left_out:
@@ -219,7 +218,7 @@ def evalai_worker(*, folder: Folder) -> None:
     Exit status: 0 stopped, 1 settings or data are not sound, 2 usage or system error.
     """
     from reverie_eval.server.operations.checks import check_sound
-    from reverie_eval.server.operations.evalai_worker import run_worker
+    from reverie_eval.server.platforms.evalai_worker import run_worker
 
     gc.enable()  # off in this command, which pays off in short lives only
     run_worker(check_sound(folder.path, note), partial(print, flush=True))

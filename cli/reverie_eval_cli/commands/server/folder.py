@@ -104,7 +104,7 @@ def audit(*, folder: Folder, layout: str) -> None:
 
     `server doctor` checks that nothing in it was changed.
     """
-    from reverie_eval.server.service.audit import audit_reports, entries
+    from reverie_eval.server.audit.log import audit_reports, entries
 
     with folder.reading() as session:
         found = audit_reports(session, entries(session))
@@ -132,7 +132,7 @@ def notify(*, folder: Folder) -> int:
 
     Exit status: 0 sent, 1 not sent, 2 usage or system error.
     """
-    from reverie_eval.server.jobs.delivery import send_test
+    from reverie_eval.server.messages.delivery import send_test
     from reverie_eval.server.settings import SETTINGS_FILE
 
     # All channels are tried: one that fails does not hide another.

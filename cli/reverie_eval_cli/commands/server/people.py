@@ -46,7 +46,7 @@ def add_team(*, folder: Folder, name: str) -> None:
 
     Its people share a quota; the leaderboard shows its NAME.
     """
-    from reverie_eval.server.service import people
+    from reverie_eval.server.accounts import people
 
     new = options.checked(NewTeam, name=name)
     with folder.acting() as transaction:
@@ -63,7 +63,7 @@ def rename(*, folder: Folder, name: str, new_name: str) -> None:
 
     Its receipts keep the NAME under which they were signed.
     """
-    from reverie_eval.server.service.people import rename_team
+    from reverie_eval.server.accounts.people import rename_team
 
     new = options.checked(NewTeam, name=new_name)
     with folder.acting() as transaction:
@@ -81,7 +81,7 @@ def merge(*, folder: Folder, name: str, into: str) -> None:
     Quotas count the submissions of both, as if the team INTO had always been one. This cannot be
     undone, except from a backup. Receipts keep the NAME under which they were signed.
     """
-    from reverie_eval.server.service.merging import merge_teams
+    from reverie_eval.server.accounts.merging import merge_teams
 
     new = options.checked(NewMerge, team=name, into=into)
     with folder.acting() as transaction:
@@ -98,7 +98,7 @@ def merge(*, folder: Folder, name: str, into: str) -> None:
 @server_folder
 def list_teams(*, folder: Folder) -> None:
     """List the teams."""
-    from reverie_eval.server.service import people
+    from reverie_eval.server.accounts import people
 
     teams = folder.all_of(people.list_teams)
     rows = [
@@ -115,7 +115,7 @@ def revoke_team(*, folder: Folder, name: str) -> None:
 
     Its people and results stay.
     """
-    from reverie_eval.server.service.tokens import revoke_tokens_of_team
+    from reverie_eval.server.accounts.tokens import revoke_tokens_of_team
 
     # A stolen token may be the last organiser's: ending it is not refused here, but warned about.
     with folder.revoking() as transaction:
@@ -135,7 +135,7 @@ def grant(*, folder: Folder, team: str, split: str, number: int, reason: str, da
 
     Each of the team's limits on a split is raised by NUMBER.
     """
-    from reverie_eval.server.service import quotas
+    from reverie_eval.server.intake import quotas
 
     splits = folder.settings.splits
     ends = after(days)
@@ -169,7 +169,7 @@ def add(*, folder: Folder, name: str, team: str, role: Role, email: str | None) 
 
     The team and the organisers see the NAME.
     """
-    from reverie_eval.server.service.people import add_person
+    from reverie_eval.server.accounts.people import add_person
 
     new = options.checked(NewPerson, team=team, name=name, role=role, email=email)
     with folder.acting() as transaction:
@@ -197,7 +197,7 @@ def edit(
 
     Options that you omit change nothing.
     """
-    from reverie_eval.server.service import people
+    from reverie_eval.server.accounts import people
 
     given = {"name": new_name, "email": email, "team": move_to}
     wanted = {field: value for field, value in given.items() if value is not None}
@@ -225,7 +225,7 @@ def import_people(*, folder: Folder, file: Path, invite: bool, dry_run: bool) ->
 
     Exit status: 0 done, 1 file rejected and nobody added, 2 usage or system error.
     """
-    from reverie_eval.server.service import people_files
+    from reverie_eval.server.accounts import people_files
 
     new = options.checked(NewPeopleImport, text=read_text(file), invite=invite, dry_run=dry_run)
     with folder.acting() as transaction:
@@ -245,7 +245,7 @@ def import_people(*, folder: Folder, file: Path, invite: bool, dry_run: bool) ->
 @server_folder
 def list_people(*, folder: Folder) -> None:
     """List all people with team and role."""
-    from reverie_eval.server.service import people
+    from reverie_eval.server.accounts import people
 
     everybody = folder.all_of(people.list_people)
     rows = [
@@ -264,7 +264,7 @@ def revoke(*, folder: Folder, name: str, team: str | None) -> None:
 
     Their results stay.
     """
-    from reverie_eval.server.service.tokens import revoke_tokens_of_person
+    from reverie_eval.server.accounts.tokens import revoke_tokens_of_person
 
     with folder.revoking() as transaction:
         revoked = revoke_tokens_of_person(transaction, name, team)
@@ -277,8 +277,8 @@ def revoke(*, folder: Folder, name: str, team: str | None) -> None:
 @of_team
 def export(*, folder: Folder, name: str, team: str | None) -> None:
     """Print all that the server stores about a person, as JSON."""
-    from reverie_eval.server.service.people import person_named
-    from reverie_eval.server.service.personal_data import personal_data
+    from reverie_eval.server.accounts.people import person_named
+    from reverie_eval.server.accounts.personal_data import personal_data
 
     with folder.reading() as session:
         person_id = person_named(session, name, team).id
@@ -297,8 +297,8 @@ def delete(*, folder: Folder, name: str, team: str | None, yes: bool) -> None:
     Results and the audit log stay, under a neutral name. This cannot be undone, except from a
     backup.
     """
-    from reverie_eval.server.service.people import person_named
-    from reverie_eval.server.service.personal_data import delete_person
+    from reverie_eval.server.accounts.people import person_named
+    from reverie_eval.server.accounts.personal_data import delete_person
 
     if not yes:
         # A script cannot answer a question, and must not hang on one.
@@ -321,7 +321,7 @@ def request() -> None:
 @server_folder
 def list_requests(*, folder: Folder) -> None:
     """List the open requests, the earliest first."""
-    from reverie_eval.server.service.joining import list_requests
+    from reverie_eval.server.accounts.joining import list_requests
 
     known = folder.all_of(list_requests)
     # What an organiser has to judge: who asks, for which team, and what for.
@@ -349,8 +349,8 @@ def accept(*, folder: Folder, numbers: Sequence[int]) -> None:
 
     Prints an invitation for each person, as CSV. They cannot be shown again.
     """
-    from reverie_eval.server.service.joining import accept_requests
-    from reverie_eval.server.service.people_files import invitations_csv
+    from reverie_eval.server.accounts.joining import accept_requests
+    from reverie_eval.server.accounts.people_files import invitations_csv
 
     with folder.acting() as transaction:
         # In one transaction: if one request cannot be accepted, none is.
@@ -370,7 +370,7 @@ def reject(*, folder: Folder, numbers: Sequence[int], reason: str) -> None:
 
     The personal data in them is deleted.
     """
-    from reverie_eval.server.service.joining import reject_requests
+    from reverie_eval.server.accounts.joining import reject_requests
 
     rejection = options.checked(Rejection, reason=reason)
     with folder.acting() as transaction:

@@ -19,7 +19,7 @@ from reverie_eval_cli.organising import Folder, actor, minute, print_list, serve
 from reverie_eval_cli.output import note
 
 if TYPE_CHECKING:
-    from reverie_eval.server.service.schedules import Change, Timetable
+    from reverie_eval.server.boards.schedules import Change, Timetable
 
 
 split = click.argument("split")
@@ -41,8 +41,8 @@ def show(*, folder: Folder) -> None:
     Phases, when scores are shown, pauses and the banner: as in the settings file, as set at the
     desk or by commands, and as they are in effect.
     """
-    from reverie_eval.server.service.notices import Notices
-    from reverie_eval.server.service.schedules import Schedules
+    from reverie_eval.server.boards.schedules import Schedules
+    from reverie_eval.server.messages.notices import Notices
 
     settings = folder.settings
     notices = Notices(settings.banner, paused=settings.paused)
@@ -97,7 +97,7 @@ def set_phase(
     Options that you omit leave the phase as it is. From then on, the phases of SPLIT in the
     settings file do not apply, until `server phase reset`.
     """
-    from reverie_eval.server.service.schedules import with_phase
+    from reverie_eval.server.boards.schedules import with_phase
 
     # Applied within the transaction to what is there then: of two changes at once, none is lost.
     def change(timetable: "Timetable", _: datetime) -> NewSchedule:
@@ -112,7 +112,7 @@ def set_phase(
 @split
 def close(*, folder: Folder, split: str) -> None:
     """End the open phases of a split now."""
-    from reverie_eval.server.service import schedules
+    from reverie_eval.server.boards import schedules
 
     _change_schedule(folder, split, schedules.close)
 
@@ -122,7 +122,7 @@ def close(*, folder: Folder, split: str) -> None:
 @split
 def reset(*, folder: Folder, split: str) -> None:
     """Use the phases and `release_scores` of the settings file again."""
-    from reverie_eval.server.service import schedules
+    from reverie_eval.server.boards import schedules
 
     _change_schedule(folder, split, schedules.reset)
 
@@ -135,7 +135,7 @@ def pause(*, folder: Folder, split: str | None) -> None:
 
     Uploads are refused with the banner as the reason; `server news banner` sets it.
     """
-    from reverie_eval.server.service import schedules
+    from reverie_eval.server.boards import schedules
 
     if split:
         _change_schedule(folder, split, schedules.pause)
@@ -148,7 +148,7 @@ def pause(*, folder: Folder, split: str | None) -> None:
 @click.argument("split", required=False)
 def resume(*, folder: Folder, split: str | None) -> None:
     """End a pause of SPLIT, or of all splits."""
-    from reverie_eval.server.service import schedules
+    from reverie_eval.server.boards import schedules
 
     if split:
         _change_schedule(folder, split, schedules.resume)
@@ -159,7 +159,7 @@ def resume(*, folder: Folder, split: str | None) -> None:
 
 def _change_schedule(folder: Folder, split: str, change: "Change") -> None:
     """Change the schedule of a split, and print what applies now."""
-    from reverie_eval.server.service.schedules import Schedules
+    from reverie_eval.server.boards.schedules import Schedules
 
     with folder.acting() as transaction:
         effect = Schedules(folder.settings.splits).change(transaction, split, change)
@@ -191,10 +191,12 @@ def snapshot(*, folder: Folder, split: str, title: str) -> None:
     It is public at once and never changes: reviews in it keep the organiser's name that the
     settings have now (`organiser`). When a phase has ended, the server takes one automatically.
     """
+    from reverie_eval.server.corrections.snapshots import Snapshots
+
     new = options.checked(NewSnapshot, split=split, title=title)
     # The whole server, not its database alone: a snapshot is signed with its key.
     with folder.open() as state, state.transactions.begin(actor()) as transaction:
-        taken = state.snapshots.take(transaction, new)
+        taken = state.get(Snapshots).take(transaction, new)
     print(f"{split}: snapshot {taken.number}, {taken.title}, as of {minute(taken.as_of)} UTC")
     print(f"it stays at /boards/{split}/snapshots/{taken.number}")
 
@@ -209,7 +211,7 @@ def news() -> None:
 @click.argument("text")
 def add(*, folder: Folder, text: str) -> None:
     """Post an entry: TEXT is one line, public at once."""
-    from reverie_eval.server.service.news import add_news
+    from reverie_eval.server.boards.news import add_news
 
     new = options.checked(NewNews, text=text)
     with folder.acting() as transaction:
@@ -221,7 +223,7 @@ def add(*, folder: Folder, text: str) -> None:
 @server_folder
 def list_entries(*, folder: Folder) -> None:
     """List the entries with their numbers, the latest first."""
-    from reverie_eval.server.service.news import list_news
+    from reverie_eval.server.boards.news import list_news
 
     # Numbers are shown because `news remove` takes them.
     known = folder.all_of(list_news)
@@ -234,7 +236,7 @@ def list_entries(*, folder: Folder) -> None:
 @click.argument("number", type=options.Number(1))
 def remove(*, folder: Folder, number: int) -> None:
     """Remove an entry."""
-    from reverie_eval.server.service.news import remove_news
+    from reverie_eval.server.boards.news import remove_news
 
     with folder.acting() as transaction:
         remove_news(transaction, number)
@@ -255,7 +257,7 @@ def banner(*, folder: Folder, text: str) -> None:
 
 def _change_notice(folder: Folder, **changes: object) -> NoticeReport:
     """Change the notice, print what applies now, and return it."""
-    from reverie_eval.server.service.notices import Notices
+    from reverie_eval.server.messages.notices import Notices
 
     settings = folder.settings
     with folder.acting() as transaction:

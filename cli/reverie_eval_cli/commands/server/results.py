@@ -35,7 +35,7 @@ from reverie_eval_cli.output import note, with_progress
 from reverie_eval_cli.servers import keep_receipts
 
 if TYPE_CHECKING:
-    from reverie_eval.server.service.rescoring import Job, Outcome
+    from reverie_eval.server.corrections.rescoring import Job, Outcome
     from reverie_eval.server.store.tables import Submission
 
 
@@ -73,6 +73,7 @@ def submit(
     Exit status: 0 all were scored, 1 some were refused, 2 usage or system error.
     """
     from reverie_eval.server.errors import RequestError
+    from reverie_eval.server.intake.emailed_files import EmailedFiles
 
     file = options.checked(
         EmailedFile, split=split, team=team, person=person, received_at=received, publish=publish
@@ -85,7 +86,7 @@ def submit(
     with folder.open() as state:
         for number, (path, each) in enumerate(zip(chosen, described, strict=True)):
             try:
-                report = state.emailed_files.submit(
+                report = state.get(EmailedFiles).submit(
                     actor(), file, path.name, path.read_bytes(), each
                 )
             except RequestError as refusal:
@@ -108,16 +109,16 @@ def submit(
 @click.option("--team", metavar="NAME", help="Only those of this team.")
 def submissions(*, folder: Folder, split: str | None, team: str | None) -> None:
     """List the submissions of all teams, the latest first."""
-    from reverie_eval.server.service.people import team_named
-    from reverie_eval.server.service.schedules import Schedules
-    from reverie_eval.server.service.submissions import all_submissions
+    from reverie_eval.server.accounts.people import team_named
+    from reverie_eval.server.boards.schedules import Schedules
+    from reverie_eval.server.intake.submissions import all_submissions
 
     with folder.reading() as session:
         if team is not None:
             team_named(session, team)
         rows = [_cells(row) for row in all_submissions(session, split=split, team=team)]
         if split is not None and not rows:  # the settings may not have it any more
-            Schedules(folder.settings.splits).of(session, split)
+            Schedules(folder.settings.splits).of_split(session, split)
     headings = ("submission", "received (UTC)", "split", "team", "person", "method", "status")
     print_list(headings, rows)
 
@@ -142,7 +143,7 @@ def add(*, folder: Folder, submission: str, verdict: str, reason: str) -> None:
 
     A disqualified result is shown separately, without a rank.
     """
-    from reverie_eval.server.service.reviews import review as add_review
+    from reverie_eval.server.boards.reviews import review as add_review
 
     new = options.checked(NewReview, submission_id=submission, verdict=verdict, reason=reason)
     with folder.acting() as transaction:
@@ -154,7 +155,7 @@ def add(*, folder: Folder, submission: str, verdict: str, reason: str) -> None:
 @server_folder
 def list_all(*, folder: Folder) -> None:
     """List all reviews with their numbers, the latest first."""
-    from reverie_eval.server.service.reviews import list_reviews
+    from reverie_eval.server.boards.reviews import list_reviews
 
     known = folder.all_of(list_reviews)
     rows = [
@@ -172,7 +173,7 @@ def list_all(*, folder: Folder) -> None:
 @click.argument("number", type=options.Number(1))
 def lift(*, folder: Folder, number: int) -> None:
     """Lift a review."""
-    from reverie_eval.server.service.reviews import lift_review
+    from reverie_eval.server.boards.reviews import lift_review
 
     with folder.acting() as transaction:
         lift_review(transaction, number)
@@ -330,7 +331,7 @@ def import_results(
 
     Exit status: 0 done, 1 file rejected and nothing added, 2 usage or system error.
     """
-    from reverie_eval.server.service.reported import import_reported
+    from reverie_eval.server.boards.reported import import_reported
 
     new = options.checked(
         NewImport,
@@ -384,7 +385,7 @@ def reported() -> None:
 @server_folder
 def list_results(*, folder: Folder) -> None:
     """List the reported results with their numbers, the latest first."""
-    from reverie_eval.server.service.reported import list_reported
+    from reverie_eval.server.boards.reported import list_reported
 
     known = folder.all_of(list_reported)
     rows = [
@@ -428,8 +429,8 @@ def edit(*, folder: Folder, number: int, changes: Mapping[str, str]) -> None:
     A FIELD is a column of `server import`: team, method, date, source, dataset, paper, code,
     extra_data, SR, SPL, ... An empty VALUE removes the old one.
     """
-    from reverie_eval.server.service.reported import change_reported
-    from reverie_eval.server.service.reported_files import read_change
+    from reverie_eval.server.boards.reported import change_reported
+    from reverie_eval.server.boards.reported_files import read_change
 
     # Read as the columns of a file are, so that both take the same words.
     change, tasks = options.checked(ReportedChange, **read_change(changes)), folder.settings.tasks
@@ -443,7 +444,7 @@ def edit(*, folder: Folder, number: int, changes: Mapping[str, str]) -> None:
 @click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
 def remove(*, folder: Folder, numbers: Sequence[int]) -> None:
     """Remove reported results from their leaderboards."""
-    from reverie_eval.server.service.reported import remove_reported
+    from reverie_eval.server.boards.reported import remove_reported
 
     with folder.acting() as transaction:
         # A number that is given twice is removed once, and not an error the second time.

@@ -1,0 +1,1 @@
+"""Teams, people, their tokens and data, and how they join."""

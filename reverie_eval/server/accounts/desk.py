@@ -1,0 +1,283 @@
+"""``/desk/people``: teams, people and their tokens; ``/desk/people/3``: a person.
+
+``/desk/requests``: requests to join, several of which can be answered at once.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
+from typing import Annotated, get_args
+
+from fastapi import APIRouter, Query
+from fastapi.responses import Response
+
+from reverie_eval.schemas.organising import (
+    NewMerge,
+    NewPerson,
+    NewTeam,
+    NewToken,
+    PersonChange,
+    TokenKind,
+)
+from reverie_eval.schemas.people import NewPeopleImport, PersonInvitation, Rejection
+from reverie_eval.schemas.service import ProblemDocument, Role
+from reverie_eval.server.accounts import (
+    joining,
+    merging,
+    people,
+    people_files,
+    personal_data,
+    tokens,
+)
+from reverie_eval.server.accounts.people_files import invitations_csv
+from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.http import desk as forms
+from reverie_eval.server.http.callers import Call, CallReading, Desk, Posted, TokenHint
+from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.rendering import address_of_site, page
+from reverie_eval.server.identity import TOKEN_NAMES
+
+router = APIRouter()
+
+PAGE, REQUESTS = "/desk/people", "/desk/requests"
+_TOKEN_USERS: Mapping[TokenKind, str] = {"invite": "people", "access": "scripts"}
+"""In the order of the form."""
+
+
+@forms.shown_at(router, PAGE, "people.html")
+def draw(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
+    """Show all teams, people and tokens, and the forms to add more."""
+    session, browser = reading.session, reading.browser
+    everybody = people.everybody(session)
+    return {
+        "teams": people.list_teams(session, forms.page_at(desk, "teams")),
+        "team_names": people.names_of_teams(session),
+        "known": {(person.team, person.name): person for person in everybody},
+        "person_names": {str(person.id): f"{person.name}, {person.team}" for person in everybody},
+        "tokens": tokens.list_tokens(session, forms.page_at(desk, "tokens")),
+        "own": browser and browser.token.hint,
+        "roles": get_args(Role),
+        "token_kinds": {
+            kind: f"{TOKEN_NAMES[kind]}, for {users}" for kind, users in _TOKEN_USERS.items()
+        },
+    }
+
+
+@router.post(f"{PAGE}/teams")
+def add_team(desk: Desk, form: Posted) -> Response:
+    """Add a team."""
+    typed = forms.typed_into(form)
+    forms.show_faults(desk, {"team_name": typed.get("name", "")}, draw)
+    desk.perform(people.add_team, read_model(NewTeam, typed))
+    return forms.done(PAGE, "team")
+
+
+@router.post(f"{PAGE}/teams/rename")
+def rename_team(desk: Desk, form: Posted) -> Response:
+    """Rename a team."""
+    typed = forms.typed_into(form)
+    team, name = typed.get("team", ""), typed.get("name", "")
+    forms.show_faults(desk, {"old_name": team, "new_name": name}, draw)
+    desk.perform(people.rename_team, team, read_model(NewTeam, {"name": name}))
+    return forms.done(PAGE, "renamed")
+
+
+@router.post(f"{PAGE}/teams/merge")
+def merge_teams(desk: Desk, form: Posted) -> Response:
+    """Merge two teams."""
+    typed = forms.typed_by(desk, form, draw)
+    new = read_model(NewMerge, typed)
+    if not forms.is_confirmed(form):
+        question = f"Merge {new.team} into {new.into}?"
+        remark = (
+            f"All people, submissions and grants of {new.team} go to {new.into}. Quotas count the "
+            "submissions of both. This cannot be undone."
+        )
+        return forms.ask(desk, typed, question=question, remark=remark, yes="Merge", back=PAGE)
+    desk.perform(merging.merge_teams, new)
+    return forms.done(PAGE, "merged")
+
+
+@router.post(PAGE)
+def add_person(desk: Desk, form: Posted) -> Response:
+    """Add a person to a team; adding an organiser needs confirmation."""
+    typed = forms.typed_by(desk, form, draw)
+    new = read_model(NewPerson, {**typed, "email": typed.get("email") or None})
+    if new.role == "organiser" and not forms.is_confirmed(form):
+        question = f"Make {new.name} an organiser?"
+        remark = "Organisers see everything at this desk and may do all that you may."
+        return forms.ask(desk, typed, question=question, remark=remark, yes="Add them", back=PAGE)
+    desk.perform(people.add_person, new)
+    return forms.done(PAGE, "person")
+
+
+@router.post(f"{PAGE}/tokens")
+def create_token(desk: Desk, form: Posted) -> Response:
+    """Create an invitation or a token, and show its text in this one reply."""
+    typed = forms.typed_by(desk, form, draw)
+    with desk.reading() as reading:
+        owner = people.find_person(reading.session, forms.number(typed.get("person", "")))
+    asked = {"person": owner.name, "team": owner.team.name, "kind": typed.get("kind", "")}
+    new = read_model(NewToken, {**asked, **forms.end_of_day(typed, "expires_at")})
+    created = desk.perform(tokens.create_token, new)
+    sign_in = address_of_site(desk.request, "/sign-in")
+    with desk.reading() as reading:
+        return page(reading, "desk/token.html", created=created, sign_in=sign_in)
+
+
+@router.post(f"{PAGE}/tokens/{{hint}}/revoke")
+def revoke_token(hint: TokenHint, desk: Desk, form: Posted) -> Response:
+    """Revoke a token."""
+    forms.show_faults(desk, {}, draw)
+    if not forms.is_confirmed(form):
+        question = f"Revoke the token that begins with {hint}?"
+        remark = "Anyone signed in with it is signed out at once and needs another."
+        return forms.ask(desk, {}, question=question, remark=remark, yes="Revoke it", back=PAGE)
+    desk.perform(tokens.revoke_token, hint)
+    return forms.done(PAGE, "revoked")
+
+
+@forms.shown_at(router, f"{PAGE}/import", "people-import.html")
+def draw_import(*_: object) -> forms.Shown:
+    """Show the form to import a file of people."""
+    return {}
+
+
+@router.post(f"{PAGE}/import")
+def import_file(desk: Desk, form: Posted) -> Response:
+    """Show what a file would add; add it if that was confirmed, and show the invitations."""
+    typed = forms.typed_by(desk, form, draw_import)
+    typed = {**typed, "text": forms.file_or_text(form, "file", typed.get("text", ""))}
+    new = read_model(NewPeopleImport, {**typed, "dry_run": not forms.is_confirmed(form)})
+    report = desk.perform(people_files.import_people, new)
+    if new.dry_run:
+        return forms.ask(desk, typed, "confirm-people.html", report=report)
+    if not report.invitations:
+        return forms.done(PAGE, "imported")
+    return show_invitations(desk, report.invitations, PAGE)
+
+
+def draw_person(
+    person_id: int,
+    desk: Call,
+    typed: forms.Typed | None = None,
+    problem: ProblemDocument | None = None,
+    what: str = "",
+) -> Response:
+    """Show a person, and the form to change them, with its fields unless others are given."""
+    with desk.reading() as reading:
+        person = people.person_report(people.find_person(reading.session, person_id))
+        own = {"name": person.name, "email": person.email or "", "team": person.team}
+        return page(
+            reading,
+            "desk/person.html",
+            problem,
+            person=person,
+            team_names=people.names_of_teams(reading.session),
+            typed=own if typed is None else typed,
+            done=what,
+        )
+
+
+@router.get(f"{PAGE}/{{person_id}}")
+def show_person(person_id: Number, desk: Desk, done: forms.Done = "") -> Response:
+    """Show a person."""
+    return draw_person(person_id, desk, what=done)
+
+
+@router.post(f"{PAGE}/{{person_id}}")
+def change_person(person_id: Number, desk: Desk, form: Posted) -> Response:
+    """Rename a person, change their address, or move them to another team."""
+    typed = forms.typed_by(desk, form, partial(draw_person, person_id))
+    change = read_model(PersonChange, {**typed, "email": typed.get("email") or None})
+    desk.perform(people.change_person, person_id, change)
+    return forms.done(f"{PAGE}/{person_id}", "changed")
+
+
+@router.get(f"{PAGE}/{{person_id}}/data")
+def download_data(person_id: Number, desk: Desk) -> Response:
+    """Return all that the server stores about a person, as a file."""
+    with desk.reading() as reading:
+        data = personal_data.personal_data(
+            reading.session, person_id, desk.server.settings.organiser
+        )
+    headers = {"Content-Disposition": f'attachment; filename="person-{person_id}.json"'}
+    return Response(data.model_dump_json(indent=2), media_type="application/json", headers=headers)
+
+
+@router.post(f"{PAGE}/{{person_id}}/delete")
+def delete_person(person_id: Number, desk: Desk, form: Posted) -> Response:
+    """Remove a person's name and address."""
+    forms.show_faults(desk, {}, partial(draw_person, person_id))
+    if not forms.is_confirmed(form):
+        with desk.reading() as reading:
+            name = people.find_person(reading.session, person_id).name
+        question = f"Delete {name}?"
+        remark = (
+            "Their name and e-mail address are removed everywhere on this server, and their tokens "
+            "are revoked. Results of their team stay. This cannot be undone."
+        )
+        back = f"{PAGE}/{person_id}"
+        return forms.ask(desk, {}, question=question, remark=remark, yes="Delete them", back=back)
+    desk.perform(personal_data.delete_person, person_id)
+    return forms.done(PAGE, "deleted")
+
+
+def draw_requests(
+    ticked: Collection[int] | None,
+    desk: Call,
+    typed: forms.Typed,
+    problem: ProblemDocument | None = None,
+    what: str = "",
+) -> Response:
+    """Show the open requests, with a tick at some of them, or with None at all."""
+    with desk.reading() as reading:
+        return page(
+            reading,
+            "desk/requests.html",
+            problem,
+            requests=joining.list_requests(reading.session, forms.page_at(desk, "requests")),
+            cursor=desk.request.query_params.get("requests", ""),
+            are_accepted=desk.server.settings.accept_requests_to_join,
+            ticked=ticked,
+            typed=typed,
+            done=what,
+        )
+
+
+@router.get(REQUESTS)
+def show_requests(
+    desk: Desk, done: forms.Done = "", tick: Annotated[str, Query(max_length=20)] = ""
+) -> Response:
+    """Show the open requests, all of them ticked if the query says so."""
+    return draw_requests(None if tick == "all" else (), desk, {}, what=done)
+
+
+@router.post(REQUESTS)
+def answer_requests(desk: Desk, form: Posted) -> Response:
+    """Accept the ticked requests, and show the invitations in this one reply; or reject them."""
+    ticked = [forms.number(text) for text in form.getlist("request") if isinstance(text, str)]
+    typed = forms.typed_by(desk, form, partial(draw_requests, ticked))
+    if not ticked:
+        raise MalformedError("tick the requests that you want to answer first")
+    if typed.get("what") == "accept":
+        accepted = desk.perform(joining.accept_requests, ticked)
+        return show_invitations(
+            desk, [each for one in accepted for each in one.invitations], REQUESTS
+        )
+    rejection = read_model(Rejection, {"reason": typed.get("reason", "")})
+    desk.perform(joining.reject_requests, ticked, rejection)
+    return forms.done(REQUESTS, "rejected")
+
+
+def show_invitations(desk: Call, invitations: Sequence[PersonInvitation], back: str) -> Response:
+    """Show invitations that can be shown only once, and a link back."""
+    with desk.reading() as reading:
+        return page(
+            reading,
+            "desk/invitations.html",
+            invitations=invitations,
+            table=invitations_csv(invitations),
+            sign_in=address_of_site(desk.request, "/sign-in"),
+            back=back,
+        )

@@ -1,0 +1,13 @@
+"""What accounts add to the server."""
+
+from reverie_eval.server.accounts import desk, pages, routes
+from reverie_eval.server.rooms import Room, Tab
+
+ROOM = Room(
+    routes=[routes.router, routes.organising],
+    pages=[pages.router, desk.router],
+    desk=[
+        Tab("Today", 3, "Requests", "/desk/requests"),
+        Tab("Participants", 1, "People", "/desk/people"),
+    ],
+)

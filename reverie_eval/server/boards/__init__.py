@@ -1,0 +1,1 @@
+"""Leaderboards: their entries, ranks, phases, reviews, reported results, news and feeds."""

@@ -1,0 +1,71 @@
+"""What the organiser announces about leaderboards: news, corrections, and snapshots."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+from sqlalchemy import Select, desc, literal, select, union_all
+from sqlalchemy.orm import Session
+
+from reverie_eval.schemas.service import CorrectionReport
+from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.store.tables import Correction, News, StoredSnapshot, read_stored
+
+Kind: TypeAlias = Literal["news", "correction", "snapshot"]
+
+
+class Announcement(NamedTuple):
+    """A dated line on the page of a leaderboard."""
+
+    kind: Kind
+    number: int
+    """The number of a snapshot, or the id of anything else."""
+    text: str
+    at: datetime
+    """When it was announced; for a snapshot, the time of the copy."""
+
+
+def announcements(
+    session: Session, board: Board, most_news: int
+) -> Mapping[Kind, Sequence[Announcement]]:
+    """Return the latest news, and all corrections and snapshots of a leaderboard, in one statement.
+
+    The latest come first; a kind without any is empty. Only a split's own leaderboard has
+    snapshots.
+    """
+    news = _lines("news", News.id, News.text, News.created_at)
+    news = news.where(News.removed_at.is_(None)).order_by(News.id.desc()).limit(most_news)
+    corrections = _lines("correction", Correction.id, Correction.reason, Correction.created_at)
+    corrections = corrections.where(
+        Correction.split == board.name, Correction.board == board.further
+    )
+    snapshot = (StoredSnapshot.number, StoredSnapshot.title, StoredSnapshot.as_of)
+    snapshots = _lines("snapshot", *snapshot).where(StoredSnapshot.split == board.name)
+    shown = [select(news.subquery()), corrections, *([] if board.further else [snapshots])]
+    found: defaultdict[Kind, list[Announcement]] = defaultdict(list)
+    for row in session.execute(union_all(*shown).order_by(desc("number"))):
+        found[row.kind].append(Announcement(*row))
+    return found
+
+
+def _lines(kind: Kind, number: Any, text: Any, at: Any) -> Select[*tuple[Any, ...]]:
+    columns = {"kind": literal(kind), "number": number, "text": text, "at": at}
+    return select(*(column.label(name) for name, column in columns.items()))
+
+
+def corrections_of(
+    session: Session, boards: Sequence[Board]
+) -> Mapping[str, Sequence[CorrectionReport]]:
+    """Return the corrections of leaderboards of several splits, all with the same name.
+
+    They are by the names of the splits, the latest first.
+    """
+    chosen = select(Correction).where(
+        Correction.split.in_([board.name for board in boards]),
+        Correction.board.in_({board.further for board in boards}),
+    )
+    found: defaultdict[str, list[CorrectionReport]] = defaultdict(list)
+    for row in session.scalars(chosen.order_by(Correction.id.desc())):
+        found[row.split].append(read_stored(CorrectionReport, row))
+    return found

@@ -1,0 +1,423 @@
+"""The entries of leaderboards, cached until the audit log records a change.
+
+Every change to a leaderboard is in the audit log, whose entries are numbered in the order in which
+they were committed. So the number of the last entry shows whether the cache is up to date, even if
+another process made the change.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from itertools import groupby
+from threading import Lock
+from typing import Any, Self, TypeAlias
+
+import msgspec
+from sqlalchemy import (
+    CompoundSelect,
+    Select,
+    Text,
+    and_,
+    cast,
+    func,
+    literal,
+    null,
+    select,
+    union_all,
+)
+from sqlalchemy.orm import Session
+
+from reverie_eval.schemas.service import ReportedMethod, Standing, SubmissionReport
+from reverie_eval.server.audit.log import last_recorded
+from reverie_eval.server.boards.reviews import PublishedReview, is_disqualified
+from reverie_eval.server.boards.schedules import Schedules, Timetable
+from reverie_eval.server.scoring.boards import Board, without_version
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.database import UnreadableValueError
+from reverie_eval.server.store.tables import (
+    IS_SHOWN,
+    SUBMITTED,
+    AuditEntry,
+    ReportedResult,
+    Review,
+    Submission,
+    Team,
+)
+
+_KEY = ("split", "number", "id")
+"""Columns that tell results apart: the number is that of a reported one, the id of a submission."""
+_COLUMNS = (
+    *_KEY,
+    *("team", "method", "stored", "at"),
+    *("team_id", "received_at", "scored_at", "anonymous_until"),
+    *("review", "verdict", "reason", "reviewed_at"),
+    *("source", "date", "dataset"),
+)
+"""Columns of both kinds of results, then only of submissions, then only of reported ones."""
+_LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
+"""Standings of the entries that are sorted by a metric together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A result on a leaderboard."""
+
+    submission_id: str | None
+    """None for a reported result."""
+    team_id: int | None
+    team: str
+    method: Mapping[str, Any]
+    """A stored :class:`~reverie_eval.schemas.service.ReportedMethod`."""
+    published_at: datetime
+    anonymous_until: datetime | None
+    scores: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Lower and upper bounds, for headline metrics only."""
+    scores_held_until: datetime | None = None
+    """When its scores are released, if they are held back."""
+    signature: str = ""
+    standing: Standing = "ranked"
+    source: str = ""
+    """Where a reported result is from: a link or a text."""
+    reported_date: str | None = None
+    """The day, month or year of a reported result; None if it is not known."""
+    dataset: str = ""
+    """The version of the dataset that a reported result is on; empty if it is not known."""
+    reviews: Sequence[PublishedReview] = ()
+
+    @property
+    def is_ranked(self) -> bool:
+        """Whether it is a result of this server that is ranked, if it has a value."""
+        return self.standing == "ranked"
+
+    @property
+    def date(self) -> str:
+        """When it was published here, or reported elsewhere; empty if that is not known.
+
+        A day in UTC, or a month or a year if no more is known.
+        """
+        if self.submission_id is None:
+            return self.reported_date or ""
+        return f"{self.published_at:%Y-%m-%d}"
+
+
+def is_anonymous(result: Submission | SubmissionReport | Entry, now: datetime) -> bool:
+    """Whether a published result still hides its team, which chose to be anonymous for a time."""
+    return result.anonymous_until is not None and result.anonymous_until > now
+
+
+class _Intervals(msgspec.Struct):
+    intervals: dict[str, tuple[float, float]]
+
+
+class _Report(msgspec.Struct):
+    """The fields of a score report that leaderboards show; the others are not decoded."""
+
+    signature: str
+    scores: dict[str, float]
+    intervals: _Intervals | None = None
+
+
+class _Result(msgspec.Struct):
+    report: _Report
+
+
+_REPORT = msgspec.json.Decoder(_Report)
+_FURTHER = msgspec.json.Decoder(dict[str, _Result])
+_METHOD = msgspec.json.Decoder(dict[str, str | bool | int | float | None])
+_SCORES = msgspec.json.Decoder(dict[str, float])
+_NOTHING_DECLARED: Mapping[str, Any] = {
+    name: field.default
+    for name, field in ReportedMethod.model_fields.items()
+    if not field.is_required()
+}
+"""What is not in a stored method: only reported ones may be references, and fields were added."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """An entry with its rank."""
+
+    rank: int | None
+    """None if the entry has no value or is not ranked."""
+    entry: Entry
+
+
+@dataclass(frozen=True, slots=True)
+class BoardEntries:
+    """The entries of a leaderboard as of an entry of the audit log."""
+
+    number: int
+    """The number of the last entry in the audit log."""
+    signature: str
+    """What results of the leaderboard are scored by."""
+    entries: Sequence[Entry]
+    """The ranked entries in the order of publication, then the reported ones."""
+    apart: Sequence[Row]
+    """The entries that are not comparable with the others, or disqualified."""
+    metrics: frozenset[str]
+    """All metrics of the entries that are not apart."""
+    held_until: datetime | None = None
+    """When scores are released next, if any are held back."""
+    ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
+    """The rankings computed so far, by metric."""
+
+    def is_over(self, now: datetime) -> bool:
+        """Whether scores were released since."""
+        return self.held_until is not None and now.replace(microsecond=0) > self.held_until
+
+
+_Counts: TypeAlias = Mapping[str, Counter[int]]
+"""The submissions of each team, by split."""
+
+
+class EntriesCache:
+    """The entries of every leaderboard, always as recent as the last commit."""
+
+    def __init__(self, schedules: Schedules) -> None:
+        self._schedules = schedules
+        self._cached: dict[str, BoardEntries] = {}
+        """By the path of the leaderboard."""
+        self._counts: tuple[int, _Counts] = (0, {})
+        """The number of the last entry of the audit log that they include, and the counts."""
+        self._lock = Lock()
+        """Makes concurrent requests read the entries only once."""
+
+    @classmethod
+    def of(cls, server: ServerState) -> Self:
+        """Return the cache of a server."""
+        return cls(server.get(Schedules))
+
+    def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
+        """Return the entries of a leaderboard."""
+        (found,) = self.entries_of_all(session, [board], now)
+        return found
+
+    def entries_of_all(
+        self, session: Session, boards: Sequence[Board], now: datetime
+    ) -> Sequence[BoardEntries]:
+        """Return the entries of leaderboards of several splits, all with the same name.
+
+        Reading those that have changed takes as many statements as reading one of them. So a row
+        that cannot be read keeps all of them from being read; one at a time, the others can be.
+
+        Raises UnreadableValueError if a result on one of them cannot be read, as does its JSON; or
+        the DBAPIError of SQLite or the driver that reads a row.
+        """
+        number = last_recorded(session).change
+        with self._lock:
+            changed = [board for board in boards if self._is_old(board, number, now)]
+            if changed:
+                timetables = self._schedules.read(session)
+                self._cached |= _read_entries(session, changed, timetables, number, now)
+            return [self._cached[board.path] for board in boards]
+
+    def _is_old(self, board: Board, number: int, now: datetime) -> bool:
+        cached = self._cached.get(board.path)
+        return (
+            cached is None
+            or cached.number < number
+            or cached.signature != board.signature
+            or cached.is_over(now)
+        )
+
+    def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
+        """Count the submissions of each team to a split, published or not.
+
+        Submissions are never deleted, so uploads only add to the counts. Anything else may have
+        changed them, as merging teams does; then all are counted again.
+        """
+        change, number, _ = last_recorded(session)
+        known, counts = self._counts
+        if known < number:
+            is_changed = known < change or not known
+            counts = _all_counts(session) if is_changed else _counts_since(session, known, counts)
+            self._counts = number, counts
+        return counts.get(split, {})
+
+
+def _all_counts(session: Session) -> _Counts:
+    # For all splits: for a single one, SQLite would read all of its submissions.
+    chosen = select(Submission.split, Submission.team_id, func.count())
+    chosen = chosen.where(Submission.repeat == "")
+    counts: defaultdict[str, Counter[int]] = defaultdict(Counter)
+    for split, team_id, submissions in session.execute(
+        chosen.group_by(Submission.split, Submission.team_id)
+    ):
+        counts[split][team_id] = submissions
+    return counts
+
+
+def _counts_since(session: Session, known: int, earlier: _Counts) -> _Counts:
+    """Return counts with the uploads after an entry of the audit log."""
+    columns = (Submission.split, Submission.team_id)
+    new = (
+        select(*columns, func.count())
+        .join(AuditEntry, AuditEntry.subject == Submission.id)
+        .where(AuditEntry.id > known, AuditEntry.action == SUBMITTED)
+        .group_by(*columns)
+    )
+    counts = defaultdict(Counter, {split: Counter(of) for split, of in earlier.items()})
+    for split, team_id, submissions in session.execute(new):
+        counts[split][team_id] += submissions
+    return counts
+
+
+def _read_entries(
+    session: Session,
+    boards: Sequence[Board],
+    timetables: Mapping[str, Timetable],
+    number: int,
+    now: datetime,
+) -> Mapping[str, BoardEntries]:
+    """Read the entries of leaderboards by their paths; all have the same name."""
+    of_split = {board.name: board for board in boards}
+    found: defaultdict[str, list[Entry]] = defaultdict(list)
+    results = session.execute(_results(boards))
+    for (split, _, submission_id), group in groupby(results, lambda row: row[: len(_KEY)]):
+        board, rows = of_split[split], list(group)
+        try:
+            entry = (
+                _reported(board, rows[0])
+                if submission_id is None
+                else _scored(board, rows, timetables[split], now)
+            )
+        except msgspec.DecodeError:
+            raise UnreadableValueError(f"a result on {board.label} cannot be read") from None
+        if entry is not None:
+            found[split].append(entry)
+    return {board.path: _entries_of(number, board, found[board.name]) for board in boards}
+
+
+def _entries_of(number: int, board: Board, entries: Sequence[Entry]) -> BoardEntries:
+    listed = [entry for entry in entries if entry.standing in _LISTED]
+    held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
+    return BoardEntries(
+        number,
+        board.signature,
+        listed,
+        apart=[Row(None, entry) for entry in entries if entry.standing not in _LISTED],
+        metrics=frozenset(key for entry in listed for key in entry.scores),
+        held_until=min(held, default=None),
+    )
+
+
+def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
+    """Select what leaderboards show: submissions as they were published, then reported results.
+
+    A submission has a row for each of its current reviews, the earliest first, but at least one.
+    """
+    splits = [board.name for board in boards]
+    is_further = any(board.further for board in boards)
+    is_current = and_(Review.submission_id == Submission.id, Review.lifted_at.is_(None))
+    scored = (
+        _as_result(
+            split=Submission.split,
+            number=literal(0),
+            id=Submission.id,
+            team_id=Submission.team_id,
+            team=Team.name,
+            method=cast(Submission.method, Text),
+            stored=cast(Submission.also if is_further else Submission.report, Text),
+            at=Submission.published_at,
+            received_at=Submission.received_at,
+            scored_at=Submission.scored_at,
+            anonymous_until=Submission.anonymous_until,
+            review=Review.id,
+            verdict=Review.verdict,
+            reason=Review.reason,
+            reviewed_at=Review.created_at,
+        )
+        .join(Team, Submission.team_id == Team.id)
+        .outerjoin(Review, is_current)
+        .where(Submission.split.in_(splits), IS_SHOWN)
+    )
+    reported = _as_result(
+        split=ReportedResult.split,
+        number=ReportedResult.id,
+        team=ReportedResult.team,
+        method=cast(ReportedResult.method, Text),
+        stored=cast(ReportedResult.scores, Text),
+        at=ReportedResult.created_at,
+        source=ReportedResult.source,
+        date=ReportedResult.date,
+        dataset=ReportedResult.dataset,
+    ).where(ReportedResult.split.in_(splits), ReportedResult.removed_at.is_(None))
+    # Results in papers are assumed to be under the split's own rules.
+    shown = [scored] if is_further else [scored, reported]
+    return union_all(*shown).order_by("number", "at", "id", "review")
+
+
+def _as_result(**columns: Any) -> Select[*tuple[Any, ...]]:
+    """Select columns of one of the two kinds of results; it has no others of :data:`_COLUMNS`."""
+    return select(*(columns.get(name, null()).label(name) for name in _COLUMNS))
+
+
+def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: datetime) -> Entry | None:
+    """Return a submission, given its rows; None if its file is not or cannot be ranked there."""
+    row = rows[0]
+    report = _report_on(board, row.stored)
+    if report is None:
+        return None
+    reviews = [
+        PublishedReview(each.verdict, each.reason, each.reviewed_at)
+        for each in rows
+        if each.review is not None
+    ]
+    held_until = timetable.held_until(row.received_at, row.scored_at, now)
+    drawn = {} if report.intervals is None else report.intervals.intervals
+    return Entry(
+        submission_id=row.id,
+        team_id=row.team_id,
+        team=row.team,
+        method=_method(row.method),
+        published_at=row.at,
+        anonymous_until=row.anonymous_until,
+        scores=report.scores if held_until is None else {},
+        scores_held_until=held_until,
+        intervals={key: drawn[key] for key in board.task.headline if key in drawn},
+        signature=report.signature,
+        standing=_standing(report, reviews, board),
+        reviews=reviews,
+    )
+
+
+def _method(stored: str) -> Mapping[str, Any]:
+    """Return a stored method, of which pages need the name, with all fields of any method."""
+    method = _METHOD.decode(stored)
+    if not isinstance(method.get("name"), str):
+        raise msgspec.ValidationError("a method has no name")
+    return {**_NOTHING_DECLARED, **method}
+
+
+def _report_on(board: Board, stored: str) -> _Report | None:
+    """Return the report on a leaderboard; None if the file is not or cannot be ranked there."""
+    if not board.further:
+        return _REPORT.decode(stored)
+    result = _FURTHER.decode(stored).get(board.further)
+    return None if result is None or not result.report.scores else result.report
+
+
+def _standing(report: _Report, reviews: Sequence[PublishedReview], board: Board) -> Standing:
+    if is_disqualified(reviews):
+        return "disqualified"
+    is_current = without_version(report.signature) == without_version(board.signature)
+    return "ranked" if is_current else "other-rules"
+
+
+def _reported(board: Board, row: Any) -> Entry:
+    """Return a reported result, given its row."""
+    return Entry(
+        submission_id=None,
+        team_id=None,
+        team=row.team,
+        method=_method(row.method),
+        published_at=row.at,
+        anonymous_until=None,
+        scores=_SCORES.decode(row.stored),
+        standing="reported" if board.is_on(row.dataset) else "other-dataset",
+        source=row.source,
+        reported_date=row.date,
+        dataset=row.dataset,
+    )

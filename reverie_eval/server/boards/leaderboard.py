@@ -1,0 +1,421 @@
+"""The leaderboard: published results, ranked by any metric and filtered.
+
+It can be exported as JSON, CSV, a LaTeX table, or BibTeX entries.
+"""
+
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, date, datetime
+from functools import partial
+from math import inf
+from typing import Any, Self
+
+import msgspec
+from sqlalchemy.orm import Session
+
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.results import methods_table
+from reverie_eval.reporting.tables import latex_comments, latex_text
+from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, ReportedMethod
+from reverie_eval.server.boards.entries import EntriesCache, Entry, Row, is_anonymous
+from reverie_eval.server.boards.rank_intervals import RankInterval, RankIntervals
+from reverie_eval.server.csv_files import csv_text
+from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.scoring.boards import Board, read_each
+from reverie_eval.server.state import ServerState
+from reverie_eval.tasks import Task
+
+_OF_RANK = ("rank_low", "rank_high", "group")
+_ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
+_OF_METHOD = tuple(name for name in ReportedMethod.model_fields if name != "description")
+_STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
+_BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
+"""BibTeX counts braces, even escaped ones."""
+ANONYMOUS = "Anonymous"
+"""Used in place of a team's name where a name is needed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """A leaderboard, ranked by a metric."""
+
+    board: Board
+    metric: str
+    rows: Sequence[Row]
+    """The best first: ranked results, and reported ones without a rank among them."""
+    apart: Sequence[Row]
+    """Results that are not comparable with the others, or disqualified."""
+    metrics: frozenset[str]
+    """All metrics of the results that are not apart."""
+    now: datetime
+    counts: Mapping[int, int] = field(default_factory=dict)
+    """Number of submissions to the split, by team; empty if they were not counted."""
+    rank_intervals: Mapping[str, RankInterval] = field(default_factory=dict)
+    """The ranks that results may have, by submission; empty if they were not compared."""
+
+    def rank_interval(self, row: Row) -> RankInterval | None:
+        """Return the ranks that a result may have, and its group; None if it is not compared."""
+        return self.rank_intervals.get(row.entry.submission_id or "")
+
+    def team(self, entry: Entry) -> str:
+        """Return the team of an entry; empty while it is anonymous."""
+        return "" if is_anonymous(entry, self.now) else entry.team
+
+    def submissions(self, entry: Entry) -> int | None:
+        """Return the number of submissions that an entry's team has made to the split.
+
+        This is shown even while the team is anonymous, or it could hide that a result is the best
+        of many. None for reported results.
+        """
+        return None if entry.team_id is None else self.counts[entry.team_id]
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """Which rows are shown; their ranks are those on the whole leaderboard."""
+
+    declared: Mapping[str, bool | str | None]
+    """Required values of what a method declares, None for not declared; others may be any."""
+    since: date | None = None
+    until: date | None = None
+    """Days in UTC; both are included, and so are dated months and years that include such a day."""
+    text: str = ""
+    """Part of the name of the method or the team; case is ignored."""
+    sample_from: int | None = None
+    """The smallest number of episodes that a method was run on; by default on all."""
+    money_until: float | None = None
+    """The highest declared price of an episode, in US dollars."""
+
+    def of(self, rows: Sequence[Row], ranking: Ranking) -> Sequence[Row]:
+        """Return the rows of a ranking that match."""
+        return rows if self == Filter({}) else [row for row in rows if self._admits(row, ranking)]
+
+    def _admits(self, row: Row, ranking: Ranking) -> bool:
+        method, wanted = row.entry.method, self.text.casefold()
+        return (
+            all(method.get(name) == asked for name, asked in self.declared.items())
+            and self._admits_cost(method)
+            and self._admits_date(row.entry.date)
+            and (
+                wanted in method["name"].casefold() or wanted in ranking.team(row.entry).casefold()
+            )
+        )
+
+    def _admits_cost(self, method: Mapping[str, Any]) -> bool:
+        size, money = method.get("sample_size"), method.get("money_per_episode")
+        is_large = self.sample_from is None or size is None or size >= self.sample_from
+        return is_large and (
+            self.money_until is None or (money is not None and money <= self.money_until)
+        )
+
+    def _admits_date(self, day: str) -> bool:
+        """Whether a day, or any day of a month or a year, is in the filter's period."""
+        if not day:
+            return self.since is None and self.until is None
+        since, until = (str(each or day)[: len(day)] for each in (self.since, self.until))
+        return since <= day <= until
+
+
+def leaderboard(
+    session: Session, cache: EntriesCache, board: Board, metric: str, now: datetime
+) -> Ranking:
+    """Rank the published submissions of a split, and sort reported results among them.
+
+    A further leaderboard has only the submissions that have a result there.
+
+    Equal values share a rank, and the next rank counts all submissions before it: 1, 2, 2, 4.
+    Results without a value for the metric have no rank and come last. Equal results are in the
+    order of publication, reported ones after submissions. Reported results never have a rank.
+
+    Raises
+    ------
+    MalformedError
+        If there is no such metric, or it has no better direction.
+    """
+    if metric not in board.sortable:
+        known = ", ".join(board.sortable)
+        raise MalformedError(f"cannot sort by {metric!r}; choose one of: {known}")
+    cached = cache.entries(session, board, now)
+    if metric not in cached.ranked:
+        cached.ranked[metric] = _ranked(cached.entries, CATALOGUE[metric])
+    return Ranking(
+        board=board,
+        metric=metric,
+        rows=cached.ranked[metric],
+        apart=cached.apart,
+        metrics=cached.metrics,
+        now=now,
+    )
+
+
+def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:
+    """Sort entries, and rank those that this server has scored."""
+    scored = [entry.scores.get(metric.key) if entry.is_ranked else None for entry in entries]
+    return sort_by(list(map(Row, ranks(scored, metric), entries)), metric)
+
+
+def sort_by(rows: Sequence[Row], metric: Metric) -> Sequence[Row]:
+    """Sort rows, the best or, without a better direction, the lowest value first."""
+    return sorted(rows, key=lambda row: _cost(row.entry.scores.get(metric.key), metric))
+
+
+def ranks(values: Sequence[float | None], metric: Metric) -> Sequence[int | None]:
+    """Return the rank of each value, as in :func:`leaderboard`; None for a missing value."""
+    ordered = sorted(_cost(value, metric) for value in values)
+    return [
+        None if value is None else 1 + bisect_left(ordered, _cost(value, metric))
+        for value in values
+    ]
+
+
+def _cost(value: float | None, metric: Metric) -> float:
+    """Return a number that is lowest for the best value, and highest for a missing one."""
+    if value is None:
+        return inf
+    return -value if metric.better == "higher" else value
+
+
+def as_json(ranking: Ranking, corrections: Sequence[CorrectionReport], organiser: str) -> bytes:
+    """Return a leaderboard as JSON, as :class:`~reverie_eval.schemas.service.Leaderboard`.
+
+    ``organiser`` is the public name of who made the reviews.
+    """
+    content = _content(ranking)
+    for row in (*content["rows"], *content["apart"]):
+        row["reviews"] = [{**asdict(each), "reviewer": organiser} for each in row["reviews"]]
+    content["corrections"] = [each.model_dump() for each in corrections]
+    return msgspec.json.encode(content)
+
+
+def _content(ranking: Ranking) -> dict[str, Any]:
+    board = ranking.board
+    return {
+        "split": board.name,
+        "board": board.further,
+        "protocol": board.split.protocol,
+        "metric": ranking.metric,
+        "fingerprint": board.truth.fingerprint,
+        "signature": board.signature,
+        "rows": [_row_json(ranking, row) for row in ranking.rows],
+        "apart": [_row_json(ranking, row) for row in ranking.apart],
+    }
+
+
+def _row_json(ranking: Ranking, row: Row) -> dict[str, Any]:
+    entry, found = row.entry, ranking.rank_interval(row)
+    own = {
+        "rank": row.rank,
+        "rank_interval": None if found is None else (found.best, found.worst),
+        "group": None if found is None else found.group,
+        "team": ranking.team(entry),
+        "submissions": ranking.submissions(entry),
+    }
+    return {
+        name: own[name] if name in own else getattr(entry, name)
+        for name in LeaderboardRow.model_fields
+    }
+
+
+def as_csv(ranking: Ranking) -> str:
+    """Return a leaderboard as CSV; see :func:`csv_of`."""
+    return csv_of(msgspec.to_builtins(_content(ranking)))
+
+
+def csv_of(leaderboard: Mapping[str, Any]) -> str:
+    """Return the JSON of a leaderboard as CSV: a row per result, a column per metric.
+
+    Then come the ends of intervals, in the unit of their metric, and the ranks that a result may
+    have. Results that are not ranked come last. A cell that a spreadsheet would read as a formula
+    begins with an apostrophe.
+
+    References
+    ----------
+    OWASP, "CSV Injection".
+    """
+    rows = [*leaderboard["rows"], *leaderboard["apart"]]
+    present: set[str] = set().union(*(row["scores"] for row in rows))
+    shown = [key for key in CATALOGUE if key in present]
+    drawn = [key for key in CATALOGUE if any(key in row["intervals"] for row in rows)]
+    headings = ["method" if name == "name" else name for name in _OF_METHOD]
+    ends = [f"{key}_{end}" for key in drawn for end in ("low", "high")]
+    columns = [*_ABOUT, *headings, *_STANDING, *shown, *ends, *_OF_RANK]
+    cells = [
+        [
+            *(row[name] for name in _ABOUT),
+            *(row["method"].get(name) for name in _OF_METHOD),
+            *({**row, "reviews": _in_words(row["reviews"])}[name] for name in _STANDING),
+            *(row["scores"].get(key) for key in shown),
+            *(end for key in drawn for end in row["intervals"].get(key, (None, None))),
+            *(row["rank_interval"] or (None, None)),
+            row["group"],
+        ]
+        for row in rows
+    ]
+    return csv_text(columns, cells)
+
+
+def _in_words(reviews: Sequence[Mapping[str, str]]) -> str:
+    return "; ".join(f"{each['verdict']}: {each['reason']}" for each in reviews)
+
+
+def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:
+    """Return the rows as a table for LaTeX's booktabs package, the best of each column in bold.
+
+    Without rows or metrics, it is only a comment: LaTeX does not allow tables without columns.
+    """
+    board = ranking.board
+    if not metrics:
+        nothing = f"No result of {board.label} is shown at {address}"
+        return "\n".join(latex_comments([nothing])) + "\n"
+    methods = {
+        name: row.entry.scores for name, row in zip(method_names(ranking, rows), rows, strict=True)
+    }
+    caption = f"{board.full_title}: {board.signature}. {address}"
+    return methods_table(methods, board.label, metrics, caption).to_latex() + "\n"
+
+
+def method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
+    """Return distinct names: the method, with its team and then its id added if necessary."""
+    methods = [row.entry.method["name"] for row in rows]
+    named = make_distinct(methods, [ranking.team(row.entry) or ANONYMOUS.lower() for row in rows])
+    return make_distinct(named, [row.entry.submission_id or str(row.rank) for row in rows])
+
+
+def make_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
+    """Return the names, with a further text in brackets behind each that occurs more than once."""
+    counts = Counter(names)
+    return [
+        f"{name} ({more})" if counts[name] > 1 else name
+        for name, more in zip(names, by, strict=True)
+    ]
+
+
+def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, address: str) -> str:
+    """Return the dataset's paper, an entry for the leaderboard as it is now, and one for each row.
+
+    The entry for a row links the method's paper and, in its note, the result; without a paper, only
+    the result. ``title`` and ``site`` are those of the server, ``address`` is the leaderboard's.
+    """
+    board, today = ranking.board, ranking.now.astimezone(UTC)
+    task = board.task
+    of_board = _bibtex_entry(
+        f"{task.name}-{board.label.removeprefix(f'{task.name}-')}-{today:%Y-%m-%d}",
+        author=title,
+        title=board.full_title,
+        address=address,
+        at=today,
+        note=f"{board.signature}, as of {today:%Y-%m-%d}",
+    )
+    of_rows = [
+        _bibtex_entry(
+            f"{task.name}-{entry.submission_id}",
+            author=ranking.team(entry) or ANONYMOUS,
+            title=entry.method["name"],
+            address=entry.method.get("paper") or f"{site}/submissions/{entry.submission_id}",
+            at=entry.published_at,
+            note=f"{title}, {entry.signature}",
+            result=f"{site}/submissions/{entry.submission_id}",
+        )
+        for entry in (row.entry for row in rows)
+    ]
+    return "\n".join([paper_of(task), of_board, *of_rows])
+
+
+def paper_of(task: Task) -> str:
+    """Return what to cite for a task's dataset, in BibTeX."""
+    if task.paper is not None:
+        return task.paper.bibtex
+    lines = [
+        f"@misc{{{_bibtex_key(task.name)},",
+        f"  title = {{{{{_bibtex_text(task.title)}}}}},",
+        f"  howpublished = {{\\url{{https://{task.source}}}}},",
+        f"  note = {{{_bibtex_text(task.citation)}}},",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _bibtex_entry(
+    key: str, *, author: str, title: str, address: str, at: datetime, note: str, result: str = ""
+) -> str:
+    """Write an entry; ``result`` is the address of the numbers, if ``address`` is a paper's."""
+    numbers = f", \\url{{{result}}}" if result not in ("", address) else ""
+    lines = [
+        f"@misc{{{_bibtex_key(key)},",
+        f"  author = {{{{{_bibtex_text(author)}}}}},",
+        f"  title = {{{{{_bibtex_text(title)}}}}},",
+        f"  year = {{{at:%Y}}},",
+        f"  howpublished = {{\\url{{{address}}}}},",
+        f"  note = {{{_bibtex_text(note)}{numbers}}},",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _bibtex_key(text: str) -> str:
+    """Replace characters that some versions of BibTeX do not allow in keys."""
+    return "".join(letter if letter.isascii() and letter.isalnum() else "-" for letter in text)
+
+
+def _bibtex_text(text: str) -> str:
+    """Escape a text for BibTeX and LaTeX."""
+    return "".join(_BRACES.get(letter) or latex_text(letter) for letter in text)
+
+
+class Rankings:
+    """The leaderboards of a server as they are now."""
+
+    def __init__(
+        self, server: ServerState, entries: EntriesCache, rank_intervals: RankIntervals
+    ) -> None:
+        self._server, self._entries, self._rank_intervals = server, entries, rank_intervals
+
+    @classmethod
+    def of(cls, server: ServerState) -> Self:
+        """Return the leaderboards of a server."""
+        return cls(server, server.get(EntriesCache), server.get(RankIntervals))
+
+    def ranking(self, session: Session, board: Board, metric: str | None = None) -> Ranking:
+        """Return a leaderboard; raises the errors of :func:`leaderboard`.
+
+        Without a metric, it is ranked by its primary one.
+        """
+        (ranking,) = self._read(session, [board], metric)
+        return ranking
+
+    def rankings(self, session: Session, boards: Sequence[Board]) -> Sequence[Ranking | None]:
+        """Return leaderboards of several splits, all with the same name; None if rows are damaged.
+
+        This takes as many statements as reading the one that takes most, unless rows are damaged.
+        """
+        return read_each(boards, partial(self._read, session))
+
+    def _read(
+        self, session: Session, boards: Sequence[Board], metric: str | None = None
+    ) -> Sequence[Ranking]:
+        server = self._server
+        now = server.clock()
+        server.rules.follow(session)
+        boards = [server.board(board.name, board.further) for board in boards]
+        self._entries.entries_of_all(session, boards, now)  # each is in the cache then
+        return [
+            leaderboard(
+                session,
+                self._entries,
+                board,
+                board.primary.key if metric is None else metric,
+                now,
+            )
+            for board in boards
+        ]
+
+    def with_details(self, session: Session, ranking: Ranking) -> Ranking:
+        """Add how often each team has submitted, and which ranks each result may have."""
+        board, metric, rows = ranking.board, ranking.metric, ranking.rows
+        return replace(
+            ranking,
+            counts=self._entries.submissions_of_teams(session, board.name),
+            rank_intervals=self._rank_intervals.compute(session, board, metric, rows),
+        )

@@ -1,0 +1,473 @@
+"""The leaderboards, their charts and feeds, comparing two results, and export for papers."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from math import ceil
+from typing import Annotated, Any, Literal, Self, TypeVar
+from urllib.parse import urlencode
+
+import msgspec
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi.responses import PlainTextResponse, Response
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.types import Receive, Scope, Send
+
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
+from reverie_eval.schemas.report import ProblemReport
+from reverie_eval.schemas.service import Amount, InputClass, SampleSize
+from reverie_eval.server.boards.announcements import announcements, corrections_of
+from reverie_eval.server.boards.charts import chart_of
+from reverie_eval.server.boards.entries import Entry, Row
+from reverie_eval.server.boards.feed import (
+    MOST_ITEMS,
+    items_of,
+    items_of_corrections,
+    items_of_news,
+    latest,
+)
+from reverie_eval.server.boards.leaderboard import (
+    Filter,
+    Ranking,
+    Rankings,
+    as_bibtex,
+    as_latex,
+    sort_by,
+)
+from reverie_eval.server.boards.news import latest_news
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.errors import WRONG_FORM, MalformedError
+from reverie_eval.server.http.callers import Server, Visitor
+from reverie_eval.server.http.rendering import address_of_site, page, render
+from reverie_eval.server.scoring.boards import Board, without_version
+from reverie_eval.server.state import ServerState
+from reverie_eval.tasks import DEFAULT_TASK
+from reverie_eval.text import did_you_mean
+
+PER_PAGE = 50
+"""With more, the page of all metrics would weigh over 300 kB, charts included."""
+MOST_APART = 120
+"""Results that are shown below the ranking, at most: enough for a leaderboard of six years."""
+PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
+"""The URL paths of a split's own leaderboard, and of the further ones."""
+NEWS_SHOWN = 5
+_BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)
+"""When a feed without items was updated: Atom requires a time."""
+_AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
+"""REVERIE's metrics of navigation in the order of its paper's tables; the others follow."""
+
+router = APIRouter()
+
+Endpoint = TypeVar("Endpoint", bound=Callable[..., Response])
+FlagFilter = Literal["", "with", "without", "undeclared"]
+_DECLARED: Mapping[FlagFilter, bool | None] = {"with": True, "without": False, "undeclared": None}
+
+
+MetricKey = Annotated[str, Field(max_length=100)]
+"""Whether the leaderboard has the metric is checked by :meth:`BoardQuery.on`."""
+EmptyIsNone = BeforeValidator(lambda value: None if value == "" else value)
+Day = Annotated[date | None, EmptyIsNone]
+
+
+LONGEST_SOUGHT = 100
+"""Characters of a part of a name that a leaderboard is searched for."""
+
+
+class BoardQuery(BaseModel):
+    """The query parameters of a leaderboard; empty ones, as forms send them, count as missing."""
+
+    model_config = ConfigDict(frozen=True)
+
+    metric: MetricKey = ""
+    extra_data: FlagFilter = ""
+    pre_exploration: FlagFilter = ""
+    ground_truth_objects: FlagFilter = ""
+    ensemble: FlagFilter = ""
+    navigation_only: FlagFilter = ""
+    human: FlagFilter = ""
+    input_class: InputClass | Literal["", "undeclared"] = ""
+    sample_from: Annotated[SampleSize | None, EmptyIsNone] = None
+    money_until: Annotated[Amount | None, EmptyIsNone] = None
+    since: Day = None
+    until: Day = None
+    text: Annotated[str, Field(max_length=LONGEST_SOUGHT)] = ""
+    columns: Literal["", "all"] = ""
+    x: MetricKey = ""
+    y: MetricKey = ""
+    page: Annotated[int, Field(ge=1, le=100_000)] = 1
+    _usual: Mapping[str, str] = PrivateAttr(default_factory=dict)
+    """The metrics that the leaderboard shows if it is asked for no others."""
+
+    def on(self, board: Board) -> Self:
+        """Return the query with a leaderboard's own metrics where it asks for none.
+
+        Raises
+        ------
+        MalformedError
+            If it asks for a metric that the leaderboard's task does not have.
+        """
+        known, primary = board.task.metrics, board.primary.key
+        usual = {"metric": primary, "x": "success", "y": "rgs" if "rgs" in known else primary}
+        asked = {name: getattr(self, name) or key for name, key in usual.items()}
+        unknown = [
+            ProblemReport(
+                code="wrong-value",
+                where=name,
+                message=f"{board.task.title} has no metric {key!r}{did_you_mean(key, known)}",
+            )
+            for name, key in asked.items()
+            if key not in known
+        ]
+        if unknown:
+            raise MalformedError(WRONG_FORM, unknown)
+        resolved = self.model_copy(update=asked)
+        resolved._usual = usual  # noqa: SLF001  # of this class
+        return resolved
+
+    def ranked_by(self, board: Board) -> str:
+        """Return the metric of the ranks: the one sorted by, or the primary one if it has none."""
+        return self.metric if self.metric in board.sortable else board.primary.key
+
+    @property
+    def shown(self) -> Filter:
+        """The filter of the rows."""
+        declared: dict[str, bool | str | None] = {
+            flag: _DECLARED[asked] for flag in METHOD_FLAGS if (asked := getattr(self, flag))
+        }
+        if self.input_class:
+            is_asked = self.input_class != "undeclared"
+            declared["input_class"] = self.input_class if is_asked else None
+        text, cost = self.text.strip(), (self.sample_from, self.money_until)
+        return Filter(declared, self.since, self.until, text, *cost)
+
+    @property
+    def is_filtered(self) -> bool:
+        """Whether the filter may exclude rows."""
+        return self.shown != Filter({})
+
+    def link(self, **changes: Any) -> str:
+        """Return the query with some parameters changed, without those at their defaults."""
+        changed = type(self).model_validate(self.model_dump() | changes)
+        given = changed.model_dump(mode="json", exclude_defaults=True)
+        unusual = {name: value for name, value in given.items() if value != self._usual.get(name)}
+        return f"?{urlencode(unusual)}"
+
+    @property
+    def unfiltered(self) -> str:
+        """The query without the filter, for the first page."""
+        costs = ("input_class", "sample_from", "money_until")
+        filters = (*METHOD_FLAGS, *costs, "since", "until", "text", "page")
+        return self.link(**{name: type(self).model_fields[name].default for name in filters})
+
+    def direction(self, metric: Metric) -> Literal["ascending", "descending"]:
+        """Return the order of the sorted column: the best or the lowest value first."""
+        return "descending" if metric.better == "higher" else "ascending"
+
+
+Shown = Annotated[BoardQuery, Query()]
+
+
+def named(split: str, server: Server, request: Request) -> Board:
+    """Return the leaderboard that an address names."""
+    return server.board(split, request.path_params.get("further", ""))
+
+
+NamedBoard = Annotated[Board, Depends(named)]
+
+
+def ranked(board: NamedBoard, server: Server, query: Shown) -> Ranking:
+    """Return the requested leaderboard, ranked."""
+    with server.database.reading() as session:
+        return server.get(Rankings).ranking(session, board, query.on(board).ranked_by(board))
+
+
+Ranked = Annotated[Ranking, Depends(ranked)]
+
+
+@dataclass(frozen=True, slots=True)
+class BoardPage:
+    """The rows of one page of a leaderboard."""
+
+    rows: Sequence[Row]
+    first: int
+    """The number of rows on earlier pages."""
+    count: int
+    """The number of rows on all pages."""
+    number: int
+    pages: int
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Where values lie on the bars of intervals, which all rows of a table share."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, rows: Sequence[Row], metric: str) -> Self:
+        """Return the scale from the lowest to the highest end of any interval."""
+        ends = [end for row in rows for end in row.entry.intervals.get(metric, ())]
+        return cls(min(ends, default=0.0), max(ends, default=1.0))
+
+    def at(self, value: float) -> float:
+        """Return the place of a value, from 0 on the left to 100 on the right."""
+        width = self.high - self.low
+        return round(100 * (value - self.low) / width, 1) if width else 50.0
+
+
+class Packed(Response):
+    """A response that is gzipped if the client accepts it; only for content without secrets."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the response."""
+        await GZipMiddleware(super().__call__, compresslevel=5)(scope, receive, send)
+
+
+def of_every_board(router: APIRouter, path: str) -> Callable[[Endpoint], Endpoint]:
+    """Add a route below the path of a split's own leaderboard, and of the further ones.
+
+    Not by a router that is included with a prefix, as the log and the metrics would then have the
+    route's path without it.
+    """
+
+    def add(endpoint: Endpoint) -> Endpoint:
+        for board in PATHS:
+            router.get(f"{board}{path}")(endpoint)
+        return endpoint
+
+    return add
+
+
+@of_every_board(router, "")
+def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
+    """Show the published results, ranked."""
+    query = query.on(board)
+    with visitor.reading() as reading:
+        session, server = reading.session, visitor.server
+        ranking = server.get(Rankings).ranking(session, board, query.ranked_by(board))
+        ranking = server.get(Rankings).with_details(session, ranking)
+        part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
+        charted = query.shown.of(ranking.rows, ranking)
+        is_copy = visitor.request.app.state.is_copy
+        return page(
+            reading,
+            "board.html",
+            board=board,
+            of_split=server.board(board.name).all,
+            ranking=ranking,
+            query=query,
+            groups=_groups(ranking.board, query, [*part.rows, *apart]),
+            columns=_columns(ranking.board, query, [*part.rows, *apart]),
+            bands=_bands(ranking, apart[:MOST_APART], query),
+            costs=_costs(query, part.rows),
+            scale=Scale.of(part.rows, query.metric),
+            schedule=server.get(Schedules).in_effect(session)[board.name],
+            own_team=reading.caller and reading.caller.team_id,
+            axes={
+                metric.key: f"{metric.label}: {metric.name}"
+                for metric in CATALOGUE.values()
+                if metric.key in {*ranking.metrics, query.x, query.y}
+            },
+            primary=ranking.board.primary.key,
+            part=part,
+            rows=part.rows,
+            announced=announcements(session, board, NEWS_SHOWN),
+            reviewed=[row for row in (*part.rows, *apart[:MOST_APART]) if row.entry.reviews],
+            has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
+            has_charts=bool(charted),
+            # A page that is opened as a file cannot load its data.
+            chart=chart_of(ranking, charted, query.x, query.y) if is_copy else None,
+            counts=_counts(ranking, apart),
+            numbers=_numbers(part.number, part.pages),
+            longest_sought=LONGEST_SOUGHT,
+        )
+
+
+@of_every_board(router, "/chart")
+def show_chart(ranking: Ranked, query: Shown) -> Response:
+    """Return the data of the charts."""
+    query = query.on(ranking.board)
+    rows = query.shown.of(ranking.rows, ranking)
+    drawn = chart_of(ranking, rows, query.x, query.y)
+    return Packed(msgspec.json.encode(drawn), media_type="application/json")
+
+
+@of_every_board(router, "/latex")
+def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
+    """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
+    query = query.on(ranking.board)
+    rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
+    scored = {key for row in rows for key in row.entry.scores}
+    metrics = [metric for metric in _columns(ranking.board, query, rows) if metric.key in scored]
+    return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
+
+
+@of_every_board(router, "/bibtex")
+def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
+    """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
+    query = query.on(ranking.board)
+    rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
+    title, site = server.settings.title, address_of_site(request)
+    return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
+
+
+@router.get("/feed.atom")
+def show_feed(request: Request, server: Server) -> Response:
+    """Return the Atom feed (RFC 4287) of all splits, with the scores on their own leaderboards."""
+    return _feed(request, server, [*server.boards.values()], "", server.settings.title)
+
+
+@of_every_board(router, "/feed.atom")
+def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> Response:
+    """Return the feed of a leaderboard."""
+    title = f"{board.label} leaderboard, {server.settings.title}"
+    return _feed(request, server, [board], f"/boards/{board.path}", title)
+
+
+def _feed(
+    request: Request, server: ServerState, boards: Sequence[Board], path: str, title: str
+) -> Response:
+    with server.database.reading() as session:
+        items = [*items_of_news(latest_news(session, MOST_ITEMS))]
+        corrections = corrections_of(session, boards)
+        rankings = server.get(Rankings).rankings(session, boards)
+        for ranking in rankings:
+            items += () if ranking is None else items_of(ranking)
+        for board in boards:
+            items += items_of_corrections(board, corrections[board.name])
+    shown = latest(items)
+    xml = render(
+        "feed.atom",
+        title=title,
+        organiser=server.settings.organiser,
+        address=address_of_site(request),
+        page=path or "/",
+        path=f"{path}/feed.atom",
+        items=shown,
+        unread=[
+            board.label for board, ranking in zip(boards, rankings, strict=True) if ranking is None
+        ],
+        updated=max((item.at for item in shown), default=_BEFORE_ALL),
+    )
+    return Response(xml, media_type="application/atom+xml")
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Results below the ranking that can only be compared with each other."""
+
+    name: str
+    why: str
+    """Why they are not ranked."""
+    rows: Sequence[Row]
+    """The best first, by what the leaderboard is sorted by."""
+
+
+def _bands(ranking: Ranking, apart: Sequence[Row], query: BoardQuery) -> Sequence[Band]:
+    """Group the results that are not comparable with the ranking, by what they are comparable by.
+
+    Results on other versions of the dataset come first, and disqualified ones last.
+    """
+    found: dict[tuple[int, str, str], list[Row]] = {}
+    for row in sort_by(apart, CATALOGUE[query.metric]):
+        found.setdefault(_band_of(row.entry, ranking.board), []).append(row)
+    return [Band(name, why, found[key]) for key in sorted(found) for _, name, why in [key]]
+
+
+def _band_of(entry: Entry, board: Board) -> tuple[int, str, str]:
+    """Return the place, the name and the reason of the band that a result is in."""
+    if entry.standing == "other-dataset":
+        why = f"another version of the dataset: this leaderboard is on {board.truth.header.dataset}"
+        return 0, f"On {entry.dataset}", why
+    if entry.standing == "other-rules":
+        return 1, "Under other rules", without_version(entry.signature)
+    return 2, "Disqualified", "by the organiser, with the reasons below"
+
+
+def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
+    """Count what a leaderboard has, and the rows that are shown as not ranked.
+
+    Anonymous teams are not counted: the count could reveal whether a named team also has anonymous
+    results.
+    """
+    scored = [row.entry for row in ranking.rows if row.entry.is_ranked]
+    return {
+        "all": len(ranking.rows),
+        "scored": len(scored),
+        "teams": len({team for entry in scored if (team := ranking.team(entry))}),
+        "reported": len(ranking.rows) - len(scored),
+        "apart": len(apart),
+    }
+
+
+def _part(ranking: Ranking, query: BoardQuery) -> BoardPage:
+    """Return the requested page, or the last one."""
+    shown = query.shown.of(ranking.rows, ranking)
+    if CATALOGUE[query.metric].better == "neither":  # by others, they are already sorted
+        shown = sort_by(shown, CATALOGUE[query.metric])
+    pages = max(1, ceil(len(shown) / PER_PAGE))
+    number = min(query.page, pages)
+    first = PER_PAGE * (number - 1)
+    return BoardPage(shown[first : first + PER_PAGE], first, len(shown), number, pages)
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Columns under one heading."""
+
+    name: Literal["Navigation", "Grounding"]
+    columns: Sequence[Metric]
+
+
+def _costs(query: BoardQuery, rows: Sequence[Row]) -> Mapping[str, str]:
+    """Return the declared costs that have a column beside all metrics; there is no room for more.
+
+    Beside headline metrics, a mark of the method has the money.
+    """
+    return {
+        name: words
+        for name, words in METHOD_COSTS.items()
+        if query.columns == "all" and any(row.entry.method.get(name) is not None for row in rows)
+    }
+
+
+def _groups(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Group]:
+    """Return the columns as papers order them: navigation, then grounding."""
+    scored = {key for row in rows for key in row.entry.scores}
+    headline = set(board.task.headline)
+    keys = scored if query.columns == "all" else headline & scored
+    keys |= {query.metric} | headline & set(board.metrics)
+    first = _AS_PAPERS if board.task.name == DEFAULT_TASK else board.task.headline
+    ordered = [board.task.metric(key) for key in dict.fromkeys((*first, *CATALOGUE)) if key in keys]
+    groups = (
+        Group("Navigation", [each for each in ordered if "answer" not in each.needs]),
+        Group("Grounding", [each for each in ordered if "answer" in each.needs]),
+    )
+    return [group for group in groups if group.columns]
+
+
+def _columns(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
+    return [metric for group in _groups(board, query, rows) for metric in group.columns]
+
+
+def _numbers(here: int, pages: int) -> Sequence[int | None]:
+    """Return the page numbers to link: both ends and those nearby; None marks a gap.
+
+    >>> _numbers(7, 20)
+    [1, None, 5, 6, 7, 8, 9, None, 20]
+    """
+    near = {number for number in range(here - 2, here + 3) if 1 <= number <= pages}
+    numbers: list[int | None] = []
+    for number in sorted({1, pages} | near):
+        if numbers and numbers[-1] != number - 1:
+            numbers.append(None)
+        numbers.append(number)
+    return numbers
+
+
+def _address(request: Request, query: BoardQuery) -> str:
+    path = request.app.url_path_for("show_board", **request.path_params)
+    return address_of_site(request, f"{path}{query.link()}").removesuffix("?")

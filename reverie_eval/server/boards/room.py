@@ -1,0 +1,44 @@
+"""What leaderboards add to the server."""
+
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+
+from sqlalchemy.orm import Session
+
+from reverie_eval.server.boards import desk, pages, reported_desk, routes
+from reverie_eval.server.boards.phase_ends import announce_ends, untold_ends
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.jobs import SOON, Job
+from reverie_eval.server.rooms import Room, Tab
+from reverie_eval.server.state import ServerState
+
+
+def jobs(server: ServerState) -> Iterable[Job]:
+    """Yield what announces the ends of phases, if anyone is to be told."""
+    schedules, channels = server.get(Schedules), server.settings.channels
+
+    def waiting(session: Session, now: datetime) -> Mapping[str, int]:
+        return {"ends": len(untold_ends(session, schedules, channels, now))}
+
+    def work() -> None:
+        with server.database.reading() as session:
+            if not untold_ends(session, schedules, channels, server.clock()):
+                return
+        with server.database.writing() as session:
+            announce_ends(session, schedules, channels, server.clock())
+
+    if channels:
+        yield Job("phase ends", work, SOON, waiting)
+
+
+ROOM = Room(
+    routes=[routes.router, routes.public, routes.organising],
+    pages=[pages.router, desk.router, reported_desk.router],
+    jobs=jobs,
+    desk=[
+        Tab("Results", 4, "Reported results", "/desk/reported"),
+        Tab("In public", 1, "Phases", "/desk/phases"),
+        Tab("In public", 2, "News", "/desk/news"),
+        Tab("In public", 3, "Notice", "/desk/notice"),
+    ],
+)

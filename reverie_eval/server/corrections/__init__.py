@@ -1,0 +1,1 @@
+"""Scoring again after a correction, and snapshots of leaderboards."""

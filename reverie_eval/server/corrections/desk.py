@@ -1,0 +1,125 @@
+"""What the organiser decides about splits, by pages.
+
+``/desk/quotas``: extra submissions for a team. ``/desk/phases``: when splits accept submissions and
+show scores. ``/desk/snapshots``: signed states of leaderboards, which never change.
+``/desk/corrections``: scoring again after the ground truth or the rules were corrected.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+
+from reverie_eval.schemas.organising import NewCorrection, NewSnapshot
+from reverie_eval.server.audit.log import list_entries, names_in
+from reverie_eval.server.corrections import rescoring
+from reverie_eval.server.corrections.rescoring import Rescoring
+from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots
+from reverie_eval.server.http import desk as forms
+from reverie_eval.server.http.callers import Call, CallReading, Desk, Posted
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.rendering import page
+from reverie_eval.server.http.runtime import ScoringTurn
+from reverie_eval.server.scoring.boards import Board, read_each
+from reverie_eval.server.store.paging import Page
+
+router = APIRouter()
+
+SNAPSHOTS, CORRECTIONS = "/desk/snapshots", "/desk/corrections"
+
+
+@forms.shown_at(router, SNAPSHOTS, "snapshots.html")
+def draw_snapshots(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
+    """Show all snapshots, and the form to take one."""
+    return {
+        "snapshots": list_snapshots(reading.session, forms.page_at(desk, "snapshots")),
+        "splits": list(desk.server.boards),
+    }
+
+
+@router.post(SNAPSHOTS)
+def take_snapshot(desk: Desk, form: Posted) -> Response:
+    """Take a snapshot, if that was confirmed: it cannot be removed."""
+    typed = forms.typed_by(desk, form, draw_snapshots)
+    new = read_model(NewSnapshot, {name: typed.get(name, "") for name in NewSnapshot.model_fields})
+    desk.server.board(new.split)
+    if not forms.is_confirmed(form):
+        question = f"Take a snapshot of {new.split}?"
+        remark = "It is public at once, and can be neither changed nor removed."
+        return forms.ask(
+            desk, typed, question=question, remark=remark, yes="Take it", back=SNAPSHOTS
+        )
+    desk.perform(desk.server.get(Snapshots).take, new)
+    return forms.done(SNAPSHOTS, "taken")
+
+
+@forms.shown_at(router, CORRECTIONS, "corrections.html")
+def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
+    """Show the splits with submissions to score again, and all corrections."""
+    session, server = reading.session, desk.server
+
+    def count(boards: Sequence[Board]) -> Sequence[int]:
+        return [*rescoring.count_outdated(session, boards).values()]
+
+    boards, outdated = server.leaderboards, Counter[str]()
+    counts = read_each(boards, count)
+    for board, number in zip(boards, counts, strict=True):
+        outdated[board.name] += number or 0
+    return {
+        "outdated": +outdated,
+        "unread": [
+            each.label for each, number in zip(boards, counts, strict=True) if number is None
+        ],
+        "corrections": rescoring.list_corrections(session, forms.page_at(desk, "corrections")),
+        "at_once": rescoring.AT_ONCE,
+    }
+
+
+@router.post(CORRECTIONS)
+def rescore(desk: Desk, form: Posted, _: ScoringTurn) -> Response:
+    """Score the next submissions to a split again."""
+    typed = forms.typed_by(desk, form, draw_corrections)
+    new = read_model(NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")})
+    report = desk.server.get(Rescoring).rescore(desk.person(), new)
+    outcome = "rejected" if report.rejected else "more" if report.left else "scored"
+    return forms.done(CORRECTIONS, outcome)
+
+
+@router.get("/desk/audit")
+def show_audit(
+    desk: Desk,
+    cursor: forms.Cursor = None,
+    actor: forms.Sought = "",
+    subject: forms.Sought = "",
+    whole: forms.Sought = "",
+) -> Response:
+    """Show the audit log, the latest entry first, and whether it is unchanged.
+
+    The entries on the page are always checked; the whole chain, which may be long, on request.
+    """
+    actor, subject, audit_log = _findable(actor), _findable(subject), desk.server.audit_log
+    with desk.reading() as reading:
+        session, wanted = reading.session, Page(forms.ENTRIES_ON_A_PAGE, cursor)
+        listed = list_entries(session, wanted, actor=actor, subject=subject, newest_first=True)
+        altered = (
+            audit_log.broken_links(session) if whole else audit_log.altered(session, listed.rows)
+        )
+        return page(
+            reading,
+            "desk/audit.html",
+            entries=listed,
+            names=names_in(session, listed.rows),
+            is_first=cursor is None,
+            actor=actor,
+            subject=subject,
+            broken=list(altered),
+            is_whole=bool(whole),
+            unprovable=sum(audit_log.unprovable(session).values()),
+            longest_sought=forms.LONGEST_SOUGHT,
+        )
+
+
+def _findable(text: str) -> str:
+    """Remove zero bytes, which PostgreSQL does not allow in texts."""
+    return text.replace("\0", "").strip()

@@ -1,0 +1,378 @@
+"""Scoring submissions again after a split's ground truth or rules were corrected.
+
+Each submission is scored from its upload, on one leaderboard of its split after the other. The new
+result replaces the old one in a transaction of its own; the old one stays on record with its
+receipt. So the next run continues an interrupted one: it finds only the remaining submissions. The
+time at which a submission was received, its use of the quota, and its reviews do not change.
+
+A further leaderboard that was added to a split gets its results in the same way.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from itertools import chain
+from typing import NamedTuple, Self, TypeAlias
+
+from sqlalchemy import ColumnElement, func, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.errors import SubmissionError
+from reverie_eval.metrics import Metric
+from reverie_eval.schemas.organising import NewCorrection, RescoringReport, ResultChange
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult, Receipt
+from reverie_eval.server.audit.receipts import read_as
+from reverie_eval.server.audit.transactions import Actor, Transaction, Transactions
+from reverie_eval.server.boards.announcements import corrections_of
+from reverie_eval.server.boards.leaderboard import ranks
+from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
+from reverie_eval.server.boards.reviews import is_disqualified, reviews_of
+from reverie_eval.server.errors import ConflictError
+from reverie_eval.server.scoring.boards import Board, board_named, without_version
+from reverie_eval.server.scoring.contexts import Context, Scoring
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.paging import Listed, Page, list_page
+from reverie_eval.server.store.results import results_of, store_result, stored_in_report
+from reverie_eval.server.store.tables import Correction, Review, Submission, read_stored
+from reverie_eval.server.store.uploads import UploadsError, stored_upload
+
+AT_ONCE = 20
+"""Submissions that a request scores, at most; the next request continues."""
+
+
+class Job(NamedTuple):
+    """A submission to be scored again."""
+
+    submission_id: str
+    sha256: str
+    has_intervals: bool
+    upload_deleted_at: datetime | None
+    was_scored: bool
+    """Whether it has a result under other ground truth or rules."""
+
+
+class Rescored(NamedTuple):
+    """The result of scoring a submission again."""
+
+    report: ScoreReport
+    sums: Sums | None
+    """The sums by which it is compared for ranks; None for a result without intervals."""
+
+
+Outcome: TypeAlias = Rescored | str
+"""The result of scoring again, or why a submission cannot be scored again."""
+
+
+def score_again(context: Context, split: str, further: str, job: Job) -> Outcome:
+    """Score a submission again on a leaderboard, or return why that cannot be done."""
+    if job.upload_deleted_at is not None:
+        return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
+    board = board_named(context.boards, split, further)
+    try:
+        content = stored_upload(context.uploads, job.sha256)
+        report, scores = board.scored(content, has_intervals=job.has_intervals)
+    except SubmissionError as error:
+        return f"rejected: {error.problems[0]}"
+    except UploadsError as error:
+        return str(error)
+    sums = cluster_sums(scores) if scores and report.intervals else None
+    return Rescored(report, sums)
+
+
+@dataclass(frozen=True, slots=True)
+class Rescoring:
+    """Scores the submissions of splits again."""
+
+    boards: Mapping[str, Board]
+    scoring: Scoring
+    transactions: Transactions
+
+    @classmethod
+    def of(cls, server: ServerState) -> Self:
+        """Return the service of a server."""
+        return cls(server.boards, server.scoring, server.transactions)
+
+    def rescore(self, actor: Actor, new: NewCorrection) -> RescoringReport:
+        """Score the next submissions that were scored with other ground truth or rules, or not yet.
+
+        Raises
+        ------
+        NotFoundError
+            If the server has no such split.
+        ConflictError
+            If all were scored with the current ground truth and rules.
+        """
+        own = board_named(self.boards, new.split)
+        with self.transactions.database.reading() as session:
+            waiting = [(board, outdated(session, board)) for board in own.all]
+        left = sum(len(jobs) for _, jobs in waiting)
+        if not left:
+            raise ConflictError(
+                f"all submissions to {own.name} were scored with the current ground truth and rules"
+            )
+        outcomes = chain.from_iterable(
+            self.replace_results(
+                actor, board, new.reason, jobs, map(partial(self._score_again, board), jobs)
+            )
+            for board, jobs in waiting
+        )
+        scored, rejected = 0, {}
+        for job, outcome in outcomes:
+            left -= 1
+            if isinstance(outcome, str):
+                rejected[job.submission_id] = outcome
+            else:
+                scored += 1
+            if scored == AT_ONCE:
+                break
+        return RescoringReport(
+            split=new.split, signature=own.signature, scored=scored, rejected=rejected, left=left
+        )
+
+    def _score_again(self, board: Board, job: Job) -> Outcome:
+        return self.scoring.run(score_again, board.name, board.further, job)
+
+    def replace_results(
+        self,
+        actor: Actor,
+        board: Board,
+        reason: str,
+        jobs: Sequence[Job],
+        outcomes: Iterable[Outcome],
+    ) -> Iterator[tuple[Job, Outcome]]:
+        """Announce the correction and replace results one by one; without jobs, do nothing.
+
+        ``outcomes`` are those of the jobs, in their order. First results correct nothing, so they
+        are not announced.
+        """
+        if any(job.was_scored for job in jobs):
+            with self.transactions.begin(actor) as transaction:
+                reason = _announced(transaction, board, reason)
+        for job, outcome in zip(jobs, outcomes, strict=True):
+            if isinstance(outcome, Rescored):
+                with self.transactions.begin(actor) as transaction:
+                    self._replace(transaction, board, reason, job, outcome)
+            yield job, outcome
+
+    def replace_at_once(
+        self,
+        transaction: Transaction,
+        board: Board,
+        reason: str,
+        outcomes: Mapping[Job, Outcome],
+    ) -> None:
+        """Announce the correction, and replace all results in one transaction."""
+        if any(job.was_scored for job in outcomes):
+            reason = _announced(transaction, board, reason)
+        for job, outcome in outcomes.items():
+            if isinstance(outcome, Rescored):
+                self._replace(transaction, board, reason, job, outcome)
+
+    def _replace(
+        self, transaction: Transaction, board: Board, reason: str, job: Job, rescored: Rescored
+    ) -> None:
+        report = rescored.report
+        row = transaction.session.get_one(Submission, job.submission_id)
+        results = results_of(row)
+        known, quota = results.get(board.further), read_as(Receipt, results[""].receipt).quota
+        if known is not None and board.measures_as(known.report):
+            return  # another process has done it meanwhile
+        earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]
+        receipt = self.transactions.signer.sign_result(row, report, quota)
+        result = BoardResult(report=report, receipt=receipt, earlier=earlier)
+        store_result(row, board.further, result)
+        row.rescored_at = transaction.now
+        if rescored.sums is not None:
+            store_sums(transaction.session, row.id, {board.further: rescored.sums})
+        transaction.record(
+            "scored again",
+            row,
+            row.id,
+            board=board.further,
+            before="" if known is None else known.report.signature,
+            after=report.signature,
+        )
+
+
+def _replaced(known: BoardResult, transaction: Transaction, reason: str) -> EarlierResult:
+    return EarlierResult(
+        report=known.report, receipt=known.receipt, replaced_at=transaction.now, reason=reason
+    )
+
+
+def outdated(session: Session, board: Board) -> Sequence[Job]:
+    """Return the submissions without a result under current data and rules, the oldest first.
+
+    The published ones are to be scored with intervals, if the split is open.
+    """
+    chosen = (
+        select(
+            Submission.id,
+            Submission.sha256,
+            *_signature_and_fingerprint(board.further),
+            Submission.published_at,
+            Submission.upload_deleted_at,
+        )
+        .where(Submission.split == board.name)
+        .order_by(Submission.received_at, Submission.id)
+    )
+    return [
+        Job(
+            submission_id=name,
+            sha256=sha256,
+            has_intervals=published is not None and not board.is_private,
+            upload_deleted_at=deleted,
+            was_scored=signature is not None,
+        )
+        for name, sha256, signature, fingerprint, published, deleted in session.execute(chosen)
+        if not board.is_current(signature or "", fingerprint or "")
+    ]
+
+
+def count_outdated(session: Session, boards: Collection[Board]) -> Mapping[str, int]:
+    """Count the submissions that :func:`outdated` returns, by the path of the leaderboard.
+
+    One statement counts those of all leaderboards.
+    """
+    furthers = dict.fromkeys(board.further for board in boards)
+    # A submission is counted on all leaderboards of its split at once.
+    names = {further: f"board_{number}" for number, further in enumerate(furthers)}
+    columns = [
+        column.label(f"{name}_{field}")
+        for further, name in names.items()
+        for field, column in _signature_and_fingerprint(further)._asdict().items()
+    ]
+    of_splits = Submission.split.in_({board.name for board in boards})
+    scored_by = select(Submission.split, *columns).where(of_splits).subquery()
+    counted = select(*scored_by.columns, func.count().label("number"))
+    outdated_on = dict.fromkeys([board.path for board in boards], 0)
+    for row in session.execute(counted.group_by(*scored_by.columns)).mappings():
+        for board in (board for board in boards if board.name == row["split"]):
+            scored = (row[f"{names[board.further]}_{field}"] or "" for field in _ScoredBy._fields)
+            if not board.is_current(*scored):
+                outdated_on[board.path] += row["number"]
+    return outdated_on
+
+
+class _ScoredBy(NamedTuple):
+    """What a result was scored by, as columns of a statement."""
+
+    signature: ColumnElement[str | None]
+    fingerprint: ColumnElement[str | None]
+
+
+def _signature_and_fingerprint(further: str) -> _ScoredBy:
+    """Return columns of the reports on a leaderboard; NULL without a result."""
+    return _ScoredBy(
+        stored_in_report(further, "signature"), stored_in_report(further, "fingerprint")
+    )
+
+
+def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:
+    """List the corrections of all splits, the latest first."""
+    report = partial(read_stored, CorrectionReport)
+    return list_page(session, select(Correction), Correction.id, page, report, newest_first=True)
+
+
+def changes(
+    session: Session,
+    board: Board,
+    outcomes: Mapping[str, Outcome],
+    *,
+    first_results: Collection[str] = (),
+) -> Sequence[ResultChange]:
+    """Compare a leaderboard's results before and after a correction, the largest changes first.
+
+    ``outcomes`` has the submissions whose results were not replaced. ``first_results`` are
+    submissions that had no result before.
+    """
+    correction = _current_correction(session, board)
+    chosen = select(Submission).where(Submission.split == board.name)
+    rows = session.scalars(chosen.order_by(Submission.received_at, Submission.id)).all()
+    known = {row.id: results_of(row).get(board.further) for row in rows}
+    before = [
+        {} if name in first_results else _before(result, correction)
+        for name, result in known.items()
+    ]
+    after = [_after(result, board, outcomes.get(name)) for name, result in known.items()]
+    reviews, ranked_by = reviews_of(session, board.name), board.primary
+    is_ranked = [_is_ranked(row, reviews) for row in rows]
+    ranks_before = _ranks_among(is_ranked, before, ranked_by)
+    ranks_after = _ranks_among(is_ranked, after, ranked_by)
+    problems = {name: told for name, told in outcomes.items() if isinstance(told, str)}
+    found = [
+        ResultChange(
+            board=board.further,
+            submission_id=row.id,
+            team=row.team.name,
+            method=row.method["name"],
+            before=before[index],
+            after=after[index],
+            rank_before=ranks_before[index],
+            rank_after=ranks_after[index],
+            problem=problems.get(row.id, ""),
+        )
+        for index, row in enumerate(rows)
+    ]
+    return sorted(found, key=lambda change: -abs(change.difference(ranked_by.key)))
+
+
+def _current_correction(session: Session, board: Board) -> CorrectionReport | None:
+    """Return a leaderboard's latest correction, if it led to the current ground truth and rules."""
+    latest = next(iter(corrections_of(session, [board])[board.name]), None)
+    if latest is None or without_version(latest.signature) != without_version(board.signature):
+        return None
+    return latest
+
+
+def _announced(transaction: Transaction, board: Board, reason: str) -> str:
+    """Announce a correction to the current ground truth and rules, and return its reason.
+
+    If one was already announced, it continues with the reason given then.
+    """
+    known = _current_correction(transaction.session, board)
+    if known is not None:
+        return known.reason
+    row = Correction(
+        split=board.name,
+        board=board.further,
+        signature=board.signature,
+        reason=reason,
+        created_at=transaction.now,
+    )
+    transaction.record("correction announced", row, board.label, reason=reason)
+    return reason
+
+
+def _before(known: BoardResult | None, correction: CorrectionReport | None) -> Mapping[str, float]:
+    """Return the scores before a correction; empty if there were none."""
+    if known is None:
+        return {}
+    last = known.earlier[-1] if known.earlier else None
+    if last is not None and correction is not None and last.replaced_at >= correction.created_at:
+        return last.report.scores
+    return known.report.scores
+
+
+def _after(known: BoardResult | None, board: Board, outcome: Outcome | None) -> Mapping[str, float]:
+    """Return the scores under the current ground truth and rules; empty if there are none."""
+    if isinstance(outcome, Rescored):
+        return outcome.report.scores
+    return known.report.scores if known and board.measures_as(known.report) else {}
+
+
+def _ranks_among(
+    is_ranked: Sequence[bool], scores: Sequence[Mapping[str, float]], metric: Metric
+) -> Sequence[int | None]:
+    values = [
+        each.get(metric.key) if ranked else None
+        for ranked, each in zip(is_ranked, scores, strict=True)
+    ]
+    return ranks(values, metric)
+
+
+def _is_ranked(row: Submission, reviews: Mapping[str, Sequence[Review]]) -> bool:
+    """Whether a leaderboard ranks a submission that is scored under its rules."""
+    return row.status == "published" and not is_disqualified(reviews.get(row.id, ()))

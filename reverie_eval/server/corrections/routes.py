@@ -1,0 +1,73 @@
+"""``/splits/test/snapshots`` and what organisers do: snapshots, corrections, the audit log."""
+
+from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse
+
+from reverie_eval.schemas import organising as schemas
+from reverie_eval.schemas.service import Envelope, Snapshot, SnapshotEntry
+from reverie_eval.server.audit.log import list_reports
+from reverie_eval.server.audit.receipts import read_as
+from reverie_eval.server.boards.leaderboard import csv_of
+from reverie_eval.server.boards.routes import LEADERBOARD_CSV
+from reverie_eval.server.corrections.rescoring import Rescoring
+from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots, snapshot_of
+from reverie_eval.server.http.callers import Organiser, Server, SplitName
+from reverie_eval.server.http.exchange import API
+from reverie_eval.server.http.openapi import TEXT, file_reply, organiser_router, problems
+from reverie_eval.server.http.paging import Number, Paging
+from reverie_eval.server.http.runtime import ScoringTurn
+
+organising = organiser_router()
+
+
+@organising.post("/corrections", responses=problems("not-found", "conflict"))
+def rescore(
+    new: schemas.NewCorrection, organiser: Organiser, _: ScoringTurn
+) -> schemas.RescoringReport:
+    """Score some submissions again after a correction of the ground truth or the rules.
+
+    Each request scores the next few; `left` says how many remain. `server rescore` scores all.
+    """
+    return organiser.server.get(Rescoring).rescore(organiser.person(), new)
+
+
+@organising.post("/snapshots", status_code=201, responses=problems("not-found"))
+def take_snapshot(new: schemas.NewSnapshot, organiser: Organiser) -> SnapshotEntry:
+    """Take a signed snapshot of a leaderboard, which never changes, nor do names in it."""
+    return organiser.perform(organiser.server.get(Snapshots).take, new)
+
+
+@organising.get("/audit")
+def list_audit(organiser: Organiser, paging: Paging) -> list[schemas.AuditReport]:
+    """List the audit log, the oldest entry first; `server doctor` checks its chain."""
+    return paging.read(organiser, list_reports)
+
+
+router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
+
+
+@router.get("/{split}/snapshots", responses=problems("not-found"))
+def list_split_snapshots(split: SplitName, server: Server, paging: Paging) -> list[SnapshotEntry]:
+    """List the snapshots of the leaderboard, the latest first."""
+    name = server.board(split).name
+    with server.database.reading() as session:
+        return paging.reply(list_snapshots(session, paging.page, name))
+
+
+@router.get(
+    "/{split}/snapshots/{number}.csv",
+    response_class=Response,
+    responses=file_reply("text/csv", "not-found", "conflict", schema=TEXT, example=LEADERBOARD_CSV),
+)
+def download_snapshot(split: SplitName, number: Number, server: Server) -> Response:
+    """Return a snapshot as CSV; only the JSON is signed."""
+    snapshot = read_as(Snapshot, show_snapshot(split, number, server))
+    text = csv_of(snapshot.leaderboard.model_dump(mode="json"))
+    return PlainTextResponse(text, media_type="text/csv")
+
+
+@router.get("/{split}/snapshots/{number}", responses=problems("not-found"))
+def show_snapshot(split: SplitName, number: Number, server: Server) -> Envelope:
+    """Return a signed snapshot of the leaderboard, in a DSSE envelope; it never changes."""
+    with server.database.reading() as session:
+        return snapshot_of(session, split, number)

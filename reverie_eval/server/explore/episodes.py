@@ -1,0 +1,447 @@
+"""Episodes of open splits: their annotations, and the results of submissions.
+
+The annotations of an open split are published, so everyone may see them, and so are the walks of
+the reference agents. Walks of a submission are shown to its team and the organiser; to everyone if
+the team chose so, or if it is a baseline. Episodes of private splits are not shown to anyone.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from reverie_eval.agents import AGENTS, DEMO_AGENT
+from reverie_eval.analysis import Episode, episode, find_grouping
+from reverie_eval.arrays import BoolArray, IntArray, offsets_of
+from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.runner import run_agent
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.service import InputClass, Method, SubmissionReport
+from reverie_eval.scoring import (
+    OUTCOMES,
+    FailureModes,
+    PreparedSubmission,
+    Scores,
+    failure_modes,
+    outcome_indices,
+)
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.errors import NotFoundError, NotSignedInError
+from reverie_eval.server.intake.submissions import (
+    SubmissionService,
+    newest_of_each,
+    public_episodes_of_each,
+    public_team,
+    submission_of,
+    with_public_episodes,
+)
+from reverie_eval.server.scoring.boards import Board, load_board, tasks_of
+from reverie_eval.server.scoring.contexts import Context, EpisodeValues, Scoring, check_signature
+from reverie_eval.server.settings import Split
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.results import submission_report
+from reverie_eval.server.store.tables import Person, Submission, read_stored
+from reverie_eval.submissions import SubmissionColumns
+from reverie_eval.tasks import DEFAULT_TASK, Task, name_on_server
+
+MOST_LISTED = 200
+"""Submissions to choose from, at most; older ones can be opened by their links."""
+
+
+@dataclass(frozen=True)
+class EpisodeFilter:
+    """The episodes to show; empty means any."""
+
+    outcome: str = ""
+    """The first submission's outcome: one of :data:`reverie_eval.scoring.OUTCOMES`."""
+    other_outcome: str = ""
+    """The second submission's outcome."""
+    scan: str = ""
+    category: str = ""
+    """The category of the target, in lower case."""
+    text: str = ""
+    """Part of the instruction or the id; case is ignored."""
+
+
+class Reference(NamedTuple):
+    """A reference agent on a split."""
+
+    title: str
+    input_class: InputClass | None
+    """The input that the agent saw; None for agents that only know the graph or the solution."""
+    scores: Scores
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A submission or a reference agent whose walks a person may look at."""
+
+    id: str
+    method: str
+    """The method's name."""
+    kind: Literal["own", "public", "agent"] = "own"
+    team: str = ""
+    """Empty for a reference agent, and for a team that chose to be anonymous."""
+    at: datetime | None = None
+    """When it was received or, for others, published; None for a reference agent."""
+    status: str = "published"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A submission or a reference agent, with the outcome of every episode."""
+
+    choice: Choice
+    scores: Scores
+
+    @cached_property
+    def outcome(self) -> Sequence[str]:
+        """The outcome of each episode; empty if the protocol lacks the metrics for it."""
+        try:
+            numbers = outcome_indices(self.scores.episodes)
+        except ProtocolError:
+            return ()
+        return [list(OUTCOMES)[number] for number in numbers]
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """What is known about a split's episodes without a submission."""
+
+    scores: Scores
+    """The scores of an agent that stays at the start and predicts nothing."""
+    scan: Sequence[str]
+    category: Sequence[str]
+    """Empty if the ground truth has no categories, or the task has no targets."""
+    instruction: Sequence[str]
+    """Empty if the ground truth has no instructions."""
+
+    @classmethod
+    def of(cls, board: Board) -> "Annotations":
+        """Collect the annotations of a split."""
+        truth = board.truth
+        scores = board.score(PreparedSubmission(align_walks(truth, {}), truth))
+        return cls(
+            scores=scores,
+            scan=find_grouping("scan").groups(scores),
+            category=_if_known(lambda: find_grouping("category").groups(scores)),
+            instruction=_if_known(lambda: truth.episodes.instructions),
+        )
+
+    @cached_property
+    def searched(self) -> Sequence[str]:
+        """Id and instruction of each episode, as searchable text."""
+        ids = self.scores.instr_ids
+        instructions = self.instruction or [""] * len(ids)
+        return [f"{id_} {text}".casefold() for id_, text in zip(ids, instructions, strict=True)]
+
+
+@dataclass(frozen=True)
+class Browsing:
+    """A split's episodes, and up to two submissions to show with them."""
+
+    board: Board
+    annotations: Annotations
+    runs: Sequence[Run]
+    choices: Sequence[Choice]
+    """All that the person may choose."""
+
+    def rows(self, wanted: EpisodeFilter) -> IntArray:
+        """Return the indices of the episodes to show, in their order."""
+        fits = self._is(self.annotations.scan, wanted.scan)
+        fits &= self._is(self.annotations.category, wanted.category)
+        for run, outcome in zip(self.runs, (wanted.outcome, wanted.other_outcome), strict=False):
+            fits &= self._is(run.outcome, outcome)
+        sought = " ".join(wanted.text.casefold().split())
+        fits &= np.array([sought in text for text in self.annotations.searched], dtype=bool)
+        return np.flatnonzero(fits)
+
+    def failure_modes(self, run: Run, wanted: EpisodeFilter) -> FailureModes | None:
+        """Count the outcomes of the episodes to show, ignoring the outcome in the filter.
+
+        None if the protocol lacks the metrics for it.
+        """
+        if not run.outcome:
+            return None
+        rows = self.rows(replace(wanted, outcome="", other_outcome=""))
+        return failure_modes({key: column[rows] for key, column in run.scores.episodes.items()})
+
+    def episode(self, instr_id: str) -> Episode:
+        """Return an episode without a submission.
+
+        Raises NotFoundError if the split does not have it.
+        """
+        self.row(instr_id)
+        return episode(self.annotations.scores, instr_id)
+
+    def row(self, instr_id: str) -> int:
+        """Return an episode's index; raises the same errors as :meth:`episode`."""
+        row = self.board.truth.episodes.index.get(instr_id)
+        if row is None:
+            raise NotFoundError(f"there is no episode {instr_id!r} in {self.board.name}")
+        return row
+
+    def _is(self, parts: Sequence[str], wanted: str) -> BoolArray:
+        if not wanted:
+            return np.ones(len(self.annotations.scan), dtype=bool)
+        return np.array([part == wanted for part in parts] or [False])
+
+
+class EpisodeService:
+    """Access to episodes."""
+
+    def __init__(
+        self, boards: Mapping[str, Board], scoring: Scoring, submissions: SubmissionService
+    ) -> None:
+        self._first_task, *_ = tasks_of(boards)
+        self._boards, self._scoring, self._submissions = boards, scoring, submissions
+        # A correction changes the signatures.
+        self._example = lru_cache(1)(lambda _signatures: self._choose_example())
+        self._annotations = lru_cache(len(boards))(
+            lambda split, signature: Annotations.of(self._board_of(split, signature))
+        )
+        self._walked = lru_cache(len(boards) * (len(AGENTS) + 1))(
+            lambda split, signature, agent: self._walk(self._board_of(split, signature), agent)
+        )
+
+    @classmethod
+    def of(cls, server: ServerState) -> Self:
+        """Return the service of a server."""
+        return cls(server.boards, server.scoring, server.get(SubmissionService))
+
+    @property
+    def boards(self) -> Sequence[Board]:
+        """The leaderboards of the open splits."""
+        return [board for board in self._boards.values() if not board.is_private]
+
+    @property
+    def signatures(self) -> tuple[str, ...]:
+        """What the open splits are scored by."""
+        return tuple(board.signature for board in self.boards)
+
+    @property
+    def example(self) -> tuple[Board, Episode] | None:
+        """An example of the first task, and its split: an open one, otherwise that of the demo.
+
+        Its shortest length is the median of all episodes. None if there is no such split.
+        """
+        return self._example(self.signatures)
+
+    def _choose_example(self) -> tuple[Board, Episode] | None:
+        own = [board for board in self.boards if board.task is self._first_task]
+        unseen_first = sorted(own, key=lambda board: board.truth.split != "val_unseen")
+        board = unseen_first[0] if unseen_first else _demo_board(self._first_task)
+        if board is None:
+            return None
+        scores = Annotations.of(board).scores
+        by_length = np.argsort(scores.episodes["shortest_length"], kind="stable")
+        return board, episode(scores, scores.instr_ids[by_length[len(by_length) // 2]])
+
+    def _board_of(self, split: str, signature: str) -> Board:
+        """Return the board of a split. Raises BusyError if it was corrected meanwhile."""
+        board = self._board(split)
+        check_signature(board, signature)
+        return board
+
+    def _walk(self, board: Board, agent: str) -> Scores:
+        return self._scoring.run(score_agent, board.name, agent).scores(board)
+
+    def references(self, board: Board) -> Sequence[Reference]:
+        """Return the reference agents' scores on a split, the best first; none on a private one.
+
+        There, the scores of the random agent would reveal something about the solution.
+        """
+        if board.is_private:
+            return []
+        found = [
+            Reference(title, input_class, self._walked(board.name, board.signature, agent))
+            for agent, title, input_class in _references(board)
+        ]
+        return sorted(found, key=lambda each: each.scores[board.primary.key], reverse=True)
+
+    def browse(
+        self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
+    ) -> Browsing:
+        """Return a split's episodes, with up to two submissions, for a person or a visitor.
+
+        ``submissions`` are the ids of submissions, or names of reference agents.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such open split, or the person may not look at such a submission to it.
+        NotSignedInError
+            If nobody is signed in, and not everyone may look at a submission.
+        """
+        board = self._board(split)
+        runs = self._runs(session, person, split, submissions)
+        choices = self.choices(session, person, [board])[split]
+        return Browsing(board, self._annotations(split, board.signature), runs, choices)
+
+    def choices(
+        self, session: Session, person: Person | None, boards: Sequence[Board]
+    ) -> Mapping[str, Sequence[Choice]]:
+        """Return what a person may look at on open splits, by split.
+
+        Their own submissions first, then those that everyone may see, each the newest first; then
+        the reference agents. Raises UnreadableValueError if a row cannot be read.
+        """
+        splits = [board.name for board in boards]
+        own = newest_of_each(session, person, splits, MOST_LISTED) if person else {}
+        public = public_episodes_of_each(session, splits, MOST_LISTED)
+        return {
+            board.name: self._choices(board, own.get(board.name, ()), public[board.name])
+            for board in boards
+        }
+
+    def _choices(
+        self, board: Board, own: Sequence[Submission], public: Sequence[Submission]
+    ) -> Sequence[Choice]:
+        known = {row.id for row in own}
+        others = [
+            self._public(row)
+            for row in public
+            if row.id not in known and board.measures_as(read_stored(ScoreReport, row.report))
+        ]
+        theirs = [_own(row, row.team.name, _name_of_method(row)) for row in own]
+        return [*theirs, *others, *map(_agent, AGENTS)]
+
+    def _view(self, session: Session) -> View:
+        return self._submissions.view(session, self._submissions.transactions.clock())
+
+    def _board(self, split: str) -> Board:
+        board = next((board for board in self.boards if board.name == split), None)
+        if board is None:
+            raise NotFoundError(
+                f"no episodes of {split!r} are shown here; those of private splits never leave "
+                "the server"
+            )
+        return board
+
+    def _runs(
+        self, session: Session, person: Person | None, split: str, chosen: Sequence[str]
+    ) -> Sequence[Run]:
+        # All at once, so that looking up each takes no statement.
+        named = [each for each in chosen if each.isalnum() and each not in AGENTS]
+        ids = Submission.id.in_(named)
+        rows = session.scalars(select(Submission).where(ids)) if named else ()
+        known = {row.id: row for row in rows}
+        public = with_public_episodes(split).where(ids).with_only_columns(Submission.id)
+        shown = set(session.scalars(public)) if known else set()
+        return [
+            self._run(session, person, split, each, known[each] if each in shown else None)
+            for each in chosen
+        ]
+
+    def _run(
+        self,
+        session: Session,
+        person: Person | None,
+        split: str,
+        chosen: str,
+        public: Submission | None,
+    ) -> Run:
+        """Return a submission or an agent; ``public`` is its row if everyone may look at it."""
+        if chosen in AGENTS:
+            return Run(_agent(chosen), self._walked(split, self._board(split).signature, chosen))
+        if public is not None and (person is None or public.team_id != person.team_id):
+            return Run(self._public(public), self._submissions.episodes(submission_report(public)))
+        if person is None:
+            raise NotSignedInError("sign in to look at a submission of your team")
+        report = submission_of(session, person, chosen, self._view(session))
+        if report.split != split:
+            raise NotFoundError(f"your team has no submission {chosen!r}")
+        return Run(
+            _own(report, report.team, report.method.name), self._submissions.episodes(report)
+        )
+
+    def _public(self, row: Submission) -> Choice:
+        team = public_team(row, self._submissions.transactions.clock())
+        return Choice(row.id, _name_of_method(row), "public", team, row.published_at)
+
+
+def _name_of_method(row: Submission) -> str:
+    return read_stored(Method, row.method).name
+
+
+def _references(board: Board) -> Iterator[tuple[str, str, InputClass | None]]:
+    """Yield the agents that serve as a reference on a split, with their title and input class."""
+    for name in AGENTS:
+        yield name, f"{name.capitalize()} agent", None
+    if board.truth.is_demo and board.task.name == DEFAULT_TASK and _demo_walks(board).is_file():
+        yield DEMO_AGENT.name, "FAST-Short on names", "objects"
+
+
+def _demo_walks(board: Board) -> Path:
+    """Return the submission of the demo world's trained agent to a split, which may not exist."""
+    return DEMO_AGENT / f"{board.truth.split}.json"
+
+
+def _demo_board(task: Task) -> Board | None:
+    """Return an open split of the demo world, which tasks of other packages do not have."""
+    bundle = bundle_folder(DEMO_BUNDLES, task.name) / "val_unseen.npz"
+    if not bundle.is_file():
+        return None
+    split = Split(bundle=bundle, visibility="open", task=task.name)
+    return load_board(name_on_server(task.name, "val_unseen"), split, bundle)
+
+
+def _own(found: Submission | SubmissionReport, team: str, method: str) -> Choice:
+    return Choice(found.id, method, team=team, at=found.received_at, status=found.status)
+
+
+def _agent(name: str) -> Choice:
+    return Choice(name, f"{name.capitalize()} (reference agent)", "agent")
+
+
+def score_agent(context: Context, split: str, agent: str) -> EpisodeValues:
+    """Let a reference agent walk, and score it."""
+    board = context.boards[split]
+    if agent == DEMO_AGENT.name:
+        # It walked when it was trained: a server need not have PyTorch.
+        walked = json.loads(_demo_walks(board).read_bytes())
+        known = {*board.truth.episodes.instr_ids}
+        records = [record for record in walked if record["instr_id"] in known]
+    else:
+        records = run_agent(agent, board.truth)
+    if board.split.track == "grounding":  # takes answers alone
+        records = [{key: record[key] for key in ("instr_id", "predObjId")} for record in records]
+    return EpisodeValues.of(board, board.score(board.read(json.dumps(records).encode())))
+
+
+def align_walks(
+    truth: GroundTruth, walks: Mapping[int, tuple[Sequence[int], int]]
+) -> SubmissionColumns:
+    """Return a submission with some walks; elsewhere, the agent stays and predicts nothing.
+
+    ``walks`` are viewpoints from the start on and the predicted object, by the row of the episode.
+    """
+    count = len(truth.episodes.instr_ids)
+    visited = [[start] for start in truth.episodes.start.tolist()]
+    predicted = np.full(count, ABSTAINED)
+    for row, (viewpoints, object_id) in walks.items():
+        visited[row] = list(viewpoints)
+        predicted[row] = object_id
+    return SubmissionColumns(
+        viewpoint=np.concatenate(visited),
+        offsets=offsets_of(np.array([len(each) for each in visited])),
+        predicted_object=predicted,
+        answer_is_text=np.zeros(count, dtype=bool),
+        has_leading_zeros=np.zeros(count, dtype=bool),
+    )
+
+
+def _if_known(texts: Callable[[], Sequence[str]]) -> Sequence[str]:
+    try:
+        return texts()
+    except (GroundTruthError, ProtocolError):
+        return ()

@@ -1,0 +1,251 @@
+"""The episode browser: the list of episodes, and each one on its map."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Annotated, Any
+from urllib.parse import quote, urlencode
+
+from fastapi import APIRouter, Depends, Query
+from fastapi.responses import Response
+from markupsafe import Markup
+
+from reverie_eval.analysis import Episode
+from reverie_eval.reporting.answer_svg import answer_svg
+from reverie_eval.reporting.answers import AnswerView, answer_views
+from reverie_eval.reporting.map_svg import interactive_map_svg, map_key
+from reverie_eval.reporting.maps import EpisodeMap, Step
+from reverie_eval.reporting.report_sections import BEST_OUTCOME_FIRST
+from reverie_eval.server.boards.leaderboard import make_distinct
+from reverie_eval.server.explore.episodes import (
+    Browsing,
+    Choice,
+    EpisodeFilter,
+    EpisodeService,
+    Run,
+)
+from reverie_eval.server.http.callers import Call, CallReading, Visitor
+from reverie_eval.server.http.rendering import drawn, page
+from reverie_eval.server.http.runtime import ScoringTurn
+from reverie_eval.server.scoring.boards import Board, read_each
+from reverie_eval.text import category_text
+
+router = APIRouter()
+
+PER_PAGE = 50
+MOST_CHOICES = 12
+"""Submissions of a split that the list of splits shows."""
+MOST_STEPS = 200
+"""The longest list of steps that a page shows."""
+
+
+@dataclass(frozen=True)
+class Selection(EpisodeFilter):
+    """The query of a page: which episodes, and the routes of which submissions."""
+
+    submission: str = ""
+    other: str = ""
+
+    @property
+    def submissions(self) -> Sequence[str]:
+        """The ids of the chosen submissions: none, one or two."""
+        return list(dict.fromkeys(filter(None, (self.submission, self.other))))
+
+    def link(self, split: str, instr_id: str = "", **changes: str | int) -> str:
+        """Return the address of the list, or of one episode, with some of the query changed."""
+        query = {key: value for key, value in (asdict(self) | changes).items() if value}
+        place = "/".join(quote(part, safe="") for part in (split, instr_id) if part)
+        return f"/episodes/{place}?{urlencode(query)}".removesuffix("?")
+
+
+Selected = Annotated[Selection, Depends()]
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeCount:
+    """An outcome and its number of episodes."""
+
+    name: str
+    meaning: str
+    counts: Sequence[int]
+    """One for each submission."""
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbours:
+    """The episodes before and after one, among those that match the filter."""
+
+    previous: str | None
+    next: str | None
+    number: int | None
+    """Its own position among them, from 1; None if it does not match."""
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerPicture:
+    """A picture of what is visible from a viewpoint."""
+
+    name: str
+    """The name of the submission; empty if only the target is shown."""
+    picture: Markup
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """An agent's route through an episode, as a table shows it."""
+
+    name: str
+    run: Run
+    episode: Episode
+    details: str
+    """The answer, the lengths and the levels."""
+    steps: Sequence[Step]
+    """At most MOST_STEPS."""
+    unlisted: int
+    """The number of further steps."""
+
+
+@router.get("/episodes")
+def show_splits(visitor: Visitor) -> Response:
+    """List the open splits."""
+    episodes = visitor.server.get(EpisodeService)
+    with visitor.reading() as reading:
+
+        def read(boards: Sequence[Board]) -> Sequence[Sequence[Choice]]:
+            return [*episodes.choices(reading.session, reading.caller, boards).values()]
+
+        boards = episodes.boards
+        splits = [*zip(boards, read_each(boards, read), strict=True)]
+        return page(reading, "episodes.html", splits=splits, most=MOST_CHOICES)
+
+
+@router.get("/episodes/{split}")
+def show_episodes(
+    split: str,
+    visitor: Visitor,
+    selection: Selected,
+    _: ScoringTurn,
+    number: Annotated[int, Query(alias="page", ge=1)] = 1,
+) -> Response:
+    """List the episodes of an open split, with their outcomes."""
+    with visitor.reading() as reading:
+        browsing = _browsing(visitor, reading, split, selection)
+        rows = browsing.rows(selection)
+        found = [browsing.failure_modes(run, selection) for run in browsing.runs]
+        failures = [modes for modes in found if modes is not None]
+        pages = max(1, -(-len(rows) // PER_PAGE))
+        number = min(number, pages)
+        return page(
+            reading,
+            "episodes-list.html",
+            browsing=browsing,
+            selection=selection,
+            names=_names(browsing.runs),
+            rows=rows[(number - 1) * PER_PAGE : number * PER_PAGE].tolist(),
+            count=len(rows),
+            number=number,
+            pages=pages,
+            funnels=[modes.funnel for modes in failures],
+            parts=[
+                OutcomeCount(name, meaning, [modes.counts[name] for modes in failures])
+                for name, meaning in BEST_OUTCOME_FIRST.items()
+                if failures
+            ],
+            outcomes=BEST_OUTCOME_FIRST,
+            scans=sorted(set(browsing.annotations.scan)),
+            categories={
+                name: category_text(name) for name in sorted(set(browsing.annotations.category))
+            },
+        )
+
+
+@router.get("/episodes/{split}/{instr_id}")
+def show_episode(
+    split: str, instr_id: str, visitor: Visitor, selection: Selected, _: ScoringTurn
+) -> Response:
+    """Show an episode on the map of its scan, with the routes of up to two submissions."""
+    with visitor.reading() as reading:
+        browsing = _browsing(visitor, reading, split, selection)
+        content = _episode_content(browsing, selection, instr_id)
+        return page(reading, "episode.html", **content)
+
+
+def _browsing(visitor: Call, reading: CallReading, split: str, selection: Selection) -> Browsing:
+    """Return the requested episodes and submissions, if the visitor may see them."""
+    episodes, submissions = visitor.server.get(EpisodeService), selection.submissions
+    return episodes.browse(reading.session, reading.caller, split, submissions)
+
+
+def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) -> Mapping[str, Any]:
+    episode = browsing.episode(instr_id)
+    names = _names(browsing.runs)
+    keys = list(browsing.runs[0].scores if browsing.runs else ())
+    walked = {
+        name: run.scores.episode(instr_id) for name, run in zip(names, browsing.runs, strict=True)
+    }
+    shown = EpisodeMap.of(walked) if walked else EpisodeMap.of({"": episode}).without_routes()
+    return {
+        "browsing": browsing,
+        "selection": selection,
+        "episode": episode,
+        "map": shown,
+        "picture": drawn(interactive_map_svg(shown)),
+        "key": drawn(map_key(shown)),
+        "answers": _answers(episode, walked) if browsing.board.task.has_targets else (),
+        "walks": _walks(browsing.runs, walked, shown),
+        "neighbours": _neighbours(browsing, selection, instr_id),
+        "goals": _goals(episode, shown),
+        "levels": range(1, int(shown.storey.max()) + 2),
+        "outcomes": BEST_OUTCOME_FIRST,
+        "headline": [key for key in keys if key in browsing.board.task.headline],
+        "further": [key for key in keys if key not in browsing.board.task.headline],
+        "filters": {field.name: getattr(selection, field.name) for field in fields(EpisodeFilter)},
+    }
+
+
+def _answers(episode: Episode, walked: Mapping[str, Episode]) -> Sequence[AnswerPicture]:
+    """Draw the answers; without a submission, the target."""
+    at_end = AnswerView.at_path_end(episode)
+    views = answer_views(walked) if walked else [("", at_end)] if at_end else []
+    return [
+        AnswerPicture(name, drawn(answer_svg(view, number)), view.caption)
+        for number, (name, view) in enumerate(views, 1)
+    ]
+
+
+def _names(runs: Sequence[Run]) -> Sequence[str]:
+    """Name submissions by their methods, with their ids if the methods have the same name."""
+    choices = [run.choice for run in runs]
+    return make_distinct([each.method for each in choices], [each.id for each in choices])
+
+
+def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neighbours:
+    rows, row = browsing.rows(selection), browsing.row(instr_id)
+    ids = browsing.annotations.scores.instr_ids
+    before, after = rows[rows < row], rows[rows > row]
+    return Neighbours(
+        previous=ids[before[-1]] if len(before) else None,
+        next=ids[after[0]] if len(after) else None,
+        number=len(before) + 1 if (rows == row).any() else None,
+        count=len(rows),
+    )
+
+
+def _walks(runs: Sequence[Run], walked: Mapping[str, Episode], shown: EpisodeMap) -> Sequence[Walk]:
+    walks = []
+    for run, route, (name, episode) in zip(runs, shown.routes, walked.items(), strict=True):
+        steps = shown.steps(route)
+        listed = steps[:MOST_STEPS]
+        caption = episode.caption.removeprefix(f"{episode.outcome}: ")
+        details = "; ".join(filter(None, [caption, shown.level_note(route)]))
+        walks.append(Walk(name, run, episode, details, listed, len(steps) - len(listed)))
+    return walks
+
+
+def _goals(episode: Episode, shown: EpisodeMap) -> Sequence[tuple[str, int, float]]:
+    """List the goal viewpoints, each with its level and the metres to the path's end."""
+    levels = shown.storey[shown.goal_viewpoints] + 1
+    metres = shown.to_path_end(shown.goal_viewpoints)
+    listed = zip(episode.goal_viewpoints, levels.tolist(), metres.tolist(), strict=True)
+    return sorted(listed, key=lambda goal: goal[2])

@@ -1,0 +1,160 @@
+"""``/play``: a person walks an episode of an open split and sees how it is scored.
+
+The URL has the episode's number in the sample, because a REVERIE id contains the target's id.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+from urllib.parse import quote, urlencode
+
+import msgspec
+import numpy as np
+from fastapi import APIRouter, Depends, Path, Query
+from fastapi.responses import Response
+
+from reverie_eval.analysis import VisibleObject
+from reverie_eval.reporting.answer_svg import ObjectLink, WayLink, answer_svg, panorama_svg
+from reverie_eval.reporting.answers import answer_views, span_of
+from reverie_eval.reporting.map_svg import map_key, map_svg
+from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.skyboxes import find_skybox
+from reverie_eval.server.explore.episodes import EpisodeService
+from reverie_eval.server.explore.play import MOST_STEPS, HumanWalk, sample
+from reverie_eval.server.http.callers import Visitor
+from reverie_eval.server.http.rendering import drawn, page
+from reverie_eval.server.http.runtime import ScoringTurn
+from reverie_eval.simulator import Candidate
+
+router = APIRouter()
+
+NAME = "Your walk"
+NOTHING = "none"
+"""In place of an object, if the person points at none."""
+MOST_SAMPLED = 500
+
+
+@dataclass(frozen=True)
+class Played:
+    """The query of a page: the sample that is played, and the walk so far."""
+
+    seed: Annotated[int, Query(ge=0, lt=1 << 31)] = 0
+    n: Annotated[int, Query(ge=1, le=MOST_SAMPLED)] = 20
+    walk: Annotated[str, Query(pattern=r"^([0-9]+(\.[0-9]+)*)?$", max_length=6 * MOST_STEPS)] = ""
+    """Numbers of viewpoints with dots between them."""
+    answer: Annotated[str, Query(pattern=rf"^([0-9]+|{NOTHING})?$", max_length=9)] = ""
+    """The object, or ``none``; empty while the walk goes on."""
+    choice: Annotated[str, Query(pattern=r"^[0-9]*$", max_length=9)] = ""
+    """The object that is chosen in the form, without scripts, and not yet the answer."""
+
+    @property
+    def steps(self) -> list[int]:
+        """The numbers of the viewpoints."""
+        return [int(number) for number in self.walk.split(".") if number]
+
+    @property
+    def object_id(self) -> int | None:
+        """The object that the person pointed at."""
+        return int(self.answer) if self.answer.isdigit() else None
+
+    def link(self, split: str, number: int = 0, walk: str = "", choice: str = "") -> str:
+        """Return the address of the sample, or of an episode in it and a walk through that."""
+        query = {"seed": self.seed, "n": self.n, "walk": walk, "choice": choice}
+        given = urlencode({key: value for key, value in query.items() if value != ""})
+        place = quote(split, safe="") + (f"/{number}" if number else "")
+        return f"/play/{place}?{given}"
+
+
+Asked = Annotated[Played, Depends()]
+
+
+@router.get("/play/{split}")
+def show_sample(split: str, visitor: Visitor, played: Asked) -> Response:
+    """List the episodes of a sample."""
+    with visitor.reading() as reading:
+        browsing = visitor.server.get(EpisodeService).browse(
+            reading.session, reading.caller, split, []
+        )
+        ids = sample(browsing.board, played.seed, played.n)
+        instructions = browsing.annotations.instruction or [""] * len(browsing.annotations.scan)
+        return page(
+            reading,
+            "play-sample.html",
+            split=split,
+            task=browsing.board.task,
+            own_name=browsing.board.truth.split,
+            played=played,
+            sampled={instr_id: instructions[browsing.row(instr_id)] for instr_id in ids},
+            most=MOST_SAMPLED,
+            count=len(browsing.board.truth.episodes.instr_ids),
+        )
+
+
+@router.get("/play/{split}/{number}")
+def play(
+    split: str,
+    number: Annotated[int, Path(ge=1)],
+    visitor: Visitor,
+    played: Asked,
+    _: ScoringTurn,
+) -> Response:
+    """Show what a person sees from where they are; or, after the answer, how it is scored."""
+    with visitor.reading() as reading:
+        browsing = visitor.server.get(EpisodeService).browse(
+            reading.session, reading.caller, split, []
+        )
+        walk = HumanWalk.of(browsing, played.seed, number, played.steps)
+        content: dict[str, Any] = {"split": split, "number": number, "walk": walk}
+        content |= {"task": walk.board.task, "played": played}
+        if played.answer:
+            content |= _scored(walk, played)
+            return page(reading, "play-scored.html", **content)
+        content |= _seen(walk, number, played)
+        return page(reading, "play.html", **content)
+
+
+def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
+    """Return what can be done from here: as links in a picture, and as a list and a form."""
+    split = walk.board.name
+    ways = [
+        WayLink(
+            heading=float(np.rad2deg(way.heading)) % 360,
+            elevation=float(np.rad2deg(way.elevation)),
+            label=f"walk {way.metres:.1f} m, heading {np.rad2deg(way.heading) % 360:.0f}°",
+            href=played.link(split, number, ".".join(map(str, [*walk.steps, way.number]))),
+        )
+        for way in walk.ways
+    ]
+    candidates = [_object_link(each, split, number, played) for each in walk.seen.candidates]
+    objects = sorted(candidates, key=lambda each: (each.name, each.span.middle))
+    skybox = find_skybox(walk.board.truth.graph, walk.seen.viewpoint_id)
+    panorama = panorama_svg(objects, ways, float(np.rad2deg(walk.seen.heading)), skybox)
+    return {"panorama": drawn(panorama), "ways": ways, "objects": objects, "nothing": NOTHING}
+
+
+def _object_link(seen: Candidate, split: str, number: int, played: Played) -> ObjectLink:
+    """Link to the page on which an object is chosen: to point at it does not end the episode."""
+    name, choice = seen.name or "object", str(seen.object_id)
+    views, boxes = zip(*seen.boxes, strict=True)
+    span = span_of(VisibleObject(seen.object_id, name, np.array(views), np.array(boxes)))
+    label = f"{name}, heading {span.middle:.0f}°"
+    href = played.link(split, number, played.walk, choice) + "#answer"
+    return ObjectLink(seen.object_id, span, name, label, href, choice == played.choice)
+
+
+def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:
+    """Return how the walk is scored, and what was to be found."""
+    scored, record = walk.end(played.object_id)
+    shown = EpisodeMap.of({NAME: scored})
+    return {
+        "count": len(walk.board.truth.episodes.instr_ids),
+        "scored": scored,
+        "map": drawn(map_svg(shown)),
+        "key": drawn(map_key(shown)),
+        "answers": [
+            (name, drawn(answer_svg(view)), view.caption)
+            for name, view in answer_views({NAME: scored})
+            if walk.board.task.has_targets
+        ],
+        "headline": [metric.key for metric in walk.board.task.headline_metrics(scored.values)],
+        "record": msgspec.json.encode(record).decode(),
+    }

@@ -1,0 +1,340 @@
+"""Accepting submissions: each is scored in the request that uploads it.
+
+Scoring comes before the transaction and needs no lock. Whether a submission is a repeat, and
+whether the quota allows it, is checked again inside the transaction, when no other can interfere.
+A submission is received when the last byte of its upload has arrived, and the split must be open
+at that time: scoring may end later.
+"""
+
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import NamedTuple, Self
+
+from sqlalchemy import and_, bindparam, or_, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.schemas.organising import NoticeReport
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.service import (
+    Accepted,
+    BoardResult,
+    Checked,
+    Method,
+    QuotaReport,
+    Schedule,
+    SubmissionReport,
+)
+from reverie_eval.server.audit.transactions import Actor, Transactions
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
+from reverie_eval.server.intake.attempts import Attempts, Handled
+from reverie_eval.server.intake.quotas import QuotaUsage, usage_of
+from reverie_eval.server.intake.same_file import announce_same_file
+from reverie_eval.server.intake.submissions import check_metadata
+from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.outbox import announce
+from reverie_eval.server.scoring.boards import Board, board_named
+from reverie_eval.server.scoring.contexts import Context, Scoring, open_file
+from reverie_eval.server.scoring.rules import RulesInForce
+from reverie_eval.server.settings import Settings
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.results import store_result
+from reverie_eval.server.store.tables import SUBMITTED, Person, Submission
+from reverie_eval.server.store.uploads import Uploads, pack
+from reverie_eval.submissions import check_navigation_only
+
+# Built here, because building them takes longer than running them, which each upload does twice.
+_IS_SAME_FILE = and_(
+    Submission.team_id == bindparam("team"),
+    Submission.repeat == "",
+    Submission.split == bindparam("split"),
+    Submission.sha256 == bindparam("sha256"),
+)
+_IS_SAME_KEY = and_(
+    Submission.person_id == bindparam("person"), Submission.idempotency_key == bindparam("key")
+)
+_SAME_FILE = select(Submission).where(_IS_SAME_FILE)
+_SAME_FILE_OR_KEY = select(Submission).where(or_(_IS_SAME_FILE, _IS_SAME_KEY))
+
+
+class Read(NamedTuple):
+    """What was read of a file, and its scores."""
+
+    reports: Mapping[str, ScoreReport]
+    """By leaderboard of the split."""
+    packed: bytes
+    """The file as it is kept."""
+
+
+def check_file(context: Context, split: str) -> Sequence[str]:
+    """Check the opened file without using the solution, and return the notes."""
+    return list(context.boards[split].check(context.content).validation().notes)
+
+
+def score_file(context: Context, split: str, *, navigation_only: bool | None) -> Read:
+    """Read and score the opened file; its method may be declared as navigation only, or as not.
+
+    Raises SubmissionError if it is rejected; lists all problems.
+    """
+    board = context.boards[split]
+    reading = board.read(context.content)
+    if board.task.has_targets:
+        found = reading.submission.is_navigation_only
+        check_navigation_only(found=found, declared=navigation_only)
+    return Read(board.reports(context.content, reading), pack(context.content))
+
+
+@dataclass
+class Intake:
+    """Accepts submissions.
+
+    Scoring takes too long for a transaction, so this class reads the database before scoring and
+    writes to it after.
+    """
+
+    boards: Mapping[str, Board]
+    uploads: Uploads
+    scoring: Scoring
+    rules: RulesInForce
+    transactions: Transactions
+    notices: Notices
+    attempts: Attempts
+    schedules: Schedules
+    settings: Settings
+
+    @classmethod
+    def of(cls, server: ServerState) -> Self:
+        """Return the intake of a server."""
+        return cls(
+            server.boards,
+            server.uploads,
+            server.scoring,
+            server.rules,
+            server.transactions,
+            server.get(Notices),
+            Attempts(server.database, server.clock),
+            server.get(Schedules),
+            server.settings,
+        )
+
+    def validate(self, person: Person, split: str, packed: bytes) -> Checked:
+        """Unpack and check a submission without the solution; it is not stored or counted.
+
+        Raises
+        ------
+        SubmissionError
+            If it is rejected; lists all problems.
+        """
+        board_named(self.boards, split)  # or there is no such split
+        with self.scoring.hold() as runner:
+            runner.run(open_file, packed, self._most_unpacked)
+            notes = runner.run(check_file, split)
+        with self.transactions.database.reading() as session:
+            quota = self.quotas(session, person, split)[split]
+        return Checked(split=split, valid=True, notes=notes, quota=quota)
+
+    def quotas(self, session: Session, person: Person, *splits: str) -> Mapping[str, QuotaReport]:
+        """Return the submissions left to a person on these splits, or on all splits."""
+        now = self.transactions.clock()
+        usage = usage_of(session, person, now)
+        boards = [board_named(self.boards, split) for split in splits or self.boards]
+        return {
+            board.name: usage.of_split(board.name, board.split.effective_quota).state(now)
+            for board in boards
+        }
+
+    def submit(
+        self,
+        person: Person,
+        split: str,
+        packed: bytes,
+        method: Method,
+        key: str | None,
+        *,
+        arrived: datetime,
+        organiser: Actor | None = None,
+    ) -> Accepted:
+        """Unpack a submission, score and store it, and record the attempt.
+
+        An ``organiser`` may do this for a person, also while submissions are paused. The phase and
+        the quota are those of the time at which it arrived, which may be long ago.
+
+        If the team has submitted the same file to the split before, or the person has used the same
+        key, the earlier result is returned. This holds even if the quota is spent, the split is
+        closed, or its ground truth or protocol has changed since; the signature shows the latter.
+
+        Raises
+        ------
+        SubmissionError
+            If it is rejected; lists all problems. No submission is used.
+        QuotaSpentError
+            If no submissions are left.
+        BytesSpentError
+            If the team has sent too many bytes in the last 24 hours.
+        NotOpenError
+            If the split did not accept submissions when the upload had arrived.
+        ConflictError
+            If the key was used for another file.
+        MalformedError
+            If required information about the method is missing.
+        """
+        board_named(self.boards, split)  # or there is no such split
+        with self.attempts.recording(person, split, len(packed)) as upload:
+            accepted = None
+            while accepted is None:  # again if the ground truth was corrected meanwhile
+                with self.scoring.hold() as runner:
+                    file = runner.run(open_file, packed, self._most_unpacked)
+                    upload.size = file.size
+                    row = Submission(
+                        split=split,
+                        sha256=file.sha256,
+                        received_at=arrived,
+                        size=file.size,
+                        idempotency_key=key,
+                        method=method.model_dump(mode="json"),
+                        also={},
+                    )
+                    found = self.find_earlier(row, person, method, organiser) or runner.run(
+                        score_file, split, navigation_only=method.navigation_only
+                    )
+                accepted = (
+                    self.store(row, found, upload, method, organiser)
+                    if isinstance(found, Read)
+                    else found
+                )
+            if accepted.is_repeat:
+                upload.outcome = "repeat"
+        return accepted
+
+    @property
+    def _most_unpacked(self) -> int:
+        return self.settings.limits.unpacked_mebibytes << 20
+
+    def find_earlier(
+        self, row: Submission, person: Person, method: Method, organiser: Actor | None
+    ) -> Accepted | None:
+        """Return the result of the submission that a new one repeats, if any.
+
+        Otherwise the new one may be scored; raises the errors of :meth:`submit` if not.
+        """
+        board = self.boards[row.split]
+        with self.transactions.database.reading() as session:
+            earlier = self._earlier(session, row, person)
+            if earlier is not None:
+                return self._repeated(session, earlier, board, person, method)
+            check_metadata(method, self.settings.required_metadata)
+            schedule = self.schedules.of_split(session, row.split).at(row.received_at)
+            if not organiser:
+                self._check_paused(self.notices.current(session, row.received_at), board, schedule)
+            self._check_open(board, schedule, row.received_at)
+            self._check_quota(session, row, person, board, in_the_past=bool(organiser))
+        return None
+
+    def store(
+        self,
+        row: Submission,
+        read: Read,
+        upload: Handled,
+        method: Method,
+        organiser: Actor | None,
+    ) -> Accepted | None:
+        """Complete and store the row of a submission, unless it repeats an earlier one.
+
+        Returns None if other rules than those that it was scored by are now in force.
+        """
+        row.id = secrets.token_hex(8)
+        person = upload.person
+        with (
+            self.uploads.staged(row.sha256, read.packed) as keep,
+            self.transactions.begin(organiser or person) as transaction,
+        ):
+            session = transaction.session
+            self.rules.check(session, row.split)
+            board = self.boards[row.split]
+            earlier = self._earlier(session, row, person)
+            if earlier is not None:
+                return self._repeated(session, earlier, board, person, method)
+            if not all(each.measures_as(read.reports[each.further]) for each in board.all):
+                return None
+            usage = self._check_quota(session, row, person, board, in_the_past=bool(organiser))
+            usage = usage.with_one_more(row.received_at)
+            quota = usage.state(row.received_at)
+            row.person = session.merge(person, load=False)
+            row.team = row.person.team
+            row.scored_at = transaction.now
+            for further, report in read.reports.items():
+                receipt = self.transactions.signer.sign_result(row, report, quota)
+                store_result(row, further, BoardResult(report=report, receipt=receipt))
+            announce_same_file(transaction, row)  # the log's last entry is one that the row shows
+            described = method.model_dump(mode="json", exclude_defaults=True)
+            transaction.record(
+                SUBMITTED, row, row.id, split=row.split, sha256=row.sha256, method=described
+            )
+            said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
+            announce(transaction, "submission", said, f"/submissions/{row.id}")
+            self.attempts.record_with(session, upload)
+            keep()
+            # The receipt has the quota of the time at which a file was received, also long ago.
+            left = usage.state(transaction.now) if organiser else quota
+            return Accepted(submission=self._worded(session, row), quota=left, is_repeat=False)
+
+    def _earlier(self, session: Session, new: Submission, person: Person) -> Submission | None:
+        """Return the earlier submission that a new one repeats, or None."""
+        key = new.idempotency_key
+        given = {"team": person.team_id, "split": new.split, "sha256": new.sha256}
+        if key is None:
+            return session.scalars(_SAME_FILE, given).first()
+        given |= {"person": person.id, "key": key}
+        repeated = session.scalars(_SAME_FILE_OR_KEY, given).all()
+        by_key = [
+            row for row in repeated if (row.person_id, row.idempotency_key) == (person.id, key)
+        ]
+        if by_key and (by_key[0].sha256, by_key[0].split) != (new.sha256, new.split):
+            raise ConflictError(
+                f"the Idempotency-Key {key!r} was used for another file or split; use a new one "
+                "for each submission"
+            )
+        return next(iter([*by_key, *repeated]), None)
+
+    def _repeated(
+        self, session: Session, row: Submission, board: Board, person: Person, method: Method
+    ) -> Accepted:
+        """Return the earlier result, and what a new description of the method says otherwise."""
+        quota = self.quotas(session, person, board.name)[board.name]
+        given = method.model_dump(mode="json", include=method.model_fields_set)
+        ignored = [name for name, value in given.items() if row.method.get(name) != value]
+        submission = self._worded(session, row)
+        return Accepted(submission=submission, quota=quota, is_repeat=True, ignored=ignored)
+
+    def _worded(self, session: Session, row: Submission) -> SubmissionReport:
+        transactions = self.transactions
+        view = View(self.schedules.read(session), transactions.signer, transactions.clock())
+        return view.report(row)
+
+    def _check_paused(self, notice: NoticeReport, board: Board, schedule: Schedule) -> None:
+        why = f": {notice.banner}" if notice.banner else ""
+        if notice.paused:
+            raise NotOpenError(f"the organiser has paused submissions{why}")
+        if schedule.paused:
+            raise NotOpenError(f"the organiser has paused submissions to {board.name}{why}")
+
+    def _check_open(self, board: Board, schedule: Schedule, now: datetime) -> None:
+        if not schedule.is_open(now):
+            opens = schedule.opens_at(now)
+            after = f"; the next phase opens {opens.isoformat()}" if opens else ""
+            raise NotOpenError(f"{board.name} accepts no submissions now{after}")
+
+    def _check_quota(
+        self, session: Session, row: Submission, person: Person, board: Board, *, in_the_past: bool
+    ) -> QuotaUsage:
+        now = row.received_at
+        usage = usage_of(session, person, now)
+        of_split = usage.of_split(board.name, board.split.effective_quota)
+        left = of_split.state(now)
+        if not (of_split.had_room(now) if in_the_past else left.remaining):
+            raise QuotaSpentError(left)
+        usage.check_bytes(row.size, self.settings.limits.mebibytes_per_day, now)
+        return of_split

@@ -1,0 +1,345 @@
+"""``/submissions``: the caller's own, their files, and changes."""
+
+import io
+from collections.abc import Collection
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Path, Request, Response, status
+from fastapi.responses import PlainTextResponse, StreamingResponse
+
+from reverie_eval.reporting.scores import write_episodes
+from reverie_eval.schemas import organising as schemas
+from reverie_eval.schemas.organising import NoticeReport
+from reverie_eval.schemas.service import (
+    Accepted,
+    Checked,
+    Envelope,
+    FurtherBoard,
+    PhaseReport,
+    QuotaReport,
+    Schedule,
+    SplitReport,
+    SubmissionChange,
+    SubmissionReport,
+)
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.http.callers import (
+    Anybody,
+    Call,
+    Caller,
+    FurtherName,
+    Organiser,
+    Server,
+    SplitName,
+)
+from reverie_eval.server.http.examples import SUBMISSION
+from reverie_eval.server.http.exchange import API, exchange_of
+from reverie_eval.server.http.openapi import BINARY, TEXT, file_reply, organiser_router, problems
+from reverie_eval.server.http.paging import Paging
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.runtime import ScoringTurn
+from reverie_eval.server.intake import attempts, quotas
+from reverie_eval.server.intake.bulk import archive_of
+from reverie_eval.server.intake.emailed_files import EmailedFiles
+from reverie_eval.server.intake.intake import Intake
+from reverie_eval.server.intake.submissions import (
+    SubmissionService,
+    list_submissions,
+    result_on,
+    submission_of,
+)
+from reverie_eval.server.intake.uploads import (
+    FILE_BODY,
+    METHOD_PARAMETERS,
+    OF_FILES,
+    OF_UPLOADS,
+    Counted,
+    Received,
+    ReceivedByOrganiser,
+    Sender,
+    SentMethod,
+    fields_of,
+    method_from,
+    parameters_of,
+)
+from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.scoring.boards import Board
+
+router = APIRouter(prefix=f"{API}/submissions", tags=["submissions"])
+
+SubmissionId = Annotated[str, Path(examples=["5f2b0c9a4d7e1f36"])]
+_REFUSALS = ("not-signed-in", "not-found")
+_OF_ONE = problems(*_REFUSALS)
+_CSV = (
+    "instr_id,path_length,success,...,outcome,scan,...\n"
+    "4774_267_1,12.5,1.0,...,correct,QUCTc6BB5sX,...\n"
+)
+
+
+@router.get("", responses=problems("not-signed-in"))
+def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
+    """List your team's submissions, the newest first; the organiser sees those of all teams."""
+    with caller.reading() as reading:
+        person, view = reading.person, View.of(reading)
+        return paging.reply(list_submissions(reading.session, person, paging.page, view))
+
+
+@router.get("/{submission_id}", responses=_OF_ONE)
+def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionReport:
+    """Show a submission of your team."""
+    with caller.reading() as reading:
+        return submission_of(reading.session, reading.person, submission_id, View.of(reading))
+
+
+@router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))
+def change_submission(
+    submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringTurn
+) -> SubmissionReport:
+    """Publish, withdraw or edit a submission, or hide your team's name until a date."""
+    return caller.server.get(SubmissionService).change(caller.person(), submission_id, change)
+
+
+@router.get("/{submission_id}/receipt", responses=_OF_ONE)
+def show_receipt(submission_id: SubmissionId, caller: Caller) -> Envelope:
+    """Return the signed receipt: an in-toto statement in a DSSE envelope."""
+    return show_submission(submission_id, caller).receipt
+
+
+@router.get("/{submission_id}/also/{further}/receipt", responses=_OF_ONE)
+def show_further_receipt(
+    submission_id: SubmissionId, further: FurtherName, caller: Caller
+) -> Envelope:
+    """Return the signed receipt of the result on a further leaderboard of the split."""
+    return result_on(further, show_submission(submission_id, caller)).receipt
+
+
+@router.get(
+    "/{submission_id}/file",
+    response_class=Response,
+    responses=file_reply("application/json", *_REFUSALS, example=SUBMISSION),
+)
+def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
+    """Return the submitted file, unpacked and otherwise unchanged."""
+    pieces = caller.server.get(SubmissionService).file(show_submission(submission_id, caller))
+    return StreamingResponse(pieces, media_type="application/json")
+
+
+@router.get(
+    "/{submission_id}/episodes",
+    response_class=Response,
+    responses=file_reply("text/csv", *_REFUSALS, schema=TEXT, example=_CSV),
+)
+def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringTurn) -> Response:
+    """Return the results of every episode as CSV, for open splits only."""
+    scores = caller.server.get(SubmissionService).episodes(show_submission(submission_id, caller))
+    text = io.StringIO()
+    write_episodes(scores, text)
+    return Response(text.getvalue(), media_type="text/csv")
+
+
+organising = organiser_router()
+
+
+@organising.post(
+    "/submissions",
+    status_code=201,
+    responses={
+        200: {
+            "model": schemas.EmailedFileReport,
+            "description": "The reply to the same file, again",
+        },
+        **problems(*OF_UPLOADS),
+    },
+    openapi_extra={
+        **FILE_BODY,
+        "parameters": [*parameters_of(schemas.EmailedFile, "Required."), *METHOD_PARAMETERS],
+    },
+)
+def submit_emailed_file(
+    request: Request, organiser: Organiser, upload: ReceivedByOrganiser, response: Response
+) -> schemas.EmailedFileReport:
+    """Submit a file for the person who sent it, as if they had uploaded it when it was received.
+
+    The reply has a text for that person; so does a problem document about a refused file.
+    Describe the file and the method in the query, or in fields of the form.
+    """
+    given = fields_of(request, upload)
+    own = {name: given.pop(name) for name in schemas.EmailedFile.model_fields if name in given}
+    file, method = read_model(schemas.EmailedFile, own), method_from(given)
+    report = organiser.server.get(EmailedFiles).submit(
+        organiser.person(), file, upload.filename, upload.packed, method
+    )
+    exchange_of(request.scope).note(report)
+    response.status_code = 200 if report.is_repeat else 201
+    return report
+
+
+@organising.get("/grants")
+def list_grants(organiser: Organiser, paging: Paging) -> list[schemas.GrantReport]:
+    """List the extra submissions granted to teams, the latest first."""
+    return paging.read(organiser, quotas.list_grants)
+
+
+@organising.post("/grants", status_code=201, responses=problems("not-found"))
+def grant(new: schemas.NewGrant, organiser: Organiser) -> schemas.GrantReport:
+    """Raise every limit of a team on a split until a date; the reason is logged."""
+    return organiser.perform(quotas.grant, new, organiser.server.boards)
+
+
+@organising.get("/attempts")
+def list_attempts(organiser: Organiser, paging: Paging) -> list[schemas.AttemptReport]:
+    """List uploads with their outcomes, the latest first."""
+    return paging.read(organiser, attempts.list_attempts)
+
+
+@organising.get(
+    "/splits/{split}/submissions.tar",
+    response_class=Response,
+    responses=file_reply("application/x-tar", "not-found", schema=BINARY),
+)
+def download_submissions(split: SplitName, organiser: Organiser) -> Response:
+    """Return all submissions to a split as a tar archive: metadata.csv, then every file, unpacked.
+
+    Content-Length is the length of the whole archive: if an upload cannot be read, the connection
+    is closed before that.
+    """
+    server = organiser.server
+    with organiser.reading() as reading:
+        board = server.board(split)
+        archive = archive_of(reading.session, board, server.uploads, View.of(reading))
+    headers = {
+        "Content-Length": str(archive.length),
+        "Content-Disposition": 'attachment; filename="submissions.tar"',
+    }
+    return StreamingResponse(archive.pieces(), media_type="application/x-tar", headers=headers)
+
+
+splits = APIRouter(prefix=f"{API}/splits", tags=["splits"])
+_ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
+
+
+@splits.get("", responses=problems("not-signed-in"), openapi_extra=_ALSO_FOR_ANYBODY)
+def list_splits(call: Anybody) -> list[SplitReport]:
+    """List the splits, with your quota if you are signed in."""
+    return _reports(call, call.server.boards.values())
+
+
+@splits.get(
+    "/{split}",
+    responses=problems("not-signed-in", "not-found"),
+    openapi_extra=_ALSO_FOR_ANYBODY,
+)
+def show_split(split: SplitName, call: Anybody) -> SplitReport:
+    """Show a split, with your quota if you are signed in."""
+    (report,) = _reports(call, [call.server.board(split)])
+    return report
+
+
+@splits.get(
+    "/{split}/episodes.txt",
+    response_class=Response,
+    responses=file_reply("text/plain", "not-found", schema=TEXT, example="4_402_2\n4_402_1\n"),
+)
+def download_split_episodes(split: SplitName, server: Server) -> Response:
+    """List the instr_ids of the episodes that are scored, one a line, as ``--episodes-from`` reads.
+
+    A submission to a declared sample has these episodes and no others.
+    """
+    ids = server.board(split).truth.episodes.instr_ids
+    return PlainTextResponse("".join(f"{each}\n" for each in ids))
+
+
+@splits.post(
+    "/{split}/submissions",
+    status_code=status.HTTP_201_CREATED,
+    responses={
+        200: {"model": Accepted, "description": "The reply to the same file or key, again"},
+        **problems(*OF_UPLOADS),
+    },
+    openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
+)
+def submit(
+    *,
+    counted: Counted,
+    split: SplitName,
+    person: Sender,
+    upload: Received,
+    method: SentMethod,
+    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
+    server: Server,
+    response: Response,
+) -> Accepted:
+    """Score an upload and return its scores, its receipt and the submissions left.
+
+    Describe the method in the query, or in fields of the form. Uploading the same file again, or
+    using the same Idempotency-Key, returns the first result with status 200 and uses no submission.
+    """
+    accepted = server.get(Intake).submit(
+        person, split, upload.packed, method, idempotency_key, arrived=upload.arrived
+    )
+    counted.note(accepted)
+    response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
+    return accepted
+
+
+@splits.post(
+    "/{split}/validate",
+    responses=problems(*OF_FILES),
+    openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
+)
+def validate(split: SplitName, person: Sender, upload: Received, server: Server) -> Checked:
+    """Check a file as for scoring; nothing is stored, and no submission is used.
+
+    The solution is not used. The parameters are those of an upload; the method is ignored.
+    """
+    return server.get(Intake).validate(person, split, upload.packed)
+
+
+def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
+    with call.reading() as reading:
+        names = [board.name for board in boards]
+        quotas = (
+            call.server.get(Intake).quotas(reading.session, reading.caller, *names)
+            if reading.caller
+            else {}
+        )
+        schedules = call.server.get(Schedules).in_effect(reading.session)
+        notice = call.server.get(Notices).current(reading.session)
+        return [
+            _report(board, schedules[board.name], notice, quotas.get(board.name), reading.now)
+            for board in boards
+        ]
+
+
+def _report(
+    board: Board,
+    schedule: Schedule,
+    notice: NoticeReport,
+    quota: QuotaReport | None,
+    now: datetime,
+) -> SplitReport:
+    phases = [PhaseReport(**dict(phase), is_open=phase.is_open(now)) for phase in schedule.phases]
+    return SplitReport(
+        name=board.name,
+        task=board.task.name,
+        episodes=len(board.truth.episodes.instr_ids),
+        subset=board.truth.subset_digest,
+        split_episodes=board.n_split,
+        visibility=board.split.visibility,
+        protocol=board.split.protocol,
+        track=board.split.track,
+        dataset=board.truth.header.dataset,
+        fingerprint=board.truth.fingerprint,
+        public_fingerprint=board.public_fingerprint,
+        phases=phases,
+        release_scores=schedule.release_scores,
+        paused=schedule.is_paused_on(paused_server=notice.paused),
+        one_per_team=board.split.one_per_team,
+        also={
+            name: FurtherBoard(protocol=each.split.protocol, track=each.split.track)
+            for name, each in board.also.items()
+        },
+        quota=quota,
+    )

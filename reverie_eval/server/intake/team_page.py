@@ -1,0 +1,105 @@
+"""``/team``: the page of one's own team, and the quotas of its splits."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.service import known_task
+from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
+from reverie_eval.server.boards.charts import progress_of
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.http.callers import CallReading, Member
+from reverie_eval.server.http.rendering import page
+from reverie_eval.server.intake.intake import Intake
+from reverie_eval.server.intake.team import TeamView, team_of
+from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.state import ServerState
+
+router = APIRouter()
+
+MOST_SUBMISSIONS = 200
+"""The largest number on the page; the API lists all."""
+
+
+def _progress(
+    team: TeamView, server: ServerState, now: datetime
+) -> Mapping[str, Mapping[str, Any]]:
+    """Return the data of a chart for each split with at least two scored submissions."""
+    of_splits = {
+        split: [each for each in team.submissions if each.split == split] for split in server.boards
+    }
+    drawn = {
+        split: progress_of(submissions, server.board(split).primary, now)
+        for split, submissions in of_splits.items()
+    }
+    return {split: chart for split, chart in drawn.items() if len(chart["points"]["y"]) > 1}
+
+
+@dataclass(frozen=True, slots=True)
+class TaskSubmissions:
+    """The team's submissions to the splits of a task, which have the same columns."""
+
+    title: str
+    """The title of the task; empty if it is not installed any more."""
+    columns: Sequence[Metric]
+    primary: str
+    submissions: Sequence[SubmissionReport]
+
+
+def _by_task(submissions: Sequence[SubmissionReport]) -> Sequence[TaskSubmissions]:
+    """Group submissions by their tasks, in the order of the latest one to each."""
+    groups = defaultdict(list)
+    for each in submissions:
+        groups[known_task(each.report.signature)].append(each)
+    return [
+        TaskSubmissions("", [*CATALOGUE.values()], "", found)
+        if task is None
+        else TaskSubmissions(
+            task.title, task.headline_metrics(CATALOGUE), task.primary_metric(CATALOGUE).key, found
+        )
+        for task, found in groups.items()
+    ]
+
+
+@router.get("/team")
+def show_team(member: Member) -> Response:
+    """Show the team's people, quotas, submissions and tokens."""
+    server = member.server
+    with member.reading() as reading:
+        team = team_of(reading.session, reading.person, MOST_SUBMISSIONS, View.of(reading))
+        left = [(each.board.name, each.quota) for each in split_quotas(server, reading)]
+        return page(
+            reading,
+            "team.html",
+            team=team,
+            person=reading.person,
+            left=left,
+            signed_in_with=reading.browser and reading.browser.token_id,
+            by_task=_by_task(team.submissions),
+            progress=_progress(team, server, reading.now),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SplitQuota:
+    """A split, for one person."""
+
+    board: Board
+    quota: QuotaReport
+    schedule: Schedule
+
+
+def split_quotas(server: ServerState, reading: CallReading) -> Sequence[SplitQuota]:
+    """Return the quota of every split for the visitor."""
+    quotas = server.get(Intake).quotas(reading.session, reading.person)
+    schedules = server.get(Schedules).in_effect(reading.session)
+    return [
+        SplitQuota(board, quotas[name], schedules[name]) for name, board in server.boards.items()
+    ]

@@ -1,0 +1,232 @@
+"""Receiving uploads within limits of size and time, and their parts as dependencies of routes.
+
+The body is the result file itself (plain, gzipped or in a zip archive, which is detected from its
+content) or a form with a field ``file``. The method is described in the query or in the form.
+"""
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from datetime import datetime, timedelta
+from typing import Annotated, Any, NamedTuple
+
+from fastapi import Depends, Request
+from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel
+
+from reverie_eval.schemas.service import Method, QuotaReport
+from reverie_eval.server.audit.transactions import Clock
+from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.http.callers import Caller, Organiser, Server
+from reverie_eval.server.http.examples import FORM, SUBMISSION
+from reverie_eval.server.http.exchange import Exchange, exchange_of
+from reverie_eval.server.http.middleware import allow_body, is_multipart
+from reverie_eval.server.http.openapi import BINARY
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.runtime import Runtime, RuntimeState
+from reverie_eval.server.intake.forms import parse_form
+from reverie_eval.server.intake.intake import Intake
+from reverie_eval.server.settings import Limits
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.tables import Person
+
+_FORM_OVERHEAD = 64 << 10
+"""Bytes that a form may have besides the file."""
+_PACKED = {"schema": BINARY}
+
+
+def parameters_of(model: type[BaseModel], otherwise: str) -> list[dict[str, Any]]:
+    """Describe a model's fields as query parameters; a field may lack a description of its own."""
+    return [
+        {
+            "name": name,
+            "in": "query",
+            "description": f"{schema.get('description', otherwise)} Or a field of the form.",
+            "schema": schema,
+        }
+        for name, schema in model.model_json_schema()["properties"].items()
+    ]
+
+
+METHOD_PARAMETERS = parameters_of(Method, "Of the method.")
+"""The query parameters that describe a method, for the API's description."""
+
+FILE_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "description": "The result file: JSON, gzipped JSON or a zip archive with one file, "
+        "recognised by its content; or a form with the field `file`.",
+        "content": {
+            "application/json": {"schema": {"title": "Submission"}, "example": SUBMISSION},
+            "application/gzip": _PACKED,
+            "application/zip": _PACKED,
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {
+                        "file": BINARY,
+                        **Method.model_json_schema()["properties"],
+                    },
+                },
+                "example": FORM,
+            },
+        },
+    }
+}
+"""The body of an upload, for the API's description."""
+
+OF_FILES = (
+    "malformed-request",
+    "not-signed-in",
+    "not-found",
+    "too-slow",
+    "too-large",
+    "submission-rejected",
+    "busy",
+)
+OF_UPLOADS = (*OF_FILES, "not-open", "conflict", "quota-spent", "bytes-spent")
+"""The problems of files that are checked, and of those that are scored."""
+
+
+class Upload(NamedTuple):
+    """A received upload."""
+
+    packed: bytes
+    arrived: datetime
+    """When its last byte arrived."""
+    fields: Mapping[str, Any]
+    """The form's other fields."""
+    filename: str = ""
+    """Empty for a form in which no file was chosen."""
+
+
+async def receive(request: Request, limits: Limits, clock: Clock) -> Upload:
+    """Read an upload, and record the time at which its last byte arrived.
+
+    Raises
+    ------
+    TooLargeError
+        If it is larger than the limit, whatever its headers say.
+    TooSlowError
+        If it did not arrive in time.
+    MalformedError
+        If it is a form without a file, or cannot be parsed.
+    """
+    is_form = is_multipart(request.headers)
+    allow_body(request.scope, (limits.upload_mebibytes << 20) + _FORM_OVERHEAD * is_form)
+    body = await request.body()
+    arrived = clock()
+    if not is_form:
+        return Upload(body, arrived, {})
+    form = await run_in_threadpool(parse_form, request.headers, body)
+    if "file" not in form.files:
+        raise MalformedError("the form has no file; send the result file in the field `file`")
+    content, filename = form.files["file"]
+    return Upload(content, arrived, form.texts, filename)
+
+
+async def counted(request: Request) -> Exchange:
+    """Note that this is an upload to be scored, whatever its outcome."""
+    exchange = exchange_of(request.scope)
+    exchange.uploaded_to = request.path_params["split"]
+    return exchange
+
+
+Counted = Annotated[Exchange, Depends(counted)]
+
+
+async def began(server: Server) -> datetime:
+    """Return when a request began, before it waits for anything."""
+    return server.clock()
+
+
+Began = Annotated[datetime, Depends(began)]
+
+
+async def sender(_: Began, caller: Caller) -> Person:
+    """Return the sender of an upload, before the upload is read."""
+    return await run_in_threadpool(caller.person)
+
+
+Sender = Annotated[Person, Depends(sender)]
+
+
+@asynccontextmanager
+async def taken(
+    request: Request, server: ServerState, runtime: RuntimeState, began: datetime, person: Person
+) -> AsyncIterator[Upload]:
+    """Read a person's upload as soon as there is room for it, and hold its place.
+
+    An upload is not read while it waits for a place, so its arrival is dated back by that time: a
+    queue makes nobody late.
+    """
+    exchange = exchange_of(request.scope)
+    exchange.team = person.team_id
+    async with runtime.uploads.hold(person.team_id):
+        waited = max(server.clock() - began, timedelta())
+        upload = await receive(request, server.settings.limits, server.clock)
+        exchange.split = fields_of(request, upload).get("split", "")
+        yield upload._replace(arrived=upload.arrived - waited)
+
+
+async def received(
+    request: Request, server: Server, runtime: Runtime, began: Began, person: Sender
+) -> AsyncIterator[Upload]:
+    """Read the upload when the sender is known and a place is free, and wait for a process.
+
+    From here on, every problem document includes the submissions left.
+    """
+    split = request.path_params["split"]
+
+    def quota_left() -> QuotaReport:
+        with server.database.reading() as session:
+            return server.get(Intake).quotas(session, person, split)[split]
+
+    if split in server.boards:
+        exchange_of(request.scope).quota = quota_left
+    async with (
+        taken(request, server, runtime, began, person) as upload,
+        runtime.scoring.hold(person.team_id),
+    ):
+        yield upload
+
+
+# Place and process are released before the reply is sent, so slow readers do not hold them.
+Received = Annotated[Upload, Depends(received, scope="function")]
+
+
+async def received_by_organiser(
+    request: Request, organiser: Organiser, server: Server, runtime: Runtime, began: Began
+) -> AsyncIterator[Upload]:
+    """Read a file that an organiser submits for a person."""
+    person = await run_in_threadpool(organiser.person)
+    async with (
+        taken(request, server, runtime, began, person) as upload,
+        runtime.scoring.hold(person.team_id),
+    ):
+        yield upload
+
+
+ReceivedByOrganiser = Annotated[Upload, Depends(received_by_organiser, scope="function")]
+
+
+async def method_of(request: Request, upload: Received) -> Method:
+    """Return the description of the method."""
+    return method_from(fields_of(request, upload))
+
+
+SentMethod = Annotated[Method, Depends(method_of)]
+
+
+def fields_of(request: Request, upload: Upload) -> dict[str, Any]:
+    """Return what describes an upload; the form takes precedence over the query."""
+    given = {**request.query_params, **upload.fields}
+    return {name: value for name, value in given.items() if name != "file"}
+
+
+def method_from(given: Mapping[str, Any]) -> Method:
+    """Return the description of a method; empty fields count as missing.
+
+    Raises RequestValidationError, which names each field that is wrong.
+    """
+    return read_model(Method, {name: value for name, value in given.items() if value != ""})

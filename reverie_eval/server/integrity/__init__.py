@@ -1,0 +1,1 @@
+"""What submissions have in common, for the organiser: evidence, not a verdict."""

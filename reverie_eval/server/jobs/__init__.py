@@ -1,1 +1,0 @@
-"""Work that a running server does by itself, without a request."""

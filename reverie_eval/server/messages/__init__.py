@@ -1,0 +1,1 @@
+"""Messages to the organiser: kept with the change that they are about, then delivered."""

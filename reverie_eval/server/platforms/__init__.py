@@ -1,0 +1,1 @@
+"""What leaves the server for elsewhere: its static copy, tables, Codabench and EvalAI."""

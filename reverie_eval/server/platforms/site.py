@@ -1,0 +1,275 @@
+"""A server's public pages as files that need no server: to publish, to keep, to cite.
+
+The pages are the application's own. It runs on a copy of the rows at one moment, without a network,
+and a visitor who is not signed in follows every link from the first page. So the files can contain
+only what everybody may see, and a new public page is in them without a change here.
+"""
+
+import asyncio
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from os.path import relpath
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from urllib.parse import urljoin, urlsplit
+
+import httpx
+from sqlalchemy import func, select
+
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.files import replacing_folder
+from reverie_eval.server.app import create_app
+from reverie_eval.server.audit.transactions import utc_now
+from reverie_eval.server.http.rendering import links_of, with_links
+from reverie_eval.server.opening import open_server
+from reverie_eval.server.operations.checks import check_known, database_errors
+from reverie_eval.server.operations.restore import unpacked
+from reverie_eval.server.settings import Settings, load_settings
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.dump import Row, dump, load
+from reverie_eval.server.store.tables import AuditEntry
+from reverie_eval.version import __version__
+
+_SOFTWARE = "reverie-eval"
+_ORIGIN = "http://copy.invalid"
+"""The address that the application appears to have; the name cannot exist (RFC 6761)."""
+_LEFT_OUT = ("/episodes", "/play")
+"""Thousands of pages about the dataset, not about results."""
+_EXAMPLE = "/submissions/ID"
+"""Not a page: scripts replace the id."""
+_UNLIMITED = 1 << 31
+_PAGE = "text/html"
+_SUFFIXES = {_PAGE: ".html", "application/json": ".json", "text/plain": ".txt"}
+_COPY = "copy.json"
+"""What the folder is a copy of; it marks a folder that a new copy may replace."""
+_SENDING_FORM = re.compile(r'<form\b[^>]* method="post"')
+
+
+@dataclass(frozen=True, slots=True)
+class SiteReport:
+    """A site that was written."""
+
+    files: int
+    size: int
+    """Bytes."""
+    copied_at: datetime
+    address: str
+    """The server's address; empty if its settings do not have it."""
+
+
+def export_site(source: Path, output: Path, date: datetime | None = None) -> SiteReport:
+    """Write the public pages of a server as files.
+
+    Parameters
+    ----------
+    source : Path
+        A server's folder, also while it is running, or a backup.
+    output : Path
+        A folder that does not exist, is empty, or contains an earlier site, which is replaced.
+    date : datetime, optional
+        The time of the copy, for what changes with time: phases, scores that are held back, hidden
+        teams. By default now, or that of the backup.
+
+    Raises
+    ------
+    ReverieEvalError
+        If something else is in the output, or the date is in the future or before the last change.
+    BackupError, SettingsError, ReceiptError
+        If the source cannot be opened.
+    """
+    _check_replaceable(output)
+    with _copied(source, date) as state, replacing_folder(output) as folder:
+        visited = asyncio.run(_visit(state, folder))
+        _link_files(visited, state.settings.path_prefix, folder)
+        size = sum((folder / each.name).stat().st_size for each in visited.values())
+        report = SiteReport(len(visited), size, state.clock(), state.settings.public_address)
+        origin = {
+            "server": state.settings.title,
+            "address": report.address,
+            "copied_at": report.copied_at.isoformat(),
+            "software": f"{_SOFTWARE} {__version__}",
+        }
+        (folder / _COPY).write_text(f"{json.dumps(origin, indent=2)}\n", encoding="utf-8")
+        return report
+
+
+def _check_replaceable(output: Path) -> None:
+    if output.is_dir() and (not any(output.iterdir()) or _is_copy(output)):
+        return
+    if output.exists():
+        raise ReverieEvalError(
+            f"{output} is not an earlier copy, and is not empty; choose a new folder"
+        )
+
+
+def _is_copy(folder: Path) -> bool:
+    """Return whether a folder was written by :func:`export_site`."""
+    try:
+        software: str = json.loads((folder / _COPY).read_bytes())["software"]
+        return software.startswith(f"{_SOFTWARE} ")
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return False
+
+
+@contextmanager
+def _copied(source: Path, date: datetime | None) -> Iterator[ServerState]:
+    """Open a copy of a server that has the same rows in a database of its own."""
+    with (
+        _opened(source) as (original, made_at, revision, rows),
+        TemporaryDirectory(prefix="reverie-eval-") as folder,
+    ):
+        limits = original.limits.model_copy(update={"requests_per_minute": _UNLIMITED})
+        own = {"database": f"sqlite:///{folder}/server.db", "uploads": f"{folder}/uploads"}
+        settings = original.model_copy(update={**own, "limits": limits})
+        with database_errors(), closing(Database(settings.database_url)) as database:
+            load(database, revision, rows)
+            moment = _moment(database, date, made_at).replace(microsecond=0)
+        state = open_server(settings, lambda: moment)
+        with closing(state.database):
+            yield state
+
+
+@contextmanager
+def _opened(source: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Row]]]:
+    """Yield the settings, the time, the migration and the rows of a folder or a backup."""
+    if not source.is_dir():
+        with unpacked(source) as (settings, manifest, rows):
+            yield settings, manifest.made_at, manifest.revision, rows
+        return
+    settings = load_settings(source)
+    url = settings.database_url
+    with database_errors(url), closing(Database(url)) as database:
+        revision = check_known(database)
+        if revision is None:
+            raise ReverieEvalError(
+                f"there is no database; run `reverie-eval server doctor --quick {source}`"
+            )
+        yield settings, utc_now(), revision, dump(database)
+
+
+def _moment(database: Database, date: datetime | None, made_at: datetime) -> datetime:
+    """Return the time of a copy: what is hidden at that time is not in it."""
+    if date is None:
+        return made_at
+    with database.reading() as session:
+        last = session.scalar(select(func.max(AuditEntry.at)))
+    if date > utc_now():
+        raise ReverieEvalError(f"{date:%Y-%m-%d %H:%M} UTC is in the future; choose another time")
+    if last is not None and date < last.replace(microsecond=0):  # copies are of whole seconds
+        raise ReverieEvalError(
+            f"{date:%Y-%m-%d %H:%M} UTC is before the last change of the data, at "
+            f"{last:%Y-%m-%d %H:%M:%S} UTC; choose another time, or an earlier backup"
+        )
+    return date
+
+
+@dataclass(frozen=True, slots=True)
+class _Visited:
+    """A page or a file that was requested and written."""
+
+    url: str
+    """Where it was found, after redirects."""
+    media_type: str
+    name: str
+    """The name of the file."""
+
+
+async def _visit(state: ServerState, folder: Path) -> Mapping[str, _Visited]:
+    """Follow all links as a visitor, write the replies, and return what was found by address."""
+    app = create_app(state)
+    app.state.is_copy = True
+    prefix = state.settings.path_prefix
+    left_out = tuple(prefix + path for path in _LEFT_OUT)
+    waiting = [f"{prefix}/"]
+    found: dict[str, _Visited | None] = {prefix + _EXAMPLE: None}
+    async with httpx.AsyncClient(
+        transport=httpx.ASGITransport(app), base_url=_ORIGIN, follow_redirects=True
+    ) as visitor:
+        while waiting:
+            address = waiting.pop()
+            if address in found or address.startswith(left_out):
+                continue
+            reply = await visitor.get(address)
+            if reply.is_error:
+                raise ReverieEvalError(
+                    f"the page {address} has an error (status {reply.status_code}); examine the "
+                    "data with `reverie-eval server doctor`"
+                )
+            media_type = reply.headers["content-type"].partition(";")[0]
+            is_page = media_type == _PAGE
+            if is_page and _SENDING_FORM.search(reply.text):
+                found[address] = None
+                continue
+            visited = _Visited(
+                str(reply.url), media_type, _name(address.removeprefix(prefix), media_type)
+            )
+            found[address] = visited
+            file = folder / visited.name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(reply.content)
+            links = links_of(reply.text) if is_page else ()
+            urls = (_resolved(visited, link) for link in links)
+            waiting += (_address(url) for url in urls if url.startswith(f"{_ORIGIN}/"))
+    return {address: visited for address, visited in found.items() if visited is not None}
+
+
+def _link_files(found: Mapping[str, _Visited], prefix: str, folder: Path) -> None:
+    """Let the pages link files instead of addresses."""
+    names = {address: visited.name for address, visited in found.items()}
+    names[prefix + _EXAMPLE] = _name(_EXAMPLE, _PAGE)
+    for visited in found.values():
+        if visited.media_type == _PAGE:
+            file = folder / visited.name
+            html = _relinked(file.read_text(encoding="utf-8"), visited, names)
+            file.write_text(html, encoding="utf-8", newline="\n")
+
+
+def _relinked(html: str, page: _Visited, names: Mapping[str, str]) -> str:
+    """Return a page with links between files; those that need the server become plain text."""
+
+    def change(link: str) -> str | None:
+        url = _resolved(page, link)
+        if link.startswith("#") or not url.startswith(f"{_ORIGIN}/"):
+            return link
+        file = names.get(_address(url))
+        if file is None:
+            return None
+        fragment = urlsplit(url).fragment
+        path = relpath(file, PurePosixPath(page.name).parent)
+        return f"{path}#{fragment}" if fragment else path
+
+    return with_links(html, change)
+
+
+def _resolved(page: _Visited, link: str) -> str:
+    """Return where a link on a page leads; ``?`` alone leads to the page without its query."""
+    base = page.url.partition("?")[0] if link.startswith("?") else page.url
+    return urljoin(base, link)
+
+
+def _address(url: str) -> str:
+    return url.removeprefix(_ORIGIN).partition("#")[0]
+
+
+def _name(address: str, media_type: str) -> str:
+    """Return the file for an address; different addresses have different files.
+
+    >>> _name("/boards/val_unseen?metric=spl&columns=all", "text/html")
+    'boards/val_unseen,metric=spl,columns=all.html'
+    >>> _name("/", "text/html"), _name("/static/style.css?12ab", "text/css")
+    ('index.html', 'static/style,12ab.css')
+    """
+    path, _, query = address.removeprefix("/").partition("?")
+    path = path or "index"
+    suffix = _SUFFIXES.get(media_type, PurePosixPath(path).suffix)
+    parts = [path.removesuffix(suffix), *(query.split("&") if query else ())]
+    return ",".join(re.sub(r"[^\w./=-]", _escaped, part, flags=re.ASCII) for part in parts) + suffix
+
+
+def _escaped(found: re.Match[str]) -> str:
+    return f"~{ord(found[0]):x}"

@@ -1,1 +1,0 @@
-"""The routes of the API; each declares its parameters and replies, and calls one service."""

@@ -1,0 +1,142 @@
+"""Running the server until it is stopped."""
+
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.server.app import create_app
+from reverie_eval.server.http.timeouts import TimeoutProtocol
+from reverie_eval.server.opening import open_server
+from reverie_eval.server.operations.checks import database_errors
+from reverie_eval.server.operations.logs import LOGGING
+from reverie_eval.server.scoring.processes import settle_memory
+from reverie_eval.server.scoring.rules import record_rules, rules_of
+from reverie_eval.server.settings import Settings
+
+WORKERS = max(2, os.cpu_count() or 1)
+"""Processes that read and score files, unless another number is wanted. With two, a file that takes
+as long as any file may delays nobody but its own team."""
+SECONDS_TO_FINISH = 90
+"""Seconds that requests that have begun may take to finish when the server is stopped."""
+_WAITING = 2048
+"""Connections that may wait to be accepted."""
+
+
+def run_server(
+    settings: Settings,
+    host: str,
+    port: int,
+    announce: Callable[[str], None] = lambda _: None,
+    *,
+    workers: int = WORKERS,
+) -> None:
+    """Serve until SIGTERM or SIGINT; requests that have begun are finished first.
+
+    Parameters
+    ----------
+    settings : Settings
+        Settings of the server.
+    host : str
+        The address to listen at; ``0.0.0.0`` for all.
+    port : int
+        0 for any free port.
+    announce : callable
+        Called with the URL as soon as the server accepts requests.
+    workers : int
+        Processes that read and score files; this one answers the requests.
+
+    Raises
+    ------
+    SettingsError, ReceiptError
+        If the server cannot be opened.
+    ReverieEvalError
+        If the address is in use or not this machine's.
+    """
+    with database_errors():
+        state = open_server(settings, workers=workers)
+    with closing(state.database):  # the application opens it again
+        listening = listen(host, port)
+        with database_errors():
+            record_rules(state.transactions, rules_of(state.boards))
+    url = url_of(listening)
+    server = _Server(configuration(create_app(state, url)), lambda: announce(url))
+    settle_memory()
+    with state.scoring, _stopped_is_done():
+        server.run(sockets=[listening])
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Listen at an address; port 0 means any free port.
+
+    Raises
+    ------
+    ReverieEvalError
+        If the address is in use or not this machine's.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        listening = socket.create_server((host, port), family=family, backlog=_WAITING)
+        # Accepted connections inherit it. Without it, a reply's body waits 40 ms until the client
+        # acknowledges the headers.
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    except OSError as error:
+        reason = (error.strerror or str(error)).partition(" (while")[0].lower()
+        raise ReverieEvalError(
+            f"cannot listen at {host}, port {port}: {reason}; choose another address with --host "
+            "or --port (0 for any free port)"
+        ) from None
+    return listening
+
+
+def url_of(listening: socket.socket) -> str:
+    """Return the address as a URL."""
+    host, port = listening.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def configuration(app: ASGIApp) -> uvicorn.Config:
+    """Return the configuration of uvicorn: our logs, no server header, limited shutdown time."""
+    return uvicorn.Config(
+        app,
+        http=TimeoutProtocol,
+        ws="none",
+        log_config=LOGGING,
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,  # added by the application, for trusted proxies only
+        timeout_graceful_shutdown=SECONDS_TO_FINISH,
+    )
+
+
+class _Server(uvicorn.Server):
+    """Announces when it has started; from then on, signals stop it."""
+
+    def __init__(self, config: uvicorn.Config, announce: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._announce = announce
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start, then announce it."""
+        await super().startup(sockets)
+        self._announce()
+
+
+@contextmanager
+def _stopped_is_done() -> Iterator[None]:
+    """Exit with status 0 on SIGTERM, which uvicorn raises again after shutting down."""
+    before = signal.signal(signal.SIGTERM, _exit)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _exit(*_: object) -> None:
+    sys.exit(0)

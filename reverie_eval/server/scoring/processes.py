@@ -1,0 +1,336 @@
+"""The processes of a server that read, check and score what people send.
+
+Each loads the ground truth once and works on one file after the other. A file that takes more
+processor time or memory than any real one needs is refused, and the process that worked on it is
+replaced, as is one that was killed. All end with the server, also if that is killed.
+"""
+
+import ctypes
+import gc
+import logging
+import os
+import pickle
+import resource
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.context import BaseContext
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from pickle import PickleBuffer, PicklingError
+from queue import Empty, SimpleQueue
+from threading import Thread
+from typing import Any, Concatenate, NamedTuple, Self
+
+from reverie_eval.errors import ReverieEvalError, SubmissionError
+from reverie_eval.server.errors import BusyError
+from reverie_eval.server.scoring.boards import Board, load_boards
+from reverie_eval.server.scoring.contexts import (
+    SECONDS_TO_RETRY,
+    STOPPED,
+    Context,
+    Given,
+    Result,
+    Runner,
+    Scoring,
+)
+from reverie_eval.server.scoring.rules import rules_of
+from reverie_eval.server.settings import Settings
+from reverie_eval.server.store.uploads import open_uploads
+from reverie_eval.submissions import TOO_MUCH_MEMORY, TOO_MUCH_TIME
+
+SECONDS = 20
+"""Processor time for one call; the largest real files take about one second."""
+MEBIBYTES = 2048
+"""Memory for one call, besides the ground truth."""
+_MOST_SECONDS = 120
+"""Time for one call that does not use the processor, but waits for a store of uploads."""
+_NO_ROOM = "the system has no room for a process that reads the file"
+_NICENESS = 5
+"""The process that answers requests comes first."""
+_TOP_PAD = -2
+"""glibc's ``M_TOP_PAD``: https://man7.org/linux/man-pages/man3/mallopt.3.html"""
+_BYTES_KEPT = 16 << 20
+"""Bytes of freed memory that each of glibc's arenas keeps."""
+_PROCESS_SIZE = Path("/proc/self/statm")
+"""On Linux: the first number is the size of the address space, in pages."""
+
+_LOGGER = logging.getLogger("reverie_eval.server.scoring")
+
+
+class ScoringProcesses(Scoring):
+    """A number of processes that score.
+
+    Parameters
+    ----------
+    settings : Settings
+        Settings of the server; each process loads the ground truth that they name.
+    boards : mapping
+        The ground truth of the server. A process that has another one loads it again.
+    number : int
+        Processes.
+    """
+
+    def __init__(self, settings: Settings, boards: Mapping[str, Board], number: int) -> None:
+        # A copy of this process could hang, because it has threads; so processes are copies of one
+        # that has only imported what they need.
+        context = get_context("forkserver")
+        context.set_forkserver_preload([__name__])
+        self.number, self.turns = number, 2 * number
+        self._all = [_Process(settings, boards, context) for _ in range(number)]
+        self._free: SimpleQueue[_Process] = SimpleQueue()
+        self._starting = Thread(target=self._start, name="scoring processes", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Begin to start all processes; what has to be scored waits for the first."""
+        self._starting.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End all processes, whatever they do."""
+        self._starting.join()
+        for each in self._all:
+            each.stop()
+
+    def _start(self) -> None:
+        for each in self._all:
+            try:
+                each.start()
+                each.run(_begin)
+            except BusyError:  # it is logged
+                pass
+            except Exception:  # whatever it is, the first call that needs the process tries again
+                _LOGGER.exception("scoring process not ready")
+            self._free.put(each)
+
+    @contextmanager
+    def hold(self) -> Iterator[Runner]:
+        """Wait for a process and hold it. Raises BusyError if none becomes free."""
+        try:
+            process = self._free.get(timeout=_MOST_SECONDS)
+        except Empty:
+            raise BusyError(SECONDS_TO_RETRY) from None
+        try:
+            process.revive()
+            yield process
+        finally:
+            self._free.put(process)
+
+
+class _Call(NamedTuple):
+    """What a scoring process has to do."""
+
+    rules: Mapping[str, str]
+    seconds: int
+    mebibytes: int
+    work: Callable[..., Any]
+    given: tuple[Any, ...]
+    named: Mapping[str, Any]
+
+
+class _Running(NamedTuple):
+    """A process that was started."""
+
+    process: BaseProcess
+    connection: Connection
+
+
+class _Process:
+    """One process; when it has ended, another takes its place."""
+
+    _running: _Running | None = None
+    """None before the start, and while the system has no room for it."""
+
+    def __init__(
+        self, settings: Settings, boards: Mapping[str, Board], context: BaseContext
+    ) -> None:
+        self._settings, self._boards, self._context = settings, boards, context
+
+    def start(self) -> None:
+        """Start the process. Raises BusyError if the system has no room for it."""
+        try:
+            connection, theirs = self._context.Pipe()
+            with theirs:
+                process: BaseProcess = self._context.Process(  # type: ignore[attr-defined]
+                    target=_serve, args=(theirs, self._settings), name="scoring", daemon=True
+                )
+                process.start()
+        except (EOFError, OSError) as error:  # the former if the fork server could not fork
+            _LOGGER.warning("scoring process not started", exc_info=error)
+            raise BusyError(SECONDS_TO_RETRY, _NO_ROOM) from None
+        self._running = _Running(process, connection)
+        _LOGGER.info("scoring process started", extra={"fields": {"pid": process.pid}})
+
+    def revive(self) -> None:
+        """Start another process if this one was killed while it had nothing to do, or never ran.
+
+        Raises BusyError if the system has no room for it.
+        """
+        if self._running is not None and not self._running.process.is_alive():
+            self._replace(self._running)
+        if self._running is None:
+            self.start()
+
+    def stop(self) -> None:
+        """End the process, whatever it does."""
+        if self._running is not None:
+            process, connection = self._running
+            self._running = None
+            connection.close()
+            process.kill()
+            process.join()
+
+    def run(
+        self,
+        work: Callable[Concatenate[Context, Given], Result],
+        *given: Given.args,
+        **named: Given.kwargs,
+    ) -> Result:
+        """Let the process call a function."""
+        running = self._running
+        if running is None:
+            raise BusyError(SECONDS_TO_RETRY, STOPPED)
+        call = _Call(rules_of(self._boards), SECONDS, MEBIBYTES, work, given, named)
+        try:
+            _send(running.connection, call)
+            has_answer = running.connection.poll(_MOST_SECONDS)
+            answer = running.connection.recv() if has_answer else None
+        except (EOFError, OSError):
+            answer = None
+        if answer is None:
+            raise self._replace(running)
+        is_result, returned = answer
+        if is_result:
+            result: Result = returned
+            return result
+        raise returned
+
+    def _replace(self, dead: _Running) -> ReverieEvalError:
+        """Start another process; return why: the file took too long, or something killed it."""
+        self.stop()
+        status = dead.process.exitcode
+        fields = {"dead": dead.process.pid, "status": status}
+        _LOGGER.warning("scoring process replaced", extra={"fields": fields})
+        with suppress(BusyError):  # then the next call that needs it tries again
+            self.start()
+        if status == -signal.SIGXCPU:
+            return SubmissionError([TOO_MUCH_TIME.of_file(seconds=SECONDS)])
+        return BusyError(SECONDS_TO_RETRY, STOPPED)
+
+
+def _send(connection: Connection, call: _Call) -> None:
+    """Send a call, and after it the files in it: pickling them would stop all other threads."""
+    given = (PickleBuffer(each) if isinstance(each, bytes) else each for each in call.given)
+    files: list[PickleBuffer] = []
+    pickled = pickle.dumps(
+        call._replace(given=tuple(given)), protocol=5, buffer_callback=files.append
+    )
+    connection.send((pickled, len(files)))
+    for file in files:
+        connection.send_bytes(file)
+
+
+def _receive(connection: Connection) -> _Call:
+    pickled, files = connection.recv()
+    call: _Call = pickle.loads(  # noqa: S301  # the server sent it
+        pickled, buffers=[connection.recv_bytes() for _ in range(files)]
+    )
+    return call
+
+
+def _begin(_: Context) -> None:
+    """Do nothing, but after the ground truth was loaded."""
+
+
+def _serve(connection: Connection, settings: Settings) -> None:
+    """Answer calls until the server has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the server too
+    # The system would write a core file, with the solution, when a file takes too long.
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.nice(_NICENESS)
+    context, rules = None, None
+    # The server closes its end, or has been killed.
+    with suppress(EOFError, ConnectionError):
+        while True:
+            call = _receive(connection)
+            try:
+                if context is None or call.rules != rules:
+                    context, rules = _load(settings, call.rules), call.rules
+                answer = True, _within_limits(context, call)
+            except Exception as error:  # noqa: BLE001  # the server handles it
+                if not isinstance(error, ReverieEvalError):
+                    error.add_note(traceback.format_exc())
+                answer = False, error
+            try:
+                connection.send(answer)
+            except (PicklingError, AttributeError, TypeError) as error:
+                kind = type(answer[1]).__name__  # what it says may be an answer
+                connection.send((False, RuntimeError(f"a {kind} cannot be sent: {error}")))
+
+
+def _load(settings: Settings, rules: Mapping[str, str]) -> Context:
+    boards = load_boards(settings)
+    if rules_of(boards) != rules:
+        raise BusyError(SECONDS_TO_RETRY, "the ground truth is being replaced")
+    settle_memory()
+    return Context(boards, open_uploads(settings.uploads, settings.folder))
+
+
+def _within_limits(context: Context, call: _Call) -> Any:
+    """Do the work of a call.
+
+    Raises SubmissionError if it needs too much memory. The system ends a process that takes too
+    much time.
+    """
+    _limit_time(call.seconds)
+    try:
+        with _limited_memory(call.mebibytes << 20):
+            return call.work(context, *call.given, **call.named)
+    except MemoryError:
+        raise SubmissionError([TOO_MUCH_MEMORY.of_file(mebibytes=call.mebibytes)]) from None
+    finally:
+        _limit_time(None)
+
+
+def _limit_time(seconds: int | None) -> None:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    until = int(used.ru_utime + used.ru_stime) + 1
+    _limit(resource.RLIMIT_CPU, resource.RLIM_INFINITY if seconds is None else until + seconds)
+
+
+def _limit(kind: int, value: int) -> None:
+    """Set a limit of the process, as far as the system allows."""
+    hard = resource.getrlimit(kind)[1]
+    # Infinity may be -1.
+    finite = [each for each in (value, hard) if each != resource.RLIM_INFINITY]
+    resource.setrlimit(kind, (min(finite, default=resource.RLIM_INFINITY), hard))
+
+
+@contextmanager
+def _limited_memory(size: int) -> Iterator[None]:
+    """Let the process grow by so many bytes only, where the system can tell how large it is."""
+    if not sys.platform.startswith("linux"):
+        yield
+        return
+    pages = int(_PROCESS_SIZE.read_text().split()[0])
+    _limit(resource.RLIMIT_AS, pages * resource.getpagesize() + size)
+    try:
+        yield
+    finally:
+        _limit(resource.RLIMIT_AS, resource.RLIM_INFINITY)
+
+
+def settle_memory() -> None:
+    """Tell the garbage collector and glibc that this process has started, and that uploads follow.
+
+    Collecting the ground truth, which stays in memory, would only cost time. And glibc, which would
+    otherwise return the memory of each freed array to the system and ask for it again, keeps some
+    of it for the next upload, which then takes a tenth less of the processor.
+    """
+    gc.freeze()
+    with suppress(AttributeError):  # another C library
+        ctypes.CDLL(None).mallopt(_TOP_PAD, _BYTES_KEPT)

@@ -41,7 +41,7 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store import watches
 from reverie_eval.server.store.database import count_rows
-from reverie_eval.server.store.tables import Fingerprint, Person, Submission
+from reverie_eval.server.store.tables import Person, Submission, Trace
 
 SUBMISSIONS = 2000
 TEAMS = 100
@@ -135,8 +135,8 @@ def files(truth: GroundTruth, number: int) -> Iterator[bytes]:
 def request(state: ServerState) -> float:
     """Return the seconds of the processors that the dearest request takes."""
     with state.database.writing() as session:
-        known = select(Fingerprint.sha256).where(Fingerprint.split == SPLIT).limit(AT_ONCE)
-        session.execute(delete(Fingerprint).where(Fingerprint.sha256.in_(known)))
+        known = select(Trace.sha256).where(Trace.split == SPLIT).limit(AT_ONCE)
+        session.execute(delete(Trace).where(Trace.sha256.in_(known)))
     before = time.process_time()
     with state.database.reading() as session:
         report, read = state.get(EvidenceService).report(session, SPLIT)

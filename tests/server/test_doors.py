@@ -26,9 +26,9 @@ DOORS = {
 ELSEWHERE = {SERVER / "operations", SERVER / "audit", SERVER / "store"}
 """Folders with commands' functions, and with what every action uses."""
 OF_OTHER_ACTIONS = {
-    "announce_same_file",
-    "announce",
-    "announce_fault",
+    "notify_of_same_file",
+    "notify",
+    "notify_of_fault",
     "replace_at_once",
     "append_rules",
     "record_inspection",
@@ -60,7 +60,7 @@ AT_SOME_DOORS: Mapping[str, set[str]] = {
     "invite": set(),  # by `import_people`
 }
 RECORDING = {"record", "transaction.audit_log.append"}
-RECORDED_BY_THEIR_CALLERS = {"announce", "announce_fault", "check_organiser_left"}
+RECORDED_BY_THEIR_CALLERS = {"notify", "notify_of_fault", "check_organiser_left"}
 """They only leave messages, or raise."""
 
 

@@ -19,12 +19,12 @@ from reverie_eval.scoring import clusters_of
 from reverie_eval.server.audit.log import entries
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.integrity.evidence import EvidenceService
-from reverie_eval.server.integrity.fingerprints import Fingerprint
+from reverie_eval.server.integrity.traces import Trace
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.restore import restore_backup
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import Trace as Row
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON
 from tests.support.flat_world import Run
@@ -130,15 +130,15 @@ def test_a_fingerprint_scores_as_its_file(sample: str, server: Serving, demo: Gr
     content = (SAMPLES / f"{sample}.json").read_bytes()
     scores = evaluate(content, split=OPEN, ground_truth=demo)
     board = server.state.boards[OPEN]
-    fingerprint = Fingerprint.from_bytes(Fingerprint.of(board, content).to_bytes())
+    trace = Trace.from_bytes(Trace.of(board, content).to_bytes())
     for metric in ("success", "rgs"):
-        values = fingerprint.values(board, metric)
+        values = trace.values(board, metric)
         if sample == "drawn" and metric == "rgs":
             assert values is None
         else:
             assert values is not None
             assert values.tolist() == scores.episodes[metric].tolist()
-    walks = fingerprint.walks
+    walks = trace.walks
     assert walks.jumps == scores.episodes["jumps"].sum()
     assert walks.episodes_with_jumps == (scores.episodes["jumps"] > 0).sum()
     assert walks.longest_walk == scores.episodes["path_length"].max()
@@ -275,7 +275,7 @@ def test_uploads_are_read_some_at_a_time_and_only_once(
     first, second = shown(server), shown(server)
     assert (first["left"], first["teams"][0]["submissions"]) == (1, 2)
     assert (second["left"], second["teams"][0]["submissions"]) == (0, 3)
-    monkeypatch.setattr(Fingerprint, "of", lambda *_: pytest.fail("read again"))
+    monkeypatch.setattr(Trace, "of", lambda *_: pytest.fail("read again"))
     assert shown(server) == second
 
 
@@ -409,8 +409,6 @@ def test_boxes_are_compared_by_where_they_are(server: Serving) -> None:
     records = json.loads(DRAWN)
     moved = next(record for record in records if "predBox" in record)
     moved["predBox"][0] += 1
-    one, other = (
-        Fingerprint.of(board, content) for content in (DRAWN, json.dumps(records).encode())
-    )
+    one, other = (Trace.of(board, content) for content in (DRAWN, json.dumps(records).encode()))
     assert int((one.codes != other.codes).sum()) == 1
     assert one.equal(other, "answer") == pytest.approx(1 - 1 / len(records))

@@ -26,7 +26,7 @@ from reverie_eval.server.app import jobs_of
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.messages import smtp
 from reverie_eval.server.messages.delivery import SIGNATURE
-from reverie_eval.server.messages.outbox import LEASE, PATIENCE, announce, claim
+from reverie_eval.server.messages.outbox import LEASE, PATIENCE, claim, notify
 from reverie_eval.server.messages.smtp import DeliveryError
 from reverie_eval.server.operations import health
 from reverie_eval.server.operations.doctor import examine
@@ -233,8 +233,8 @@ def test_the_end_of_a_phase_is_told_once(folder: Path, open_server: OpenServer, 
 def test_only_the_events_of_a_channel_are_told(telling: Open, hook: Hook) -> None:
     server = telling(webhook=hook_at(hook, events=["join-request"]))
     with server.acting() as transaction:
-        announce(transaction, "phase-end", "test ended")
-        announce(transaction, "join-request", "Dora wants to join")
+        notify(transaction, "phase-end", "test ended")
+        notify(transaction, "join-request", "Dora wants to join")
     deliver_now(server)
     assert hook.events() == ["join-request"]
 
@@ -244,7 +244,7 @@ def test_a_transaction_that_fails_tells_nothing(telling: Open, hook: Hook) -> No
     with server.state.database.trying() as session:
         now, log = server.clock(), server.state.audit_log
         transaction = Transaction(session, "test", now, log, server.state.settings.channels)
-        announce(transaction, "phase-end", "test ended")
+        notify(transaction, "phase-end", "test ended")
     assert outbox(server) == []
 
 

@@ -11,14 +11,14 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.boards.phase_ends import announce_ends, untold_ends
+from reverie_eval.server.boards.phase_ends import notify_of_ends, untold_ends
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.messages.outbox import (
-    announce,
-    announce_fault,
     claim,
     given_up,
     is_any_due,
+    notify,
+    notify_of_fault,
     settle,
 )
 from reverie_eval.server.settings import Channel, Mail, Webhook
@@ -56,8 +56,8 @@ def message(**changes: Any) -> Message:
 
 def test_an_event_is_a_message_for_each_channel_that_wants_it(sqlite: Database) -> None:
     with sqlite.writing() as session:
-        announce(at(session), "submission", "x" * 501, "/submissions/1")
-        announce(at(session), "phase-end", "test ended")
+        notify(at(session), "submission", "x" * 501, "/submissions/1")
+        notify(at(session), "phase-end", "test ended")
         session.flush()
         found = session.scalars(select(Message).order_by(Message.id)).all()
         assert rows(session) == [
@@ -73,9 +73,9 @@ def test_an_event_is_a_message_for_each_channel_that_wants_it(sqlite: Database) 
 
 def test_a_fault_is_told_again_after_an_hour(sqlite: Database) -> None:
     with sqlite.writing() as session:
-        announce(at(session), "phase-end", "another event")
+        notify(at(session), "phase-end", "another event")
         for later, text in ((0 * HOUR, "a"), (HOUR - SECOND, "b"), (HOUR, "c")):
-            announce_fault(at(session, NOON + later), text)
+            notify_of_fault(at(session, NOON + later), text)
             session.flush()
         assert rows(session)[2:] == [
             (channel, "unhealthy", text, "/desk") for text in "ac" for channel in CHANNELS
@@ -103,9 +103,9 @@ def test_the_end_of_a_phase_is_told_for_a_day(
         assert found == ({text: PRIVATE} if times else {})
         assert untold_ends(session, schedules, {"webhook": HOOK}, now) == found
         assert untold_ends(session, schedules, {"webhook": OTHERS}, now) == {}
-        announce(at(session), "unhealthy", text)  # no event of a phase
+        notify(at(session), "unhealthy", text)  # no event of a phase
         for _ in range(2):
-            announce_ends(session, schedules, CHANNELS, now)
+            notify_of_ends(session, schedules, CHANNELS, now)
         told = [(channel, "phase-end", text, "/boards/test") for channel in CHANNELS]
         assert rows(session)[2:] == times * told
 

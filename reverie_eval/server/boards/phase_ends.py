@@ -37,7 +37,7 @@ def untold_ends(
     return {text: split for text, split in ends.items() if text not in known}
 
 
-def announce_ends(
+def notify_of_ends(
     session: Session, schedules: Schedules, channels: Mapping[str, Channel], now: datetime
 ) -> None:
     """Notify the organiser of phases that have ended."""

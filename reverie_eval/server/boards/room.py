@@ -6,7 +6,7 @@ from datetime import datetime
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.boards import desk, pages, reported_desk, routes
-from reverie_eval.server.boards.phase_ends import announce_ends, untold_ends
+from reverie_eval.server.boards.phase_ends import notify_of_ends, untold_ends
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.jobs import SOON, Job
 from reverie_eval.server.rooms import Room, Tab
@@ -25,7 +25,7 @@ def jobs(server: ServerState) -> Iterable[Job]:
             if not untold_ends(session, schedules, channels, server.clock()):
                 return
         with server.database.writing() as session:
-            announce_ends(session, schedules, channels, server.clock())
+            notify_of_ends(session, schedules, channels, server.clock())
 
     if channels:
         yield Job("phase ends", work, SOON, waiting)

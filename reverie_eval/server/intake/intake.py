@@ -32,10 +32,10 @@ from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.intake.attempts import Attempts, Handled
 from reverie_eval.server.intake.quotas import QuotaUsage, usage_of
-from reverie_eval.server.intake.same_file import announce_same_file
+from reverie_eval.server.intake.same_file import notify_of_same_file
 from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import Notices
-from reverie_eval.server.messages.outbox import announce
+from reverie_eval.server.messages.outbox import notify
 from reverie_eval.server.scoring.boards import Board, board_named
 from reverie_eval.server.scoring.contexts import Context, Scoring, open_file
 from reverie_eval.server.scoring.rules import RulesInForce
@@ -268,13 +268,13 @@ class Intake:
             for further, report in read.reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
                 store_result(row, further, BoardResult(report=report, receipt=receipt))
-            announce_same_file(transaction, row)  # the log's last entry is one that the row shows
+            notify_of_same_file(transaction, row)  # the log's last entry is one that the row shows
             described = method.model_dump(mode="json", exclude_defaults=True)
             transaction.record(
                 SUBMITTED, row, row.id, split=row.split, sha256=row.sha256, method=described
             )
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
-            announce(transaction, "submission", said, f"/submissions/{row.id}")
+            notify(transaction, "submission", said, f"/submissions/{row.id}")
             self.attempts.record_with(session, upload)
             keep()
             # The receipt has the quota of the time at which a file was received, also long ago.

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.server.audit.transactions import Actor, Transactions
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.tables import IS_SHOWN, Fingerprint, Submission
+from reverie_eval.server.store.tables import IS_SHOWN, Submission, Trace
 from reverie_eval.server.store.uploads import Uploads
 
 
@@ -78,7 +78,7 @@ class Retention:
             for row in rows:
                 row.upload_deleted_at = transaction.now
                 transaction.record("upload deleted", row, row.id)
-            session.execute(delete(Fingerprint).where(Fingerprint.sha256 == sha256))
+            session.execute(delete(Trace).where(Trace.sha256 == sha256))
             self.uploads.delete(sha256)
             return [row.id for row in rows]
 

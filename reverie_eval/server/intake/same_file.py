@@ -7,7 +7,7 @@ from sqlalchemy import bindparam, select
 
 from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.messages.outbox import announce
+from reverie_eval.server.messages.outbox import notify
 from reverie_eval.server.store.tables import IS_SHOWN, SAME_FILE, Submission, Team
 
 MOST_NAMED = 5
@@ -31,7 +31,7 @@ _SAME_FROM_OTHERS = (
 )
 
 
-def announce_same_file(transaction: Transaction, new: Submission) -> None:
+def notify_of_same_file(transaction: Transaction, new: Submission) -> None:
     """Notify the organiser if another team has submitted the same file to the split.
 
     The same file has the same bytes after unpacking. The same predictions in another file are left
@@ -47,6 +47,6 @@ def announce_same_file(transaction: Transaction, new: Submission) -> None:
     names = ", ".join(f"{each.name}{' (published)' * each.is_shown}" for each in others)
     whose = "other teams" if len(others) > 1 else "another team"
     text = f"{new.team.name} submitted to {new.split} the file that {whose} had submitted: {names}"
-    announce(transaction, "same-file", text, f"/desk/evidence?split={quote(new.split)}")
+    notify(transaction, "same-file", text, f"/desk/evidence?split={quote(new.split)}")
     about = {"split": new.split, "team": new.team.id, "submission": new.id, "same_as": same_as}
     _LOGGER.warning("same file from two teams", extra={"fields": about})

@@ -41,7 +41,7 @@ from reverie_eval.schemas.evidence import (
 from reverie_eval.scoring import clusters_of, is_goal
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.integrity.fingerprints import Fingerprint, Fingerprints
+from reverie_eval.server.integrity.traces import Trace, Traces
 from reverie_eval.server.scoring.boards import Board, board_named
 from reverie_eval.server.scoring.contexts import Scoring
 from reverie_eval.server.state import ServerState
@@ -70,8 +70,8 @@ class _Sent(NamedTuple):
         return NamedSubmission(id=self.id, team=self.team, method=self.method["name"])
 
 
-_Known: TypeAlias = tuple[_Sent, Fingerprint]
-_Loaded: TypeAlias = Mapping[str, Fingerprint]
+_Known: TypeAlias = tuple[_Sent, Trace]
+_Loaded: TypeAlias = Mapping[str, Trace]
 """By the SHA-256 of the upload."""
 
 
@@ -80,7 +80,7 @@ class Evidence(NamedTuple):
 
     report: EvidenceReport
     read: Mapping[str, bytes]
-    """Fingerprints that are not stored yet, by the SHA-256 of the upload."""
+    """Traces that are not stored yet, by the SHA-256 of the upload."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +108,12 @@ class EvidenceService:
         NotFoundError
             If the server has no such split, or the split no submission of this team.
         """
-        fingerprints = self._fingerprints(split)
-        sent, missing = _sent_and_missing(session, fingerprints, team)
-        read = fingerprints.read(missing, AT_ONCE)
+        traces = self._traces(split)
+        sent, missing = _sent_and_missing(session, traces, team)
+        read = traces.read(missing, AT_ONCE)
         unread = set(missing) - read.contents.keys()
-        known = fingerprints.of_each(session, _submissions_to(split), read.contents)
-        examined = _Examined.of(fingerprints.board, self.signer)
+        known = traces.of_each(session, _submissions_to(split), read.contents)
+        examined = _Examined.of(traces.board, self.signer)
         report = EvidenceReport(
             split=split,
             submissions=len(sent),
@@ -125,8 +125,8 @@ class EvidenceService:
             },
             same_files=_same_files(sent),
             **examined.compare(
-                ((_Sent(*row), fingerprint) for row, fingerprint in known),
-                lambda digests: fingerprints.load(session, digests, read.contents),
+                ((_Sent(*row), trace) for row, trace in known),
+                lambda digests: traces.load(session, digests, read.contents),
                 team,
             ),
         )
@@ -134,37 +134,37 @@ class EvidenceService:
 
     def keep(self, split: str, read: Mapping[str, bytes]) -> None:
         """Store what was read of submissions to a split, so that it is not read again."""
-        self._fingerprints(split).store(read)
+        self._traces(split).store(read)
 
     def report_on_all(self, split: str, team: str | None = None) -> EvidenceReport:
         """Do what :meth:`report` does, after reading all submissions; few are in memory at a time.
 
         What was read is stored as it goes, so the next run continues an interrupted one.
         """
-        fingerprints = self._fingerprints(split)
+        traces = self._traces(split)
         with self.database.reading() as session:
-            _, missing = _sent_and_missing(session, fingerprints, team)
+            _, missing = _sent_and_missing(session, traces, team)
         for first in range(0, len(missing), AT_ONCE):
             batch = missing[first : first + AT_ONCE]
-            fingerprints.store(fingerprints.read(batch, AT_ONCE).contents)
+            traces.store(traces.read(batch, AT_ONCE).contents)
         with self.database.reading() as session:
             evidence = self.report(session, split, team)
         self.keep(split, evidence.read)
         return evidence.report
 
-    def _fingerprints(self, split: str) -> Fingerprints:
-        return Fingerprints(board_named(self.boards, split), self.database, self.scoring)
+    def _traces(self, split: str) -> Traces:
+        return Traces(board_named(self.boards, split), self.database, self.scoring)
 
 
 def _sent_and_missing(
-    session: Session, fingerprints: Fingerprints, team: str | None
+    session: Session, traces: Traces, team: str | None
 ) -> tuple[Sequence[_Sent], Sequence[str]]:
-    """Return all submissions to a split, and the uploads without a fingerprint.
+    """Return all submissions to a split, and the uploads without a trace.
 
     Raises NotFoundError if none is of the team.
     """
-    split = fingerprints.board.name
-    marked = fingerprints.marked(session, _submissions_to(split))
+    split = traces.board.name
+    marked = traces.marked(session, _submissions_to(split))
     sent = [(_Sent(*row), is_known) for row, is_known in marked]
     if team is not None and team not in {each.team for each, _ in sent}:
         raise NotFoundError(f"there is no team {team!r} with submissions to {split}")
@@ -222,7 +222,7 @@ class _Examined:
     ) -> Mapping[str, Any]:
         """Return the parts of the report that need the files, with one team's in memory at a time.
 
-        ``load`` returns the fingerprints of the most similar ones again.
+        ``load`` returns the traces of the most similar ones again.
         """
         episodes = len(self.cluster)
         sample = np.random.default_rng(0).permutation(episodes)[:SAMPLED_EPISODES]
@@ -254,7 +254,7 @@ class _Examined:
         }
 
     def _team(
-        self, name: str, loaded: Sequence[Fingerprint], codes: IntArray, changed: IntArray
+        self, name: str, loaded: Sequence[Trace], codes: IntArray, changed: IntArray
     ) -> TeamEvidence:
         spread = spread_of_changes(codes, self.board.truth.episodes.item)
         first, latest = loaded[0], loaded[-1]
@@ -269,18 +269,18 @@ class _Examined:
         )
 
     def _submission(
-        self, sent: _Sent, fingerprint: Fingerprint, nearest: str | None, changed: int
+        self, sent: _Sent, trace: Trace, nearest: str | None, changed: int
     ) -> SubmissionEvidence:
         return SubmissionEvidence(
             **sent.named.model_dump(),
             received_at=sent.received_at,
             nearest=nearest,
             changed=None if nearest is None else changed,
-            gap=self._gap(fingerprint),
-            walks=self._walks(fingerprint),
+            gap=self._gap(trace),
+            walks=self._walks(trace),
         )
 
-    def _gap(self, latest: Fingerprint, first: Fingerprint | None = None) -> GapReport | None:
+    def _gap(self, latest: Trace, first: Trace | None = None) -> GapReport | None:
         """Return the gap of a file, or by how much it exceeds that of the first one."""
         if self.is_open.all() or not self.is_open.any():
             return None
@@ -292,17 +292,15 @@ class _Examined:
                 return GapReport(metric=metric, **rounded)
         return None
 
-    def _walks(self, fingerprint: Fingerprint) -> WalkReport:
+    def _walks(self, trace: Trace) -> WalkReport:
         exact = by_chance = None
-        success = fingerprint.values(self.board, "success")
+        success = trace.values(self.board, "success")
         if success is not None and success.any():
             is_success = success > 0
             goal = self.board.truth.require_solution().goal
-            exact = _rounded(float((fingerprint.episodes["stop"] == goal)[is_success].mean()))
+            exact = _rounded(float((trace.episodes["stop"] == goal)[is_success].mean()))
             by_chance = _rounded(float((1 / self._goals[is_success]).mean()))
-        return WalkReport(
-            **fingerprint.walks._asdict(), exact_stops=exact, exact_by_chance=by_chance
-        )
+        return WalkReport(**trace.walks._asdict(), exact_stops=exact, exact_by_chance=by_chance)
 
     @cached_property
     def _goals(self) -> IntArray:

@@ -6,7 +6,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.errors import RequestError
-from reverie_eval.server.messages.outbox import announce_fault
+from reverie_eval.server.messages.outbox import notify_of_fault
 from reverie_eval.server.state import ServerState
 
 
@@ -18,4 +18,4 @@ def tell_fault(server: ServerState, text: str) -> None:
         suppress(SQLAlchemyError, RequestError),
         server.transactions.begin(SERVER) as transaction,
     ):
-        announce_fault(transaction, text)
+        notify_of_fault(transaction, text)

@@ -32,7 +32,7 @@ _AT_ONCE = 200
 _LONGEST_LINE = 500
 
 
-def announce(transaction: Transaction, event: Event, text: str, path: str = "/") -> None:
+def notify(transaction: Transaction, event: Event, text: str, path: str = "/") -> None:
     """Notify the organiser of an event, if the settings say so and the transaction is committed.
 
     ``text`` is one line for the organiser, without scores and tokens; ``path`` is the page of the
@@ -42,13 +42,13 @@ def announce(transaction: Transaction, event: Event, text: str, path: str = "/")
     transaction.session.add_all(messages)
 
 
-def announce_fault(transaction: Transaction, text: str) -> None:
+def notify_of_fault(transaction: Transaction, text: str) -> None:
     """Notify the organiser that the server is unhealthy, at most once an hour."""
     recent = select(Message.id).where(
         Message.event == "unhealthy", Message.created_at > transaction.now - _QUIET
     )
     if transaction.session.scalars(recent.limit(1)).first() is None:
-        announce(transaction, "unhealthy", text, "/desk")
+        notify(transaction, "unhealthy", text, "/desk")
 
 
 def is_any_due(session: Session, now: datetime, channel: str) -> bool:

@@ -33,7 +33,7 @@ from reverie_eval.server.audit.rows import (
     swapped_names,
 )
 from reverie_eval.server.corrections.snapshots import Snapshots
-from reverie_eval.server.messages.outbox import announce_fault, given_up
+from reverie_eval.server.messages.outbox import given_up, notify_of_fault
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.checks import (
     NEWEST_UPLOAD,
@@ -90,7 +90,7 @@ def tell_of_faults(folder: Path, findings: Iterable[Finding], actor: str) -> Non
             with acting(settings, actor) as transaction:
                 found = count_text(len(faults), "fault")
                 text = f"server doctor found {found}: {faults[0].check}: {faults[0].what}"
-                announce_fault(transaction, text)
+                notify_of_fault(transaction, text)
 
 
 def _at_references(database: Database, session: Session) -> Iterator[Finding]:

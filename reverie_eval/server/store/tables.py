@@ -297,15 +297,15 @@ class ClusterSums(Base):
     """A list of numbers by metric, in the order of the clusters' numbers."""
 
 
-class Fingerprint(Base):
+class Trace(Base):
     """What an upload predicts, in numbers; computed from it when needed, and again when lost."""
 
-    __tablename__ = "fingerprint"
+    __tablename__ = "fingerprint"  # its name in 0.1.0
 
     split: Mapped[str] = mapped_column(String(64), primary_key=True)
     sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
     basis: Mapped[str] = mapped_column(String(100))
-    """What the numbers of the fingerprint depend on; with another, they mean something else."""
+    """What the numbers depend on; with another, they mean something else."""
     content: Mapped[bytes]
 
 

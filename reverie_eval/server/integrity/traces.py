@@ -1,4 +1,4 @@
-"""Fingerprints: an upload's predictions in each episode as numbers that are quick to compare.
+"""Traces: an upload's predictions in each episode as numbers that are quick to compare.
 
 They are computed without the solution, from the upload alone. Each is stored when it is first
 needed, so they do not make uploads slower.
@@ -24,8 +24,8 @@ from reverie_eval.scoring import Lookups, PreparedSubmission
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.scoring.contexts import Context, Scoring
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import Trace as Row
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
 from reverie_eval.submissions import SubmissionColumns
 
@@ -62,7 +62,7 @@ class Walks(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Fingerprint:
+class Trace:
     """The predictions of an upload."""
 
     episodes: Array
@@ -71,7 +71,7 @@ class Fingerprint:
 
     @classmethod
     def of(cls, board: Board, content: bytes) -> Self:
-        """Compute the fingerprint of a JSON text.
+        """Compute the trace of a JSON text.
 
         Raises SubmissionError if it does not fit the split.
         """
@@ -90,12 +90,12 @@ class Fingerprint:
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Self:
-        """Unpack a fingerprint."""
+        """Unpack a trace."""
         walks, episodes = msgspec.msgpack.decode(gzip.decompress(content), type=tuple[Walks, bytes])
         return cls(np.frombuffer(episodes, dtype=_EPISODE), walks)
 
     def to_bytes(self) -> bytes:
-        """Pack the fingerprint."""
+        """Pack the trace."""
         return igzip.compress(msgspec.msgpack.encode((self.walks, self.episodes.tobytes())))
 
     def equal(self, other: Self, *fields: str) -> float:
@@ -156,24 +156,24 @@ def _walks(aligned: SubmissionColumns, lookups: Lookups) -> Walks:
     )
 
 
-def fingerprint_of(context: Context, split: str, sha256: str) -> bytes:
-    """Return the packed fingerprint of a stored upload."""
+def trace_of(context: Context, split: str, sha256: str) -> bytes:
+    """Return the packed trace of a stored upload."""
     content = stored_upload(context.uploads, sha256)
-    return Fingerprint.of(context.boards[split], content).to_bytes()
+    return Trace.of(context.boards[split], content).to_bytes()
 
 
 class Read(NamedTuple):
     """What was read of some uploads."""
 
     contents: Mapping[str, bytes]
-    """Packed fingerprints, by the SHA-256 of the upload."""
+    """Packed traces, by the SHA-256 of the upload."""
     unreadable: Mapping[str, str]
     """Why others have none."""
 
 
 @dataclass(frozen=True, slots=True)
-class Fingerprints:
-    """The stored fingerprints of a split."""
+class Traces:
+    """The stored traces of a split."""
 
     board: Board
     database: Database
@@ -181,26 +181,26 @@ class Fingerprints:
 
     @property
     def basis(self) -> str:
-        """What the numbers in a fingerprint depend on."""
+        """What the numbers in a trace depend on."""
         episodes = len(self.board.truth.episodes.instr_ids)  # protocols may leave some out
         return f"{self.board.split.track}:{self.board.public_fingerprint}:{episodes}"
 
     def marked(
         self, session: Session, submissions: Select[*tuple[Any, ...]]
     ) -> Iterator[tuple[Any, bool]]:
-        """Yield submissions, in their order, each with whether its upload has a fingerprint."""
+        """Yield submissions, in their order, each with whether its upload has a trace."""
         for row in session.execute(self._joined(submissions).add_columns(Row.sha256.is_not(None))):
             yield row[:-1], row[-1]
 
     def read(self, digests: Sequence[str], most: int) -> "Read":
-        """Compute the fingerprints of uploads; of ``most`` uploads, at most."""
+        """Compute the traces of uploads; of ``most`` uploads, at most."""
         contents: dict[str, bytes] = {}
         unreadable: dict[str, str] = {}
         for sha256 in digests:
             if len(contents) == most:
                 break
             try:
-                contents[sha256] = self.scoring.run(fingerprint_of, self.board.name, sha256)
+                contents[sha256] = self.scoring.run(trace_of, self.board.name, sha256)
             except SubmissionError as error:
                 unreadable[sha256] = f"rejected: {error.problems[0]}"
             except UploadsError as error:
@@ -208,7 +208,7 @@ class Fingerprints:
         return Read(contents, unreadable)
 
     def store(self, contents: Mapping[str, bytes]) -> None:
-        """Store fingerprints that were computed, in one transaction.
+        """Store traces that were computed, in one transaction.
 
         It is not that of a request's snapshot, which only reads, and it comes after that: to wait
         for the turn to write with a connection in hand could stop all other requests.
@@ -226,8 +226,8 @@ class Fingerprints:
 
     def of_each(
         self, session: Session, submissions: Select[*tuple[Any, ...]], read: Mapping[str, bytes]
-    ) -> Iterator[tuple[Any, Fingerprint]]:
-        """Yield the submissions whose uploads have a fingerprint, in their order, each with it.
+    ) -> Iterator[tuple[Any, Trace]]:
+        """Yield the submissions whose uploads have a trace, in their order, each with it.
 
         ``read`` are those that the request has computed. The others are loaded by one statement,
         few at a time.
@@ -236,15 +236,15 @@ class Fingerprints:
         for row in session.execute(rows.execution_options(yield_per=_LOADED_AT_ONCE)):
             content = read.get(row.sha256, row.content)
             if content is not None:
-                yield row[:-1], Fingerprint.from_bytes(content)
+                yield row[:-1], Trace.from_bytes(content)
 
     def load(
         self, session: Session, digests: Collection[str], read: Mapping[str, bytes] = _NONE
-    ) -> Mapping[str, Fingerprint]:
-        """Return the fingerprints of a few uploads; ``read`` is as in :meth:`of_each`."""
+    ) -> Mapping[str, Trace]:
+        """Return the traces of a few uploads; ``read`` is as in :meth:`of_each`."""
         stored = session.execute(select(Row.sha256, Row.content).where(self._is_of(digests)))
         contents = {**{row.sha256: row.content for row in stored}, **read}
-        return {sha256: Fingerprint.from_bytes(contents[sha256]) for sha256 in digests}
+        return {sha256: Trace.from_bytes(contents[sha256]) for sha256 in digests}
 
     def _joined(self, submissions: Select[*tuple[Any, ...]]) -> Select[*tuple[Any, ...]]:
         is_current = and_(

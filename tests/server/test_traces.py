@@ -1,4 +1,4 @@
-"""Fingerprints of uploads: what they hold of each episode, and when they are made again."""
+"""Traces of uploads: what they hold of each episode, and when they are made again."""
 
 import json
 from collections.abc import Sequence
@@ -11,11 +11,11 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from reverie_eval import evaluate
-from reverie_eval.server.integrity.fingerprints import Fingerprint, Fingerprints, Walks
+from reverie_eval.server.integrity.traces import Trace, Traces, Walks
 from reverie_eval.server.scoring.boards import Board, load_board
 from reverie_eval.server.settings import Split
-from reverie_eval.server.store.tables import Fingerprint as Row
 from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import Trace as Row
 from tests.conftest import SAMPLES
 from tests.support.flat_world import TUB, WALKS, write_submission
 from tests.support.serving import BROKEN, GOOD, OPEN, OTHER, OWNER, PRIVATE, Serving
@@ -48,7 +48,7 @@ def walking(folder: Path, answers: Sequence[object]) -> bytes:
 
 
 def test_what_a_fingerprint_has_of_each_episode(flat_board: Board, here: Path) -> None:
-    found = Fingerprint.of(flat_board, walking(here, [TUB, "6", "05", -1, -1]))
+    found = Trace.of(flat_board, walking(here, [TUB, "6", "05", -1, -1]))
     door, hall, bath = map(flat_board.truth.graph.viewpoint_ids.index, _PLACES)
     episodes = found.episodes
     assert episodes["answer"].tolist() == [5, 6, 5, -1, -1]
@@ -74,7 +74,7 @@ def test_what_a_fingerprint_has_of_each_episode(flat_board: Board, here: Path) -
         most_viewpoints=3,
         longest_walk=46.0,
     )
-    again = Fingerprint.from_bytes(found.to_bytes())
+    again = Trace.from_bytes(found.to_bytes())
     assert again.walks == found.walks
     assert np.array_equal(again.episodes, episodes)
 
@@ -99,7 +99,7 @@ def answer_code(answer: int, stop: int) -> int:
 
 def test_fingerprints_are_equal_in_some_fields(flat_board: Board, here: Path) -> None:
     one, other = (
-        Fingerprint.of(flat_board, walking(here, answers))
+        Trace.of(flat_board, walking(here, answers))
         for answers in ([5, 5, 5, 5, 5], [5, "5", 6, 6, -1])
     )
     assert one.equal(other, "stop") == one.equal(other, "stop", "path") == 1
@@ -115,19 +115,19 @@ def test_fingerprints_score_as_their_files_where_they_can(server: Serving) -> No
         board.split.model_copy(update={"track": "grounding"}),
         server.state.settings.path(board.split.bundle),
     )
-    found = Fingerprint.of(grounding, GOOD).values(grounding, "rgs")
+    found = Trace.of(grounding, GOOD).values(grounding, "rgs")
     expected = evaluate(GOOD, split=OPEN, ground_truth=board.truth, track="grounding")
     assert found is not None
     assert found.tolist() == expected.episodes["rgs"].tolist()
     records = json.loads(GOOD)
     for record in records:
         del record["predObjId"]
-    silent = Fingerprint.of(board, json.dumps(records).encode())
+    silent = Trace.of(board, json.dumps(records).encode())
     assert silent.values(board, "rgs") is None
     success = silent.values(board, "success")
     assert success is not None
     assert success.tolist() == evaluate(GOOD, split=OPEN).episodes["success"].tolist()
-    drawn = Fingerprint.of(board, DRAWN).episodes
+    drawn = Trace.of(board, DRAWN).episodes
     boxes = ["predBox" in record for record in json.loads(DRAWN)]
     assert drawn["is_box"].sum() == sum(boxes)
     assert set(drawn["answer"][~drawn["is_box"]].tolist()) < set(range(-1, 10_000))
@@ -135,7 +135,7 @@ def test_fingerprints_score_as_their_files_where_they_can(server: Serving) -> No
 
 def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
     state, board = server.state, server.state.boards[OPEN]
-    service = Fingerprints(board, state.database, state.scoring)
+    service = Traces(board, state.database, state.scoring)
     episodes = len(board.truth.episodes.instr_ids)
     assert service.basis == f"full:{board.public_fingerprint}:{episodes}"
     good, drawn = (
@@ -144,7 +144,7 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
     asked = [drawn, good, drawn]
     submissions = select(Submission.sha256).order_by(Submission.size.desc())
 
-    def missing(session: Session | None = None, service: Fingerprints = service) -> list[str]:
+    def missing(session: Session | None = None, service: Traces = service) -> list[str]:
         with nullcontext(session) if session else state.database.reading() as read:
             marked = service.marked(read, submissions)
             return [sha256 for (sha256,), is_known in marked if not is_known]
@@ -160,8 +160,8 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
         stored = session.get_one(Row, (OPEN, good))
         assert (stored.split, stored.sha256, stored.basis) == (OPEN, good, service.basis)
     for sha256, content in ((drawn, DRAWN), (good, GOOD)):
-        assert np.array_equal(loaded[sha256].episodes, Fingerprint.of(board, content).episodes)
-    private = Fingerprints(state.boards[PRIVATE], state.database, state.scoring)
+        assert np.array_equal(loaded[sha256].episodes, Trace.of(board, content).episodes)
+    private = Traces(state.boards[PRIVATE], state.database, state.scoring)
     with state.database.trying() as session:
         session.execute(update(Submission).values(split=PRIVATE))
         assert missing(session) == missing(session, private) == [drawn, good]
@@ -177,12 +177,12 @@ def test_missing_fingerprints_are_computed_and_stored(server: Serving) -> None:
     with state.database.reading() as session:
         (again,) = service.load(session, [good]).values()
     for each in (seen, again):
-        assert np.array_equal(each.episodes, Fingerprint.of(board, GOOD).episodes)
+        assert np.array_equal(each.episodes, Trace.of(board, GOOD).episodes)
 
 
 def test_submissions_come_with_the_fingerprints_of_their_uploads(server: Serving) -> None:
     state = server.state
-    service = Fingerprints(state.boards[OPEN], state.database, state.scoring)
+    service = Traces(state.boards[OPEN], state.database, state.scoring)
     good, drawn, unread = (
         server.upload(OWNER, content).json()["submission"]["sha256"]
         for content in (GOOD, DRAWN, GOOD + b" ")
@@ -200,7 +200,7 @@ def test_submissions_come_with_the_fingerprints_of_their_uploads(server: Serving
 
 def test_what_has_no_fingerprint_says_why(server: Serving) -> None:
     state, board = server.state, server.state.boards[OPEN]
-    service = Fingerprints(board, state.database, state.scoring)
+    service = Traces(board, state.database, state.scoring)
     told = f"the upload {'0' * 64} is missing; run `reverie-eval server doctor`"
     state.uploads.put("1" * 64, BROKEN)
     missing, broken = service.read(["0" * 64, "1" * 64], 2).unreadable.items()

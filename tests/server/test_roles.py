@@ -1,18 +1,23 @@
 """Who may do what: every route, and everybody who may try it."""
 
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
 from fastapi.routing import iter_route_contexts
+from starlette.requests import Request
 
-from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
+from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot, NewTeam
 from reverie_eval.schemas.service import Method
+from reverie_eval.server.accounts.people import add_team
 from reverie_eval.server.accounts.tokens import revoke_token
 from reverie_eval.server.app import create_app
 from reverie_eval.server.boards.news import add_news
 from reverie_eval.server.boards.reported import add_reported
 from reverie_eval.server.corrections.snapshots import Snapshots
+from reverie_eval.server.errors import NotAllowedError
+from reverie_eval.server.http.callers import call_of
 from tests.support.acting import ask_to_join, create_token, review
 from tests.support.description import API, Description
 from tests.support.serving import (
@@ -277,3 +282,14 @@ def test_every_route_has_its_row(stocked: Stocked) -> None:
         if route.path in OUTSIDE or (route.path or "").startswith(API)
     }
     assert routes == set(ROWS) - {"GET /submissions/{private_id}/episodes"}
+
+
+def test_a_door_that_asks_for_no_role_performs_organisers_actions_for_them_alone(
+    stocked: Stocked,
+) -> None:
+    server = stocked.server
+    app = SimpleNamespace(state=SimpleNamespace(server=server.state))
+    headers = [(b"authorization", f"Bearer {server.tokens[OWNER]}".encode())]
+    careless = call_of(Request({"type": "http", "method": "POST", "headers": headers, "app": app}))
+    with pytest.raises(NotAllowedError):
+        careless.perform(add_team, NewTeam(name="Mine"))

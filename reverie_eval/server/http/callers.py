@@ -131,18 +131,20 @@ class Call:
         *given: Given.args,
         **named: Given.kwargs,
     ) -> Report:
-        """Run an action as the caller; also raises the errors of :meth:`reading`.
+        """Run an organiser's action as the caller; also raises the errors of :meth:`reading`.
 
         Raises
         ------
+        NotAllowedError
+            If the caller is no organiser, whoever may use the door.
         ConflictError
-            If no organiser could sign in after an organiser's action, which only commands may do
-            (see :func:`check_organiser_left`).
+            If no organiser could sign in afterwards, which only commands may bring about (see
+            :func:`check_organiser_left`).
         """
-        with self.server.transactions.begin(self.person()) as transaction:
+        organiser = replace(self, required="organiser").person()
+        with self.server.transactions.begin(organiser) as transaction:
             report = action(transaction, *given, **named)
-            if self.required == "organiser":
-                check_organiser_left(transaction)
+            check_organiser_left(transaction)
             return report
 
     def _sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:

@@ -1,4 +1,4 @@
-"""The server itself, the caller, signing in and out, and the public keys."""
+"""The caller, signing in and out, joining, public keys; for organisers, teams and people."""
 
 from functools import partial
 from typing import Annotated
@@ -59,6 +59,11 @@ from reverie_eval.server.store.tables import BrowserSession, Person
 from reverie_eval.version import __version__
 
 router = APIRouter(prefix=API, tags=["access"])
+
+
+organising = organiser_router()
+_REFUSALS = problems("not-found", "conflict")
+TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 
 @router.get("/server")
@@ -173,10 +178,6 @@ def ask_to_join(
     )
 
 
-organising = organiser_router()
-_REFUSALS = problems("not-found", "conflict")
-
-
 @organising.get("/requests")
 def list_requests(organiser: Organiser, paging: Paging) -> list[JoinRequestReport]:
     """List the open requests to join, the earliest first."""
@@ -199,9 +200,6 @@ def reject_request(request_id: Number, rejection: Rejection, organiser: Organise
 def import_people(new: NewPeopleImport, organiser: Organiser) -> PeopleImportReport:
     """Add the people in a file, or nobody if there is a problem; repeating it changes nothing."""
     return organiser.perform(people_files.import_people, new)
-
-
-TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 
 @organising.get("/teams")

@@ -56,6 +56,10 @@ _SWITCHES = {
 }
 
 
+_NUMBERS = "last recorded"
+"""Where a session that only reads keeps what :func:`last_recorded` returns."""
+
+
 class AuditLog:
     """Writes and checks the log; the signer has the key in use, the same in all processes."""
 
@@ -278,10 +282,6 @@ def _changes(details: Mapping[str, Any]) -> Iterator[str]:
         yield f"team hidden until {until[:10]}" if until else "team named"
     if details.get("method"):
         yield f"edited: {', '.join(name.replace('_', ' ') for name in details['method'])}"
-
-
-_NUMBERS = "last recorded"
-"""Where a session that only reads keeps what :func:`last_recorded` returns."""
 
 
 class Recorded(NamedTuple):

@@ -1,4 +1,8 @@
-"""``/desk/news`` and ``/desk/notice``: news, the banner, and pausing submissions."""
+"""What the organiser tells everyone, and when splits accept submissions, by pages.
+
+``/desk/news`` and ``/desk/notice``: news, the banner, and pausing submissions. ``/desk/phases``: when
+splits accept submissions and show scores.
+"""
 
 import re
 from collections.abc import Mapping
@@ -24,6 +28,23 @@ router = APIRouter()
 PHASES = "/desk/phases"
 
 NEWS, NOTICE = "/desk/news", "/desk/notice"
+
+
+_RELEASES: Mapping[ReleaseScores, str] = {
+    "at-once": "at once",
+    "phase-end": "when the phase ends",
+}
+"""When scores are shown, in words."""
+_FIELDS = ("name", "opens", "closes")
+_NAME = re.compile(r"name-([0-9]{1,3})")
+"""The form has a row of fields for each phase."""
+_CHANGES: Mapping[str, schedules.Change] = {
+    "pause": schedules.pause,
+    "resume": schedules.resume,
+    "close": schedules.close,
+    "reset": schedules.reset,
+}
+"""The functions of the buttons on the page."""
 
 
 @forms.shown_at(router, NEWS, "news.html")
@@ -77,29 +98,6 @@ def post_notice(desk: Desk, form: Posted) -> Response:
         return forms.ask(desk, typed, "notice-preview.html", now_standing=current, standing=coming)
     desk.perform(notices.post, new)
     return forms.done(NOTICE, "posted")
-
-
-_RELEASES: Mapping[ReleaseScores, str] = {
-    "at-once": "at once",
-    "phase-end": "when the phase ends",
-}
-"""When scores are shown, in words."""
-
-
-_FIELDS = ("name", "opens", "closes")
-
-
-_NAME = re.compile(r"name-([0-9]{1,3})")
-"""The form has a row of fields for each phase."""
-
-
-_CHANGES: Mapping[str, schedules.Change] = {
-    "pause": schedules.pause,
-    "resume": schedules.resume,
-    "close": schedules.close,
-    "reset": schedules.reset,
-}
-"""The functions of the buttons on the page."""
 
 
 @forms.shown_by("phases.html")

@@ -1,4 +1,4 @@
-"""``/splits``: the splits, uploads, and leaderboards."""
+"""Leaderboards, news, and what organisers decide about them: reviews, reported results, phases."""
 
 from typing import Annotated
 
@@ -11,7 +11,6 @@ from reverie_eval.schemas.service import Leaderboard, NewsReport
 from reverie_eval.server.boards import news, reported, reviews
 from reverie_eval.server.boards.announcements import corrections_of
 from reverie_eval.server.boards.leaderboard import Rankings, as_csv, as_json
-from reverie_eval.server.boards.news import list_news
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.http.callers import FurtherName, Organiser, Server, SplitName
 from reverie_eval.server.http.exchange import API
@@ -21,6 +20,8 @@ from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.state import ServerState
 
 router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
+public = APIRouter(prefix=API, tags=["access"])
+organising = organiser_router()
 
 _SORTABLE = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
 """The metrics of all tasks; a leaderboard has those of its own."""
@@ -101,9 +102,6 @@ def _as_csv(server: ServerState, metric: str | None, split: str, further: str = 
             session, server.get(Rankings).ranking(session, board, metric)
         )
     return PlainTextResponse(as_csv(ranking), media_type="text/csv")
-
-
-organising = organiser_router()
 
 
 @organising.get("/reviews")
@@ -200,11 +198,8 @@ def remove_news(news_id: Number, organiser: Organiser) -> NewsReport:
     return organiser.perform(news.remove_news, news_id)
 
 
-public = APIRouter(prefix=API, tags=["access"])
-
-
 @public.get("/news")
 def show_news(server: Server, paging: Paging) -> list[NewsReport]:
     """List the organiser's news, the latest first."""
     with server.database.reading() as session:
-        return paging.reply(list_news(session, paging.page))
+        return paging.reply(news.list_news(session, paging.page))

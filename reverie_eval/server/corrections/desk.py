@@ -1,8 +1,7 @@
-"""What the organiser decides about splits, by pages.
+"""What must last, by pages of the organiser.
 
-``/desk/quotas``: extra submissions for a team. ``/desk/phases``: when splits accept submissions and
-show scores. ``/desk/snapshots``: signed states of leaderboards, which never change.
-``/desk/corrections``: scoring again after the ground truth or the rules were corrected.
+``/desk/snapshots``: signed states of leaderboards, which never change. ``/desk/corrections``: scoring
+again after the ground truth or the rules were corrected. ``/desk/audit``: who did what.
 """
 
 from collections import Counter

@@ -1,4 +1,4 @@
-"""``/splits/test/snapshots`` and what organisers do: snapshots, corrections, the audit log."""
+"""Snapshots, corrections, and the audit log."""
 
 from fastapi import APIRouter, Response
 from fastapi.responses import PlainTextResponse
@@ -18,6 +18,9 @@ from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.runtime import ScoringTurn
 
 organising = organiser_router()
+
+
+router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 
 
 @organising.post("/corrections", responses=problems("not-found", "conflict"))
@@ -41,9 +44,6 @@ def take_snapshot(new: schemas.NewSnapshot, organiser: Organiser) -> SnapshotEnt
 def list_audit(organiser: Organiser, paging: Paging) -> list[schemas.AuditReport]:
     """List the audit log, the oldest entry first; `server doctor` checks its chain."""
     return paging.read(organiser, list_reports)
-
-
-router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 
 
 @router.get("/{split}/snapshots", responses=problems("not-found"))

@@ -41,6 +41,11 @@ Done = Annotated[str, Query(max_length=20)]
 """The outcome of a form, by which the page chooses a message."""
 
 
+Cursor = Annotated[str | None, Query(max_length=200)]
+LONGEST_SOUGHT = 200
+Sought = Annotated[str, Query(max_length=LONGEST_SOUGHT)]
+
+
 class FormPage(typing.Protocol):
     """A page with forms."""
 
@@ -173,12 +178,3 @@ def end_of_day(typed: Typed, name: str) -> Typed:
 def done(path: str, what: str) -> Response:
     """Redirect to the page of a form, with a message about its outcome."""
     return see_other(f"{path}?done={what}")
-
-
-Cursor = Annotated[str | None, Query(max_length=200)]
-
-
-LONGEST_SOUGHT = 200
-
-
-Sought = Annotated[str, Query(max_length=LONGEST_SOUGHT)]

@@ -1,7 +1,8 @@
 """What the organiser does with submissions, by pages.
 
 ``/desk/reviews``: public reviews. ``/desk/emailed-files``: files that people sent by e-mail,
-submitted for them. ``/desk/evidence``: what files have in common, and how those of a team differ.
+submitted for them. ``/desk/quotas``: extra submissions for a team. ``/desk/uploads``: every upload with
+its outcome.
 """
 
 from collections.abc import AsyncIterator, Mapping
@@ -42,6 +43,9 @@ QUOTAS = "/desk/quotas"
 REVIEWS, EMAILED_FILES = "/desk/reviews", "/desk/emailed-files"
 A_FEW = 30
 _HARMFUL = frozenset({"flagged", "disqualified"})
+
+
+ALL_OUTCOMES = ("scored", "repeat", *(kind.code for kind in FAILURES))
 
 
 @forms.shown_by("reviews.html")
@@ -184,9 +188,6 @@ def grant(desk: Desk, form: Posted) -> Response:
     new = read_model(NewGrant, {**asked, **forms.end_of_day(typed, "expires_at")})
     desk.perform(quotas.grant, new, desk.server.boards)
     return forms.done(QUOTAS, "given")
-
-
-ALL_OUTCOMES = ("scored", "repeat", *(kind.code for kind in FAILURES))
 
 
 @router.get("/desk/uploads")

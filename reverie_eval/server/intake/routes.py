@@ -1,4 +1,4 @@
-"""``/submissions``: the caller's own, their files, and changes."""
+"""Splits and uploads to them, the caller's submissions, and what organisers do about both."""
 
 import io
 from collections.abc import Collection
@@ -67,7 +67,9 @@ from reverie_eval.server.intake.uploads import (
 from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.scoring.boards import Board
 
+splits = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 router = APIRouter(prefix=f"{API}/submissions", tags=["submissions"])
+organising = organiser_router()
 
 SubmissionId = Annotated[str, Path(examples=["5f2b0c9a4d7e1f36"])]
 _REFUSALS = ("not-signed-in", "not-found")
@@ -76,6 +78,7 @@ _CSV = (
     "instr_id,path_length,success,...,outcome,scan,...\n"
     "4774_267_1,12.5,1.0,...,correct,QUCTc6BB5sX,...\n"
 )
+_ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
 
 
 @router.get("", responses=problems("not-signed-in"))
@@ -137,9 +140,6 @@ def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringTur
     text = io.StringIO()
     write_episodes(scores, text)
     return Response(text.getvalue(), media_type="text/csv")
-
-
-organising = organiser_router()
 
 
 @organising.post(
@@ -214,10 +214,6 @@ def download_submissions(split: SplitName, organiser: Organiser) -> Response:
         "Content-Disposition": 'attachment; filename="submissions.tar"',
     }
     return StreamingResponse(archive.pieces(), media_type="application/x-tar", headers=headers)
-
-
-splits = APIRouter(prefix=f"{API}/splits", tags=["splits"])
-_ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
 
 
 @splits.get("", responses=problems("not-signed-in"), openapi_extra=_ALSO_FOR_ANYBODY)

@@ -1,7 +1,7 @@
 """What the organiser tells everyone, and when splits accept submissions, by pages.
 
-``/desk/news`` and ``/desk/notice``: news, the banner, and pausing submissions. ``/desk/phases``: when
-splits accept submissions and show scores.
+``/desk/news`` and ``/desk/notice``: news, the banner, and pausing submissions. ``/desk/phases``:
+when splits accept submissions and show scores.
 """
 
 import re

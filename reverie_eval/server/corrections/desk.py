@@ -1,7 +1,7 @@
 """What must last, by pages of the organiser.
 
-``/desk/snapshots``: signed states of leaderboards, which never change. ``/desk/corrections``: scoring
-again after the ground truth or the rules were corrected. ``/desk/audit``: who did what.
+``/desk/snapshots``: signed states of leaderboards, which never change. ``/desk/corrections``:
+scoring again after the ground truth or the rules were corrected. ``/desk/audit``: who did what.
 """
 
 from collections import Counter

@@ -22,9 +22,9 @@ from reverie_eval.server.store.paging import Page
 from reverie_eval.server.wrong_values import wrong_field
 
 ON_A_PAGE = 100
+"""The number of rows on a page of a list."""
 ENTRIES_ON_A_PAGE = 50
 """Of the audit log and of uploads, which take more room."""
-"""The number of rows on a page of a list."""
 _LONGEST_NUMBER = 10
 """Digits that may be more than a database can count."""
 _OURS = frozenset({"csrf_token", "confirmed"})
@@ -39,8 +39,6 @@ Content: TypeAlias = Callable[[Call, CallReading, Typed], Shown]
 """Returns what is on a page, given the input of its form."""
 Done = Annotated[str, Query(max_length=20)]
 """The outcome of a form, by which the page chooses a message."""
-
-
 Cursor = Annotated[str | None, Query(max_length=200)]
 LONGEST_SOUGHT = 200
 Sought = Annotated[str, Query(max_length=LONGEST_SOUGHT)]

@@ -1,8 +1,8 @@
 """What the organiser does with submissions, by pages.
 
 ``/desk/reviews``: public reviews. ``/desk/emailed-files``: files that people sent by e-mail,
-submitted for them. ``/desk/quotas``: extra submissions for a team. ``/desk/uploads``: every upload with
-its outcome.
+submitted for them. ``/desk/quotas``: extra submissions for a team. ``/desk/uploads``: every upload
+with its outcome.
 """
 
 from collections.abc import AsyncIterator, Mapping

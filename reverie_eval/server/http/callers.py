@@ -136,7 +136,7 @@ class Call:
         Raises
         ------
         NotAllowedError
-            If the caller is no organiser, whoever may use the door.
+            If the caller is no organiser, even where others may use the door.
         ConflictError
             If no organiser could sign in afterwards, which only commands may bring about (see
             :func:`check_organiser_left`).

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from importlib.metadata import packages_distributions, requires
 from pathlib import Path
 from typing import TypeAlias
@@ -141,12 +142,14 @@ def installed_with(package: str) -> Iterator[str]:
 BASE = frozenset(installed_with("reverie-eval"))
 
 
-BLOCKED = [
-    name
-    for name, packages in packages_distributions().items()
-    if BASE.isdisjoint(map(canonicalize_name, packages))
-]
-"""What can be imported here that the base does not install."""
+@cache
+def blocked() -> Sequence[str]:
+    """Return what can be imported here that the base does not install."""
+    return [
+        name
+        for name, packages in packages_distributions().items()
+        if BASE.isdisjoint(map(canonicalize_name, packages))
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +160,7 @@ def outcomes(demo_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Outc
     folder = tmp_path_factory.mktemp("base")
     (folder / "paper.tex").touch()
     said = subprocess.check_output(
-        [sys.executable, "-c", PROGRAM, json.dumps([BLOCKED, commands])],
+        [sys.executable, "-c", PROGRAM, json.dumps([blocked(), commands])],
         cwd=folder,
         text=True,
     )
@@ -188,7 +191,7 @@ def test_a_missing_part_is_a_line(outcomes: Outcomes, words: Words) -> None:
 
 
 def test_python_says_what_is_missing_too(tmp_path: Path) -> None:
-    given = json.dumps([BLOCKED, GOOD, list(IN_PYTHON)])
+    given = json.dumps([blocked(), GOOD, list(IN_PYTHON)])
     program = [sys.executable, "-c", PYTHON, given]
     said = subprocess.check_output(program, text=True, cwd=tmp_path)
     assert said.splitlines() == list(IN_PYTHON.values())

@@ -17,6 +17,7 @@ from reverie_eval.submissions import read_predictions
 from reverie_eval.submissions._fast import convert_official
 from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._records import read_carefully
+from tests.support.amounts import amount
 from tests.support.json_records import boxes_of, columns_of, places_of, problems_of
 
 Pose = namedtuple("Pose", ["viewpoint_id", "heading", "elevation"])  # noqa: PYI024  # as agents do
@@ -238,7 +239,7 @@ submissions: Any = st.builds(
 )
 
 
-@settings(max_examples=500)
+@settings(max_examples=amount(150))
 @given(submission=submissions)
 def test_the_fast_lane_declines_or_agrees(submission: Any) -> None:
     predictions = convert_official(submission)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from reverie_eval import Problem, SubmissionError, evaluate
 from reverie_eval.submissions import read_predictions
+from tests.support.amounts import amount
 from tests.support.drawings import WITHOUT, Record, answer
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import SPLIT, ground_truth_by_hand
@@ -256,7 +257,7 @@ image_sizes = st.tuples(numbers, numbers).map(list)
 poses = st.tuples(st.just("bath"), numbers, numbers).map(list)
 
 
-@settings(max_examples=500)
+@settings(max_examples=amount(150))
 @given(
     box=boxes | values,
     view=st.none() | st.integers(-1, 36) | values,
@@ -282,7 +283,7 @@ angles = finite | st.floats(-7, 7)
 elevations = st.floats(-math.pi / 2, math.pi / 2)
 
 
-@settings(max_examples=500)
+@settings(max_examples=amount(150))
 @given(
     box=st.tuples(corners, corners, extents, extents),
     view=st.none() | st.integers(0, 35),

@@ -21,6 +21,7 @@ from reverie_eval.submissions._faults import ReadingLog
 from reverie_eval.submissions._records import read_carefully
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
+from tests.support.amounts import amount
 from tests.support.both_readers import edited, read_by_both, small_files, viewpoints_in
 from tests.support.forms import FORMS
 from tests.support.json_records import (
@@ -153,7 +154,7 @@ RIGHT_RECORD = record(trajectory=f"[[{A}, 1.5, 0]]")
 TASKS = ("reverie", "ndh", "r2r", "r4r", "rxr", "soon")
 
 
-@settings(max_examples=300)
+@settings(max_examples=amount(120))
 @given(
     content=documents | damaged_documents(),
     task=st.just("reverie") | st.sampled_from(TASKS),
@@ -221,7 +222,7 @@ def test_a_list_is_cut_between_records_only(between: str) -> None:
     assert is_taken == (between.strip(" \n\t") == ",")
 
 
-@settings(max_examples=200)
+@settings(max_examples=amount(80))
 @given(content=damaged_documents() | st.binary())
 def test_bytes_are_read_or_rejected(content: bytes) -> None:
     """Anything but a rejection would be our own error, and fail here."""
@@ -229,7 +230,7 @@ def test_bytes_are_read_or_rejected(content: bytes) -> None:
         assert problem.message
 
 
-@settings(max_examples=200)
+@settings(max_examples=amount(80))
 @given(content=documents | damaged_documents(), answers_only=st.booleans())
 def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
     """Whatever is read has a value for each record and a location for each pose."""
@@ -249,7 +250,7 @@ def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
         assert (np.diff(predictions.first_of_hops().offsets) >= 1).all()
 
 
-@settings(max_examples=200)
+@settings(max_examples=amount(80))
 @given(content=documents)
 def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> None:
     """Except for missing angles, which become 0, and for what was fixed."""
@@ -277,7 +278,7 @@ def with_tuples(value: Any) -> Any:
     return tuple(map(with_tuples, value)) if isinstance(value, list) else value
 
 
-@settings(max_examples=200)
+@settings(max_examples=amount(80))
 @given(content=documents)
 def test_the_careful_reader_reads_common_forms_as_it_reads_others(content: bytes) -> None:
     """Trajectories that are lists are read by loops in C if they have a common form."""

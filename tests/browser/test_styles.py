@@ -27,8 +27,14 @@ class Rule(NamedTuple):
 
 def rules(sheet: Path) -> list[Rule]:
     """Read a style sheet, and accept no error in it."""
-    parsed = tinycss2.parse_stylesheet(sheet.read_text(), skip_comments=True, skip_whitespace=True)
-    return list(_rules(parsed))
+    return list(_rules(parsed(sheet)))
+
+
+def parsed(sheet: Path) -> list[tinycss2.ast.Node]:
+    nodes: list[tinycss2.ast.Node] = tinycss2.parse_stylesheet(
+        sheet.read_text(), skip_comments=True, skip_whitespace=True
+    )
+    return nodes
 
 
 def _rules(nodes: list[tinycss2.ast.Node]) -> Iterator[Rule]:
@@ -53,6 +59,20 @@ def test_a_browser_understands_every_declaration(sheet: Path, browser: Browser) 
     page = browser.new_page()
     assert page.evaluate(UNKNOWN, declarations) == []
     page.close()
+
+
+def test_no_colour_of_the_server_depends_on_the_width_of_the_screen() -> None:
+    """So ``barriers`` looks at the light ones on a desktop and at the dark ones on a phone."""
+    of_widths = [
+        node
+        for sheet in SHEETS
+        if "server" in sheet.parts
+        for node in parsed(sheet)
+        if node.type == "at-rule" and "width" in tinycss2.serialize(node.prelude)
+    ]
+    assert len(of_widths) > 3
+    declared = {name for rule in _rules(of_widths) for name in rule.declarations}
+    assert not declared & {"color", "background", "background-color", "fill", "opacity"}
 
 
 def test_every_custom_property_is_defined_and_used() -> None:

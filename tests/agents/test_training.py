@@ -89,15 +89,15 @@ def test_the_best_epoch_is_chosen(seen: list[float], first: int, best: int) -> N
     assert training.best_epoch(curve, first) == best
 
 
-def test_training_ends_three_epochs_after_the_best(
+def test_training_ends_six_epochs_after_the_best(
     files: DatasetFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rates = iter([0.1, 0.1, 0.3, 0.2, 0.2, 0.2, 0.1, 0.3, 0.3, 0.1])
+    rates = iter([0.1, 0.1, 0.3, 0.2, *[0.2, 0.2, 0.1, 0.3, 0.3, 0.1] * 2])
     monkeypatch.setattr(training, "_rate_of", lambda *_: lambda _: next(rates))
     monkeypatch.setattr(recipes, "RECIPES", RECIPES)
     card = train(TrainingPlan("name-rnn", files), tmp_path / "model")
     sums = [each.seen + each.unseen for each in card.curve]
-    assert sums == pytest.approx([0.2, 0.5, 0.4, 0.4, 0.4])
+    assert sums == pytest.approx([0.2, 0.5, *[0.4] * 6])
     assert card.best == 2
 
 

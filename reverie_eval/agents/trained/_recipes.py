@@ -98,7 +98,7 @@ _SELF_MONITOR = Recipe(SelfMonitor, epochs=8, student=0.5)
 RECIPES: Mapping[str, Recipe] = MappingProxyType(
     {
         "r2r-tf": Recipe(Follower, epochs=8),
-        "r2r-sf": Recipe(Follower, epochs=8, student=0.5),
+        "r2r-sf": Recipe(Follower, epochs=12, student=0.5),
         "rcm": Recipe(Rcm, epochs=8, student=0.5, reinforced_from=5),
         "self-monitor": _SELF_MONITOR,
         "fast-short": replace(_SELF_MONITOR, walk="fast"),

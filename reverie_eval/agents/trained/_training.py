@@ -39,8 +39,9 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.version import __version__
 
 BATCH_SIZE = 64
-PATIENCE = 3
-"""Epochs without a better one, after which training ends."""
+PATIENCE = 6
+"""Epochs without a better one, after which training ends. What is held back says how good an epoch
+is to within some points only, so fewer would end it by chance."""
 _LARGEST_GRADIENT = 5.0
 _LATEST = "latest.safetensors"
 # Files of a training that has not ended: the weights and the optimizer after the last epoch, and

@@ -11,6 +11,8 @@ from reverie_eval.geometry._buildings import (
 )
 from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
 from reverie_eval.geometry._polygons import are_inside, clip_at_depth, polygon_overlap, warp
+from reverie_eval.geometry._room_views import Face, RoomView, Seen
+from reverie_eval.geometry._solids import CAMERA_HEIGHT, FACES, Solids
 from reverie_eval.geometry._views import (
     FAR_OFF,
     FIELD_OF_VIEW,
@@ -34,6 +36,8 @@ from reverie_eval.geometry._views import (
 )
 
 __all__ = [
+    "CAMERA_HEIGHT",
+    "FACES",
     "FAR_OFF",
     "FIELD_OF_VIEW",
     "FOCAL_LENGTH",
@@ -45,10 +49,14 @@ __all__ = [
     "VIEW_AXES",
     "WIDTH",
     "Building",
+    "Face",
     "Line",
     "OrientedBoxes",
     "Room",
+    "RoomView",
+    "Seen",
     "Sightings",
+    "Solids",
     "are_inside",
     "axes",
     "bounds_in_views",

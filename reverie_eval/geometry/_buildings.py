@@ -24,7 +24,8 @@ from typing_extensions import Self
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.geometry._plans import DOOR_WIDTH, Plan, axes_of, without_outliers
 from reverie_eval.geometry._polygons import are_inside
-from reverie_eval.geometry._views import HEIGHT, VIEW_AXES, WIDTH, rays_of
+from reverie_eval.geometry._solids import CAMERA_HEIGHT, Solids
+from reverie_eval.geometry._views import FOCAL_LENGTH, HEIGHT, VIEW_AXES, WIDTH, rays_of
 
 # Storeys: the spread of camera heights on one floor, the least distance between two floors, and the
 # least number and share of viewpoints on a floor; fewer are a landing.
@@ -72,6 +73,8 @@ class Sightings:
     """Shape (n, 3): unit vectors from the viewpoint to the object."""
     distance: FloatArray
     """Shape (n,): metres to the object's centre; inf if unknown."""
+    extent: FloatArray
+    """Shape (n, 2): how wide and high the object looks, in metres for each metre of distance."""
     names: Sequence[str]
     """The name of the object, for people."""
 
@@ -97,16 +100,25 @@ class Sightings:
         has_whole = np.bincount(row[is_whole], minlength=len(names)) > 0
         area = size.prod(axis=1) * (is_whole | ~has_whole[row])
         rays = rays_of(corner + size / 2)
-        rays *= (area / np.linalg.norm(rays, axis=1))[:, None]
+        away = np.linalg.norm(rays, axis=1)
+        rays *= (area / away)[:, None]
         direction = np.zeros((len(names), 3))
         np.add.at(direction, row, np.einsum("ni,nij->nj", rays, VIEW_AXES[view]))
         length = np.linalg.norm(direction, axis=1, keepdims=True)
-        return cls(viewpoint, object_id, direction / length, distance, names)
+        extent = np.zeros((len(names), 2))
+        np.add.at(extent, row, (area / away)[:, None] * size / FOCAL_LENGTH)
+        extent /= np.bincount(row, area, minlength=len(names))[:, None]
+        return cls(viewpoint, object_id, direction / length, distance, extent, names)
 
     def none(self) -> Self:
         """Return no sightings."""
         return type(self)(
-            self.viewpoint[:0], self.object_id[:0], self.direction[:0], self.distance[:0], ()
+            viewpoint=self.viewpoint[:0],
+            object_id=self.object_id[:0],
+            direction=self.direction[:0],
+            distance=self.distance[:0],
+            extent=self.extent[:0],
+            names=(),
         )
 
 
@@ -150,6 +162,8 @@ class Building:
     rooms: Sequence[Room]
     doors: Sequence[Line]
     treads: Sequence[Line]
+    solids: Solids
+    """The objects."""
 
     def rooms_on(self, storey: int) -> Sequence[Room]:
         """Return the rooms of a storey."""
@@ -210,6 +224,17 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
         rooms=found,
         doors=doors,
         treads=list(_treads(position, edges, storey)),
+        solids=Solids.of(
+            object_id=np.unique(seen.object_id),
+            names=objects.names,
+            storey=room_storey[objects.room],
+            room=number[objects.room],
+            centre=objects.centre,
+            size=objects.sizes(),
+            bounds=boxes[objects.room],
+            floors=floors_of(position[:, 2], storey),
+            axes=axes,
+        ),
     )
 
 
@@ -235,6 +260,13 @@ def find_storeys(height: FloatArray) -> IntArray:
             floors.append(float(height[row]))
     storey: IntArray = np.abs(height[:, None] - np.sort(floors)).argmin(axis=1)
     return storey
+
+
+def floors_of(height: FloatArray, storey: IntArray) -> FloatArray:
+    """Return the height of the floor of each storey, metres: below the median of its cameras."""
+    return np.array(
+        [np.median(height[storey == level]) - CAMERA_HEIGHT for level in range(storey.max() + 1)]
+    )
 
 
 # Objects and rooms.
@@ -273,6 +305,15 @@ class _Objects(NamedTuple):
         rooms = self.room[self.row]
         np.add.at(votes, (rooms, storey[self.seen.viewpoint]), self._nearness)
         return np.asarray(votes.argmax(axis=1))
+
+    def sizes(self) -> FloatArray:
+        """Return how wide and high the objects look, shape (n_objects, 2), metres: medians."""
+        offset = self.centre[self.row] - self.position[self.seen.viewpoint]
+        size = self.seen.extent * np.linalg.norm(offset, axis=1, keepdims=True)
+        order = np.argsort(self.row, kind="stable")
+        begin = np.searchsorted(self.row[order], np.arange(1, len(self.names)))
+        groups = np.split(size[order], begin)
+        return np.array([np.median(its, axis=0) for its in groups if len(its)]).reshape(-1, 2)
 
     def votes_of_viewpoints(self) -> FloatArray:
         """Return how much the objects that a viewpoint sees, and those near it, are of each room.

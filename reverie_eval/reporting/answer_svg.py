@@ -1,12 +1,13 @@
 """Pictures of answers as SVG: one view, and below it the whole panorama around the agent.
 
 The panorama alone, with links to objects and moves, is for a person who plays an episode. Without
-photographs, boxes are drawn in an empty room with a horizon and a grid of headings.
+photographs, the view shows a drawn room with solids, and the panorama an empty one with a horizon.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from html import escape
+from itertools import groupby
 from operator import itemgetter
 from types import MappingProxyType
 from typing import Literal, NamedTuple
@@ -16,7 +17,7 @@ import numpy as np
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.geometry import HEIGHT as VIEW_HEIGHT
-from reverie_eval.geometry import VIEW_AXES, clip_at_depth, pixels_of, view_angles
+from reverie_eval.geometry import VIEW_AXES, RoomView, clip_at_depth, pixels_of, view_angles
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.answers import (
     AnswerView,
@@ -26,6 +27,7 @@ from reverie_eval.reporting.answers import (
     directions_of,
     span_of,
 )
+from reverie_eval.reporting.drawing import line_data, path
 from reverie_eval.reporting.resources import text_of
 from reverie_eval.reporting.skyboxes import Skybox
 
@@ -108,7 +110,8 @@ def answer_shapes(shown: AnswerView) -> tuple[str, float]:
 
 def answer_class(shapes: str, number: int) -> str:
     """Return the class of the shapes of a submission's answer, which says how they look."""
-    return f"answer-view route-{number}{' on-photograph' if '<image' in shapes else ''}"
+    ground = " on-photograph" if "<image" in shapes else " in-room" if "<g" in shapes else ""
+    return f"answer-view route-{number}{ground}"
 
 
 def _draw(shown: AnswerView, number: int, attributes: str = "", style: str = "") -> str:
@@ -172,20 +175,38 @@ def _outlined(shown: AnswerView) -> Iterator[tuple[Role, VisibleObject]]:
 # The view.
 
 
+def room_shapes(room_view: RoomView, last: Collection[int] = ()) -> str:
+    """Draw a room and its solids; the objects of ``last`` are not hidden behind others."""
+    shapes = (
+        path(kind, "".join(line_data(_SCALE * it) + "z" for face in same for it in face.outlines))
+        for kind, same in groupby(room_view.faces(last), key=lambda face: face.kind)
+    )
+    size = f'width="{WIDTH}" height="{HEIGHT}"'
+    return (
+        f'<g class="solids"><rect class="wall dim" {size}/>{"".join(shapes)}'
+        f'<rect class="dusk" {size}/></g>'
+    )
+
+
 def _view(shown: AnswerView, view: int) -> Iterator[str]:
     """Draw the boxes in a view."""
     # The lower row of views ends at the horizon, and the upper one begins there.
     horizon = view // 12 * HEIGHT / 2
     yield f'<svg width="{WIDTH}" height="{HEIGHT}">'
-    yield _background(shown.skybox.view(view) if shown.skybox else "", HEIGHT, horizon)
+    photograph = shown.skybox.view(view) if shown.skybox else ""
     headings = list(_meridians(view, horizon))
-    for line, *_ in headings:
-        yield line
+    if shown.room_view and not photograph:
+        important = [each.object_id for each in (shown.target, shown.predicted) if each]
+        yield room_shapes(shown.room_view, important)
+    else:
+        yield _background(photograph, HEIGHT, horizon)
+        yield from (line for line, *_ in headings)
     for role, each in _outlined(shown):
         for xywh in each.xywh[each.view == view]:
             yield _rect(role, _SCALE * xywh, each.name)
     for outline in _predicted_outline(shown, view):
         yield _polygon("answer", outline, "predicted box")
+    headings = [each for each in headings if _TICK_MARGIN <= each[1] <= WIDTH - _TICK_MARGIN]
     for _, x, y, text in headings:
         yield _text("heading", x, y, text)
     yield from _labels(

@@ -12,7 +12,8 @@ import numpy as np
 
 from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
-from reverie_eval.geometry import HEIGHT, WIDTH, axes, rays_of, view_angles
+from reverie_eval.geometry import HEIGHT, WIDTH, RoomView, Seen, axes, rays_of, view_angles
+from reverie_eval.reporting.buildings import room_view_of
 from reverie_eval.reporting.skyboxes import Skybox, find_skybox
 from reverie_eval.text import count_text
 
@@ -42,6 +43,8 @@ class AnswerView:
     caption: str
     skybox: Skybox | None = None
     """The photographs from here, if the reader has them."""
+    room_view: RoomView | None = None
+    """The room in the view; None without a view."""
 
     @classmethod
     def at_stop(cls, episode: Episode) -> "AnswerView":
@@ -69,6 +72,7 @@ class AnswerView:
             where=_STOP,
             caption=" ".join(filter(None, sentences)),
             skybox=find_skybox(episode.graph, episode.stop),
+            room_view=None if view is None else _room_view(episode, episode.stop, view, objects),
         )
 
     @classmethod
@@ -90,6 +94,7 @@ class AnswerView:
             where=_PATH_END,
             caption=f"{_where(view, _PATH_END)} The target is {target.name}.",
             skybox=find_skybox(episode.graph, episode.goal),
+            room_view=_room_view(episode, episode.goal, view, objects),
         )
 
     @property
@@ -164,6 +169,17 @@ def span_of(seen: VisibleObject) -> Span:
     return box_span(seen.xywh[row], view_angles(seen.view[row]))
 
 
+def seen_in(view: int, objects: Sequence[VisibleObject]) -> Seen:
+    """Choose a box of each object: that in the view, or the largest elsewhere if that is cut."""
+    best = [int(_best_last(each, each.view == view, _is_whole(each))[-1]) for each in objects]
+    rows = [*zip(objects, best, strict=True)]
+    return Seen(
+        object_id=np.array([each.object_id for each, _ in rows], dtype=np.int64),
+        view=np.array([each.view[box] for each, box in rows], dtype=np.int64),
+        xywh=np.array([each.xywh[box] for each, box in rows], dtype=np.int64).reshape(-1, 4),
+    )
+
+
 def box_span(xywh: Array, camera: FloatArray) -> Span:
     """Return the part of the panorama that boxes take up together.
 
@@ -224,6 +240,12 @@ def view_text(view: int) -> str:
     """Name a view by its direction: ``heading 30°, level``."""
     heading, elevation = np.rad2deg(view_angles(np.array([view])))[0].round().astype(int).tolist()
     return f"heading {heading}°, {_ELEVATIONS[elevation]}"
+
+
+def _room_view(
+    episode: Episode, viewpoint_id: str, view: int, objects: Sequence[VisibleObject]
+) -> RoomView:
+    return room_view_of(episode.graph, episode.solution, viewpoint_id, view, seen_in(view, objects))
 
 
 def _find(objects: Sequence[VisibleObject], object_id: int | None) -> VisibleObject | None:

@@ -1,4 +1,4 @@
-"""The buildings of a split, modelled from what its bundle holds."""
+"""The buildings of a split and views in them, modelled from what its bundle holds."""
 
 from collections.abc import MutableMapping
 from weakref import WeakKeyDictionary
@@ -6,7 +6,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from reverie_eval.errors import GroundTruthError
-from reverie_eval.geometry import Building, Sightings, model_building
+from reverie_eval.geometry import Building, RoomView, Seen, Sightings, model_building
 from reverie_eval.ground_truth import CandidateBoxes, NavigationGraph, Solution
 from reverie_eval.text import category_text
 
@@ -23,6 +23,17 @@ def building_of(graph: NavigationGraph, solution: Solution, scan: str) -> Buildi
     if scan not in models:
         models[scan] = _model(graph, solution, scan)
     return models[scan]
+
+
+def room_view_of(
+    graph: NavigationGraph, solution: Solution, viewpoint_id: str, view: int, seen: Seen
+) -> RoomView:
+    """Look at the building in a view from a viewpoint, which sees these objects."""
+    viewpoint = graph.index[viewpoint_id]
+    scan = graph.scan_of(viewpoint)
+    rows = graph.viewpoints_of(scan)
+    building = building_of(graph, solution, scan)
+    return RoomView(building, graph.viewpoint_position[rows], viewpoint - int(rows[0]), view, seen)
 
 
 def _model(graph: NavigationGraph, solution: Solution, scan: str) -> Building:

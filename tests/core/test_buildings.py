@@ -5,7 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reverie_eval.geometry import Building, Room, Sightings, find_storeys, model_building, name_room
+from reverie_eval.geometry import (
+    FOCAL_LENGTH,
+    Building,
+    Room,
+    Sightings,
+    find_storeys,
+    model_building,
+    name_room,
+)
 
 HALL, KITCHEN = (1.0, 1.0), (7.0, 1.0)
 """The cameras in the two rooms of a house, 1.5 m above the floor, 6 m apart."""
@@ -24,6 +32,7 @@ def seen_from(
         object_id=np.arange(len(names)) * 3,
         direction=offset / distance[:, None],
         distance=distance if known else np.full(len(names), np.inf),
+        extent=np.full((len(names), 2), 0.25),
         names=names,
     )
 
@@ -160,6 +169,7 @@ def test_sightings_look_at_the_middle_of_whole_boxes() -> None:
         xywh=np.array([(300, 220, 40, 40), (0, 220, 300, 40), (0, 0, 640, 480)]),
     )
     assert seen.direction == pytest.approx(np.array([(0, 1, 0), (1, 0, 0)]), abs=1e-9)
+    assert seen.extent * FOCAL_LENGTH == pytest.approx(np.array([(40, 40), (640, 480)]))
 
 
 def test_what_is_in_a_room() -> None:

@@ -298,3 +298,27 @@ def test_it_says_what_it_shows_and_escapes_it() -> None:
     assert MARKUP in description
     assert not list(root.iter("script"))
     assert not any("style" in each.attrib for each in root.iter())
+
+
+def drawn_room(view: AnswerView) -> ET.Element | None:
+    return ET.fromstring(answer_svg(view)).find(".//g[@class='solids']")
+
+
+def test_a_view_without_photographs_shows_a_room(drawn: rv.Scores) -> None:
+    """The target is drawn after all that could hide it; boxes are outlined above the room."""
+    view = replace(AnswerView.at_stop(drawn.episode("1196_0_0")), skybox=None)
+    room = drawn_room(view)
+    assert room is not None
+    kinds = [each.get("class") for each in room]
+    assert {"floor", "skirting", "opening", "wood top", "cloth top"} <= set(kinds)
+    assert view.room_view
+    assert view.target
+    faces = view.room_view.faces([view.target.object_id])
+    assert faces[-1].object_id == view.target.object_id
+    shown = [each.get("class") for each in ET.fromstring(answer_svg(view))[2]]
+    assert shown.index("solids") < shown.index("box target")
+
+
+def test_a_photograph_takes_the_place_of_the_room(drawn: rv.Scores) -> None:
+    view = AnswerView.at_stop(drawn.episode("1196_0_0"))
+    assert (view.skybox is not None, drawn_room(view)) == (True, None)

@@ -1,0 +1,302 @@
+"""Solids: what the objects of a building look like, from their names and the boxes around them.
+
+A box says how wide and high an object looks from a viewpoint. How deep it is, and what it is made
+of, is told by the last word of its name; a name that is not in the table is that of a block. Solids
+stand upright, with their sides along the walls of the building.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+import numpy as np
+from typing_extensions import Self
+
+from reverie_eval.arrays import Array, FloatArray, IntArray
+from reverie_eval.geometry._views import FOCAL_LENGTH, VIEW_AXES, pixels_of, rays_of
+
+Form = Literal["block", "board", "table", "seat", "bed", "basin", "plant", "lamp"]
+Material = Literal["wood", "cloth", "white", "glass", "metal", "dark", "leaf", "light"]
+
+CAMERA_HEIGHT = 1.5
+"""Metres from the floor to a camera; the median over Matterport3D is 1.54."""
+# An object stands on the floor if it seems to begin at most this part of its height above it.
+_STANDS = 0.5
+# Metres of the thinnest and the largest side of an object.
+_LEAST, _MOST = 0.03, 4.0
+# Half the thickness of what hangs on a wall, metres.
+_THIN = 0.03
+# Iterations that fit a solid to a box, by how much each may change a side, and the least depth.
+_FITS, _CHANGE, _NEAR = 6, 2.0, 0.15
+
+
+class Kind(NamedTuple):
+    """What an object is built like."""
+
+    form: Form
+    material: Material
+    depth: float = 1.0
+    """Fraction of the width."""
+
+
+_KINDS: Mapping[str, Kind] = MappingProxyType(
+    {
+        word: kind
+        for words, kind in {
+            "picture painting photo poster art frame clock door": Kind("board", "wood"),
+            "window mirror skylight": Kind("board", "glass"),
+            "tv monitor television screen": Kind("board", "dark"),
+            "curtain blinds tapestry shade towel clothes robe": Kind("board", "cloth"),
+            "vent switch thermostat radiator heater board wainscotting": Kind("board", "white"),
+            "table desk stand workbench nightstand": Kind("table", "wood", 0.8),
+            "bench": Kind("table", "wood", 0.5),
+            "chair stool armchair seat": Kind("seat", "wood"),
+            "couch sofa loveseat": Kind("seat", "cloth", 0.5),
+            "toilet": Kind("seat", "white"),
+            "bed": Kind("bed", "cloth"),
+            "sink washbasin basin": Kind("basin", "white"),
+            "bathtub tub": Kind("basin", "white", 0.5),
+            "plant tree flower bush fern": Kind("plant", "leaf"),
+            "lamp chandelier": Kind("lamp", "light"),
+            "light sconce candle": Kind("block", "light"),
+            "cabinet dresser drawer bookshelf bookcase shelf wardrobe counter countertop closet "
+            "fireplace vanity chest cupboard": Kind("block", "wood", 0.5),
+            "refrigerator fridge oven stove dishwasher dryer machine microwave": Kind(
+                "block", "white"
+            ),
+            "pillow cushion ottoman footstool blanket purse bag shoe rug carpet mat": Kind(
+                "block", "cloth"
+            ),
+            "faucet duct pipe fan sprinkler extinguisher railing": Kind("block", "metal"),
+            "vase bottle bowl plate cup paper": Kind("block", "white"),
+        }.items()
+        for word in words.split()
+    }
+)
+_BLOCK = Kind("block", "wood")
+
+Part = tuple[Material, tuple[float, float, float], tuple[float, float, float]]
+"""A box of a form: what it is made of, its low and its high corner. Coordinates are to the right,
+to the back and up, from -1 to 1 within the solid."""
+
+
+@cache
+def kind_of(name: str) -> Kind:
+    """Return what an object with this name is built like.
+
+    Examples
+    --------
+    >>> kind_of("coffee table").form, kind_of("kitchen cabinets").form, kind_of("trophy").form
+    ('table', 'block', 'block')
+    """
+    word = name.rpartition(" ")[2]
+    return _KINDS.get(word) or _KINDS.get(word.removesuffix("s")) or _BLOCK
+
+
+@cache
+def parts_of(kind: Kind) -> Sequence[Part]:
+    """Return the boxes that an object of a kind consists of."""
+    made_of = kind.material
+    whole: Part = (made_of, (-1, -1, -1), (1, 1, 1))
+    frame: Material = "wood" if made_of == "glass" else made_of
+    pane: Material = "glass" if made_of == "wood" else made_of
+    arms = [(made_of, (x - 0.1, -1, -0.2), (x + 0.1, 1, 0.35)) for x in (-0.9, 0.9)]
+    forms: Mapping[Form, Sequence[Part]] = {
+        "table": [
+            *(
+                (made_of, (x - 0.08, y - 0.08, -1.0), (x + 0.08, y + 0.08, 0.8))
+                for x in (-0.9, 0.9)
+                for y in (-0.9, 0.9)
+            ),
+            (made_of, (-1, -1, 0.8), (1, 1, 1)),
+        ],
+        "seat": [
+            (made_of, (-1, -1, -1), (1, 1, -0.2)),
+            (made_of, (-1, 0.65, -0.2), (1, 1, 1)),
+            *(arms if made_of == "cloth" else ()),
+        ],
+        "bed": [
+            ("wood", (-1, 0.94, -1), (1, 1, 1)),
+            (made_of, (-1, -1, -1), (1, 0.94, 0)),
+            *(("white", (x - 0.38, 0.5, 0), (x + 0.38, 0.85, 0.25)) for x in (-0.48, 0.48)),
+        ],
+        "basin": [whole, ("glass", (-0.8, -0.8, 1), (0.8, 0.8, 1))],
+        "board": [
+            (frame, (-1, -0.9, -1), (1, 1, 1)),
+            (pane, (-0.88, -1, -0.88), (0.88, -0.9, 0.88)),
+        ],
+        "plant": [("wood", (-0.4, -0.4, -1), (0.4, 0.4, -0.4))],
+        "lamp": [
+            ("metal", (-0.15, -0.15, -1), (0.15, 0.15, 0)),
+            (made_of, (-1, -1, -0.1), (1, 1, 1)),
+        ],
+    }
+    return forms.get(kind.form, [whole])
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """Objects as upright boxes along the walls of their building."""
+
+    object_id: IntArray
+    """Shape (n,)."""
+    names: Sequence[str]
+    storey: IntArray
+    """Shape (n,): from 0 for the lowest."""
+    room: IntArray
+    """Shape (n,): index into the rooms of the building; -1 if its room is not drawn."""
+    centre: FloatArray
+    """Shape (n, 3): metres."""
+    half: FloatArray
+    """Shape (n, 3): half the size along each of ``axes`` and up, metres."""
+    back: IntArray
+    """Shape (n,): the side of its back, at a quarter turn from the first axis for each 1."""
+    axes: FloatArray
+    """Shape (2, 2): the directions of the walls."""
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        object_id: IntArray,
+        names: Sequence[str],
+        storey: IntArray,
+        room: IntArray,
+        centre: FloatArray,
+        size: FloatArray,
+        bounds: FloatArray,
+        floors: FloatArray,
+        axes: FloatArray,
+    ) -> Self:
+        """Make solids of objects that look so wide and high, shape (n, 2), metres.
+
+        ``bounds`` of shape (n, 2, 2) has the low and the high corner of each object's room along
+        the axes: backs are at the nearest wall. ``floors`` has the height of each storey. What is
+        near the floor stands on it.
+        """
+        flat = centre[:, :2] @ axes.T
+        to_walls = np.hstack([bounds[:, 1] - flat, flat - bounds[:, 0]])
+        back = to_walls.argmin(axis=1) if len(flat) else np.zeros(0, dtype=np.int64)
+        kinds = [kind_of(name) for name in names]
+        is_board = np.array([kind.form == "board" for kind in kinds], dtype=bool)
+        depth = np.array([kind.depth for kind in kinds])
+        across, high = np.clip(size / 2, _LEAST / 2, _MOST / 2).T
+        half = np.stack([across, across, high], axis=1)
+        rows = np.arange(len(half))
+        half[rows, back % 2] = np.where(is_board, _THIN, across * depth)
+        floor = floors[storey]
+        bottom, top = centre[:, 2] - high, centre[:, 2] + high
+        stands = (bottom - floor < _STANDS * 2 * high) & (top > floor + _LEAST)
+        bottom = np.where(stands, floor, bottom)
+        half[:, 2] = np.maximum(top - bottom, _LEAST) / 2
+        middle = np.column_stack([centre[:, :2], (bottom + np.maximum(top, bottom + _LEAST)) / 2])
+        return cls(object_id, names, storey, room, middle, half, back, axes)
+
+    @property
+    def frame(self) -> FloatArray:
+        """Shape (3, 3): the axes of all solids, as rows."""
+        frame = np.eye(3)
+        frame[:2, :2] = self.axes
+        return frame
+
+    def take(self, rows: IntArray | Array) -> Self:
+        """Return some of the solids."""
+        return replace(
+            self,
+            object_id=self.object_id[rows],
+            names=[self.names[row] for row in np.arange(len(self.names))[rows].tolist()],
+            storey=self.storey[rows],
+            room=self.room[rows],
+            centre=self.centre[rows],
+            half=self.half[rows],
+            back=self.back[rows],
+        )
+
+    def corners(self) -> FloatArray:
+        """Return the corners of the boxes, shape (n, 8, 3)."""
+        return np.asarray(self.centre[:, None] + (_CORNERS * self.half[:, None]) @ self.frame)
+
+    def parts(self) -> tuple[FloatArray, IntArray, Sequence[Material]]:
+        """Return the boxes that the solids consist of.
+
+        Returns
+        -------
+        float array of shape (n_parts, 8, 3)
+            Their corners.
+        int array of shape (n_parts,)
+            The solid of each.
+        list of Material
+            What each is made of.
+        """
+        parts = [parts_of(kind_of(name)) for name in self.names]
+        row = np.repeat(np.arange(len(parts)), list(map(len, parts)))
+        flat = [part for its in parts for part in its]
+        if not flat:
+            return np.zeros((0, 8, 3)), row, []
+        bounds = np.array([part[1:] for part in flat])
+        local = np.where(_CORNERS[None] < 0, bounds[:, None, 0], bounds[:, None, 1])
+        local = np.einsum("nij,njk->nik", local, _TURNS[self.back[row]])
+        corners = self.centre[row][:, None] + (local * self.half[row][:, None]) @ self.frame
+        return corners, row, [part[0] for part in flat]
+
+    def fitted(self, camera: FloatArray, view: IntArray, xywh: Array) -> Self:
+        """Change places and sizes so that the solids look as large as they do from a viewpoint.
+
+        Parameters
+        ----------
+        camera : float array of shape (3,)
+            The position of the viewpoint.
+        view : int array of shape (n,)
+            A view of it for each solid.
+        xywh : array of shape (n, 4)
+            Its box there.
+        """
+        axes = VIEW_AXES[view]
+        low = xywh[:, :2].astype(np.float64)
+        size = xywh[:, 2:].astype(np.float64)
+        ray = np.einsum("ni,nij->nj", rays_of(low + size / 2), axes)
+        away = np.linalg.norm(self.centre - camera, axis=1) / np.linalg.norm(ray, axis=1)
+        centre, half = camera + ray * np.maximum(away, _NEAR * 2)[:, None], self.half.copy()
+        is_flat = np.array([kind_of(name).form == "board" for name in self.names], dtype=bool)
+        rows = np.arange(len(half))
+        thick = half[rows, self.back % 2].copy()
+        for _ in range(_FITS):
+            solid = replace(self, centre=centre, half=half)
+            seen = np.einsum("nki,nji->nkj", solid.corners() - camera, axes)
+            seen[..., 2] = np.maximum(seen[..., 2], _NEAR)
+            pixels = pixels_of(seen)
+            first, last = pixels.min(axis=1), pixels.max(axis=1)
+            wider = np.clip(size / np.maximum(last - first, 1), 1 / _CHANGE, _CHANGE)
+            half = np.clip(half * wider[:, [0, 0, 1]], _LEAST / 2, _MOST)
+            half[is_flat, self.back[is_flat] % 2] = thick[is_flat]
+            off = (low + size / 2 - (first + last) / 2) * (1, -1) / FOCAL_LENGTH
+            depth = np.einsum("ni,ni->n", centre - camera, axes[:, 2])[:, None]
+            depth = np.maximum(depth, _NEAR)
+            centre = centre + off[:, :1] * depth * axes[:, 0]
+            centre[:, 2] += off[:, 1] * depth[:, 0] / axes[:, 1, 2]
+        return replace(self, centre=centre, half=half)
+
+
+_CORNERS: FloatArray = np.array(
+    [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+)
+FACES: Mapping[str, IntArray] = MappingProxyType(
+    {
+        "u-": np.array([0, 1, 3, 2]),
+        "u+": np.array([4, 6, 7, 5]),
+        "v-": np.array([0, 4, 5, 1]),
+        "v+": np.array([2, 3, 7, 6]),
+        "under": np.array([0, 2, 6, 4]),
+        "top": np.array([1, 5, 7, 3]),
+    }
+)
+"""The corners of each side of a box, by the direction that it faces."""
+# Quarter turns of what is local to a solid: its back is its second coordinate.
+_TURNS: FloatArray = np.array(
+    [
+        [(c, s, 0), (-s, c, 0), (0, 0, 1)]
+        for c, s in ((0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))
+    ]
+)

@@ -1,0 +1,155 @@
+"""Solids of objects, and views of the rooms that they stand in."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from reverie_eval.geometry import (
+    VIEW_AXES,
+    Building,
+    Face,
+    Line,
+    Room,
+    RoomView,
+    Seen,
+    Solids,
+    pixels_of,
+    world_to_camera,
+)
+
+FLOOR = np.array([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
+"""A room of 4 by 4 m around a camera, 1.5 m above its floor."""
+CAMERA = np.array([(0.0, 0.0, 1.5)])
+NORTH, EAST = 12, 15
+NOTHING = Seen(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4), int))
+
+
+def solids(names: Sequence[str], centre: Sequence[tuple[float, ...]], size: float = 1.0) -> Solids:
+    """Return solids that look so wide and high, in the room of 4 by 4 m."""
+    count = len(names)
+    return Solids.of(
+        object_id=np.arange(count),
+        names=names,
+        storey=np.zeros(count, int),
+        room=np.zeros(count, int),
+        centre=np.array(centre).reshape(-1, 3),
+        size=np.full((count, 2), size),
+        bounds=np.tile(np.array([(-2.0, -2.0), (2.0, 2.0)]), (count, 1, 1)),
+        floors=np.zeros(1),
+        axes=np.eye(2),
+    )
+
+
+def look(view: int, things: Solids, seen: Seen = NOTHING, last: Sequence[int] = ()) -> list[Face]:
+    """Look from the middle of the room, which has a door in its northern wall."""
+    building = Building(
+        storey=np.zeros(1, int),
+        room=np.zeros(1, int),
+        rooms=[Room("", 0, [FLOOR], 16.0)],
+        doors=[Line(0, np.array([(-0.5, 2.0), (0.5, 2.0)]))],
+        treads=[],
+        solids=things,
+    )
+    return list(RoomView(building, CAMERA, 0, view, seen).faces(last))
+
+
+@pytest.mark.parametrize(
+    ("name", "centre", "half", "middle"),
+    [
+        pytest.param("box", (0, 0, 2), (0.5, 0.5, 0.5), 2.0, id="in the air"),
+        pytest.param("box", (0, 0, 0.9), (0.5, 0.5, 0.7), 0.7, id="stands on the floor"),
+        pytest.param("box", (0, 0, 1.1), (0.5, 0.5, 0.5), 1.1, id="more than half above it"),
+        pytest.param("picture", (0, 1.9, 2), (0.5, 0.03, 0.5), 2.0, id="flat on the wall"),
+        pytest.param("couch", (1.5, 0, 0.5), (0.25, 0.5, 0.5), 0.5, id="along the wall"),
+    ],
+)
+def test_sizes_of_solids(
+    name: str, centre: tuple[float, ...], half: tuple[float, ...], middle: float
+) -> None:
+    thing = solids([name], [centre])
+    assert thing.half[0] == pytest.approx(half)
+    assert thing.centre[0] == pytest.approx([*centre[:2], middle])
+
+
+def test_backs_are_at_the_nearest_wall() -> None:
+    """The back of a chair is the highest of its boxes; walls to the east, north, west, south."""
+    around = [(1.5, 0, 1), (0, 1.5, 1), (-1.5, 0, 1), (0, -1.5, 1)]
+    corners, row, _ = solids(["chair"] * 4, around).parts()
+    backs = [corners[row == each][1].mean(axis=0)[:2] for each in range(4)]
+    assert np.sign(np.round(backs - np.array(around)[:, :2], 3)).tolist() == [
+        [1, 0],
+        [0, 1],
+        [-1, 0],
+        [0, -1],
+    ]
+
+
+@pytest.mark.parametrize("name", ["box", "picture", "table", "plant"])
+@pytest.mark.parametrize("box", [(200, 150, 120, 180), (20, 300, 90, 60), (60, 40, 300, 200)])
+def test_a_solid_fills_its_box(name: str, box: tuple[int, ...]) -> None:
+    """Whatever its size was, to two pixels; what hangs on a wall keeps its thickness."""
+    thing = solids([name], [(0.3, 1.7, 1.6)], size=0.4)
+    fitted = thing.fitted(CAMERA[0], np.array([NORTH]), np.array([box]))
+    pixels = pixels_of(world_to_camera(fitted.corners()[0], CAMERA[0], VIEW_AXES[NORTH]))
+    assert pixels.min(axis=0) == pytest.approx(box[:2], abs=2)
+    assert pixels.max(axis=0) == pytest.approx(np.add(box[:2], box[2:]), abs=2)
+
+
+def test_walls_of_a_view() -> None:
+    """The northern wall is 2 m away: 4 m are 831 pixels, and the floor begins 312 below eye level.
+
+    The door in it is 1 m wide and 2.05 m high; the eastern wall has none.
+    """
+    faces = {face.kind: face.outlines[0] for face in look(NORTH, solids([], []))}
+    wall = faces["wall lit"]
+    assert np.ptp(wall, axis=0) == pytest.approx([831.38, 540.4], abs=0.01)
+    assert wall[:, 1].max() == pytest.approx(240 + 311.77, abs=0.01)
+    door = faces["opening"]
+    assert np.ptp(door, axis=0) == pytest.approx([207.85, 426.08], abs=0.01)
+    assert door[:, 0].mean() == pytest.approx(320)
+    assert "opening" not in {face.kind for face in look(EAST, solids([], []))}
+
+
+def test_a_viewpoint_outside_of_rooms_has_walls_around_it() -> None:
+    building = Building(np.zeros(1, int), np.array([-1]), [], [], [], solids([], []))
+    room_view = RoomView(building, CAMERA, 0, NORTH, NOTHING)
+    wall = next(face.outlines[0] for face in room_view.faces() if face.kind == "wall lit")
+    assert np.ptp(wall[:, 0]) == pytest.approx(831.38, abs=0.01)  # 3 m, 1.5 m away
+
+
+def order(seen: Seen = NOTHING, last: Sequence[int] = ()) -> list[int]:
+    """Return the order in which three boxes, 1.2, 1.8 and 1.5 m away, are drawn."""
+    things = solids(["box"] * 3, [(0, 1.2, 1.5), (0.5, 1.8, 1.5), (-0.5, 1.5, 1.5)], size=0.3)
+    drawn = [face.object_id for face in look(NORTH, things, seen, last) if face.object_id >= 0]
+    return list(dict.fromkeys(drawn))
+
+
+def test_the_nearest_is_drawn_last() -> None:
+    assert order() == [1, 2, 0]
+    assert order(last=[1]) == [2, 0, 1]
+
+
+def test_what_is_within_another_box_is_in_front_of_it() -> None:
+    """Object 1 is farther away, but its box lies within that of object 0."""
+    boxes = np.array([(200, 150, 200, 200), (250, 200, 50, 50)])
+    assert order(Seen(np.array([0, 1]), np.array([NORTH, NORTH]), boxes)) == [2, 0, 1]
+
+
+def test_what_is_behind_is_not_drawn() -> None:
+    assert {face.object_id for face in look(NORTH, solids(["box"], [(0, -1.5, 1.5)]))} == {-1}
+
+
+def test_only_sides_that_face_the_camera_are_drawn() -> None:
+    """Of a low box in front, its top and its near side."""
+    faces = look(NORTH, solids(["box"], [(0, 1.5, 0.5)]))
+    assert sorted(each.kind for each in faces if each.object_id == 0) == ["wood lit", "wood top"]
+
+
+def test_a_disc_lies_on_the_floor_below_a_neighbour() -> None:
+    """4 m ahead and 1.5 m below the camera; behind it, there is none."""
+    building = Building(np.zeros(1, int), np.array([-1]), [], [], [], solids([], []))
+    room_view = RoomView(building, CAMERA, 0, NORTH, NOTHING)
+    disc = room_view.disc(np.array([0.0, 4.0, 1.5]))
+    assert disc.mean(axis=0) == pytest.approx([320, 240 + 155.88], abs=1)
+    assert room_view.disc(np.array([0.0, -4.0, 1.5])).shape == (0, 2)

@@ -32,7 +32,6 @@ import orjson
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import reverie_eval as rv
-from benchmarks.server import compare_fields
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.scoring import evaluate_many
 from reverie_eval.submissions import MAX_MEBIBYTES_VARIABLE, align, read_predictions
@@ -168,6 +167,9 @@ def measure(folder: Path, work: Path) -> Iterator[Figure]:
     yield Figure("load a bundle, ms", 1000 * loading, most=20.0)
     yield Figure("compile three splits, s", compiling, most=15.0)
     yield from many_files(submission, truth, parser=parser_seconds(content))
+    # Not above: every further process would import the server, too.
+    from benchmarks.server import compare_fields
+
     uploads = compare_fields(
         work, bundle, content, json.dumps(FORMS["a field more"](json.loads(content))).encode()
     )

@@ -1,11 +1,12 @@
-"""Files and folders that appear complete or not at all, and whether others may read them."""
+"""Files and folders that appear complete or not at all, whether others may read them, and TOML."""
 
 import os
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 # The permissions of a file for its group and for others.
 _OTHERS = 0o077
@@ -109,3 +110,14 @@ def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterato
             return
         for entry in sorted(staging.iterdir(), key=lambda entry: entry.name == last):
             entry.rename(target / entry.name)
+
+
+def parse_toml(text: str, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
+    """Return the table that a text in TOML describes. Raises ValueError if it is not TOML."""
+    # Imported here: scoring a file reads none.
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+
+    return tomllib.loads(text, parse_float=parse_float)

@@ -3,7 +3,6 @@
 import math
 import os
 import re
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from datetime import date, datetime, timezone
@@ -15,6 +14,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from reverie_eval import Evaluator, GroundTruth, ReverieEvalError, SubsetError
+from reverie_eval.files import parse_toml
 from reverie_eval.ground_truth import (
     GROUND_TRUTH_VARIABLE,
     bundled_splits,
@@ -24,11 +24,6 @@ from reverie_eval.ground_truth import (
 from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, find_task, task_names
 from reverie_eval.text import did_you_mean
 from reverie_eval_cli.output import RejectedSubmission
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.wire import WireModel
@@ -445,7 +440,7 @@ def _read_option(text: str) -> tuple[str, Any]:
     if not mark:
         raise click.UsageError(f"--option {text}: expected NAME=VALUE")
     try:
-        return name, tomllib.loads(f"value = {value}")["value"]
+        return name, parse_toml(f"value = {value}")["value"]
     except ValueError:
         return name, value
 

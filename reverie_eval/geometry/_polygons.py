@@ -4,8 +4,6 @@ Both cameras of a warped box are at the same position, so a pixel of one corresp
 the other at any depth, and a box becomes a quadrilateral.
 """
 
-from fractions import Fraction
-
 import numpy as np
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
@@ -68,6 +66,8 @@ def _side(point: FloatArray, begin: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def _exact_side(*coordinates: float) -> int:
+    from fractions import Fraction  # slow to import, and hardly ever needed
+
     x, y, x0, y0, x1, y1 = map(Fraction, coordinates)
     area = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
     return (area > 0) - (area < 0)

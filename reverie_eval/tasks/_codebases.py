@@ -4,7 +4,6 @@ What is known stands in ``codebases.toml``, and nowhere else.
 """
 
 import re
-import sys
 from collections.abc import Sequence
 from datetime import date
 from functools import cache
@@ -14,12 +13,8 @@ import msgspec
 from msgspec import Struct
 
 from reverie_eval.errors import ProtocolError
+from reverie_eval.files import parse_toml
 from reverie_eval.tasks._registry import BUILT_IN, find_task
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _FILE = Path(__file__).with_name("codebases.toml")
 _ON_GITHUB = re.compile(r"github\.com[:/]([^/]+/[^/]+)")
@@ -94,7 +89,7 @@ class _Codebases(Struct, frozen=True, forbid_unknown_fields=True):
 @cache
 def codebases() -> Sequence[Codebase]:
     """Return all codebases, by name."""
-    found = msgspec.convert(tomllib.loads(_FILE.read_text("utf-8")), _Codebases)
+    found = msgspec.convert(parse_toml(_FILE.read_text("utf-8")), _Codebases)
     return sorted(found.codebase, key=lambda each: each.name.casefold())
 
 

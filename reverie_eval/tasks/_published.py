@@ -3,7 +3,6 @@
 They stand in ``published.toml``, and nowhere else.
 """
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from os import PathLike
@@ -14,12 +13,8 @@ import msgspec
 from msgspec import Struct
 
 from reverie_eval.errors import ReverieEvalError
+from reverie_eval.files import parse_toml
 from reverie_eval.metrics import CATALOGUE, printed_value
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _FILE = Path(__file__).with_name("published.toml")
 
@@ -111,7 +106,7 @@ def published_on(
 def _read(file: Path) -> Sequence[PublishedResult]:
     try:
         # Numbers stay text, so that they are converted as everywhere else.
-        content = tomllib.loads(file.read_text("utf-8"), parse_float=str)
+        content = parse_toml(file.read_text("utf-8"), parse_float=str)
         return list(_results(msgspec.convert(content, _Tables)))
     except (ValueError, KeyError) as error:  # those of the TOML, of its form, and of a number
         raise ReverieEvalError(

@@ -13,6 +13,7 @@ import click
 
 from reverie_eval import GroundTruth, ReverieEvalError, evaluate
 from reverie_eval.agents import AgentSource
+from reverie_eval.files import parse_toml
 from reverie_eval.logs import read_text
 from reverie_eval.reporting.scores import scores_printout
 from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
@@ -21,11 +22,6 @@ from reverie_eval_cli import options
 from reverie_eval_cli.commands._chat import CHAT, ChatOptions, chat_options
 from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import episode_bar, note, show_printout
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _DEFAULTS = Limits()
 
@@ -61,7 +57,7 @@ class RunOptions:
 
 def _read_toml(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(file.read_text("utf-8"))
+        return parse_toml(file.read_text("utf-8"))
     except ValueError as error:
         raise ReverieEvalError(f"{file}: {error}") from None
 

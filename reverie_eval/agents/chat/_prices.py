@@ -1,6 +1,5 @@
 """What replies cost, by a table that the user gives."""
 
-import sys
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -10,13 +9,9 @@ from typing_extensions import Self
 
 from reverie_eval.agents.chat.errors import CostLimitError
 from reverie_eval.errors import ReverieEvalError
+from reverie_eval.files import parse_toml
 from reverie_eval.logs import Usage
 from reverie_eval.text import first_few
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _CLASSES = ("input", "cached", "output")
 # Prices are those of a million tokens.
@@ -46,7 +41,7 @@ class Prices:
             If the file is not such a table, or has no prices of the model.
         """
         try:
-            table = tomllib.loads(file.read_text("utf-8"))
+            table = parse_toml(file.read_text("utf-8"))
         except ValueError as error:
             raise ReverieEvalError(f"{file}: {error}") from None
         day, row = table.pop("date", None), table.get(model)

@@ -90,8 +90,8 @@ _NO_BOX = (np.nan,) * 4
 _WITHOUT_MARKS = b"0123456789abcdefE+-. \t\r\n"
 _QUOTE, _COMMA, _OPEN, _CLOSE, _COLON, _BLANK, _MINUS, _E = b'",[]: -e'
 _ZERO = np.uint8(ord("0"))
-# Bytes in which heading and elevation are looked for.
-_ANGLES_LENGTH = 48
+# Behind the last trajectory. In so many bytes behind an id, heading and elevation are looked for.
+_MARGIN = b" " * 48
 # The count of numbers of a viewpoint that is not in a list.
 _BARE = -1
 # Bytes from one id to the next. A number in it fits a float if it has no positive exponent.
@@ -510,7 +510,7 @@ def _read_points(columns: Sequence[list[Any]], log: ReadingLog) -> FloatArray:
 
 def _read_walks(texts: Sequence[Raw], viewpoints: ViewpointTable, *, exact_angles: bool) -> _Walks:
     """Read trajectories from their JSON text."""
-    text = b"".join(texts)
+    text = b"".join([*texts, _MARGIN])
     n_elements, n_viewpoints, n_numbers = _read_marks(text, len(texts))
     length = np.add.reduceat(n_viewpoints, offsets_of(n_elements)[:-1])
     _require(length.min() > 0 and n_elements.max() <= MAX_POSES)
@@ -593,9 +593,9 @@ def _check_numbers(text: bytes, begin: IntArray, n_letters: int | np.integer[Any
 
 def _are_within_turn(text: bytes, end: IntArray) -> BoolArray:
     """Whether there are no angles behind each position, or two that are surely in radians."""
-    padded = text + bytes(_ANGLES_LENGTH)
-    letters = np.frombuffer(padded, np.uint8)
-    windows = np.ndarray(len(text), f"V{_ANGLES_LENGTH}", padded, strides=1)[end + 2]
+    letters = np.frombuffer(text, np.uint8)
+    last = len(text) - len(_MARGIN)
+    windows = np.ndarray(last + 1, f"V{len(_MARGIN)}", text, strides=1)[end + 2]
     commas = windows.view(np.uint8).reshape(len(end), -1) == _COMMA
     first, second = end + 1, end + 2 + np.argmax(commas, axis=1)
     is_within_turn = (letters[first] == _COMMA) & (letters[second] == _COMMA)

@@ -58,6 +58,10 @@ class Grouping:
     wider: Callable[[str], Sequence[str]] = lambda group: ()  # noqa: ARG005
     """Returns the other groups that the episodes of a group also belong to."""
 
+    def __reduce__(self) -> tuple[Callable[[str], "Grouping"], tuple[str]]:
+        """Let another process find it by its key: functions cannot all be sent."""
+        return find_grouping, (self.key,)
+
 
 @dataclass(frozen=True, slots=True)
 class _Ranges:

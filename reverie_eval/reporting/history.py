@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 from operator import attrgetter
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -34,6 +34,9 @@ _WIDTH, _LETTER = 640.0, 6.6
 _LONGEST_NAME = 24
 
 
+ResultKind: TypeAlias = Literal["method", "human", "reference"]
+
+
 class PastResult(NamedTuple):
     """A result on a timeline."""
 
@@ -44,7 +47,7 @@ class PastResult(NamedTuple):
     """In the metric's own unit."""
     version: str
     """The version of the dataset, or other rules: results of one version can be compared."""
-    kind: Literal["method", "human", "reference"] = "method"
+    kind: ResultKind = "method"
 
     @property
     def years(self) -> float:
@@ -163,14 +166,19 @@ class Timeline:
         yield stretched_paths(self.height, lines)
 
     def _marks(self) -> Iterator[str]:
+        """Draw a circle for each result, those that were the best on top."""
         best = {each for version in self.versions for each in self.best_so_far(version)}
-        # What is drawn last is on top.
+        groups: dict[str, list[str]] = {}
         for each in sorted(self.results, key=lambda it: it in best):
-            kind = "best" if each in best else each.kind
-            position = f'cx="{self._axis.across(each.years):.2f}%" cy="{self._y(each.value):.1f}"'
-            told = f"{each.name}: {self.metric.display(each.value)}, {each.date}, {each.version}"
-            shape = f'class="{kind} {self.versions[each.version]}" {position} r="4"'
-            yield element("circle", shape, told)
+            kind: str = "best" if each in best else each.kind
+            position = f'cx="{self._axis.across(each.years):.1f}%" cy="{self._y(each.value):.0f}"'
+            told = f"{each.name}: {self.metric.display(each.value)}, {each.date}"
+            if len(self.versions) > 1:
+                told += f", {each.version}"
+            marks = groups.setdefault(f"{kind} {self.versions[each.version]}", [])
+            marks.append(element("circle", position, told))
+        for kind, marks in groups.items():
+            yield f'<g class="{kind}">{"".join(marks)}</g>'
 
     def _names(self) -> Iterator[str]:
         """Name those that were the best, the latest first, where there is room to their left."""

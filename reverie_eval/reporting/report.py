@@ -155,9 +155,10 @@ def _outcomes(scores: Mapping[str, Scores]) -> dict[str, Any]:
         for failure, instr_ids in near_misses(first).items()
         if instr_ids
     ]
+    modes = [each.failure_modes for each in scores.values()]
     return {
-        "funnel": sections.funnel_rows(scores),
-        "outcomes": sections.outcome_rows(scores),
+        "funnel": sections.funnel_rows(modes),
+        "outcomes": sections.outcome_rows(modes),
         "goal_reached_notes": sections.goal_reached_notes(scores),
         "near_misses": misses,
         "map_key": as_markup(map_key(*(card.map for _, _, cards in misses for card in cards))),

@@ -16,7 +16,7 @@ from reverie_eval.reporting.charts import Histogram, Walks, budget_chart
 from reverie_eval.reporting.comparisons import cost_notes, cost_table
 from reverie_eval.reporting.resources import as_markup
 from reverie_eval.reporting.tables import metric_cell
-from reverie_eval.scoring import OUTCOMES, Clustering, Scores
+from reverie_eval.scoring import OUTCOMES, Clustering, FailureModes, Scores
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
@@ -177,9 +177,9 @@ def main_finding(scores: Scores) -> str:
     return f"{success} Most common failure: {most} {OUTCOMES[worst]}."
 
 
-def funnel_rows(scores: Submissions) -> Sequence[CountRow]:
-    """Count the episodes of every stage of the progress funnel."""
-    funnels = [each.failure_modes.funnel for each in scores.values()]
+def funnel_rows(modes: Sequence[FailureModes]) -> Sequence[CountRow]:
+    """Count the episodes of every stage of the progress funnel, by submission."""
+    funnels = [each.funnel for each in modes]
     stages = list(funnels[0])
     first, rows = stages[0], []
     # The first stage is all episodes, and compared with itself.
@@ -188,17 +188,18 @@ def funnel_rows(scores: Submissions) -> Sequence[CountRow]:
         for funnel in funnels:
             count, before = funnel[stage], funnel[previous]
             of_previous = f"{_percent(count, before)} %" if before else "-"
-            shares.append(Share(count, 100 * count / funnel[first], of_previous))
+            shares.append(Share(count, 100 * count / max(funnel[first], 1), of_previous))
         rows.append(CountRow(stage, "", shares))
     return rows
 
 
-def outcome_rows(scores: Submissions) -> Sequence[CountRow]:
-    """Count the episodes of every outcome, the best outcome first."""
+def outcome_rows(modes: Sequence[FailureModes]) -> Sequence[CountRow]:
+    """Count the episodes of every outcome by submission, the best outcome first."""
+    totals = [max(sum(each.counts.values()), 1) for each in modes]
     rows = []
     for outcome, meaning in BEST_OUTCOME_FIRST.items():
-        counts = [(it.failure_modes.counts[outcome], len(it.instr_ids)) for it in scores.values()]
-        shares = [Share(count, 100 * count / total) for count, total in counts]
+        counts = [each.counts[outcome] for each in modes]
+        shares = [Share(it, 100 * it / total) for it, total in zip(counts, totals, strict=True)]
         rows.append(CountRow(outcome, meaning, shares))
     return rows
 

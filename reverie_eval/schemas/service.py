@@ -691,7 +691,7 @@ class JobReport(WireModel):
     """Work that the server does by itself."""
 
     name: str
-    """`snapshots`, `tidying`, `phase ends`, `mail`, `webhook` or `warm-up`."""
+    """`snapshots`, `tidying`, `phase ends`, `mail`, `webhook`, `warm-up` or `methods`."""
     runs: int
     """How often it has run since the server started."""
     failures: int

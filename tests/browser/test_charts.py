@@ -1,6 +1,5 @@
 """The charts in a real browser: what is drawn, what of it is in the address, where points lead."""
 
-import json
 import re
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -24,7 +23,6 @@ PLACE = """each => {
     const [first] = Chart.getChart(each).getDatasetMeta(0).data;
     return { x: first.x, y: first.y };
 }"""
-DAY = 24 * 3600 * 1000
 
 
 def drawn(page: Page, name: str) -> list[list[list[float]]]:
@@ -57,8 +55,6 @@ def test_a_board_draws_what_is_in_its_table(site: Site, open_page: OpenPage) -> 
     front, rest, reported = drawn(page, "against")
     assert sorted(front + rest) == sorted(values(site, "success", "rgs"))
     assert reported == [[52.51, 34.93]]
-    best, _ = drawn(page, "progress")
-    assert [best[-1][1]] == values(site, "rgspl")[0]
 
 
 def test_a_chosen_axis_is_drawn_and_kept(site: Site, open_page: OpenPage) -> None:
@@ -84,12 +80,12 @@ def test_a_chosen_axis_is_drawn_and_kept(site: Site, open_page: OpenPage) -> Non
 
 def test_a_point_leads_to_its_submission(site: Site, open_page: OpenPage) -> None:
     page = open_page(site, BOARD)
-    drawn(page, "progress")
-    canvas = page.locator("#progress")
+    drawn(page, "against")
+    canvas = page.locator("#against")
     canvas.scroll_into_view_if_needed()
     canvas.click(position=canvas.evaluate(PLACE))
     page.wait_for_url(re.compile("/submissions/[0-9a-f]{16}"))
-    expect(page.get_by_role("heading", level=1)).to_have_text("Stays where it is")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Walker")
 
 
 def test_a_chart_never_contradicts_its_selector(site: Site, open_page: OpenPage) -> None:
@@ -114,29 +110,10 @@ def test_a_chart_never_contradicts_its_selector(site: Site, open_page: OpenPage)
     assert axis(page, "against", "x")["title"] == "RGS %"
 
 
-def test_time_goes_from_the_first_result_until_now(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, BOARD)
-    now: int = page.evaluate("Date.now()")
-    best, held = drawn(page, "progress")
-    time = axis(page, "progress", "x")
-    assert time["min"] == best[0][0]
-    assert time["max"] == pytest.approx(now, abs=60_000)
-    assert held[-1][0] == time["max"]
-    assert len(set(time["labels"])) == len(time["labels"]) >= 2
-
-
-def test_time_is_a_few_days_at_least(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, f"/boards/{PRIVATE}?text=Shortest")
-    time = axis(page, "progress", "x")
-    assert time["max"] - time["min"] >= 5 * DAY
-    assert all(label.startswith("2") for label in time["labels"])
-
-
-@pytest.mark.parametrize("chart", ["against", "progress"])
-def test_nothing_is_above_all_there_can_be(chart: str, site: Site, open_page: OpenPage) -> None:
+def test_nothing_is_above_all_there_can_be(site: Site, open_page: OpenPage) -> None:
     page = open_page(site, f"/boards/{PRIVATE}")
-    assert max(y for _, y in drawn(page, chart)[0]) == 100
-    assert axis(page, chart, "y")["max"] == 100
+    assert max(y for _, y in drawn(page, "against")[0]) == 100
+    assert axis(page, "against", "y")["max"] == 100
 
 
 def test_only_metrics_that_a_row_has_are_offered(site: Site, open_page: OpenPage) -> None:
@@ -159,8 +136,7 @@ def test_a_chart_without_a_value_says_so(site: Site, open_page: OpenPage) -> Non
 
 
 NOT_ARRIVING = [
-    pytest.param(BOARD, "**/chart.min.js*", id="the library, of a board"),
-    pytest.param("/team", "**/chart.min.js*", id="the library, of a team"),
+    pytest.param(BOARD, "**/chart.min.js*", id="the library"),
     pytest.param(BOARD, "**/chart?*", id="the data"),
 ]
 
@@ -186,16 +162,6 @@ def test_charts_stand_beside_the_table_where_there_is_room(site: Site, open_page
         assert right
         assert (right["x"] >= left["x"] + left["width"]) is is_beside, size
         assert (right["y"] >= left["y"] + left["height"]) is not is_beside, size
-
-
-def test_a_team_sees_its_submissions_over_time(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, "/team", OWNER)
-    expect(page.get_by_role("heading", name="Over time")).to_be_visible()
-    canvas = page.locator("#over-time canvas").first
-    shapes = [len(points) for points in canvas.evaluate(DRAWN)]
-    progress = json.loads(canvas.get_attribute("data-progress") or "")
-    assert shapes == [len(progress["best"]), 2, len(progress["points"]["y"])]
-    assert canvas.evaluate(AXIS, "x")["max"] == progress["until"]
 
 
 def test_the_names_of_methods_are_only_names(site: Site, open_page: OpenPage) -> None:

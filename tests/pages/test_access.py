@@ -65,6 +65,8 @@ POST /submit                        sign-in    303       303       303       303
 GET  /team                          sign-in    200       200       200       200
 GET  /submissions/{submission_id}   404        404       200       200       200
 POST /submissions/{submission_id}   sign-in    404       303       303       303
+GET  /submissions/{submission_id}/analysis  404  404     200       200       200
+GET  /teams/{team_id}               404        404       404       404       404
 GET  /episodes                      200        200       200       200       200
 GET  /episodes/{split}              200        200       200       200       200
 GET  /episodes/{split}/{instr_id}   200        200       200       200       200
@@ -222,6 +224,7 @@ def stock(server: Serving) -> Mapping[str, str]:
     return {
         "hint": spare,
         "person_id": "1",
+        "team_id": "1",
         "request_id": str(ask_to_join(server.state.transactions)),
         "review_id": str(said),
         "news_id": str(news),

@@ -1,19 +1,21 @@
 """What a board's charts draw, and copies of it for papers."""
 
+import re
 from collections.abc import Mapping
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from typing import Any
 
 import pytest
 
 from reverie_eval import CATALOGUE
 from reverie_eval.schemas.service import SubmissionReport
-from reverie_eval.server.boards.charts import chart_of, front, progress_of, records
+from reverie_eval.server.boards.charts import chart_of, front, progress_of, rank_chart, timeline_of
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import Ranking
 from tests.support.acting import NOON
 from tests.support.entries import BOARD, entered, get, named, report_result
 from tests.support.serving import OPEN, OTHER, OWNER, Serving
+from tests.support.visiting import said
 
 
 def test_a_chart(server: Serving) -> None:
@@ -51,27 +53,36 @@ def test_a_chart_has_lines_for_people_and_the_best_that_is_reported(server: Serv
     assert chart["lines"] == [{"name": "Human", "y": 77.84}, {"name": "Best reported", "y": 35.0}]
 
 
-def test_progress_is_by_the_metric_that_the_board_is_ranked_by(server: Serving) -> None:
+def test_history_is_of_the_metric_that_the_board_is_sorted_by(server: Serving) -> None:
+    """It is in the page itself, for those without scripts too, and says what the bands say."""
     entered(server, {"rgspl": 0.25, "success": 0.5, "navigation_error": 4.0}, **named("Ant"))
-    entered(server, {"rgspl": 0.5, "success": 0.25}, OTHER, **named("Bee"))
-    entered(server, {"rgspl": 0.25, "success": 0.75, "navigation_error": 3.0}, **named("Cat"))
-    server.clock.turn(hours=24)
-    for query, heading, names, values in (
-        ("", "RGSPL %", ["Ant", "Bee"], [25.0, 50.0]),
-        ("?y=success", "RGSPL %", ["Ant", "Bee"], [25.0, 50.0]),
-        ("?metric=navigation_error", "NE m", ["Ant", "Cat"], [4.0, 3.0]),
-        ("?metric=path_length", "RGSPL %", ["Ant", "Bee"], [25.0, 50.0]),
-    ):
-        progress = get(server, query, f"{BOARD}/chart").json()["progress"]
-        assert progress["y"]["heading"] == heading
-        assert progress["points"]["method"] == names
-        assert progress["points"]["y"] == values
-        assert progress["until"] == int(1000 * server.clock().timestamp())
+    report_result(server, "Dated", date="2021-06", rgspl=0.125)
+    report_result(server, "Undated", rgspl=0.5)
+    report_result(server, "Elsewhere", date="2020", dataset="REVERIE v2", rgspl=0.75)
+    report_result(server, "People", date="2020-06", human=True, rgspl=0.875)
+    text = get(server).text
+    history = text[text.index('id="history"') : text.index('id="apart"')]
+    groups = re.findall(r'<g class="(\w+) series-(\d)">(.*?)</g>', history)
+    marks = {
+        name: (kind, number)
+        for kind, number, group in groups
+        for name in re.findall("<title>(\\w+):", group)
+    }
+    assert marks == {
+        "Ant": ("best", "1"),
+        "Dated": ("best", "1"),
+        "People": ("human", "1"),
+        "Elsewhere": ("best", "2"),
+    }
+    assert "REVERIE v2, which are not comparable" in said(get(server))
+    by_length = get(server, "?metric=navigation_error").text
+    assert re.findall(r"<title>(\w+): 4.00, ", by_length) == ["Ant"]
+    assert 'id="history"' not in get(server, "?text=nobody").text
 
 
 def test_a_chart_s_data_are_packed_for_whoever_takes_them_so(server: Serving) -> None:
-    for number in range(8):
-        entered(server, {"success": 0.5, "path_length": 9.0}, **named(f"Method {number}" * 5))
+    for number in range(20):
+        entered(server, {"success": 0.5, "rgs": 0.25}, **named(f"Method {number}" * 5))
     packed = server.client.get(f"{BOARD}/chart", headers={"Accept-Encoding": "gzip"})
     plain = server.client.get(f"{BOARD}/chart", headers={"Accept-Encoding": "identity"})
     assert packed.headers["content-encoding"] == "gzip"
@@ -92,9 +103,6 @@ def test_a_chart_does_not_tell_who_is_anonymous(server: Serving) -> None:
 
 
 DAY = timedelta(days=1)
-AT_NOON = 1_772_452_800_000
-A_DAY = 86_400_000
-"""Milliseconds: noon since 1970, and a day."""
 
 
 def row(
@@ -150,19 +158,6 @@ def test_whatever_a_chart_draws(server: Serving) -> None:
             "submission": [None, None],
         },
         "lines": [{"name": "Human", "y": 87.5}, {"name": "Best reported", "y": 75.0}],
-        "progress": {
-            "y": {"heading": "RGSPL %", "name": CATALOGUE["rgspl"].name, "most": 100.0},
-            "points": {
-                "y": [12.5, 25.0, 50.0],
-                "at": [AT_NOON + A_DAY, AT_NOON + 2 * A_DAY, AT_NOON + 3 * A_DAY],
-                "rank": [2, 1, 4],
-                "method": ["Bee", "Ant", "Cat"],
-                "team": ["Team Bee", "Team Ant", "Team Cat"],
-                "submission": ["bee", "ant", "cat"],
-            },
-            "best": [0, 1, 2],
-            "until": AT_NOON + 9 * A_DAY,
-        },
     }
     turned = chart_of(ranking, rows, "success", "navigation_error")
     assert (turned["x"], turned["y"], turned["front"]) == (success, distance, [0, 1])
@@ -189,17 +184,34 @@ def test_whatever_a_team_s_chart_draws(server: Serving) -> None:
         )
         for name, (day, value) in values.items()
     ]
-    assert progress_of(submissions, CATALOGUE["rgspl"], NOON) == {
-        "y": {"heading": "RGSPL %", "name": CATALOGUE["rgspl"].name, "most": 100.0},
-        "points": {
-            "y": [50.0, 25.0, 12.5],
-            "at": [AT_NOON + 3 * A_DAY, AT_NOON + A_DAY, AT_NOON + 2 * A_DAY],
-            "method": ["Late", "Early", "Worse"],
-            "submission": ["late", "early", "worse"],
-        },
-        "best": [1, 0],
-        "until": AT_NOON,
-    }
+    timeline = progress_of(submissions, CATALOGUE["rgspl"], NOON + 5 * DAY)
+    assert timeline is not None
+    assert [(each.name, each.date, each.value) for each in timeline.results] == [
+        ("Late", "2026-03-05", 0.5),
+        ("Early", "2026-03-03", 0.25),
+        ("Worse", "2026-03-04", 0.125),
+    ]
+    assert [each.name for each in timeline.best_so_far(OPEN)] == ["Early", "Late"]
+    assert progress_of(submissions[-2:], CATALOGUE["rgspl"], NOON) is None
+
+
+def test_ranks_over_time_are_of_what_has_a_rank(server: Serving) -> None:
+    rows = [
+        row("Ant", {"rgspl": 0.5}, 1, 2),
+        row("Bee", {"rgspl": 0.25}, 2, 1),
+        row("Cat", {"rgspl": 0.75}),
+    ]
+    ranking = Ranking(server.state.boards[OPEN], "rgspl", rows, (), frozenset(), NOON + 9 * DAY, {})
+    drawn = rank_chart(ranking, "Rank of <Bee>", lambda entry: entry.method["name"] == "Bee")
+    assert "<title>Rank of &lt;Bee&gt;</title>" in drawn
+    assert ">2 of 2</text>" in drawn
+    assert rank_chart(ranking, "", lambda entry: entry.method["name"] == "Cat") == ""
+
+
+def test_nothing_is_drawn_of_a_metric_without_a_better_direction(server: Serving) -> None:
+    rows = [row("Ant", {"path_length": 9.0}, 1)]
+    ranking = Ranking(server.state.boards[OPEN], "rgspl", rows, (), frozenset(), NOON, {})
+    assert timeline_of(ranking, rows, "path_length") is None
 
 
 FRONTS = [
@@ -216,12 +228,6 @@ FRONTS = [
 @pytest.mark.parametrize(("x", "y", "expected"), FRONTS)
 def test_fronts(x: list[float], y: list[float], expected: list[int]) -> None:
     assert front(x, y) == expected
-
-
-def test_records_by_time() -> None:
-    at = [datetime(2026, 1, day, tzinfo=UTC) for day in (4, 1, 3, 2)]
-    assert records(at, [1, 5, 5, 3]) == [1, 3, 0]
-    assert records([], []) == []
 
 
 HARD = r"50% {braces} & _under_ #1 \cmd ~^ [x]*"

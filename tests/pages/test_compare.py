@@ -11,6 +11,8 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval import CATALOGUE
+from reverie_eval.analysis import Difference
+from reverie_eval.metrics import Metric
 from reverie_eval.reporting.comparisons import signed
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.boards.leaderboard import Rankings
@@ -61,6 +63,14 @@ def place(*ids: str, board: str = OPEN) -> str:
     return f"/boards/{board}/compare?{urlencode([('result', each) for each in ids])}"
 
 
+def bar_of(metric: Metric, found: Difference) -> str:
+    """Return what is said of the bar of a difference; lengths have none."""
+    if metric.unit != "fraction":
+        return ""
+    ends = (signed(metric, end) for end in (found.interval.low, found.interval.high))
+    return f"{metric.label}: {' to '.join(ends)}"
+
+
 def outcomes_of(name: str) -> Mapping[str, str]:
     scores = rv.evaluate(FILES[name], split=OPEN)
     return dict(zip(scores.instr_ids, scores.outcomes, strict=True))
@@ -87,6 +97,7 @@ def test_two_ticks_lead_to_what_the_command_says_of_the_files(server: Serving) -
             " to ".join(
                 signed(CATALOGUE[key], end) for end in (found.interval.low, found.interval.high)
             ),
+            bar_of(CATALOGUE[key], found),
         ]
         for key, found in expected["Good"].items()
     ]
@@ -102,6 +113,12 @@ def test_two_ticks_lead_to_what_the_command_says_of_the_files(server: Serving) -
     assert f"Only Good is correct in {gained} episodes, only Mediocre in {lost}." in said(page)
     counts = re.findall(r'<a href="(/episodes/[^"#]*)#list">(\d+)</a>', page.text)
     assert sum(int(count) for _, count in counts) == len(outcomes_of("Good"))
+    for name, won in (("Good", correct[0] - correct[1]), ("Mediocre", correct[1] - correct[0])):
+        begin = page.text.index(f"in which only {name} is correct")
+        listed = re.findall(
+            r"/episodes/[^/]*/([^?]*)\?submission", page.text[begin:].split("</ol>")[0]
+        )
+        assert listed == [each for each in outcomes_of("Good") if each in won][:10]
     link, count = counts[-1]
     assert f"{count} episodes found" in said(server.client.get(unescape(link)))
 

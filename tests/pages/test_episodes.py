@@ -303,7 +303,7 @@ def counts(reply: httpx.Response) -> list[tuple[str, list[int]]]:
     """Return the rows of the table of outcomes."""
     table = re.search(r'<table class="outcomes">.*?</table>', reply.text, re.DOTALL)
     assert table
-    rows = re.findall(r'<th scope="row">([^<]*)</th>(.*?)</tr>', table[0], re.DOTALL)
+    rows = re.findall(r'<th scope="row">.*?([^>]*)</th>(.*?)</tr>', table[0], re.DOTALL)
     return [(name, [int(n) for n in re.findall(r">(\d+)<", cells)]) for name, cells in rows]
 
 
@@ -312,8 +312,10 @@ def test_counts_are_those_of_the_scores(server: Serving) -> None:
     page = signed_in(server, OWNER).get(f"/episodes/{OPEN}?submission={id_}")
     anatomy = rv.evaluate(server.distinct(), split=OPEN).failure_modes
     assert dict(counts(page)) == {name: [count] for name, count in anatomy.counts.items()}
-    stages = re.findall(r'<span class="count">([\d,]+)</span> ([a-z ]+)', page.text)
-    assert {name.strip(): int(count) for count, name in stages} == anatomy.funnel
+    funnel = re.search(r'<table class="funnel">.*?</table>', page.text, re.DOTALL)
+    assert funnel
+    stages = re.findall(r'<th scope="row">([^<]*)</th><td class="number">([\d,]+)<', funnel[0])
+    assert {name: int(count) for name, count in stages} == anatomy.funnel
 
 
 def test_counts_are_of_what_is_chosen_whatever_its_outcome(

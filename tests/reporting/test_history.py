@@ -45,11 +45,16 @@ def test_the_best_so_far_are_methods_of_one_version(
 
 def test_a_timeline_has_a_mark_with_all_words_for_every_result() -> None:
     picture = drawn(timeline().svg())
-    marks = {each.findtext("title", ""): each for each in picture.iter("circle")}
+    groups = list(picture.iter("g"))
+    kinds = {
+        mark.findtext("title", "").partition(":")[0]: group.get("class")
+        for group in groups
+        for mark in group
+    }
+    marks = {mark.findtext("title", ""): mark for group in groups for mark in group}
     assert marks.keys() == {
         f"{each.name}: {100 * each.value:.2f}, {each.date}, {each.version}" for each in RESULTS
     }
-    kinds = {name.partition(":")[0]: mark.get("class") for name, mark in marks.items()}
     assert kinds["First"] == "best series-2"
     assert kinds["Worse"] == "method series-2"
     assert kinds["On v2"] == "best series-1", "the version of the latest result is the first"

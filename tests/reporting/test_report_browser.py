@@ -104,7 +104,7 @@ def test_nothing_is_cut_on_paper(opened: tuple[Page, list[str]]) -> None:
         ("h2, h3", ["avoid", "avoid"]),
         ("h3 + p.small, .map-key, p.over", ["avoid", "avoid"]),
         ("#comparison h3 + p", ["avoid", "avoid"]),
-        (".blocks > div, .scrolls", ["avoid", "auto"]),
+        (".blocks > div, .scroll", ["avoid", "auto"]),
     ],
 )
 def test_what_belongs_together_is_on_one_page(

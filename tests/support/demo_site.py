@@ -57,13 +57,14 @@ class Sent(NamedTuple):
 
 
 _PUBLISHED = {"published": True}
+_SHOWN = {"published": True, "shows_episodes": True}
 _ANONYMOUS = {"published": True, "anonymous_until": "2100-01-01T00:00:00Z"}
 _LONG = "Recurrent walker with a very long name that nobody could pronounce, version 2.1-rc.3"
 _SAMPLED = {"input_class": "objects", "sample_size": 60, "money_per_episode": 0}
 _SENT = (
     Sent(OTHER, OPEN, "stop", 60, {"name": "Stays where it is"}, _PUBLISHED),
     Sent(OTHER, OPEN, "random 1", 55, {"name": "Random walker", **_SAMPLED}, _PUBLISHED),
-    Sent(MARKED, OPEN, "mediocre", 41, {"name": BOLD, "extra_data": True}, _PUBLISHED),
+    Sent(MARKED, OPEN, "mediocre", 41, {"name": BOLD, "extra_data": True}, _SHOWN),
     Sent(MATE, OPEN, "random 2", 30, {"name": _LONG, "pre_exploration": True}, _ANONYMOUS),
     Sent(
         OWNER,
@@ -105,6 +106,8 @@ class Site:
     """By split and name of the method."""
     instr_id: str = "1196_0_0"
     """An episode of the open split."""
+    scan: str = "DemoMansion"
+    """One of its scans."""
 
     def ask(self, who: str, method: str, path: str, **content: Any) -> httpx.Response:
         """Ask the API with somebody's token."""

@@ -56,7 +56,8 @@ def full_site(folder: Path, methods: int = MANY) -> Iterator[Site]:
     authors = [name for name in people if name != ORGANISER]
     instr_ids = truths[OPEN].episodes.instr_ids
     with running(server, **UNLIMITED) as (_, url):
-        site = Site(url, server, tokens, {}, instr_ids[len(instr_ids) // 2])
+        scan = truths[OPEN].graph.scan_ids[0]
+        site = Site(url, server, tokens, {}, instr_ids[len(instr_ids) // 2], scan)
         ids = {**_send(site, truths[OPEN], authors, OPEN, methods)}
         ids |= _send(site, truths[PRIVATE], authors, PRIVATE, max(3, methods // 9))
         _import(site)

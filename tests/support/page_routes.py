@@ -50,7 +50,9 @@ class Example(NamedTuple):
             "result_id": "1",
             "number": "1",
             "person_id": "1",
+            "team_id": "1",
             "instr_id": site.instr_id,
+            "scan": site.scan,
             "private_id": site.ids.get((PRIVATE, "Shortest paths")),
         }
         return (self.route + self.query).format(**parts)
@@ -72,12 +74,15 @@ EXAMPLES = (
     Example("/submissions/{submission_id}", OWNER),
     Example("/submissions/{other_id}"),
     Example("/submissions/{wordy_id}", WORDY),
+    Example("/submissions/{submission_id}/analysis"),
+    Example("/teams/{team_id}"),
     Example("/team", OWNER),
     Example("/team", MARKED),
     Example("/team", WORDY),
     Example("/episodes"),
     Example("/episodes/{split}"),
     Example("/episodes/{split}", ORGANISER, "?submission={submission_id}&other={other_id}"),
+    Example("/episodes/{split}", None, "?scan={scan}"),
     Example("/episodes/{split}/{instr_id}"),
     Example(
         "/episodes/{split}/{instr_id}",

@@ -54,6 +54,7 @@ NEED_RESULTS = {
     "wordy_id",
     "result_id",
     "private_id",
+    "team_id",
 }
 """Parts of addresses that lead nowhere on an empty server."""
 SHOWN_FULL = ("/boards/{split}", "/episodes", "/play", "/submissions", "/teams", "/team")

@@ -1,18 +1,26 @@
-"""Data of charts: one metric against another, and the best result over time."""
+"""Charts: one metric against another, results over the years, and ranks over time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from math import isfinite
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from reverie_eval.analysis import is_on_front
 from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.history import (
+    PastResult,
+    ResultKind,
+    Timeline,
+    rank_over_time,
+    rank_svg,
+    years_of,
+)
 from reverie_eval.schemas.service import SubmissionReport
-from reverie_eval.server.boards.entries import Row
+from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import Ranking
+from reverie_eval.server.scoring.boards import Board
 
 
 def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[str, Any]:
@@ -21,9 +29,7 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
     ``points`` are the results scored here that have both metrics, and ``front`` the indices of
     their Pareto front, the best by ``x`` first; empty if a metric has no better direction.
     ``reported`` are the reported results, and ``lines`` are for comparison: the best human result,
-    and the best reported result of a method that is not a reference. ``progress`` contains the
-    results that were better than all earlier ones by the metric of the ranking, in the order of
-    publication.
+    and the best reported result of a method that is not a reference.
     """
     scored = [row for row in rows if row.entry.is_ranked]
     reported = [row for row in rows if row.entry.standing == "reported"]
@@ -36,7 +42,6 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
         "front": _front(points, x, y) if is_ordered else [],
         "reported": _points(ranking, reported, x, y),
         "lines": _lines(scored, reported, CATALOGUE[y]),
-        "progress": _progress(ranking, scored),
     }
 
 
@@ -70,46 +75,76 @@ def _lines(
     return lines
 
 
-def _progress(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
+def timeline_of(ranking: Ranking, rows: Sequence[Row], key: str) -> Timeline | None:
+    """Return results over the years by a metric; None if no dated result has it.
+
+    Results that are not comparable with those of the ranking have lines of their own.
+    """
+    metric = CATALOGUE[key]
+    shown = [
+        PastResult(
+            name=row.entry.method["name"],
+            date=row.entry.date,
+            value=row.entry.scores[key],
+            version=_version_of(row.entry, ranking.board),
+            kind=_kind_of(row.entry),
+        )
+        for row in rows
+        if row.entry.date and key in row.entry.scores and row.entry.standing != "disqualified"
+    ]
+    if not shown or metric.better == "neither":
+        return None
+    return Timeline(metric, shown, f"{ranking.now:%Y-%m-%d}")
+
+
+def _version_of(entry: Entry, board: Board) -> str:
+    match entry.standing:
+        case "other-dataset":
+            return entry.dataset
+        case "other-rules":
+            return "other rules"
+        case _:
+            return board.truth.header.dataset
+
+
+def _kind_of(entry: Entry) -> ResultKind:
+    if entry.method.get("human"):
+        return "human"
+    return "reference" if entry.method.get("reference") else "method"
+
+
+def rank_chart(ranking: Ranking, title: str, is_own: Callable[[Entry], bool]) -> str:
+    """Draw the best rank of some results since the first of them; empty if they have none.
+
+    It is computed from the results that are published now.
+    """
     metric = CATALOGUE[ranking.metric]
-    scored = [row for row in rows if metric.key in row.entry.scores]
-    published = [row.entry.published_at for row in scored]
-    values = _displayed(metric, [row.entry.scores for row in scored])
-    best = records(published, _costs(metric, values))
-    rows = [scored[place] for place in best]
-    return {
-        "y": _axis(metric),
-        "points": {
-            "y": [values[place] for place in best],
-            "at": [_milliseconds(published[place]) for place in best],
-            **_about(ranking, rows),
-        },
-        "best": [*range(len(rows))],
-        "until": _milliseconds(ranking.now),
-    }
+    ranked = [row.entry for row in ranking.rows if row.rank is not None]
+    costs = _costs(metric, [entry.scores[metric.key] for entry in ranked])
+    dated = [
+        ((years_of(entry.date), cost), is_own(entry))
+        for entry, cost in zip(ranked, costs, strict=True)
+    ]
+    own = [each for each, is_theirs in dated if is_theirs]
+    ranks = rank_over_time([each for each, _ in dated], own)
+    return rank_svg(ranks, years_of(f"{ranking.now:%Y-%m-%d}"), title) if ranks else ""
 
 
 def progress_of(
     submissions: Sequence[SubmissionReport], metric: Metric, now: datetime
-) -> Mapping[str, Any]:
-    """Return the data of a chart of the submissions that have the metric, in columns.
-
-    ``best`` are the indices of those that were better than all received before them.
-    """
-    shown = [each for each in submissions if metric.key in each.report.scores]
-    values = _displayed(metric, [each.report.scores for each in shown])
-    received = [each.received_at for each in shown]
-    return {
-        "y": _axis(metric),
-        "points": {
-            "y": values,
-            "at": [_milliseconds(at) for at in received],
-            "method": [each.method.name for each in shown],
-            "submission": [each.id for each in shown],
-        },
-        "best": records(received, _costs(metric, values)),
-        "until": _milliseconds(now),
-    }
+) -> Timeline | None:
+    """Return a team's submissions to a split over time; None unless several have the metric."""
+    shown = [
+        PastResult(
+            name=each.method.name,
+            date=f"{each.received_at:%Y-%m-%d}",
+            value=each.report.scores[metric.key],
+            version=each.split,
+        )
+        for each in submissions
+        if metric.key in each.report.scores
+    ]
+    return Timeline(metric, shown, f"{now:%Y-%m-%d}", height=220) if len(shown) > 1 else None
 
 
 def front(x: Sequence[float], y: Sequence[float]) -> Sequence[int]:
@@ -129,19 +164,6 @@ def front(x: Sequence[float], y: Sequence[float]) -> Sequence[int]:
     return sorted(np.flatnonzero(is_on).tolist(), key=lambda place: (x[place], y[place]))
 
 
-def records(at: Sequence[Any], costs: Sequence[float]) -> Sequence[int]:
-    """Return the indices of values that were better than all earlier ones, by time.
-
-    >>> records([3, 1, 2, 4], [1, 5, 7, 0])
-    [1, 0, 3]
-    """
-    chosen: list[int] = []
-    for place, _ in sorted(enumerate(zip(at, costs, strict=True)), key=itemgetter(1)):
-        if not chosen or costs[place] < costs[chosen[-1]]:
-            chosen.append(place)
-    return chosen
-
-
 def _costs(metric: Metric, values: Sequence[float]) -> Sequence[float]:
     """Negate values if higher is better."""
     return [-value for value in values] if metric.better == "higher" else values
@@ -158,10 +180,6 @@ def _about(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
 
 def _displayed(metric: Metric, scores: Sequence[Mapping[str, float]]) -> Sequence[float]:
     return [float(metric.display(each[metric.key])) for each in scores]
-
-
-def _milliseconds(at: datetime) -> int:
-    return int(1000 * at.timestamp())
 
 
 def _axis(metric: Metric) -> Mapping[str, Any]:

@@ -19,7 +19,7 @@ from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import Amount, InputClass, SampleSize
 from reverie_eval.server.boards.announcements import announcements, corrections_of
-from reverie_eval.server.boards.charts import chart_of
+from reverie_eval.server.boards.charts import chart_of, timeline_of
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.feed import (
     MOST_ITEMS,
@@ -278,6 +278,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             reviewed=[row for row in (*part.rows, *apart[:MOST_APART]) if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
             has_charts=bool(charted),
+            timeline=timeline_of(ranking, [*charted, *apart], query.metric),
             # A page that is opened as a file cannot load its data.
             chart=chart_of(ranking, charted, query.x, query.y) if is_copy else None,
             counts=_counts(ranking, apart),

@@ -7,14 +7,18 @@ from fastapi.responses import Response
 
 from reverie_eval.reporting.comparisons import signed
 from reverie_eval.server.boards.leaderboard import Rankings
-from reverie_eval.server.boards.pages import NamedBoard, of_every_board
-from reverie_eval.server.explore.comparing import compare_results
+from reverie_eval.server.boards.pages import NamedBoard, Scale, of_every_board
+from reverie_eval.server.explore.comparing import ComparedPair, compare_results
+from reverie_eval.server.explore.episodes import instructions_of
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import ScoringTurn
 from reverie_eval.server.intake.submissions import SubmissionService
 
 router = APIRouter()
+
+MOST_FLIPS = 10
+"""Episodes that only one result has right, of each, that are listed."""
 
 
 @of_every_board(router, "/compare")
@@ -30,4 +34,20 @@ def show_comparison(
         pair = compare_results(
             reading.session, visitor.server.get(SubmissionService), ranking, result
         )
-        return page(reading, "compare.html", board=board, pair=pair, signed=signed)
+        return page(
+            reading,
+            "compare.html",
+            board=board,
+            pair=pair,
+            signed=signed,
+            scale=_scale(pair),
+            most_flips=MOST_FLIPS,
+            instructions=instructions_of(board),
+        )
+
+
+def _scale(pair: ComparedPair) -> Scale:
+    """Return where differences of rates lie on bars, on which no difference is shown, too."""
+    found = [pair.paired(metric) for metric in pair.metrics if metric.unit == "fraction"]
+    ends = [end for each in found if each for end in (each.interval.low, each.interval.high)]
+    return Scale(min([0.0, *ends]), max([0.0, *ends]))

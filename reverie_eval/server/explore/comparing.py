@@ -45,6 +45,8 @@ class ComparedPair:
     """Why there is no comparison."""
     outcomes: Outcomes
     """Empty unless everyone may look at the episodes of both."""
+    flips: Mapping[str, Sequence[str]]
+    """The ids of the episodes in which only one is correct, by its name; empty as ``outcomes``."""
 
     @property
     def metrics(self) -> Sequence[Metric]:
@@ -63,6 +65,11 @@ class ComparedPair:
     def paired(self, metric: Metric) -> Difference | None:
         """Return the difference on the same episodes, which has an interval."""
         return None if self.comparison is None else self.comparison[self.names[0]].get(metric.key)
+
+    @property
+    def most(self) -> int:
+        """The largest number of episodes with the same two outcomes, at least 1."""
+        return max([1, *(count for row in self.outcomes.values() for count in row.values())])
 
     @property
     def won(self) -> Sequence[int]:
@@ -107,9 +114,10 @@ def compare_results(
         except (NotFoundError, ProtocolError) as error:
             why_not = str(error)
     outcomes: Outcomes = {}
+    flips: Mapping[str, Sequence[str]] = {}
     if comparison is not None and _show_episodes(session, ranking, ids):
-        outcomes = _outcomes(comparison, names)
-    return ComparedPair(ranking, rows, names, comparison, why_not, outcomes)
+        outcomes, flips = _outcomes(comparison, names), _flips(comparison, names)
+    return ComparedPair(ranking, rows, names, comparison, why_not, outcomes, flips)
 
 
 def _why_not(ranking: Ranking, rows: Sequence[Row]) -> str:
@@ -154,4 +162,19 @@ def _outcomes(comparison: Comparison, names: Sequence[str]) -> Outcomes:
     return {
         outcome: dict(zip(OUTCOMES, row, strict=True))
         for outcome, row in zip(OUTCOMES, counts.tolist(), strict=True)
+    }
+
+
+def _flips(comparison: Comparison, names: Sequence[str]) -> Mapping[str, Sequence[str]]:
+    """List the episodes in which only one of two results is correct, in the order of the split."""
+    scores = [comparison.scores[name] for name in names]
+    try:
+        is_correct = [outcome_indices(each.episodes) == len(OUTCOMES) - 1 for each in scores]
+    except ProtocolError:
+        return {}
+    ids, (first, second) = scores[0].instr_ids, is_correct
+    won = (first & ~second, second & ~first)
+    return {
+        name: [ids[row] for row in np.flatnonzero(rows).tolist()]
+        for name, rows in zip(names, won, strict=True)
     }

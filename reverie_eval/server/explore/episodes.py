@@ -36,6 +36,12 @@ from reverie_eval.scoring import (
 )
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
+from reverie_eval.server.explore.side_by_side import (
+    MOST_COMPARED,
+    ShownMethod,
+    SideBySide,
+    summarise_walks,
+)
 from reverie_eval.server.intake.submissions import (
     SubmissionService,
     newest_of_each,
@@ -68,6 +74,8 @@ class EpisodeFilter:
     scan: str = ""
     category: str = ""
     """The category of the target, in lower case."""
+    solved_by: str = ""
+    """How many methods solve it: one of :data:`~.side_by_side.DIFFICULTIES`."""
     text: str = ""
     """Part of the instruction or the id; case is ignored."""
 
@@ -154,11 +162,19 @@ class Browsing:
     runs: Sequence[Run]
     choices: Sequence[Choice]
     """All that the person may choose."""
+    find_methods: Callable[[], SideBySide | None]
+
+    @cached_property
+    def methods(self) -> SideBySide | None:
+        """All that everyone may look at, side by side; None if there are none."""
+        return self.find_methods()
 
     def rows(self, wanted: EpisodeFilter) -> IntArray:
         """Return the indices of the episodes to show, in their order."""
         fits = self._is(self.annotations.scan, wanted.scan)
         fits &= self._is(self.annotations.category, wanted.category)
+        if wanted.solved_by:
+            fits &= self._is(self.methods.difficulty if self.methods else (), wanted.solved_by)
         for run, outcome in zip(self.runs, (wanted.outcome, wanted.other_outcome), strict=False):
             fits &= self._is(run.outcome, outcome)
         sought = " ".join(wanted.text.casefold().split())
@@ -211,6 +227,17 @@ class EpisodeService:
         )
         self._walked = lru_cache(len(boards) * (len(AGENTS) + 1))(
             lambda split, signature, agent: self._walk(self._board_of(split, signature), agent)
+        )
+
+        self._summarised = lru_cache(len(boards) * MOST_COMPARED)(
+            lambda split, signature, sha256: self._scoring.run(
+                summarise_walks, self._board_of(split, signature).name, sha256
+            )
+        )
+        self._beside = lru_cache(len(boards))(
+            lambda split, signature, methods: self._compare(
+                self._board_of(split, signature), methods
+            )
         )
 
     @classmethod
@@ -283,9 +310,41 @@ class EpisodeService:
             If nobody is signed in, and not everyone may look at a submission.
         """
         board = self._board(split)
-        runs = self._runs(session, person, split, submissions)
-        choices = self.choices(session, person, [board])[split]
-        return Browsing(board, self._annotations(split, board.signature), runs, choices)
+        return Browsing(
+            board=board,
+            annotations=self._annotations(split, board.signature),
+            runs=self._runs(session, person, split, submissions),
+            choices=self.choices(session, person, [board])[split],
+            find_methods=lambda: self.side_by_side(session, board),
+        )
+
+    def side_by_side(self, session: Session, board: Board) -> SideBySide | None:
+        """Return the methods whose episodes everyone may look at, side by side.
+
+        None if there are none, or the split scores no outcomes. Each file is scored once.
+        """
+        rows = session.scalars(with_public_episodes(board.name).limit(MOST_COMPARED))
+        shown = [self._shown(row, board) for row in rows if row.upload_deleted_at is None]
+        sign = -1 if board.primary.better == "higher" else 1
+        methods = sorted(filter(None, shown), key=lambda each: sign * each.score)
+        if not methods:
+            return None
+        try:
+            return self._beside(board.name, board.signature, tuple(methods))
+        except ProtocolError:
+            return None
+
+    def _shown(self, row: Submission, board: Board) -> ShownMethod | None:
+        """Return a published submission; None if it was scored under other rules."""
+        report, key = read_stored(ScoreReport, row.report), board.primary.key
+        if not board.measures_as(report) or key not in report.scores:
+            return None
+        return ShownMethod(row.id, _name_of_method(row), row.sha256, report.scores[key])
+
+    def _compare(self, board: Board, methods: Sequence[ShownMethod]) -> SideBySide:
+        walks = [self._summarised(board.name, board.signature, it.sha256) for it in methods]
+        scans = self._annotations(board.name, board.signature).scan
+        return SideBySide(board, methods, walks, scans)
 
     def choices(
         self, session: Session, person: Person | None, boards: Sequence[Board]
@@ -367,6 +426,12 @@ class EpisodeService:
     def _public(self, row: Submission) -> Choice:
         team = public_team(row, self._submissions.transactions.clock())
         return Choice(row.id, _name_of_method(row), "public", team, row.published_at)
+
+
+def instructions_of(board: Board) -> Mapping[str, str]:
+    """Return the instructions of a split by episode; none if the ground truth has none."""
+    episodes = board.truth.episodes
+    return dict(zip(episodes.instr_ids, _if_known(lambda: episodes.instructions), strict=False))
 
 
 def _name_of_method(row: Submission) -> str:

@@ -9,12 +9,14 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import Response
 from markupsafe import Markup
 
-from reverie_eval.analysis import Episode
+from reverie_eval.analysis import Episode, WalkOutcomes
+from reverie_eval.errors import ProtocolError
 from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import AnswerView, answer_views
 from reverie_eval.reporting.map_svg import interactive_map_svg, map_key
 from reverie_eval.reporting.maps import EpisodeMap, Step
-from reverie_eval.reporting.report_sections import BEST_OUTCOME_FIRST
+from reverie_eval.reporting.report_sections import BEST_OUTCOME_FIRST, funnel_rows, outcome_rows
+from reverie_eval.reporting.walk_faults import STOPS, WalkFaults
 from reverie_eval.server.boards.leaderboard import make_distinct
 from reverie_eval.server.explore.episodes import (
     Browsing,
@@ -23,6 +25,7 @@ from reverie_eval.server.explore.episodes import (
     EpisodeService,
     Run,
 )
+from reverie_eval.server.explore.side_by_side import DIFFICULTIES
 from reverie_eval.server.http.callers import Call, CallReading, Visitor
 from reverie_eval.server.http.rendering import drawn, page
 from reverie_eval.server.http.runtime import ScoringTurn
@@ -34,6 +37,8 @@ router = APIRouter()
 PER_PAGE = 50
 MOST_CHOICES = 12
 """Submissions of a split that the list of splits shows."""
+MOST_BUILDINGS = 12
+"""Buildings that a split's page lists, at most."""
 MOST_STEPS = 200
 """The longest list of steps that a page shows."""
 
@@ -58,16 +63,6 @@ class Selection(EpisodeFilter):
 
 
 Selected = Annotated[Selection, Depends()]
-
-
-@dataclass(frozen=True, slots=True)
-class OutcomeCount:
-    """An outcome and its number of episodes."""
-
-    name: str
-    meaning: str
-    counts: Sequence[int]
-    """One for each submission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,17 +141,18 @@ def show_episodes(
             count=len(rows),
             number=number,
             pages=pages,
-            funnels=[modes.funnel for modes in failures],
-            parts=[
-                OutcomeCount(name, meaning, [modes.counts[name] for modes in failures])
-                for name, meaning in BEST_OUTCOME_FIRST.items()
-                if failures
-            ],
+            funnel=funnel_rows(failures) if failures else (),
+            parts=outcome_rows(failures) if failures else (),
             outcomes=BEST_OUTCOME_FIRST,
             scans=sorted(set(browsing.annotations.scan)),
             categories={
                 name: category_text(name) for name in sorted(set(browsing.annotations.category))
             },
+            difficulties=DIFFICULTIES,
+            matrix=_matrix(browsing, selection),
+            storeys=[(name, drawn(it)) for name, it in _faults(browsing, selection.scan)],
+            stops=STOPS,
+            most_buildings=MOST_BUILDINGS,
         )
 
 
@@ -169,6 +165,25 @@ def show_episode(
         browsing = _browsing(visitor, reading, split, selection)
         content = _episode_content(browsing, selection, instr_id)
         return page(reading, "episode.html", **content)
+
+
+def _matrix(browsing: Browsing, selection: Selection) -> Markup | None:
+    """Return the picture of all methods on all episodes, if nothing is chosen yet."""
+    methods = browsing.methods if selection == Selection() else None
+    return None if methods is None else drawn(methods.matrix)
+
+
+def _faults(browsing: Browsing, scan: str) -> Sequence[tuple[str, str]]:
+    """Return the storeys of a scan with where the chosen walks end, or those of all methods."""
+    if scan not in browsing.board.truth.graph.scan_ids:
+        return ()
+    if not browsing.runs:
+        return browsing.methods.faults(scan) if browsing.methods else ()
+    try:
+        walks = [WalkOutcomes.of(run.scores) for run in browsing.runs]
+    except ProtocolError:
+        return ()
+    return WalkFaults.of(browsing.board.truth, scan, walks).pictures()
 
 
 def _browsing(visitor: Call, reading: CallReading, split: str, selection: Selection) -> Browsing:

@@ -1,7 +1,30 @@
 """What exploring episodes adds to the server."""
 
-from reverie_eval.server.explore import compare_page, pages, play_page
-from reverie_eval.server.explore.first_page import Showcase
-from reverie_eval.server.rooms import Room
+from collections.abc import Iterable
 
-ROOM = Room(pages=[pages.router, compare_page.router, play_page.router], showcase=Showcase)
+from reverie_eval.server.explore import compare_page, method_page, pages, play_page
+from reverie_eval.server.explore.episodes import EpisodeService
+from reverie_eval.server.explore.first_page import Showcase
+from reverie_eval.server.jobs import Job
+from reverie_eval.server.rooms import Room
+from reverie_eval.server.state import ServerState
+
+
+def jobs(server: ServerState) -> Iterable[Job]:
+    """Yield what scores the methods of open splits that everyone may look at."""
+    episodes = server.get(EpisodeService)
+
+    def compare() -> None:
+        with server.database.reading() as session:
+            for board in episodes.boards:
+                episodes.side_by_side(session, board)
+
+    yield Job("methods", compare, None)
+
+
+ROOM = Room(
+    pages=[pages.router, method_page.router, compare_page.router, play_page.router],
+    showcase=Showcase,
+    jobs=jobs,
+)
+"""Open splits, episode by episode: the walks, methods side by side, and playing oneself."""

@@ -16,7 +16,7 @@ from urllib.parse import quote, urlsplit
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, FileSystemLoader, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
@@ -261,7 +261,12 @@ def _site(request: Request, reading: CallReading | None) -> Site:
 @cache
 def _environment() -> Environment:
     environment = Environment(
-        loader=FileSystemLoader(sorted(Path(package.__path__[0]).glob("*/templates"))),
+        loader=ChoiceLoader(
+            [
+                FileSystemLoader(sorted(Path(package.__path__[0]).glob("*/templates"))),
+                PackageLoader("reverie_eval.reporting", "resources"),  # what reports also draw
+            ]
+        ),
         autoescape=True,  # XML is escaped like HTML
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -305,6 +310,7 @@ def _environment() -> Environment:
         "attributes": attributes,
         "category": category_text,
         "counted": count_text,
+        "drawn": drawn,
         "headline": lambda report: headline_of(report.signature, report.scores),
         "heading": lambda problem: ERRORS[problem.code].heading,
         "instant": instant,

@@ -60,7 +60,7 @@ def show_submission(
             "publication.html",
             shown=shown,
             also=_further_boards(visitor, shown.split),
-            has_episodes=shown.shows_episodes and _has_episodes(visitor, shown),
+            has_episodes=_has_episodes(visitor, shown),
         )
 
 

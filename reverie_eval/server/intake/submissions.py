@@ -177,6 +177,7 @@ class Publication:
     split: str
     team: str
     """Empty while the team chose to be anonymous."""
+    team_id: int
     method: Method
     report: ScoreReport
     scores_held_until: datetime | None
@@ -208,6 +209,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         id=row.id,
         split=row.split,
         team=public_team(row, view.now),
+        team_id=row.team_id,
         method=read_stored(Method, row.method),
         report=view.score_report(row),
         scores_held_until=held_until,
@@ -312,11 +314,12 @@ class SubmissionService:
             For every submission to a private split; also if the file was deleted, or the ground
             truth or the protocol has changed since the submission was scored.
         """
-        self._check_episodes(submission, further)
+        self.check_episodes(submission, further)
         board = board_named(self.boards, submission.split, further)
         return self._scored(board.name, further, board.signature, submission.sha256)
 
-    def _check_episodes(self, submission: SubmissionReport, further: str) -> None:
+    def check_episodes(self, submission: SubmissionReport, further: str = "") -> None:
+        """Raise the NotFoundErrors of :meth:`episodes`."""
         board = board_named(self.boards, submission.split, further)
         _check_upload(submission)
         if board.is_private:
@@ -344,7 +347,7 @@ class SubmissionService:
             If the split has a single target.
         """
         for each in named.values():
-            self._check_episodes(each, board.further)
+            self.check_episodes(each, board.further)
         files = tuple((name, each.sha256) for name, each in named.items())
         return self._compared(board.name, board.further, board.signature, files)
 

@@ -4,12 +4,12 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.history import Timeline
 from reverie_eval.reporting.service import known_task
 from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
 from reverie_eval.server.boards.charts import progress_of
@@ -28,10 +28,8 @@ MOST_SUBMISSIONS = 200
 """The largest number on the page; the API lists all."""
 
 
-def _progress(
-    team: TeamView, server: ServerState, now: datetime
-) -> Mapping[str, Mapping[str, Any]]:
-    """Return the data of a chart for each split with at least two scored submissions."""
+def _progress(team: TeamView, server: ServerState, now: datetime) -> Mapping[str, Timeline]:
+    """Return the submissions over time, by split, of those with at least two scored ones."""
     of_splits = {
         split: [each for each in team.submissions if each.split == split] for split in server.boards
     }
@@ -39,7 +37,7 @@ def _progress(
         split: progress_of(submissions, server.board(split).primary, now)
         for split, submissions in of_splits.items()
     }
-    return {split: chart for split, chart in drawn.items() if len(chart["points"]["y"]) > 1}
+    return {split: timeline for split, timeline in drawn.items() if timeline is not None}
 
 
 @dataclass(frozen=True, slots=True)

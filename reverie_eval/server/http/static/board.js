@@ -1,6 +1,87 @@
-// The charts of a board: one metric against another, and the best over time. A copy of the board
-// that is read without a server has their data in the page.
-// The table has all the numbers; points have tooltips and link to their submissions.
+// The chart of a board: one metric against another. A copy of the board that is read without a server
+// has its data in the page. The table has all the numbers; points have tooltips and link to their submissions.
+
+function colours() {
+  const style = getComputedStyle(document.documentElement);
+  const of = (name) => style.getPropertyValue(name).trim();
+  return {
+    ink: of("--ink"), quiet: of("--quiet"), line: of("--line"),
+    accent: of("--accent"), paper: of("--paper"),
+  };
+}
+
+const short = (name) => (name.length > 36 ? `${name.slice(0, 35)}\u2026` : name);
+
+// If the smallest value is close to 0, padding below it would show negative numbers.
+const startsNearZero = (values) => Math.min(...values) < 0.1 * Math.max(...values);
+
+// If the largest value is close to the maximum, padding above it would show impossible numbers.
+const endsAtAll = (values, most) => most !== null && Math.max(...values) > 0.9 * most;
+
+function axis(title, paint, more = {}) {
+  return {
+    type: "linear",
+    title: { display: true, text: title, color: paint.ink },
+    grid: { color: paint.line },
+    border: { color: paint.quiet },
+    ...more,
+    ticks: { color: paint.quiet, maxRotation: 0, ...more.ticks },
+  };
+}
+
+function valueAxis({ heading, most }, values, paint) {
+  const max = endsAtAll(values, most) ? most : undefined;
+  return axis(heading, paint, { grace: "6%", beginAtZero: startsNearZero(values), max });
+}
+
+function drawing(canvas, datasets, axes, label, points, plugins = []) {
+  const paint = colours();
+  return new Chart(canvas, {
+    type: "scatter",
+    data: { datasets },
+    plugins,
+    options: {
+      animation: false,
+      clip: 8, // points on the edge are drawn whole
+      interaction: { mode: "nearest", intersect: true },
+      maintainAspectRatio: false,
+      scales: axes,
+      plugins: {
+        legend: { display: false },
+        tooltip: {
+          backgroundColor: paint.ink, titleColor: paint.paper, bodyColor: paint.paper,
+          displayColors: false,
+          callbacks: { title: () => "", label: (item) => label(item.raw) },
+        },
+      },
+      onHover: (event, found) => { event.native.target.classList.toggle("leads", found.length > 0); },
+      onClick: (event, found, chart) => {
+        if (found.length === 0) return;
+        const { datasetIndex, index } = found[0];
+        const { place, from = points } = chart.data.datasets[datasetIndex].data[index];
+        const submission = from.submission[place];
+        if (submission !== null) location.href = chart.canvas.closest("section").dataset.submission.replace("ID", submission);
+      },
+    },
+  });
+}
+
+// Shows the chart, or a message that it could not be loaded.
+function reveal(isDrawn) {
+  section.querySelector(".drawn").hidden = !isDrawn;
+  section.querySelector(".fault").hidden = isDrawn;
+}
+
+// Prepares the section for drawing, and redraws it when the theme changes; returns whether it worked.
+function prepare() {
+  const isReady = typeof Chart === "function"; // a separate file, which may have failed to load
+  reveal(isReady);
+  if (isReady) {
+    Chart.defaults.font.family = getComputedStyle(document.body).fontFamily;
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  }
+  return isReady;
+}
 
 const section = document.getElementById("charts");
 const charts = [];
@@ -90,14 +171,6 @@ function overlap(one, other) {
   return one.left < other.right && other.left < one.right && one.top < other.bottom && other.top < one.bottom;
 }
 
-function drawProgress(canvas, { progress }) {
-  const paint = colours();
-  const { y, points } = progress;
-  const axes = { x: timeAxis("published", progress, paint), y: valueAxis(y, points.y, paint) };
-  const label = (raw) => [...named(points, raw.place), `${y.heading}: ${raw.y.toFixed(2)}, ${day(points.at[raw.place])}`];
-  return drawing(canvas, bestSoFar(progress, paint), axes, label, points);
-}
-
 let shown;
 
 function drawIn(name, words, isEmpty, how) {
@@ -110,9 +183,8 @@ function drawIn(name, words, isEmpty, how) {
 function draw() {
   while (charts.length > 0) charts.pop().destroy();
   if (!shown) return;
-  const { points, reported, progress } = shown;
+  const { points, reported } = shown;
   drawIn("against", `${shown.y.name} against ${shown.x.name}`, points.y.length + reported.y.length === 0, drawAgainst);
-  drawIn("progress", `best ${progress.y.name} over time`, progress.points.y.length === 0, drawProgress);
 }
 
 let underWay;
@@ -127,10 +199,10 @@ async function load() {
     const reply = await fetch(source, { signal });
     if (!reply.ok) throw new Error(reply.statusText);
     shown = await reply.json();
-    reveal(section, true);
+    reveal(true);
     draw();
   } catch {
-    if (!signal.aborted) reveal(section, false);
+    if (!signal.aborted) reveal(false);
   }
 }
 
@@ -148,7 +220,7 @@ function keep({ name, value }) {
   for (const field of document.querySelectorAll(`.filters [name=${name}]`)) field.value = value;
 }
 
-if (section && prepare(section, draw)) {
+if (section && prepare()) {
   for (const select of section.querySelectorAll("select")) {
     select.addEventListener("change", () => {
       keep(select);

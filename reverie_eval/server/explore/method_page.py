@@ -1,0 +1,151 @@
+"""``/submissions/{id}/analysis``: where a result of an open split succeeds and where it fails."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Self
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+
+from reverie_eval.analysis import near_misses
+from reverie_eval.reporting import report_sections as sections
+from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.scoring import OUTCOMES, Scores
+from reverie_eval.server.boards.charts import rank_chart
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.entries import Row
+from reverie_eval.server.boards.leaderboard import Ranking, Rankings
+from reverie_eval.server.boards.reviews import find_submission
+from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.explore.episodes import instructions_of
+from reverie_eval.server.http.callers import CallReading, Visitor
+from reverie_eval.server.http.rendering import page
+from reverie_eval.server.http.runtime import ScoringTurn
+from reverie_eval.server.intake.submissions import SubmissionService, submission_of
+from reverie_eval.server.scoring.boards import Board, board_named
+from reverie_eval.server.scoring.contexts import Context, Scoring
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.uploads import stored_upload
+
+router = APIRouter()
+
+SHOWN_GROUPS = 8
+"""Rows of a breakdown that are not folded."""
+NEIGHBOURS = 3
+"""Results above and below one that are shown with it."""
+_KEPT = 32
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What a report says of a submission, without its pictures of episodes."""
+
+    finding: str
+    primary: str
+    """The key of the metric that groups are compared by."""
+    has_walks: bool
+    outcomes: Sequence[sections.CountRow]
+    """Empty if the split scores no outcomes."""
+    funnel: Sequence[sections.CountRow]
+    notes: Sequence[str]
+    breakdowns: Sequence[sections.Breakdown]
+    scans: sections.Breakdown
+    near_misses: Mapping[str, Sequence[str]]
+    """Ids of episodes by outcome."""
+
+    @classmethod
+    def of(cls, scores: Scores) -> Self:
+        """Analyse a submission; its breakdowns have the intervals of those of a report."""
+        named = {"": scores.with_intervals()}
+        has_outcomes = sections.has_outcomes(named)
+        modes = [scores.failure_modes] if has_outcomes else []
+        return cls(
+            finding=sections.main_finding(scores),
+            primary=sections.shared_primary(named).key,
+            has_walks=sections.has_walks(named),
+            outcomes=sections.outcome_rows(modes) if modes else (),
+            funnel=sections.funnel_rows(modes) if modes else (),
+            notes=sections.goal_reached_notes(named) if modes else (),
+            breakdowns=sections.breakdowns(named)[0],
+            scans=sections.scans_worst_first(named),
+            near_misses=near_misses(scores) if modes else {},
+        )
+
+
+class Analyses:
+    """The analyses of results, each made once: a breakdown with intervals takes a second."""
+
+    def __init__(self, scoring: Scoring) -> None:
+        self.kept = lru_cache(_KEPT)(
+            lambda split, _signature, sha256: scoring.run(analyse, split, sha256)
+        )
+
+    @classmethod
+    def of(cls, server: ServerState) -> Self:
+        """Return those of a server."""
+        return cls(server.scoring)
+
+
+def analyse(context: Context, split: str, sha256: str) -> Analysis:
+    """Score a stored upload, and analyse it."""
+    board = context.boards[split]
+    return Analysis.of(board.score(board.read(stored_upload(context.uploads, sha256))))
+
+
+@router.get("/submissions/{submission_id}/analysis")
+def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Response:
+    """Show what the scores of a result consist of: to everyone if it is published."""
+    server = visitor.server
+    with visitor.reading() as reading:
+        shown = _shown(reading, submission_id)
+        server.get(SubmissionService).check_episodes(shown)
+        board = board_named(server.boards, shown.split)
+        ranking = _ranking(reading, board)
+        return page(
+            reading,
+            "method-analysis.html",
+            shown=shown,
+            board=board,
+            analysis=server.get(Analyses).kept(board.name, board.signature, shown.sha256),
+            has_episodes=shown.shows_episodes or shown.status != "published",
+            instructions=instructions_of(board),
+            meanings=OUTCOMES,
+            shown_groups=SHOWN_GROUPS,
+            ranking=ranking,
+            neighbours=_neighbours(ranking, shown.id),
+            over_time=rank_chart(
+                ranking,
+                f"Rank of {shown.method.name}",
+                lambda entry: entry.submission_id == shown.id,
+            ),
+        )
+
+
+def _shown(reading: CallReading, submission_id: str) -> SubmissionReport:
+    """Return a published submission, or one of the visitor's team."""
+    view, row = View.of(reading), find_submission(reading.session, submission_id)
+    if row is not None and row.status == "published":
+        report = view.report(row)
+    elif reading.caller is None:
+        raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
+    else:
+        report = submission_of(reading.session, reading.caller, submission_id, view)
+    if report.scores_held_until is not None:
+        raise NotFoundError("its scores are held back until the phase ends")
+    return report
+
+
+def _ranking(reading: CallReading, board: Board) -> Ranking:
+    rankings = reading.server.get(Rankings)
+    return rankings.with_details(reading.session, rankings.ranking(reading.session, board))
+
+
+def _neighbours(ranking: Ranking, submission_id: str) -> Sequence[Row]:
+    """Return the ranked results around one; none if it is not ranked itself."""
+    ranked = [row for row in ranking.rows if row.rank is not None]
+    ids = [row.entry.submission_id for row in ranked]
+    if submission_id not in ids:
+        return ()
+    index = ids.index(submission_id)
+    return ranked[max(index - NEIGHBOURS, 0) : index + NEIGHBOURS + 1]

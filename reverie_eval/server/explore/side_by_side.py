@@ -1,0 +1,121 @@
+"""The methods of an open split side by side: who solves which episode, and where walks go wrong.
+
+Only methods whose episodes everyone may look at are among them, so that nothing shows how another
+method did in an episode.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from reverie_eval.analysis import WalkOutcomes
+from reverie_eval.arrays import BoolArray, IntArray
+from reverie_eval.reporting.outcome_matrix import outcome_matrix
+from reverie_eval.reporting.walk_faults import WalkFaults
+from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.scoring.contexts import Context
+from reverie_eval.server.store.uploads import stored_upload
+
+MOST_COMPARED = 60
+"""Methods side by side, at most: the newest."""
+DIFFICULTIES = ("no method", "one method", "less than half", "half or more", "every method")
+"""By whom an episode is solved, the hardest first."""
+_NONE, _ONE, _FEWER, _MORE, _ALL = range(len(DIFFICULTIES))
+
+
+class ShownMethod(NamedTuple):
+    """A method whose episodes everyone may look at."""
+
+    id: str
+    name: str
+    sha256: str
+    """The file."""
+    score: float
+    """The primary metric."""
+
+
+class Building(NamedTuple):
+    """A scan, as a table of a split shows it."""
+
+    scan: str
+    episodes: int
+    solved: float
+    """The share of episodes that a method solves on average."""
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """At least one method, the best first, on all episodes of a split."""
+
+    board: Board
+    methods: Sequence[ShownMethod]
+    walks: Sequence[WalkOutcomes]
+    scans: Sequence[str]
+    """The scan of each episode."""
+    _pictures: dict[str, Sequence[tuple[str, str]]] = field(default_factory=dict)
+
+    @cached_property
+    def solved(self) -> IntArray:
+        """Shape (n_episodes,): the number of methods that solve each episode."""
+        is_correct: BoolArray = np.array([each.is_correct for each in self.walks])
+        return np.asarray(is_correct.sum(axis=0))
+
+    @cached_property
+    def difficulty(self) -> Sequence[str]:
+        """The difficulty of each episode, of :data:`DIFFICULTIES`."""
+        number, solved = len(self.methods), self.solved
+        chosen = np.select(
+            [solved == 0, solved == number, solved == 1, 2 * solved < number],
+            [_NONE, _ALL, _ONE, _FEWER],
+            _MORE,
+        )
+        return [DIFFICULTIES[each] for each in chosen.tolist()]
+
+    @cached_property
+    def counts(self) -> Mapping[str, int]:
+        """The number of episodes by difficulty; those that occur."""
+        return {name: count for name in DIFFICULTIES if (count := self.difficulty.count(name))}
+
+    @cached_property
+    def buildings(self) -> Sequence[Building]:
+        """The scans, the hardest first."""
+        scan, share = np.array(self.scans), self.solved / len(self.methods)
+        found = [
+            Building(name, int((scan == name).sum()), float(share[scan == name].mean()))
+            for name in dict.fromkeys(self.scans)
+        ]
+        return sorted(found, key=lambda each: each.solved)
+
+    @cached_property
+    def matrix(self) -> str:
+        """The outcomes of all methods in all episodes, as a picture."""
+        outcome = np.array([each.outcome for each in self.walks])
+        return outcome_matrix([each.name for each in self.methods], outcome, self.scans)
+
+    def faults(self, scan: str) -> Sequence[tuple[str, str]]:
+        """Return the storeys of a scan by name, with where walks end and turn wrong there."""
+        if scan not in self._pictures:
+            faults = WalkFaults.of(self.board.truth, scan, self.walks)
+            self._pictures[scan] = faults.pictures()
+        return self._pictures[scan]
+
+    def solvers(self, row: int) -> Sequence[ShownMethod]:
+        """Return the methods that solve an episode, the best first."""
+        pairs = zip(self.methods, self.walks, strict=True)
+        return [method for method, walks in pairs if walks.is_correct[row]]
+
+    def lengths(self, row: int) -> Sequence[float]:
+        """Return the metres that the methods which solve an episode walk there, ascending."""
+        return sorted(float(each.path_length[row]) for each in self.walks if each.is_correct[row])
+
+
+def summarise_walks(context: Context, split: str, sha256: str) -> WalkOutcomes:
+    """Score a stored upload, and summarise its walks.
+
+    Raises ProtocolError if the split scores no outcomes.
+    """
+    board = context.boards[split]
+    return WalkOutcomes.of(board.score(board.read(stored_upload(context.uploads, sha256))))

@@ -1,0 +1,134 @@
+"""Methods side by side on an open split, what one result consists of, and the pages of teams."""
+
+import re
+from pathlib import Path
+
+import reverie_eval as rv
+from reverie_eval.server.explore.side_by_side import DIFFICULTIES
+from tests.conftest import SAMPLES
+from tests.support.entries import tables
+from tests.support.serving import OPEN, OTHER, OWNER, PRIVATE, Serving, submission_for
+from tests.support.visiting import said
+
+GOOD, MEDIOCRE = SAMPLES / "good.json", SAMPLES / "mediocre.json"
+LIST = f"/episodes/{OPEN}"
+
+
+def publish(server: Serving, who: str, content: bytes, split: str = OPEN, **change: object) -> str:
+    """Publish a result whose episodes everyone may look at, unless it is said otherwise."""
+    name = f"Of {who}"
+    identity: str = server.upload(who, content, split, name=name).json()["submission"]["id"]
+    change = {"published": True, "shows_episodes": split == OPEN, **change}
+    reply = server.ask(who, "PATCH", f"/submissions/{identity}", json=change)
+    assert reply.status_code == 200, reply.text
+    return identity
+
+
+def correct(file: Path) -> set[str]:
+    scores = rv.evaluate(file, split=OPEN)
+    pairs = zip(scores.instr_ids, scores.outcomes, strict=True)
+    return {instr_id for instr_id, outcome in pairs if outcome == "correct"}
+
+
+def test_difficulty_counts_only_methods_that_show_their_episodes(server: Serving) -> None:
+    publish(server, OTHER, MEDIOCRE.read_bytes())
+    assert "1 method whose episodes" in said(server.client.get(LIST))
+    good = publish(server, OWNER, GOOD.read_bytes(), shows_episodes=False)
+    assert "1 method whose episodes" in said(server.client.get(LIST))
+    server.ask(OWNER, "PATCH", f"/submissions/{good}", json={"shows_episodes": True})
+
+    page = server.client.get(LIST)
+    one, other = correct(GOOD), correct(MEDIOCRE)
+    episodes = set(rv.evaluate(GOOD, split=OPEN).instr_ids)
+    expected = {
+        "no method": episodes - one - other,
+        "one method": one ^ other,
+        "every method": one & other,
+    }
+    by_difficulty, buildings = tables(page)[:2]
+    assert {row[0]: int(row[1].split()[0]) for row in by_difficulty} == {
+        name: len(ids) for name, ids in expected.items()
+    }
+    for name, ids in expected.items():
+        found = server.client.get(f"{LIST}?solved_by={name.replace(' ', '+')}")
+        assert f"{len(ids)} episodes found Solved by {name}." in said(found)
+        listed = re.findall(r'<th scope="row"><a href="/episodes/[^/]+/([^?"]+)', found.text)
+        assert set(listed) <= ids
+        assert len(listed) == min(len(ids), 50)
+    solved = [float(row[2]) for row in buildings]
+    assert solved == sorted(solved)
+    assert sum(int(row[1]) for row in buildings) == len(episodes)
+    assert "Of Ada" in page.text.split("<image")[0].split('class="names"')[1]
+    assert set(expected) <= set(DIFFICULTIES)
+
+
+def test_a_building_shows_where_walks_end(server: Serving) -> None:
+    mediocre = publish(server, OTHER, MEDIOCRE.read_bytes())
+    publish(server, OWNER, GOOD.read_bytes())
+    scan = rv.evaluate(GOOD, split=OPEN).ground_truth.graph.scan_ids[0]
+
+    def stops(query: str) -> int:
+        page = server.client.get(f"{LIST}?scan={scan}{query}").text
+        numbers = re.findall(
+            r"Walks in [^<]*: ([\d,]+) stops at the goal, (\d+) after it, (\d+) ", page
+        )
+        return sum(int(number.replace(",", "")) for storey in numbers for number in storey)
+
+    episodes = int(
+        re.findall(r"(\d+) episodes found", server.client.get(f"{LIST}?scan={scan}").text)[0]
+    )
+    assert stops("") == 2 * episodes
+    assert stops(f"&submission={mediocre}") == episodes
+    assert "Where walks end" not in server.client.get(f"{LIST}?scan=elsewhere").text
+
+
+def test_without_a_method_there_is_nothing_to_compare(server: Serving) -> None:
+    page = server.client.get(LIST)
+    assert "Difficulty" not in page.text
+    assert "Solved by" not in page.text
+    assert "0 episodes found" in said(server.client.get(f"{LIST}?solved_by=no+method"))
+
+
+def test_what_a_result_consists_of(server: Serving) -> None:
+    good = publish(server, OWNER, GOOD.read_bytes())
+    other = publish(server, OTHER, MEDIOCRE.read_bytes(), shows_episodes=False)
+    scores = rv.evaluate(GOOD, split=OPEN).with_intervals()
+    page = server.client.get(f"/submissions/{good}/analysis")
+    funnel, counts, ranks, *groups = tables(page)
+    modes = scores.failure_modes
+    assert {row[0]: int(row[1].replace(",", "")) for row in funnel} == modes.funnel
+    assert [int(row[1]) for row in counts] == [*modes.counts.values()][::-1]
+    assert [row[:2] for row in ranks] == [["1", "Of Ada"], ["2", "Of Carl"]]
+    lengths = scores.breakdown("length")
+    assert [(row[0], int(row[1])) for row in groups[0]] == [
+        (name, count) for name, count in lengths["episodes"].items() if count
+    ]
+    assert "Near misses" in page.text
+    assert "Near misses" not in server.client.get(f"/submissions/{other}/analysis").text
+    assert "1 of 2" in page.text, "the rank over time"
+
+
+def test_a_private_result_has_no_analysis(server: Serving) -> None:
+    private = publish(server, OWNER, submission_for(PRIVATE, "shortest"), PRIVATE)
+    page = server.client.get(f"/submissions/{private}/analysis")
+    assert page.status_code == 404
+    assert "values of private splits are never released" in said(page)
+    assert "/analysis" not in server.client.get(f"/submissions/{private}").text
+
+
+def test_a_team_s_page_has_what_is_public_of_it(server: Serving) -> None:
+    first = publish(server, OWNER, GOOD.read_bytes())
+    publish(server, OWNER, submission_for(PRIVATE, "shortest"), PRIVATE)
+    hidden = publish(server, OTHER, MEDIOCRE.read_bytes(), anonymous_until="2030-01-01T00:00:00Z")
+    board = server.client.get(f"/boards/{OPEN}").text
+    (address,) = set(re.findall(r'href="(/teams/\d+)"', board))
+    page = server.client.get(address)
+    assert "Blue" in page.text
+    assert [[row[1] for row in table] for table in tables(page)] == [["Of Ada"], ["Of Ada"]]
+    assert page.text.count("of the team") + page.text.count("1 of ") >= 2
+    assert first in page.text
+    assert hidden not in page.text
+    for number in range(1, 5):
+        other = server.client.get(f"/teams/{number}")
+        assert (other.status_code == 200) == (f"/teams/{number}" == address)
+    assert server.client.get(f"/submissions/{hidden}").text.count("/teams/") == 0

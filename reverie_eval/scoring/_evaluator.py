@@ -338,15 +338,16 @@ def score_files(
 ) -> Iterator[tuple[str, Scores | Failure]]:
     """Yield the result of each file, in their order, as soon as it is available.
 
-    Parameters are those of :func:`evaluate_many`; ``keys`` are the metrics that are computed where
-    the file is read. All others are computed here, on first access.
+    Parameters are those of :func:`evaluate_many`; ``keys`` are the metrics that are computed at
+    once, where the file is read. All others are computed here, on first access.
     """
     useful = min(os.cpu_count() or 1, 1 + len(files) // _FOR_ONE) if can_start_processes() else 1
     jobs = jobs or useful
-    if executor is None and jobs == 1:
-        yield from ((file, _result(evaluator, file)) for file in files)
-        return
     truth, track = evaluator.ground_truth, evaluator.track
+    if executor is None and jobs == 1:
+        for file in files:
+            yield file, _received(_result(evaluator, file, keys), truth, track)
+        return
     protocol = evaluator.protocol.name
     # A path is a short message, and a process elsewhere may read the bundle faster than receive it.
     given = truth.origin if Path(truth.origin).is_file() else truth
@@ -369,7 +370,7 @@ def score_files(
                     "processes the same file"
                 )
             for file, each in zip(chunk.files, found, strict=True):
-                yield file, _received(each, truth, track) if isinstance(each, Scores) else each
+                yield file, _received(each, truth, track)
 
 
 class _Chunk(NamedTuple):
@@ -389,8 +390,7 @@ def _score_chunk(chunk: _Chunk) -> tuple[str, list[Scores | Failure]]:
     """Score files in a process of its own; return the ground truth's fingerprint as well."""
     files, *settings, keys = chunk
     evaluator = _evaluator(*settings)
-    results = (_result(evaluator, file) for file in files)
-    found = [_sent(each, keys) if isinstance(each, Scores) else each for each in results]
+    found = [_result(evaluator, file, keys) for file in files]
     return evaluator.ground_truth.fingerprint, found
 
 
@@ -407,21 +407,23 @@ def _evaluator(
     )
 
 
-def _result(evaluator: Evaluator, file: str) -> Scores | Failure:
+def _result(evaluator: Evaluator, file: str, keys: Collection[str]) -> Scores | Failure:
+    """Return scores as a process sends them: without the ground truth, which the receiver has.
+
+    What else was looked up for them is left out too: it takes twice the memory of the rest.
+    """
     try:
-        return evaluator(file)
+        scores = evaluator(file)
     except (SubmissionError, OSError) as error:
         return error
-
-
-def _sent(scores: Scores, keys: Collection[str]) -> Scores:
-    """Return scores as a process sends them: without the ground truth, which the receiver has."""
     columns = {key: scores.episodes[key] for key in scores if key in keys}
     return replace(scores, ground_truth=None, episodes=columns)  # type: ignore[arg-type]
 
 
-def _received(scores: Scores, truth: GroundTruth, track: Track) -> Scores:
+def _received(result: Scores | Failure, truth: GroundTruth, track: Track) -> Scores | Failure:
     """Return scores as they were before they were sent."""
-    lookups = Lookups(cast("SubmissionColumns", scores.submission), truth)
-    table = EpisodeTable(lookups, scores.protocol, track, scores.episodes)
-    return replace(scores, ground_truth=truth, episodes=table)
+    if not isinstance(result, Scores):
+        return result
+    lookups = Lookups(cast("SubmissionColumns", result.submission), truth)
+    table = EpisodeTable(lookups, result.protocol, track, result.episodes)
+    return replace(result, ground_truth=truth, episodes=table)

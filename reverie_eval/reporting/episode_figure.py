@@ -86,7 +86,7 @@ def save_figure(
 
 def figure_svg(episodes: Mapping[str, Episode], columns: Columns, *, legend: bool) -> str:
     """Draw the figure that :func:`save_figure` writes."""
-    _check(episodes)
+    check_episodes(episodes)
     episode_map = EpisodeMap.of(episodes)
     panels = list(_panels(episodes, episode_map))
     width = columns * WIDTH + (columns - 1) * _GAP
@@ -104,7 +104,7 @@ def figure_svg(episodes: Mapping[str, Episode], columns: Columns, *, legend: boo
         shapes += [_key_line(line, left, top + _LINE * i) for i, line in enumerate(lines)]
         bottom = max(bottom, top + _LINE * len(lines))
     inches = _INCHES[columns]
-    style = _resolved(MAP_STYLE + ANSWER_STYLE + text_of("figure.css"))
+    style = without_variables(MAP_STYLE + ANSWER_STYLE + text_of("figure.css"))
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" role="img" class="figure" '
         f'width="{inches}in" height="{inches * bottom / width:.3f}in" '
@@ -116,7 +116,8 @@ def figure_svg(episodes: Mapping[str, Episode], columns: Columns, *, legend: boo
     )
 
 
-def _check(episodes: Mapping[str, Episode]) -> None:
+def check_episodes(episodes: Mapping[str, Episode]) -> None:
+    """Raise ProtocolError unless it is one episode, of one or two submissions."""
     if not 1 <= len(episodes) <= _MOST_EPISODES:
         raise ProtocolError(f"a figure shows one or two submissions, got {len(episodes)}")
     if len(instr_ids := {each.instr_id for each in episodes.values()}) > 1:
@@ -194,7 +195,7 @@ def _width(text: str) -> float:
     return sum(widths.get(letter, 6.8 if letter.isascii() else 12.0) for letter in text)
 
 
-def _resolved(style: str) -> str:
+def without_variables(style: str) -> str:
     """Write a style sheet without variables and queries, which only browsers know."""
     style = re.sub(r"@media[^{]*\{([^{}]*\{[^{}]*\})*\s*\}", "", style)
     variable = re.compile(r"(--[\w-]+):\s*([^;]+);\s*")

@@ -139,9 +139,10 @@ class Layout:
         """Yield the names of rooms, each where no route, mark or other text is."""
         taken = [*self._occupied(storey)]
         for room in sorted(self._map.building.rooms_on(storey), key=lambda each: -each.area):
-            mark = self._room_name(room, taken) if room.name else None
+            drawn = room._replace(outlines=list(map(self.frame.points, room.outlines)))
+            mark = put_name(drawn, taken, (WIDTH, HEIGHT)) if room.name else None
             if mark:
-                taken.append(_box_of(mark))
+                taken.append(text_box(mark))
                 yield Piece([], mark=mark, storey=storey)
 
     def _occupied(self, storey: int) -> Iterator[FloatArray]:
@@ -150,7 +151,7 @@ class Layout:
         yield np.array([[0.0, HEIGHT - 30.0], [14.0 + bar, float(HEIGHT)]])
         for piece in chain(self._stairs(), self._labels()):
             if piece.mark:
-                yield _box_of(piece.mark)
+                yield text_box(piece.mark)
         sights = [its for piece in self._sights() for (its,) in piece.lines.values()]
         treads = [self.frame.points(each.ends) for each in self._map.building.treads_on(storey)]
         for points in (*sights, *treads):
@@ -166,31 +167,6 @@ class Layout:
     def _around(self, row: int) -> FloatArray:
         """Return the box of a mark at a viewpoint."""
         return np.stack([self._point[row] - _MARK, self._point[row] + _MARK])
-
-    def _room_name(self, room: Room, taken: Sequence[FloatArray]) -> Mark | None:
-        """Put the name of a room near its middle; None if there is no space for it."""
-        drawn = room._replace(outlines=list(map(self.frame.points, room.outlines)))
-        corners = np.vstack(drawn.outlines)
-        low, high = (
-            np.maximum(corners.min(axis=0), 0),
-            np.minimum(corners.max(axis=0), (WIDTH, HEIGHT)),
-        )
-        steps = [np.arange(low[axis] + 4, high[axis], 4.0) for axis in (0, 1)]
-        points = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
-        box = _box_of(Mark("name", np.zeros(2), text=room.name))
-        first, last = points + box[0] - 1, points + box[1] + 1
-        is_free = ((first >= low) & (last <= high)).all(axis=1)
-        for its_low, its_high in taken:
-            is_free &= ~((first < its_high) & (its_low < last)).all(axis=1)
-        # Five points of its upper and lower edge tell whether a name is within the walls.
-        for share in np.linspace(0, 1, 5):
-            for y in (first[:, 1], last[:, 1]):
-                x = first[:, 0] + share * (last[:, 0] - first[:, 0])
-                is_free[is_free] = drawn.contains(np.column_stack([x, y])[is_free])
-        if not is_free.any():
-            return None
-        away = np.hypot(*((first + last) / 2 - (low + high) / 2)[is_free].T)
-        return Mark("name", points[is_free][int(away.argmin())], text=room.name)
 
     def is_faint(self, piece: Piece) -> bool:
         """Whether a piece is on a storey without a viewpoint of the episode, or of its plan."""
@@ -283,7 +259,7 @@ class Layout:
             mark = Mark("stairs", self._point[stairs].mean(axis=0), text=levels)
             # Stairs of several moves are named once.
             yield Piece(stairs, mark=mark if _is_free(mark, taken) else mark._replace(text=""))
-            taken.append(_box_of(mark))
+            taken.append(text_box(mark))
 
     def _labels(self) -> Iterator[Piece]:
         """Yield the numbers of logged steps, and the levels of the ends if they differ."""
@@ -296,11 +272,11 @@ class Layout:
             for row in dict.fromkeys([self._map.start, self._map.path_end, *stops]):
                 (level,) = self._map.levels([row])
                 labels.setdefault(row, []).append(f"level {level}")
-        taken = [_box_of(piece.mark) for piece in self._stairs() if piece.mark]
+        taken = [text_box(piece.mark) for piece in self._stairs() if piece.mark]
         taken += [self._around(row) for row in self._map.goal_viewpoints.tolist()]
         for row, texts in labels.items():
             mark = self._label(row, ", ".join(texts), taken)
-            taken.append(_box_of(mark))
+            taken.append(text_box(mark))
             yield Piece([row], mark=mark)
 
     def _label(self, row: int, text: str, taken: Sequence[FloatArray]) -> Mark:
@@ -412,7 +388,33 @@ def sector(heading: float) -> FloatArray:
     return np.vstack([np.zeros(2), arc])
 
 
-def _box_of(mark: Mark) -> FloatArray:
+def put_name(room: Room, taken: Sequence[FloatArray], size: tuple[float, float]) -> Mark | None:
+    """Put the name of a room near its middle; None if there is no space for it.
+
+    Its outlines are on a page of this size; ``taken`` has the boxes, shape (2, 2), of what it must
+    not cover.
+    """
+    corners = np.vstack(room.outlines)
+    low, high = np.maximum(corners.min(axis=0), 0), np.minimum(corners.max(axis=0), size)
+    steps = [np.arange(low[axis] + 4, high[axis], 4.0) for axis in (0, 1)]
+    points = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+    box = text_box(Mark("name", np.zeros(2), text=room.name))
+    first, last = points + box[0] - 1, points + box[1] + 1
+    is_free = ((first >= low) & (last <= high)).all(axis=1)
+    for its_low, its_high in taken:
+        is_free &= ~((first < its_high) & (its_low < last)).all(axis=1)
+    # Five points of its upper and lower edge tell whether a name is within the walls.
+    for share in np.linspace(0, 1, 5):
+        for y in (first[:, 1], last[:, 1]):
+            x = first[:, 0] + share * (last[:, 0] - first[:, 0])
+            is_free[is_free] = room.contains(np.column_stack([x, y])[is_free])
+    if not is_free.any():
+        return None
+    away = np.hypot(*((first + last) / 2 - (low + high) / 2)[is_free].T)
+    return Mark("name", points[is_free][int(away.argmin())], text=room.name)
+
+
+def text_box(mark: Mark) -> FloatArray:
     """Return the corners, shape (2, 2), of the text of a mark, about as large as it is."""
     width, height = _LETTER * (len(mark.text), 1)
     share = {"left of": 1.0, "right of": 0.0}.get(mark.kind, 0.5)
@@ -424,7 +426,7 @@ def _box_of(mark: Mark) -> FloatArray:
 
 def _is_free(mark: Mark, taken: Sequence[FloatArray]) -> bool:
     """Whether the text of a mark is between the sides of the page, and on no other text."""
-    low, high = _box_of(mark)
+    low, high = text_box(mark)
     is_on = ((low < its_high).all() and (its_low < high).all() for its_low, its_high in taken)
     return bool(low[0] >= 0 and high[0] <= WIDTH) and not any(is_on)
 

@@ -163,7 +163,7 @@ class _Drawing:
         """Draw the pieces of a layer as few elements."""
         for kind, lines in self._layout.joined(layer).items():
             yield path(kind, path_data(kind, lines))
-        yield from (_mark(piece.mark, piece.title) for piece in layer if piece.mark)
+        yield from (draw_mark(piece.mark, piece.title) for piece in layer if piece.mark)
 
     def _apart(self, piece: Piece) -> str:
         """Draw a piece as a group that says what it is and which storeys it is on."""
@@ -178,7 +178,7 @@ class _Drawing:
         faint = ' data-elsewhere="" opacity="0.35"' if self._layout.is_faint(piece) else ""
         shapes = [path(kind, path_data(kind, it), piece.title) for kind, it in piece.lines.items()]
         if piece.mark:
-            shapes.append(_mark(piece.mark, piece.title))
+            shapes.append(draw_mark(piece.mark, piece.title))
         return f'<g data-levels="{levels}"{about}{faint}>{"".join(shapes)}</g>'
 
 
@@ -188,14 +188,14 @@ def sign_shapes(sign: Sign) -> str:
     match sign.kind:
         case "stop":
             line = path(f"route route-{sign.route}", "M2 8H30")
-            return line + _mark(Mark("stop", np.array([33.0, 8.0]), sign.route))
+            return line + draw_mark(Mark("stop", np.array([33.0, 8.0]), sign.route))
         case "start" | "goal" | "end" | "stairs":
-            return _mark(Mark(sign.kind, middle))
+            return draw_mark(Mark(sign.kind, middle))
         case _:
             return path(KEY_CLASSES[sign.kind], _KEY_LINES[sign.kind])
 
 
-def _mark(mark: Mark, title: str = "") -> str:
+def draw_mark(mark: Mark, title: str = "") -> str:
     """Draw a mark, with a tooltip if it has a title."""
     x, y = mark.point
     match mark.kind:

@@ -1,4 +1,4 @@
-"""``reverie-eval figure``: an episode as a figure for a paper."""
+"""``reverie-eval figure``: an episode as a figure for a paper, or as a walk that plays."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.command()
 @options.submissions
 @click.argument("episode")
-@options.new_path("FILE", "The figure; its name ends in .svg, .pdf or .png.")
+@options.new_path("FILE", "The figure: .svg, .pdf or .png; with --animate, .svg, .gif or .mp4.")
 @options.scoring
 @options.with_default(
     "--columns",
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     help="Width of the figure, in columns of a page: 3.3 or 6.9 inches.",
 )
 @options.with_default("--legend/--no-legend", default=True, help="Explain the signs of the map.")
+@click.option("--animate", is_flag=True, help="Let the walk play in its building, for 8 seconds.")
 def figure(
     *,
     submissions: Sequence[str],
@@ -36,12 +37,14 @@ def figure(
     scoring: ScoringOptions,
     columns: str,
     legend: bool,
+    animate: bool,
 ) -> None:
     """Draw an episode for a paper: its map, and what the agent saw where it answered.
 
     EPISODE is an instr_id. A second SUBMISSION is drawn on the same map. NAME=FILE names a method.
     """
     from reverie_eval.reporting import save_figure
+    from reverie_eval.reporting.animations import check_animation_name, save_animation
     from reverie_eval.reporting.figures import check_figure_name
 
     is_named = [find_runs(word) is not None for word in submissions]
@@ -56,8 +59,11 @@ def figure(
     files = [file for (file,) in methods.values()]
     # A single method needs a name only if it is given one.
     names = list(methods) if any(is_named) or len(files) > 1 else [""]
-    check_figure_name(output)
+    (check_animation_name if animate else check_figure_name)(output)
     check_outputs([output], [*files, scoring.ground_truth])
     scored = score_each(files, scoring.evaluator(scoring.find()))
     episodes = {name: each.episode(episode) for name, each in zip(names, scored, strict=True)}
+    if animate:
+        save_animation(episodes, output)
+        return
     save_figure(episodes, output, cast("Columns", int(columns)), legend=legend)

@@ -1,0 +1,289 @@
+"""A building as stacked floors, and an episode's walk through it, as SVG.
+
+Each level that the episode visits is a sheet in parallel projection, the lowest at the bottom:
+floors of rooms, low walls with gaps for doors, furniture as solids, stairs. The walk may play.
+"""
+
+from collections.abc import Iterator
+from functools import cached_property
+from html import escape
+from itertools import groupby, pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.geometry import CAMERA_HEIGHT, FACES
+from reverie_eval.reporting.answer_svg import ANSWER_STYLE
+from reverie_eval.reporting.drawing import element, line_data, path, path_data
+from reverie_eval.reporting.map_layout import Mark, put_name, text_box
+from reverie_eval.reporting.map_svg import MAP_STYLE, draw_mark
+from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.resources import text_of
+
+BUILDING_STYLE = MAP_STYLE + ANSWER_STYLE + text_of("shared/building.css")
+"""The style sheet for pages with buildings."""
+WIDTH = 400
+"""The width of a picture, in units of the page; its height follows from the building."""
+SECONDS = 8
+"""That a walk takes in a picture that plays."""
+# The greatest height, and margins, in units of the page.
+_HIGHEST, _MARGIN, _GAP = 460, 14, 20
+# Degrees: the walls are turned to the left, and the camera looks down.
+_TURN, _TILT = np.deg2rad(-24.0), np.deg2rad(50.0)
+# Metres: the height of walls, and the longest piece of one.
+_WALL, _PIECE = 0.8, 1.5
+# Heights of furniture are drawn smaller, so that it hides less.
+_FLATTENED = 0.6
+# Metres: what is smaller is left out, and what begins higher above the floor.
+_SMALL, _HANGS = 0.35, 0.9
+# Metres between a door and its wall, at most.
+_IN_WALL = 0.05
+# Units of the page between the walk and a name.
+_CLEAR = 7
+_FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
+"""From what is drawn to the eye: to the right, away and up."""
+
+
+class _Shape(NamedTuple):
+    """A face of a wall or a solid."""
+
+    far: float
+    """What is farther is drawn earlier."""
+    kind: str
+    outline: FloatArray
+
+
+class BuildingPicture:
+    """The levels of an episode, as a drawing."""
+
+    def __init__(self, episode_map: EpisodeMap, target: int | None = None) -> None:
+        """Lay out the picture; the object ``target`` is marked, if it is given."""
+        self._map, self._building = episode_map, episode_map.building
+        self._target = target
+        turn = np.array([(np.cos(_TURN), np.sin(_TURN)), (-np.sin(_TURN), np.cos(_TURN))])
+        self._axes = turn @ self._building.solids.axes
+        self._levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
+        height = episode_map.position[:, 2] - CAMERA_HEIGHT
+        self._floor = {
+            level: float(np.median(height[episode_map.storey == level])) for level in self._levels
+        }
+        corners = {level: self._flat(self._ground(level), 0.0) for level in self._levels}
+        spread = np.vstack(list(corners.values()))
+        low, high = spread[:, 0].min(), spread[:, 0].max()
+        tall = sum(np.ptp(each[:, 1]) for each in corners.values())
+        free = _HIGHEST - 2 * _MARGIN - _GAP * (len(corners) - 1)
+        self._scale = min((WIDTH - 2 * _MARGIN) / (high - low), free / tall)
+        self._left = float((low + high) / 2 - WIDTH / 2 / self._scale)
+        self._top, bottom = {}, float(_MARGIN)
+        for level, each in corners.items():
+            self._top[level] = bottom - self._scale * (each[:, 1].min() - _WALL)
+            bottom += self._scale * (np.ptp(each[:, 1]) + _WALL) + _GAP
+        self.height = bottom - _GAP + _MARGIN
+        """In units of the page."""
+
+    def svg(self, *, plays: bool = False) -> str:
+        """Draw the building for a page that includes ``BUILDING_STYLE``."""
+        return self._svg(self.shapes(plays=plays))
+
+    def picture(self, *, plays: bool = False, share: float = 1.0) -> str:
+        """Draw the building with its style sheet, for a file; of the walk, only a share."""
+        style = f"<style>{BUILDING_STYLE}</style>"
+        shapes = self.shapes(plays=plays, share=share)
+        return self._svg(style + shapes, ' xmlns="http://www.w3.org/2000/svg"')
+
+    def _svg(self, shapes: str, attributes: str = "") -> str:
+        return (
+            f'<svg class="episode-map building" role="img" viewBox="0 0 {WIDTH} {self.height:.0f}"'
+            f"{attributes}><title>{escape(f'Building of episode {self._map.instr_id}')}</title>"
+            f"<desc>{escape(self._map.description)}</desc>{shapes}</svg>"
+        )
+
+    def shapes(self, *, plays: bool = False, share: float = 1.0) -> str:
+        """Draw what the picture consists of."""
+        ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
+        return f"{ground}{self._drawn}{''.join(self._walks(share, plays=plays))}{self._named}"
+
+    @cached_property
+    def _drawn(self) -> str:
+        return "".join(shape for level in self._levels for shape in self._level(level))
+
+    @cached_property
+    def _named(self) -> str:
+        return "".join(map(draw_mark, self._names()))
+
+    # Levels.
+
+    def _level(self, level: int) -> Iterator[str]:
+        for room in self._building.rooms_on(level):
+            kind = f"room {room.name.partition(' ')[0]}".strip()
+            yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))
+        treads = [self._page(tread.ends, level) for tread in self._building.treads_on(level)]
+        if treads:
+            yield path("tread", path_data("tread", treads))
+        shapes = sorted([*self._walls(level), *self._furniture(level)], key=lambda it: -it.far)
+        joined = (
+            path(kind, "".join(f"{line_data(each.outline)}z" for each in same))
+            for kind, same in groupby(shapes, key=lambda shape: shape.kind)
+        )
+        yield f'<g class="solids">{"".join(joined)}</g>'
+        yield draw_mark(self._title(level))
+
+    def _title(self, level: int) -> Mark:
+        bottom = self._page(self._ground(level), level)[:, 1].max()
+        return Mark("right of", np.array([4.0, bottom - 2]), text=f"level {level + 1}")
+
+    def _walls(self, level: int) -> Iterator[_Shape]:
+        doors = np.array([door.ends for door in self._building.doors_on(level)]).reshape(-1, 2, 2)
+        for room in self._building.rooms_on(level):
+            for outline in room.outlines:
+                for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+                    is_along = abs((end - start) @ self._building.solids.axes[0]) > _IN_WALL
+                    kind = f"wall {'lit' if is_along else 'dim'}"
+                    for ends in wall_pieces(start, end, doors):
+                        low, high = (self._page(ends, level, z) for z in (0.0, _WALL))
+                        quad = np.vstack([low, high[::-1]])
+                        yield _Shape(float((ends @ self._axes[1]).mean()), kind, quad)
+
+    def _furniture(self, level: int) -> Iterator[_Shape]:
+        solids = self._building.solids
+        bottom = solids.centre[:, 2] - solids.half[:, 2] - self._floor[level]
+        is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS)
+        is_shown &= (2 * solids.half[:, :2] >= _SMALL).all(axis=1)
+        for row in np.flatnonzero(is_shown).tolist():
+            room = self._building.rooms[solids.room[row]]
+            is_shown[row] = solids.room[row] >= 0 and room.contains(solids.centre[[row], :2])[0]
+        shown = solids.take(is_shown)
+        corners, of_solid, materials = shown.parts()
+        if not len(corners):
+            return
+        flat = corners[..., :2] @ self._axes.T
+        up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
+        points = np.concatenate([flat, up[..., None]], axis=2)
+        quads = points[:, list(FACES.values())]
+        normal = np.cross(quads[:, :, 1] - quads[:, :, 0], quads[:, :, 3] - quads[:, :, 0])
+        is_seen = normal @ _FACING > 1e-9
+        shade = np.where(normal[..., 2] > 1e-9, "top", np.where(normal[..., 0] > 0, "lit", "dim"))
+        far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)
+        for part, side in np.argwhere(is_seen).tolist():
+            outline = self._placed(quads[part, side], level)
+            yield _Shape(float(far[part]), f"{materials[part]} {shade[part, side]}", outline)
+
+    # The walk.
+
+    def _walks(self, share: float, *, plays: bool) -> Iterator[str]:
+        yield path("annotated", line_data(self._line(self._map.annotated_path)))
+        for route in self._map.routes:
+            whole = self._line(route.viewpoint)
+            data, kind = line_data(cut(whole, share)) + "h0", f"route route-{route.number}"
+            playing = ' pathLength="1"' if plays else ""
+            yield element("path", f'class="{kind}{" plays" * plays}" d="{data}"{playing}')
+            climbs = np.flatnonzero(np.diff(self._map.storey[route.viewpoint]))
+            if len(climbs):
+                between = [whole[leg : leg + 2] for leg in climbs.tolist()]
+                yield path("between", path_data("between", between))
+            if plays:
+                yield element("path", f'class="{kind} walker" d="{data}"{playing}')
+            elif share < 1:
+                yield path(f"{kind} at", line_data(cut(whole, share)[-1:]) + "h0")
+        yield draw_mark(Mark("start", self._at(self._map.start)))
+        yield draw_mark(Mark("end", self._at(self._map.path_end)))
+        if share == 1 and not plays:
+            for route in self._map.routes:
+                yield draw_mark(Mark("stop", self._at(route.stop), route.number))
+        if (spot := self._target_point()) is not None:
+            yield path("pin", f"M{spot[0]:.1f} {spot[1]:.1f}v-16")
+            yield element("circle", f'class="pin" cx="{spot[0]:.1f}" cy="{spot[1] - 18:.1f}" r="5"')
+
+    def _target_point(self) -> FloatArray | None:
+        """Return where the target is; None if it is not marked, or not on these levels."""
+        solids = self._building.solids
+        rows = np.flatnonzero(solids.object_id == self._target)
+        if not len(rows) or int(solids.storey[rows[0]]) not in self._levels:
+            return None
+        return self._page(solids.centre[rows[0], :2], int(solids.storey[rows[0]]))
+
+    def _line(self, rows: IntArray) -> FloatArray:
+        return np.array([self._at(row) for row in rows.tolist()])
+
+    def _at(self, row: int) -> FloatArray:
+        """Return where a viewpoint is on the page: on the floor of its level."""
+        return self._page(self._map.position[row, :2], int(self._map.storey[row]))
+
+    def _names(self) -> Iterator[Mark]:
+        """Yield the names of rooms, each where no route, mark or other text is."""
+        walks = [self._map.annotated_path, *(route.viewpoint for route in self._map.routes)]
+        taken = [
+            np.stack([point - _CLEAR, point + _CLEAR])
+            for line in map(self._line, walks)
+            for point in _points_along(line)
+        ]
+        if (spot := self._target_point()) is not None:
+            taken.append(spot + np.array([(-8, -26), (8, 2)]))
+        taken += [text_box(self._title(level)) for level in self._levels]
+        rooms = [room for level in self._levels for room in self._building.rooms_on(level)]
+        for room in sorted(rooms, key=lambda each: -each.area):
+            outlines = [self._page(its, room.storey) for its in room.outlines]
+            drawn, size = room._replace(outlines=outlines), (WIDTH, self.height)
+            if room.name and (mark := put_name(drawn, taken, size)):
+                taken.append(text_box(mark))
+                yield mark
+
+    # Projection.
+
+    def _ground(self, level: int) -> FloatArray:
+        """Return the points that a level takes up: corners of rooms, and viewpoints."""
+        here = self._map.position[self._map.storey == level, :2]
+        rooms = self._building.rooms_on(level)
+        return np.vstack([here, *(outline for room in rooms for outline in room.outlines)])
+
+    def _flat(self, points: FloatArray, height: float) -> FloatArray:
+        """Project points of shape (..., 2) at a height above their floor, in metres."""
+        across, away = np.moveaxis(points @ self._axes.T, -1, 0)
+        return np.stack([across, -away * np.sin(_TILT) - height * np.cos(_TILT)], axis=-1)
+
+    def _page(self, points: FloatArray, level: int, height: float = 0.0) -> FloatArray:
+        flat = self._flat(points, height) - (self._left, 0)
+        return np.asarray(self._scale * flat + (0, self._top[level]))
+
+    def _placed(self, points: FloatArray, level: int) -> FloatArray:
+        """Project points in the frame of the picture, shape (n, 3): right, away, up."""
+        x, y = points[:, 0], -points[:, 1] * np.sin(_TILT) - points[:, 2] * np.cos(_TILT)
+        flat = np.column_stack([x - self._left, y])
+        return np.asarray(self._scale * flat + (0, self._top[level]))
+
+
+def cut(line: FloatArray, share: float) -> FloatArray:
+    """Return the first part of a line of shape (n, 2).
+
+    Examples
+    --------
+    >>> cut(np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0)]), 0.75).tolist()
+    [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]
+    """
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    walked = share * length[-1]
+    end = [np.interp(walked, length, line[:, axis]) for axis in (0, 1)]
+    return np.vstack([line[length < walked], end])
+
+
+def _points_along(line: FloatArray) -> FloatArray:
+    """Return points on a line, not farther apart than a name could hide between them."""
+    length = np.hypot(*np.diff(line, axis=0).T).sum()
+    shares = np.linspace(0, 1, int(length // _CLEAR) + 1)
+    return np.array([cut(line, share)[-1] for share in shares])
+
+
+def wall_pieces(start: FloatArray, end: FloatArray, doors: FloatArray) -> Iterator[FloatArray]:
+    """Yield the ends of short pieces of a wall, without its doors."""
+    length = float(np.hypot(*(end - start)))
+    along = (end - start) / length
+    offset = doors - start
+    across = np.abs(offset[..., 0] * along[1] - offset[..., 1] * along[0]).max(axis=1, initial=0)
+    gaps = np.sort(offset @ along, axis=1)[across < _IN_WALL]
+    marks = [0.0, *sorted(np.clip(gaps, 0, length).ravel().tolist()), length]
+    for first, last in zip(marks[::2], marks[1::2], strict=True):
+        count = int(np.ceil((last - first) / _PIECE))
+        for low, high in pairwise(np.linspace(first, last, count + 1)):
+            if high - low > 1e-6:
+                yield np.stack([start + low * along, start + high * along])

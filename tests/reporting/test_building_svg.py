@@ -1,0 +1,156 @@
+"""Buildings as stacked floors, and walks that play in them."""
+
+import shutil
+from io import BytesIO
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from reverie_eval.analysis import Episode
+from reverie_eval.reporting.building_svg import WIDTH, BuildingPicture, wall_pieces
+from reverie_eval.reporting.maps import EpisodeMap
+from tests.conftest import SAMPLES, unavailable
+from tests.support.flat_world import Run
+
+EPISODE = "1196_0_0"
+"""Its walk has four moves on one of two levels."""
+
+
+@pytest.fixture(scope="module")
+def scores() -> rv.Scores:
+    return rv.evaluate(SAMPLES / "mediocre.json", split="val_unseen")
+
+
+@pytest.fixture(scope="module")
+def episode(scores: rv.Scores) -> Episode:
+    found: Episode = scores.episode(EPISODE)
+    return found
+
+
+def picture_of(episode: Episode, target: int | None = None) -> BuildingPicture:
+    return BuildingPicture(EpisodeMap.of({"": episode}), target)
+
+
+def of_class(svg: str, word: str) -> list[ET.Element]:
+    return [each for each in ET.fromstring(svg).iter() if word in each.get("class", "").split()]
+
+
+def points(shape: ET.Element) -> np.ndarray:
+    """Return the points of a path of lines."""
+    numbers = shape.get("d", "").replace("h0", "").replace("z", "").replace("M", "L").split("L")
+    return np.array([each.split() for each in numbers if each], dtype=float)
+
+
+@pytest.mark.parametrize(
+    ("doors", "expected"),
+    [
+        pytest.param([], [(0, 1), (1, 2)], id="none"),
+        pytest.param([(0.5, 1.5)], [(0, 0.5), (1.5, 2)], id="in the middle"),
+        pytest.param([(-0.5, 0.5)], [(0.5, 2)], id="across a corner"),
+        pytest.param([(1.2, 1.8), (0.2, 0.8)], [(0, 0.2), (0.8, 1.2), (1.8, 2)], id="two"),
+    ],
+)
+def test_walls_have_gaps_for_doors(
+    doors: list[tuple[float, float]], expected: list[tuple[float, float]]
+) -> None:
+    """A wall from (3, 0) to (3, 2), in pieces of at most 1.5 m; a door in another wall is none."""
+    ends = np.array([[(3, low), (3, high)] for low, high in doors] + [[(1, 0), (1, 2)]], float)
+    pieces = list(wall_pieces(np.array([3.0, 0.0]), np.array([3.0, 2.0]), ends))
+    assert [tuple(piece[:, 1].round(9)) for piece in pieces] == expected
+
+
+def test_levels_are_stacked(scores: rv.Scores) -> None:
+    """Only those of the episode, the highest first, each in its part of the page."""
+    maps = [EpisodeMap.of({"": scores.episode(each)}) for each in scores.instr_ids]
+    several = next(each for each in maps if len(each.levels(each.visited)) == 2)
+    titles = of_class(BuildingPicture(several).svg(), "level")
+    assert [each.text for each in titles] == ["level 2", "level 1"]
+    single = next(each for each in maps if each.levels(each.visited) == [1])
+    assert [each.text for each in of_class(BuildingPicture(single).svg(), "level")] == ["level 1"]
+
+
+def test_all_is_on_the_page(episode: Episode) -> None:
+    picture = picture_of(episode)
+    rooms = [points(each) for each in of_class(picture.svg(), "room")]
+    corners = np.vstack(rooms)
+    assert (corners > 0).all()
+    assert (corners < (WIDTH, picture.height)).all()
+    names = [each.text for each in of_class(picture.svg(), "room-name")]
+    assert set(names) == {"bedroom", "kitchen"}
+
+
+def test_the_target_is_marked_on_request(episode: Episode) -> None:
+    assert not of_class(picture_of(episode).svg(), "pin")
+    assert len(of_class(picture_of(episode, episode.target_object).svg(), "pin")) == 2
+
+
+def test_a_share_of_the_walk(episode: Episode) -> None:
+    """Half of it is half as long; the agent is at its end, and the stop is not shown yet."""
+    whole, half = (picture_of(episode).picture(share=share) for share in (1.0, 0.5))
+
+    def length(svg: str) -> float:
+        (line, *_) = of_class(svg, "route-1")
+        return float(np.hypot(*np.diff(points(line), axis=0).T).sum())
+
+    assert length(half) == pytest.approx(length(whole) / 2, abs=0.5)
+    assert [len(of_class(svg, "at")) for svg in (whole, half)] == [0, 1]
+    assert [len(of_class(svg, "stop")) for svg in (whole, half)] == [1, 0]
+
+
+def test_a_walk_plays_without_scripts_and_styles(episode: Episode) -> None:
+    svg = picture_of(episode).svg(plays=True)
+    assert [each.get("pathLength") for each in of_class(svg, "plays")] == ["1"]
+    assert [each.get("pathLength") for each in of_class(svg, "walker")] == ["1"]
+    assert "style" not in svg
+    assert "<script" not in svg
+
+
+def test_files_that_play(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import Image, ImageSequence
+
+    monkeypatch.setattr(
+        "reverie_eval.reporting.animations._RATE", 1
+    )  # few pictures: each takes long
+    try:
+        import vl_convert  # noqa: F401
+    except ModuleNotFoundError:
+        unavailable("vl-convert is not installed")
+    words = ["figure", str(SAMPLES / "mediocre.json"), EPISODE, "--split", "val_unseen"]
+    for suffix in ("svg", "gif"):
+        file = tmp_path / f"walk.{suffix}"
+        assert run(*words, "--animate", "-o", str(file)) == (0, "", "")
+    assert "prefers-reduced-motion" in (tmp_path / "walk.svg").read_text()
+    image = Image.open(BytesIO((tmp_path / "walk.gif").read_bytes()))
+    frames = [frame.info["duration"] for frame in ImageSequence.Iterator(image)]
+    assert image.width == 2 * WIDTH
+    assert sum(frames) == 8000
+
+
+@pytest.mark.parametrize(
+    ("output", "said"),
+    [
+        ("walk.pdf", "walk.pdf: expected a name that ends in .svg, .gif or .mp4"),
+        ("walk.mp4", "walk.mp4: MP4 needs the program ffmpeg; install it, or write .gif"),
+    ],
+)
+def test_files_that_cannot_be_written(
+    output: str, said: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    file = tmp_path / output
+    words = ["figure", str(SAMPLES / "mediocre.json"), EPISODE, "--split", "val_unseen"]
+    ended = run(*words, "--animate", "-o", str(file))
+    assert (ended.status, ended.out, file.exists()) == (2, "", False)
+    assert said in ended.err
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg is not installed")
+def test_mp4(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.reporting.animations._RATE", 1)
+    file = tmp_path / "walk.mp4"
+    words = ["figure", str(SAMPLES / "mediocre.json"), EPISODE, "--split", "val_unseen"]
+    assert run(*words, "--animate", "-o", str(file)) == (0, "", "")
+    assert file.read_bytes()[4:8] == b"ftyp"

@@ -8,6 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
+from reverie_eval.errors import ReverieEvalError
+
 # The permissions of a file for its group and for others.
 _OTHERS = 0o077
 
@@ -121,3 +123,11 @@ def parse_toml(text: str, parse_float: Callable[[str], Any] = float) -> dict[str
         import tomli as tomllib
 
     return tomllib.loads(text, parse_float=parse_float)
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """Read a table in TOML. Raises ReverieEvalError if a file is not TOML."""
+    try:
+        return parse_toml(file.read_text("utf-8"))
+    except ValueError as error:
+        raise ReverieEvalError(f"{file}: {error}") from None

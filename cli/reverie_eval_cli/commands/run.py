@@ -11,9 +11,9 @@ from typing import Any
 
 import click
 
-from reverie_eval import GroundTruth, ReverieEvalError, evaluate
+from reverie_eval import GroundTruth, evaluate
 from reverie_eval.agents import AgentSource
-from reverie_eval.files import parse_toml
+from reverie_eval.files import read_toml
 from reverie_eval.logs import read_text
 from reverie_eval.reporting.scores import scores_printout
 from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
@@ -51,15 +51,8 @@ class RunOptions:
 
     def agent_options(self) -> Mapping[str, Any]:
         """Return the agent's options: those of the file, and then those of the command line."""
-        given = {} if self.options_from is None else _read_toml(self.options_from)
+        given = {} if self.options_from is None else read_toml(self.options_from)
         return {**given, **options.read_options(self.option)}
-
-
-def _read_toml(file: Path) -> dict[str, Any]:
-    try:
-        return parse_toml(file.read_text("utf-8"))
-    except ValueError as error:
-        raise ReverieEvalError(f"{file}: {error}") from None
 
 
 @click.command("run")

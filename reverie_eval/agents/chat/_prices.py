@@ -9,7 +9,7 @@ from typing_extensions import Self
 
 from reverie_eval.agents.chat.errors import CostLimitError
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.files import parse_toml
+from reverie_eval.files import read_toml
 from reverie_eval.logs import Usage
 from reverie_eval.text import first_few
 
@@ -40,10 +40,7 @@ class Prices:
         ReverieEvalError
             If the file is not such a table, or has no prices of the model.
         """
-        try:
-            table = parse_toml(file.read_text("utf-8"))
-        except ValueError as error:
-            raise ReverieEvalError(f"{file}: {error}") from None
+        table = read_toml(file)
         day, row = table.pop("date", None), table.get(model)
         if not isinstance(day, date):
             raise ReverieEvalError(f"{file} has no date; add the day of the prices: 2026-11-26")

@@ -51,7 +51,7 @@ HOSTILE: Mapping[str, Callable[[int], bytes]] = MappingProxyType(
         "a field again and again": lambda n: b"[{" + b'"instr_id":"7_1_0",' * n + b'"x":0}]',
         "a long trajectory": lambda n: RECORD.replace(POSE, b",".join([POSE] * n)),
         "lines": lambda n: b"{}\n" * n,
-        "objects one after another": lambda n: b"{}" * (10 * n),
+        "objects one after another": lambda n: b"{}" * (2 * n),
         "numbers one after another": lambda n: b"1 " * (10 * n),
         "different fields": lambda n: _records(b'{"predictobj%dx":1}' % i for i in range(n)),
         "different misspelt fields": lambda n: _records(map(_misspelt, range(n))),

@@ -42,7 +42,7 @@ class PastResult(NamedTuple):
 
     name: str
     date: str
-    """A day, a month or a year: ``2021-06-01``, ``2021-06`` or ``2021``."""
+    """A day, a month or a year: ``2021-06-01``, ``2021-06`` or ``2021``; empty if not known."""
     value: float
     """In the metric's own unit."""
     version: str
@@ -77,17 +77,22 @@ class Timeline:
 
     metric: Metric
     results: Sequence[PastResult]
-    """At least one."""
+    """At least one with a date; of the others, people are drawn as a line."""
     until: str
     """The day up to which the lines go on."""
     height: int = 300
     """Pixels."""
 
     @cached_property
+    def dated(self) -> Sequence[PastResult]:
+        """The results that have a date."""
+        return [each for each in self.results if each.date]
+
+    @cached_property
     def versions(self) -> Mapping[str, str]:
         """The class of each version's marks, the version with the latest results first."""
         by_version: dict[str, float] = {}
-        for each in sorted(self.results, key=attrgetter("years"), reverse=True):
+        for each in sorted(self.dated, key=attrgetter("years"), reverse=True):
             by_version.setdefault(each.version, each.years)
         return {
             version: f"series-{number % MOST_SERIES + 1}"
@@ -99,7 +104,7 @@ class Timeline:
 
         Of methods of the same date, the best counts.
         """
-        own = [each for each in self.results if (each.version, each.kind) == (version, "method")]
+        own = [each for each in self.dated if (each.version, each.kind) == (version, "method")]
         best: list[PastResult] = []
         for each in sorted(own, key=lambda it: (it.years, self._cost(it.value))):
             if not best or self._cost(each.value) < self._cost(best[-1].value):
@@ -110,13 +115,13 @@ class Timeline:
         """Draw the timeline."""
         shapes = [*self._years(), *self._values(), *self._human(), *self._steps(), *self._marks()]
         names = [*self._names()]
-        number = len(self.results)
+        number = len(self.dated)
         title = f"{number} results by {self.metric.name}, {self._axis.first} to {self._axis.last}"
         return wide_svg(title, self.height, [*shapes, *names])
 
     @cached_property
     def _axis(self) -> "Years":
-        first = min(each.years for each in self.results)
+        first = min(each.years for each in self.dated)
         return Years(math.floor(first), max(years_of(self.until), first + 0.5))
 
     @cached_property
@@ -169,7 +174,7 @@ class Timeline:
         """Draw a circle for each result, those that were the best on top."""
         best = {each for version in self.versions for each in self.best_so_far(version)}
         groups: dict[str, list[str]] = {}
-        for each in sorted(self.results, key=lambda it: it in best):
+        for each in sorted(self.dated, key=lambda it: it in best):
             kind: str = "best" if each in best else each.kind
             position = f'cx="{self._axis.across(each.years):.1f}%" cy="{self._y(each.value):.0f}"'
             told = f"{each.name}: {self.metric.display(each.value)}, {each.date}"

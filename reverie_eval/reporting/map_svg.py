@@ -13,13 +13,23 @@ from types import MappingProxyType
 import numpy as np
 
 from reverie_eval.analysis import Episode, Gallery
+from reverie_eval.arrays import FloatArray
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import answer_views
 from reverie_eval.reporting.drawing import element, line_data, path, path_data, text_at
-from reverie_eval.reporting.map_layout import HEIGHT, KEY_CLASSES, WIDTH, Layout, Mark, Piece
+from reverie_eval.reporting.map_layout import (
+    HEIGHT,
+    KEY_CLASSES,
+    WIDTH,
+    Frame,
+    Layout,
+    Mark,
+    Piece,
+)
 from reverie_eval.reporting.maps import EpisodeMap, Sign, SignKind
 from reverie_eval.reporting.replay import replay_html
 from reverie_eval.reporting.resources import text_of
+from reverie_eval.text import count_text
 
 MAP_STYLE = text_of("shared/map.css")
 """The style sheet for pages with maps and their keys; :func:`map_picture` includes it."""
@@ -64,6 +74,33 @@ def interactive_map_svg(episode_map: EpisodeMap) -> str:
 def map_shapes(episode_map: EpisodeMap) -> str:
     """Draw what a still map consists of, for a picture with other things beside it."""
     return _Drawing(episode_map).shapes()
+
+
+def visited_svg(position: FloatArray) -> str:
+    """Draw the way so far, for a page with ``MAP_STYLE``; nothing else of the building.
+
+    Parameters
+    ----------
+    position : float array of shape (n_poses, 3)
+        Where one has been, the start first: metres, x to the right and y up.
+    """
+    frame = Frame.around(position)
+    points = frame.points(position)
+    metres, scale = frame.bar_metres, frame.scale
+    shapes = [
+        f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
+        path("route route-1", path_data("route", [points])) if len(points) > 1 else "",
+        path("viewpoint", path_data("viewpoint", list(points[:, None]))),
+        _mark(Mark("start", points[0]), "start"),
+        _mark(Mark("stop", points[-1], 1), "here"),
+        f'<path class="scale" d="M10 {HEIGHT - 14}v4h{metres * scale:.1f}v-4"/>',
+        f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text>',
+    ]
+    number = count_text(len(np.unique(position, axis=0)), "viewpoint")
+    return (
+        f'<svg class="episode-map" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
+        f"<title>The walk so far: {number}</title>{''.join(shapes)}</svg>"
+    )
 
 
 def map_key(*maps: EpisodeMap) -> str:

@@ -60,6 +60,7 @@ def test_history_is_of_the_metric_that_the_board_is_sorted_by(server: Serving) -
     report_result(server, "Undated", rgspl=0.5)
     report_result(server, "Elsewhere", date="2020", dataset="REVERIE v2", rgspl=0.75)
     report_result(server, "People", date="2020-06", human=True, rgspl=0.875)
+    report_result(server, "Other people", human=True, rgspl=0.9375)
     text = get(server).text
     history = text[text.index('id="history"') : text.index('id="apart"')]
     groups = re.findall(r'<g class="(\w+) series-(\d)">(.*?)</g>', history)
@@ -74,7 +75,8 @@ def test_history_is_of_the_metric_that_the_board_is_sorted_by(server: Serving) -
         "People": ("human", "1"),
         "Elsewhere": ("best", "2"),
     }
-    assert "REVERIE v2, which are not comparable" in said(get(server))
+    assert "Other people 93.75" in history, "a line across needs no date"
+    assert "REVERIE v2which are not comparable" in said(get(server)).replace(" which", "which")
     by_length = get(server, "?metric=navigation_error").text
     assert re.findall(r"<title>(\w+): 4.00, ", by_length) == ["Ant"]
     assert 'id="history"' not in get(server, "?text=nobody").text

@@ -22,6 +22,7 @@ from tests.support.serving import (
     rename_dataset,
     settings_of,
 )
+from tests.support.visiting import said
 
 
 def home(server: Serving) -> str:
@@ -98,6 +99,22 @@ def test_an_example_with_its_instruction_and_answer(server: Serving) -> None:
     assert f"Map of episode {example.instr_id}" in page
     assert f'href="/episodes/{board.name}/{example.instr_id}"' in page
     assert "synthetic demo world" in page
+
+
+def test_a_line_says_how_far_methods_are_from_people(open_server: OpenServer, folder: Path) -> None:
+    """By the metric that people have; references and other versions' rows do not lead."""
+    rename_dataset(folder, OPEN, "REVERIE v1")
+    server = open_server()
+    assert "standing-line" not in home(server)
+    entered(server, {"rgspl": 0.25, "rgs": 0.5}, OWNER, **named("Ant"))
+    entered(server, {"rgspl": 0.5, "rgs": 0.25}, OTHER, **named("Bee"))
+    report_result(server, "Elsewhere", dataset="REVERIE v2", rgspl=0.875)
+    line = "val_unseen: best RGSPL 50.00 % (Bee), 3 methods. open"
+    assert line in said(get(server, path="/"))
+    report_result(server, "People", human=True, rgs=0.7784)
+    report_result(server, "Chance", reference=True, rgs=1.0, rgspl=1.0)
+    line = "val_unseen: best RGS 50.00 % (Ant), human 77.84, 3 methods. open"
+    assert line in said(get(server, path="/"))
 
 
 def test_demo_data_are_called_so(open_server: OpenServer, folder: Path) -> None:

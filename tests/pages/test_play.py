@@ -20,7 +20,16 @@ from reverie_eval.server.explore.episodes import Annotations, Browsing, EpisodeS
 from reverie_eval.server.explore.play import HumanWalk, sample
 from reverie_eval.server.scoring.boards import load_board
 from reverie_eval.server.settings import Split
-from tests.support.serving import OPEN, PRIVATE, OpenServer, Serving, adjusted, settings_of
+from tests.support.serving import (
+    OPEN,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
 from tests.support.visiting import Visitor, said
 
 TRUTH = GroundTruth.load(DEMO_BUNDLES / f"{OPEN}.npz")
@@ -42,6 +51,18 @@ def address(number: int, steps: list[int], answer: str = "") -> str:
     return f"/play/{OPEN}/{number}?walk={'.'.join(map(str, steps))}&answer={answer}"
 
 
+def walked_to(record: dict[str, Any], made: int) -> list[str]:
+    """Return the viewpoints of the first steps of a walk."""
+    return [viewpoint_id for viewpoint_id, *_ in record["trajectory"][1 : made + 1]]
+
+
+def been(page: str) -> int:
+    """Return how many viewpoints are on the map of where one has been."""
+    (drawing,) = re.findall(r'<figure id="been"[^>]*>(.*?)</figure>', page, re.DOTALL)
+    (data,) = re.findall(r'class="viewpoint" d="([^"]*)"', drawing)
+    return len(set(data.split("M")[1:]))
+
+
 @pytest.mark.parametrize("number", EPISODES)
 def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Serving) -> None:
     visitor, truth = Visitor(server), TRUTH
@@ -50,12 +71,16 @@ def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Se
     steps = numbers(truth, record)
     page = visitor.get(f"/play/{OPEN}/{number}")
     assert page.text.count("<image ") == 1  # what was drawn of the demo world
+    assert been(page.text) == 1
     for made in range(1, len(steps) + 1):
         walk = ".".join(map(str, steps[:made]))
         (link, *_) = re.findall(rf'href="([^"]*walk={re.escape(walk)})"', page.text)
         assert "target" not in said(page)
         assert instr_id not in page.text  # it has the id of the target
         page = visitor.get(unescape(link))
+        # Where one has been, and nothing else: no other viewpoint, and no room.
+        assert been(page.text) == len({record["trajectory"][0][0], *walked_to(record, made)})
+        assert 'class="room' not in page.text
     (link,) = re.findall(rf'href="([^"]*choice={record["predObjId"]}#answer)"', page.text)
     page = visitor.get(unescape(link))
     (chosen,) = re.findall(r"<input [^>]* checked>", page.text)
@@ -69,6 +94,31 @@ def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Se
         metric = CATALOGUE[key]
         label = metric.label if metric.is_binary else metric.heading
         assert f"{label} {metric.display_one(values[key][row])}" in said(page)
+
+
+def test_a_walk_is_compared_with_those_of_methods(server: Serving) -> None:
+    """Of two methods one is right; it goes to and fro, so the person walks less."""
+    instr_id = sample(server.state.board(OPEN), 0, EPISODES[0])[-1]
+    record = RECORDS[instr_id]
+    path = record["trajectory"]
+    detour = {**record, "trajectory": [*path, *path[-2::-1], *path[1:]]}
+    nowhere = {**record, "trajectory": path[:1], "predObjId": -1}
+    own = address(EPISODES[0], numbers(TRUTH, record), str(record["predObjId"]))
+    assert "You against" not in said(server.client.get(own))
+    for who, its in ((OWNER, detour), (OTHER, nowhere)):
+        content = json.dumps([*({**RECORDS, instr_id: its}).values()]).encode()
+        identity = server.upload(who, content).json()["submission"]["id"]
+        shown = {"published": True, "shows_episodes": True}
+        server.ask(who, "PATCH", f"/submissions/{identity}", json=shown)
+    metres = (
+        3 * rv.evaluate([*RECORDS.values()], split=OPEN).episode(instr_id).values["path_length"]
+    )
+    told = f"You against 2 methods: 1 of them solves this episode, walking {metres:.1f} m"
+    assert f"{told}; 1 of those walks farther than you." in said(server.client.get(own))
+    lost = said(server.client.get(address(EPISODES[0], [], "none")))
+    assert f"{told}." in lost
+    episode = said(server.client.get(f"/episodes/{OPEN}/{instr_id}"))
+    assert "Solved by 1 of 2 methods: Walker." in episode
 
 
 def test_no_answer_is_an_answer(server: Serving) -> None:

@@ -9,7 +9,7 @@ import httpx
 
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.organising import NewReported
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.service import ReportedMethod
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import Ranking
 from reverie_eval.server.boards.reported import add_reported
@@ -64,12 +64,13 @@ def report_result(
     dataset: str = "",
     *,
     human: bool | None = None,
+    reference: bool = False,
     **scores: float,
 ) -> None:
     """Put a result of others on the board."""
     new = NewReported(
         split=OPEN,
-        method=Method(name=name, human=human),
+        method=ReportedMethod(name=name, human=human, reference=reference),
         team="Qi et al.",
         scores=scores,
         source=source,

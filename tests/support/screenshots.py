@@ -26,7 +26,8 @@ from tests.support.crowded_site import crowd
 from tests.support.demo_site import PEOPLE, Site
 from tests.support.full_site import full_site
 from tests.support.page_routes import EXAMPLES, Example
-from tests.support.serving import populate, running
+from tests.support.reader import read
+from tests.support.serving import PRIVATE, populate, running
 
 Scheme = Literal["light", "dark"]
 Medium = Literal["screen", "print"]
@@ -64,7 +65,8 @@ SHOWN_FULL = ("/boards/{split}", "/episodes", "/play", "/submissions", "/teams",
 def main(folder: Path, *only: str) -> int:
     """Write ``<page>.<server>.<screen>.<scheme>.png``, and ``index.html`` that shows all of them.
 
-    Of pages whose name holds one of the words, if there are any.
+    Of pages whose name holds one of the words, if there are any. On the server of real size, a
+    reader first does what readers want to do there.
     """
     chromium = chromium_path()
     if chromium is None:
@@ -79,6 +81,7 @@ def main(folder: Path, *only: str) -> int:
             bare = [each for each in wanted if not _needs_results(each)]
             _take_all(browser, site, bare, folder, "empty")
         with full_site(Path(temporary) / "full") as site:
+            print(read(browser.new_page(), site.url, PRIVATE))  # noqa: T201
             few = [
                 each for each in wanted if each.route == "/" or each.route.startswith(SHOWN_FULL)
             ]

@@ -90,9 +90,9 @@ def timeline_of(ranking: Ranking, rows: Sequence[Row], key: str) -> Timeline | N
             kind=_kind_of(row.entry),
         )
         for row in rows
-        if row.entry.date and key in row.entry.scores and row.entry.standing != "disqualified"
+        if key in row.entry.scores and row.entry.standing != "disqualified"
     ]
-    if not shown or metric.better == "neither":
+    if metric.better == "neither" or not any(each.date for each in shown):
         return None
     return Timeline(metric, shown, f"{ranking.now:%Y-%m-%d}")
 

@@ -39,6 +39,8 @@ MOST_CHOICES = 12
 """Submissions of a split that the list of splits shows."""
 MOST_BUILDINGS = 12
 """Buildings that a split's page lists, at most."""
+MOST_SOLVERS = 3
+"""Methods that solve an episode and are named on its page, at most: the best."""
 MOST_STEPS = 200
 """The longest list of steps that a page shows."""
 
@@ -210,6 +212,8 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
         "answers": _answers(episode, walked) if browsing.board.task.has_targets else (),
         "walks": _walks(browsing.runs, walked, shown),
         "neighbours": _neighbours(browsing, selection, instr_id),
+        "solvers": browsing.methods and browsing.methods.solvers(browsing.row(instr_id)),
+        "most_solvers": MOST_SOLVERS,
         "goals": _goals(episode, shown),
         "levels": range(1, int(shown.storey.max()) + 2),
         "outcomes": BEST_OUTCOME_FIRST,

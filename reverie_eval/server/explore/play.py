@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from reverie_eval.analysis import Episode, episode
+from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ActionError
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.scoring import PreparedSubmission
@@ -91,6 +92,13 @@ class HumanWalk:
         return cls(board, drawn[-1], steps, visited, metres, seen, environment)
 
     @property
+    def been(self) -> FloatArray:
+        """Where the person has been, the start first: shape (n, 3), metres."""
+        graph = self.board.truth.graph
+        rows = [graph.index[viewpoint_id] for viewpoint_id in self.visited]
+        return graph.viewpoint_position[rows]
+
+    @property
     def ways(self) -> Sequence[Way]:
         """The viewpoints that the person can move to, by heading."""
         scan = _viewpoints_of_scan(self.board, self.seen.viewpoint_id)
@@ -128,6 +136,33 @@ class HumanWalk:
         walks = align_walks(truth, {truth.row_of(self.instr_id): (viewpoints, answer)})
         scores = self.board.score(PreparedSubmission(walks, truth))
         return episode(scores, self.instr_id), record
+
+
+@dataclass(frozen=True, slots=True)
+class Rivals:
+    """How methods did in an episode that a person has walked."""
+
+    methods: int
+    solved: int
+    """How many of them solve it."""
+    median: float | None
+    """Metres that those walk, in the middle; None if there are none."""
+    longer: int
+    """How many of those walk farther than the person."""
+
+    @classmethod
+    def of(cls, browsing: Browsing, walked: Episode) -> "Rivals | None":
+        """Compare a walk with those of methods that everyone may look at; None without any."""
+        if browsing.methods is None:
+            return None
+        lengths = browsing.methods.lengths(browsing.row(walked.instr_id))
+        own = walked.values["path_length"]
+        return cls(
+            methods=len(browsing.methods.methods),
+            solved=len(lengths),
+            median=float(np.median(lengths)) if lengths else None,
+            longer=sum(each > own for each in lengths),
+        )
 
 
 def _viewpoints_of_scan(board: Board, viewpoint_id: str) -> Sequence[str]:

@@ -15,11 +15,11 @@ from fastapi.responses import Response
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.reporting.answer_svg import ObjectLink, WayLink, answer_svg, panorama_svg
 from reverie_eval.reporting.answers import answer_views, span_of
-from reverie_eval.reporting.map_svg import map_key, map_svg
+from reverie_eval.reporting.map_svg import map_key, map_svg, visited_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.skyboxes import find_skybox
-from reverie_eval.server.explore.episodes import EpisodeService
-from reverie_eval.server.explore.play import MOST_STEPS, HumanWalk, sample
+from reverie_eval.server.explore.episodes import Browsing, EpisodeService
+from reverie_eval.server.explore.play import MOST_STEPS, HumanWalk, Rivals, sample
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.rendering import drawn, page
 from reverie_eval.server.http.runtime import ScoringTurn
@@ -106,7 +106,7 @@ def play(
         content: dict[str, Any] = {"split": split, "number": number, "walk": walk}
         content |= {"task": walk.board.task, "played": played}
         if played.answer:
-            content |= _scored(walk, played)
+            content |= _scored(browsing, walk, played)
             return page(reading, "play-scored.html", **content)
         content |= _seen(walk, number, played)
         return page(reading, "play.html", **content)
@@ -128,7 +128,13 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
     objects = sorted(candidates, key=lambda each: (each.name, each.span.middle))
     skybox = find_skybox(walk.board.truth.graph, walk.seen.viewpoint_id)
     panorama = panorama_svg(objects, ways, float(np.rad2deg(walk.seen.heading)), skybox)
-    return {"panorama": drawn(panorama), "ways": ways, "objects": objects, "nothing": NOTHING}
+    return {
+        "panorama": drawn(panorama),
+        "been": drawn(visited_svg(walk.been)),
+        "ways": ways,
+        "objects": objects,
+        "nothing": NOTHING,
+    }
 
 
 def _object_link(seen: Candidate, split: str, number: int, played: Played) -> ObjectLink:
@@ -141,13 +147,14 @@ def _object_link(seen: Candidate, split: str, number: int, played: Played) -> Ob
     return ObjectLink(seen.object_id, span, name, label, href, choice == played.choice)
 
 
-def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:
+def _scored(browsing: Browsing, walk: HumanWalk, played: Played) -> dict[str, Any]:
     """Return how the walk is scored, and what was to be found."""
     scored, record = walk.end(played.object_id)
     shown = EpisodeMap.of({NAME: scored})
     return {
         "count": len(walk.board.truth.episodes.instr_ids),
         "scored": scored,
+        "rivals": Rivals.of(browsing, scored),
         "map": drawn(map_svg(shown)),
         "key": drawn(map_key(shown)),
         "answers": [

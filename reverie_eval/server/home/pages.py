@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from fastapi import APIRouter
 from fastapi.responses import Response
@@ -9,8 +10,8 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.schemas.service import Schedule
-from reverie_eval.server.boards.entries import Row
-from reverie_eval.server.boards.leaderboard import Ranking, Rankings, paper_of
+from reverie_eval.server.boards.entries import Entry, Row
+from reverie_eval.server.boards.leaderboard import Ranking, Rankings, paper_of, sort_by
 from reverie_eval.server.boards.news import latest_news
 from reverie_eval.server.boards.pages import NEWS_SHOWN, Scale
 from reverie_eval.server.boards.schedules import Schedules
@@ -27,6 +28,8 @@ MOST_LEADERS = 5
 _MOST_COLUMNS = 3
 """Besides the primary metric."""
 _OF_REVERIE = ("success", "spl", "rgs")
+_OF_PEOPLE = ("rgs", "success")
+"""Metrics by which methods are compared with people who have no value for the primary one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,47 @@ class Leaders:
         return [metric for metric in shown if metric != primary][:_MOST_COLUMNS]
 
 
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How far a leaderboard is, in one line."""
+
+    leaders: Leaders
+    metric: Metric
+    best: Row
+    human: float | None
+    """The best value of people; None if there is none."""
+    methods: int
+    """All results that are not of people or references, also those of other versions."""
+
+    @classmethod
+    def of(cls, leaders: Leaders) -> Self | None:
+        """Sum up a leaderboard; None if it has no method with a value.
+
+        If people have no value for the primary metric, it is by one that they have.
+        """
+        if leaders.ranking is None:
+            return None
+        rows = [*leaders.ranking.rows]
+        people = [row for row in rows if row.entry.method.get("human")]
+        keys = (leaders.board.primary.key, *_OF_PEOPLE)
+        has_value = [key for key in keys if any(key in row.entry.scores for row in people)]
+        metric = CATALOGUE[next(iter(has_value), keys[0])]
+        methods = [row for row in rows if _is_method(row.entry)]
+        scored = [row for row in methods if row.entry.is_ranked] or methods
+        best = next(
+            (row for row in sort_by(scored, metric) if metric.key in row.entry.scores), None
+        )
+        if best is None:
+            return None
+        told = [row.entry.scores[metric.key] for row in sort_by(people, metric)[:1] if has_value]
+        apart = [row for row in leaders.ranking.apart if _is_method(row.entry)]
+        return cls(leaders, metric, best, next(iter(told), None), len(methods) + len(apart))
+
+
+def _is_method(entry: Entry) -> bool:
+    return not (entry.method.get("human") or entry.method.get("reference"))
+
+
 @router.get("/")
 def show_home(visitor: Visitor) -> Response:
     """Show the task by an example, the first of every leaderboard, and how to take part."""
@@ -61,11 +105,14 @@ def show_home(visitor: Visitor) -> Response:
     links = {name.casefold(): str(url) for name, url in server.settings.links.items()}
     task, *_ = server.tasks
     with visitor.reading() as reading:
+        leaders = _leaders(server, reading.session)
+        real = [each for each in leaders[task.title] if not each.board.truth.is_demo]
         return page(
             reading,
             "home.html",
             task=task,
-            leaders=_leaders(server, reading.session),
+            leaders=leaders,
+            standings=[standing for each in real if (standing := Standing.of(each))],
             # Nobody waits for what a job is computing; a moment later, it is there.
             example=None if server.warming.is_set() or showcase is None else showcase.example(),
             # A link in the settings comes before what is known of the task.

@@ -4,7 +4,7 @@ const walked = document.getElementById("walked");
 const panorama = document.getElementById("panorama");
 const ways = document.getElementById("ways");
 const answer = document.getElementById("answer");
-const PARTS = [walked, panorama, ways, answer];
+const PARTS = [walked, panorama, ways, answer, document.getElementById("been")];
 const SAME_POINT = 4; // pixels
 let facing; // the link of the way that the person faces
 let pointed = { x: -1, y: -1 };

@@ -6,6 +6,7 @@ from pathlib import Path
 import reverie_eval as rv
 from reverie_eval.server.explore.side_by_side import DIFFICULTIES
 from tests.conftest import SAMPLES
+from tests.support.acting import review
 from tests.support.entries import tables
 from tests.support.serving import OPEN, OTHER, OWNER, PRIVATE, Serving, submission_for
 from tests.support.visiting import said
@@ -132,3 +133,13 @@ def test_a_team_s_page_has_what_is_public_of_it(server: Serving) -> None:
         other = server.client.get(f"/teams/{number}")
         assert (other.status_code == 200) == (f"/teams/{number}" == address)
     assert server.client.get(f"/submissions/{hidden}").text.count("/teams/") == 0
+
+
+def test_a_disqualified_result_keeps_its_team_s_page(server: Serving) -> None:
+    """The board leads there from what is listed separately, too."""
+    identity = publish(server, OWNER, GOOD.read_bytes())
+    with server.acting() as transaction:
+        review(transaction, identity, "disqualified", "It read the answers.")
+    (address,) = set(re.findall(r'href="(/teams/\d+)"', server.client.get(f"/boards/{OPEN}").text))
+    page = server.client.get(address)
+    assert [[row[1] for row in table] for table in tables(page)] == [["Of Ada disqualified"]]

@@ -49,7 +49,7 @@ def _of_team(ranking: Ranking, team_id: int) -> Sequence[TeamResults]:
     def is_own(entry: Entry) -> bool:
         return entry.team_id == team_id and ranking.team(entry) != ""
 
-    rows = [row for row in ranking.rows if is_own(row.entry)]
+    rows = [row for row in (*ranking.rows, *ranking.apart) if is_own(row.entry)]
     if not rows:
         return ()
     task = ranking.board.task

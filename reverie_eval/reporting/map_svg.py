@@ -91,8 +91,8 @@ def visited_svg(position: FloatArray) -> str:
         f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
         path("route route-1", path_data("route", [points])) if len(points) > 1 else "",
         path("viewpoint", path_data("viewpoint", list(points[:, None]))),
-        _mark(Mark("start", points[0]), "start"),
-        _mark(Mark("stop", points[-1], 1), "here"),
+        draw_mark(Mark("start", points[0]), "start"),
+        draw_mark(Mark("stop", points[-1], 1), "here"),
         f'<path class="scale" d="M10 {HEIGHT - 14}v4h{metres * scale:.1f}v-4"/>',
         f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text>',
     ]

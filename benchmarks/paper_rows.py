@@ -109,14 +109,14 @@ PUBLISHED_AS = {"name-RNN": "Baseline"}
 DRAWN = {
     "oracle_success": "passes a goal (OSR)",
     "success": "stops at one (SR)",
-    "rgspl": "answers rightly, by the way (RGSPL)",
+    "rgspl": "and answers (RGSPL)",
 }
 """Metrics of the picture, and what they mean."""
 WALKED = (NAVIGATORS[3], FAST, ABLATIONS[4])
 DRAWN_ROWS = {
-    "one network: greedily, as FAST-Short, by log-probabilities": ("o-", BLUE, WALKED),
-    "FAST-Short on another instruction, none, or other names": ("X", VERMILION, ABLATIONS[1:4]),
-    "the other rows": ("s", GREY, [row for row in NAVIGATORS if row not in WALKED]),
+    "one network walks greedily, as FAST-Short, and by log-probabilities": ("o-", BLUE, WALKED),
+    "FAST-Short with another episode's instruction, with none, and with other names": ("X", VERMILION, ABLATIONS[1:4]),
+    "other rows on names": ("s", GREY, [row for row in NAVIGATORS if row not in WALKED]),
 }
 """Rows of the picture, with their look."""
 PICTURE = "../pictures/without-vision.svg"
@@ -534,8 +534,8 @@ def draw(file: Path, results: Results) -> None:
                 metres = [each["path_length"] for each in its]
                 percent = [100 * each[key] for each in its]
                 axes.plot(metres, percent, marker, color=colour, label=label)
-            axes.set(xscale="log", xlabel="metres", ylim=(0, 50))
-            axes.set_title(title, loc="left", fontsize="medium")
+            axes.set(xscale="log", xlabel="metres walked", xlim=(9, 150), ylim=(0, 50))
+            axes.set_title(f"{title}, %", loc="left", fontsize="medium")
             axes.set_xticks(ticks := (10, 20, 50, 100), map(str, ticks))
             axes.minorticks_off()
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower left", frameon=False)

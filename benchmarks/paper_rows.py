@@ -115,7 +115,11 @@ DRAWN = {
 WALKED = (NAVIGATORS[3], FAST, ABLATIONS[4])
 DRAWN_ROWS = {
     "one network walks greedily, as FAST-Short, and by log-probabilities": ("o-", BLUE, WALKED),
-    "FAST-Short with another episode's instruction, with none, and with other names": ("X", VERMILION, ABLATIONS[1:4]),
+    "FAST-Short with another instruction, with none, and with other names": (
+        "X",
+        VERMILION,
+        ABLATIONS[1:4],
+    ),
     "other rows on names": ("s", GREY, [row for row in NAVIGATORS if row not in WALKED]),
 }
 """Rows of the picture, with their look."""

@@ -13,6 +13,7 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval import CATALOGUE, GroundTruth
+from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import MalformedError, NotFoundError
@@ -20,6 +21,7 @@ from reverie_eval.server.explore.episodes import Annotations, Browsing, EpisodeS
 from reverie_eval.server.explore.play import HumanWalk, sample
 from reverie_eval.server.scoring.boards import load_board
 from reverie_eval.server.settings import Split
+from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.serving import (
     OPEN,
     OTHER,
@@ -31,6 +33,7 @@ from tests.support.serving import (
     settings_of,
 )
 from tests.support.visiting import Visitor, said
+from tests.support.worlds import write_world
 
 TRUTH = GroundTruth.load(DEMO_BUNDLES / f"{OPEN}.npz")
 RECORDS = {record["instr_id"]: record for record in run_agent("shortest", TRUTH)}
@@ -159,6 +162,34 @@ def test_a_step_leads_to_a_neighbour(server: Serving) -> None:
     reply = Visitor(server).get(address(1, [far]))
     assert reply.status_code == 400
     assert "not connected" in said(reply)
+
+
+def test_fifty_objects_at_a_viewpoint_can_all_be_answered(
+    tmp_path: Path, folder: Path, open_server: OpenServer
+) -> None:
+    """As many as some viewpoints of real buildings have, in the same views as each other."""
+    views = {object_id: [12 + object_id % 12] for object_id in range(1, 51)}
+    boxes = {(each, views[each][0]): (10 * each, 8 * each, 40, 30) for each in views}
+    hall = Viewpoint((0.0, 0.0, 0.0), views=views, boxes=boxes)
+    world = World(
+        {
+            "hall": Scan(
+                {"here": hall, "there": Viewpoint((0.0, 3.0, 0.0))}, frozenset({("here", "there")})
+            )
+        },
+        [Item("1_7", "hall", ["there", "here"], 7)],
+    )
+    write_world(world, tmp_path / "world")
+    bundle = compile_split(DatasetFiles.find(tmp_path / "world", split=OPEN), OPEN)
+    bundle.save(folder / "bundles" / f"{OPEN}.npz")
+    server = open_server()
+    page = server.client.get(address(1, [0]))
+    radios = re.findall(r'type="radio"[^>]*value="(\d+)"|value="(\d+)"[^>]*type="radio"', page.text)
+    assert sorted(int(one or other) for one, other in radios) == [*views]
+    assert {int(each) for each in re.findall(r'data-object="(\d+)"', page.text)} == {*views}
+    assert len(page.content) < 60_000
+    assert "predicted the target" in said(server.client.get(address(1, [0], "7")))
+    assert "the target is" in said(server.client.get(address(1, [0], "50")))
 
 
 def test_nobody_walks_where_answers_alone_are_scored(folder: Path, open_server: OpenServer) -> None:

@@ -17,6 +17,7 @@ PAGES = (
     f"/boards/{OPEN}",
     f"/boards/{OPEN}?columns=all",
     f"/episodes/{OPEN}",
+    "/teams/1",
     "/guide/api",
     "/desk/reviews",
 )

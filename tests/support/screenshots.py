@@ -65,6 +65,8 @@ SHOWN_FULL = ("/boards/{split}", "/episodes", "/play", "/submissions", "/teams",
 def main(folder: Path, *only: str) -> int:
     """Write ``<page>.<server>.<screen>.<scheme>.png``, and ``index.html`` that shows all of them.
 
+    ``contact-<server>-<screen>-<scheme>.png`` shows those of a server and a screen.
+
     Of pages whose name holds one of the words, if there are any. On the server of real size, a
     reader first does what readers want to do there.
     """
@@ -86,7 +88,7 @@ def main(folder: Path, *only: str) -> int:
                 each for each in wanted if each.route == "/" or each.route.startswith(SHOWN_FULL)
             ]
             _take_all(browser, site, few, folder, "full")
-    _write_index(folder)
+        _write_index(folder, browser)
     return 0
 
 
@@ -124,11 +126,24 @@ def _take_all(
             context.close()
 
 
-def _write_index(folder: Path) -> None:
-    pictures = sorted(each.name for each in folder.glob("*.png"))
-    links = "".join(f'<a href="{each}"><img src="{each}" title="{each}">' for each in pictures)
+def _write_index(folder: Path, browser: Browser) -> None:
+    """Show all pictures on a page, and those of a server and a screen on a contact sheet."""
+    pictures = sorted(each.name for each in folder.glob("*.*.*.*.png"))
     style = "img { width: 15rem; height: 20rem; object-fit: cover; object-position: top }"
-    (folder / "index.html").write_text(f"<style>{style}</style>{links}", encoding="utf-8")
+    sheets: dict[str, list[str]] = {"index": pictures}
+    for each in pictures:
+        _, kind, screen, scheme, _ = each.split(".")
+        sheets.setdefault(f"contact-{kind}-{screen}-{scheme}", []).append(each)
+    page = browser.new_page(viewport={"width": 1600, "height": 900})
+    for name, shown in sheets.items():
+        links = "".join(f'<a href="{each}"><img src="{each}" title="{each}"></a>' for each in shown)
+        sheet = folder / f"{name}.html"
+        sheet.write_text(f"<style>{style}</style>{links}", encoding="utf-8")
+        if name != "index":
+            page.goto(sheet.as_uri(), wait_until="networkidle")
+            page.screenshot(path=sheet.with_suffix(".png"), full_page=True)
+            sheet.unlink()
+    page.close()
 
 
 if __name__ == "__main__":

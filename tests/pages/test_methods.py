@@ -3,8 +3,12 @@
 import re
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 import reverie_eval as rv
-from reverie_eval.server.explore.side_by_side import DIFFICULTIES
+from reverie_eval.analysis import WalkOutcomes
+from reverie_eval.server.explore.side_by_side import DIFFICULTIES, ShownMethod, SideBySide
 from tests.conftest import SAMPLES
 from tests.support.acting import review
 from tests.support.entries import tables
@@ -61,6 +65,49 @@ def test_difficulty_counts_only_methods_that_show_their_episodes(server: Serving
     assert sum(int(row[1]) for row in buildings) == len(episodes)
     assert "Of Ada" in page.text.split("<image")[0].split('class="names"')[1]
     assert set(expected) <= set(DIFFICULTIES)
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [
+        pytest.param(1, ["no method", "every method"], id="one method"),
+        pytest.param(2, ["no method", "one method", "every method"], id="two"),
+        pytest.param(
+            4,
+            ["no method", "one method", "half or more", "half or more", "every method"],
+            id="exactly half is half or more",
+        ),
+        pytest.param(
+            5,
+            ["no method", "one method", "less than half", *["half or more"] * 2, "every method"],
+            id="two of five are less",
+        ),
+    ],
+)
+def test_difficulty_by_the_number_of_methods_that_solve(
+    number: int, expected: list[str], server: Serving
+) -> None:
+    """Episode k is solved by the first k methods."""
+    unused = np.zeros(number + 1, dtype=np.int64)
+    walks = [
+        WalkOutcomes(
+            outcome=np.where(np.arange(number + 1) > method, 4, 0),
+            path_length=np.arange(10.0 * method, 10.0 * method + number + 1),
+            stop=unused,
+            wrong_turn=unused,
+        )
+        for method in range(number)
+    ]
+    methods = [ShownMethod(f"{each}", f"M{each}", "", 1.0) for each in range(number)]
+    beside = SideBySide(server.state.boards[OPEN], methods, walks, ["a"] * (number + 1))
+    assert beside.solved.tolist() == [*range(number + 1)]
+    assert beside.difficulty == expected
+    assert sum(beside.counts.values()) == number + 1
+    assert [each.name for each in beside.solvers(1)] == ["M0"]
+    assert beside.lengths(number) == [number + 10.0 * method for method in range(number)]
+    assert [(each.scan, each.episodes, each.solved) for each in beside.buildings] == [
+        ("a", number + 1, 0.5)
+    ]
 
 
 def test_a_building_shows_where_walks_end(server: Serving) -> None:

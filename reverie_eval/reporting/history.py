@@ -126,7 +126,8 @@ class Timeline:
 
     @cached_property
     def _ticks(self) -> Sequence[float]:
-        most = max(self._shown(each.value) for each in self.results)
+        # With nothing but zeros, the axis is that of all values there may be.
+        most = max(self._shown(each.value) for each in self.results) or self._shown(1.0)
         step = next(each for each in round_numbers() if most / each <= 5)
         return np.arange(0, most + step, step).tolist()
 

@@ -491,7 +491,7 @@ def test_episodes_won_and_lost_are_overlaid(both: str) -> None:
     stops = [[each.get("class") for each in one.iter(f"{SVG}rect")] for one in maps]
     assert stops == [["ground", "stop route-1", "stop route-2"]] * 2
     answers = [each.get("class") for each in pictures if each not in maps]
-    both_and_target = [f"answer-view route-{number}" for number in (1, 2, 3)]
+    both_and_target = [f"answer-view route-{number} in-room" for number in (1, 2, 3)]
     assert answers == 2 * both_and_target
 
 

@@ -69,7 +69,7 @@ IN_SIGHT = """
 }
 """
 CUT = """
-() => [...document.querySelectorAll('th, td, h1, h2, h3, p, svg')]
+() => [...document.querySelectorAll('th, td, h1, h2, h3, p, svg:not(svg svg)')]
   .filter(each => each.getBoundingClientRect().right > innerWidth + 1)
   .map(each => each.outerHTML.slice(0, 80))
 """

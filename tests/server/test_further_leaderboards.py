@@ -148,7 +148,7 @@ def test_pages_of_a_further_leaderboard(several: Serving) -> None:
     own = several.client.get(f"/boards/{OPEN}").text
     assert f'href="/boards/{OPEN}/also/{GROUNDING}"' in own
     place = f"/boards/{OPEN}/also/{GROUNDING}"
-    for part in ("", "?columns=all&metric=rgs", "/chart", "/latex", "/bibtex", "/feed.atom"):
+    for part in ("", "?columns=all&metric=rgs", "/chart?x=rgs", "/latex", "/bibtex", "/feed.atom"):
         reply = several.client.get(f"{place}{part}")
         assert (reply.status_code, "65.48" in reply.text) == (200, part != "/bibtex"), part
     page = several.client.get(place).text

@@ -145,6 +145,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
                 instr_id=instr_id,
                 result_id=1,
                 person_id=1,
+                team_id=1,
                 number=1,
                 task="reverie",
             )

@@ -1,12 +1,13 @@
 """Buildings as stacked floors, and walks that play in them."""
 
-import shutil
+import os
 from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from imageio_ffmpeg import get_ffmpeg_exe
 
 import reverie_eval as rv
 from reverie_eval.analysis import Episode
@@ -147,8 +148,9 @@ def test_files_that_cannot_be_written(
     assert said in ended.err
 
 
-@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg is not installed")
 def test_mp4(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "ffmpeg").symlink_to(get_ffmpeg_exe())
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setattr("reverie_eval.reporting.animations._RATE", 1)
     file = tmp_path / "walk.mp4"
     words = ["figure", str(SAMPLES / "mediocre.json"), EPISODE, "--split", "val_unseen"]

@@ -479,7 +479,7 @@ def what_is_missing(results: Results) -> Iterator[str]:
 def what_it_took(results: Results) -> Iterator[str]:
     """Say how long the processor took. A seed that was not measured counts as the others' mean."""
     minutes, counted, whole = results.minutes(), set[tuple[Path, ...]](), 0.0
-    for title, rows in ("The rows", (*POINTERS, *NAVIGATORS)), ("What is changed", ABLATIONS):
+    for title, rows in ("The rows", (*POINTERS, *NAVIGATORS)), ("FAST-Short, changed", ABLATIONS):
         parts = []
         for kind, its in results.made(rows).items():
             took = [[minutes[each] for each in seeds if each in minutes] for seeds in its - counted]

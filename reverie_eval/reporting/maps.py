@@ -179,6 +179,10 @@ class EpisodeMap:
         """Return the map with the annotations only."""
         return replace(self, routes=())
 
+    def along_path(self) -> Self:
+        """Return the map with a single route, along the annotated path."""
+        return replace(self, routes=[Route(1, "", "", self.annotated_path)])
+
     @property
     def storey(self) -> IntArray:
         """Shape (n_viewpoints,): from 0 for the lowest."""

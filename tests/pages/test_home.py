@@ -96,7 +96,7 @@ def test_an_example_with_its_instruction_and_answer(server: Serving) -> None:
     board, example = shown
     assert example.instruction in unescape(page)
     assert f"object {example.target_object}" in page
-    assert f"Map of episode {example.instr_id}" in page
+    assert f"Building of episode {example.instr_id}" in page
     assert f'href="/episodes/{board.name}/{example.instr_id}"' in page
     assert "synthetic demo world" in page
 
@@ -135,7 +135,7 @@ def test_without_an_open_split_the_example_is_of_the_demo_world(
     server = open_server(adjusted(settings_of(folder), OPEN, visibility="private"))
     page = home(server)
     assert "From the synthetic demo world" in page
-    assert "Map of episode" in page
+    assert "Building of episode" in page
     assert not re.search(f'href="/(episodes|play)/{OPEN}', page)
 
 

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from reverie_eval.analysis import Episode
 from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import AnswerView
-from reverie_eval.reporting.map_svg import map_svg
+from reverie_eval.reporting.building_svg import BuildingPicture
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.server.explore.episodes import EpisodeService, Reference
 from reverie_eval.server.http.rendering import drawn
@@ -56,10 +56,12 @@ class Showcase:
             return None
         board, episode = self._episodes.example
         view = AnswerView.at_path_end(episode)
+        walk = EpisodeMap.of({"": episode}).along_path()
+        building = BuildingPicture(walk, episode.target_object)
         return Example(
             board=board,
             episode=episode,
             is_browsable=board in self._episodes.boards,
-            picture=drawn(map_svg(EpisodeMap.of({"": episode}).without_routes())),
+            picture=drawn(building.svg(plays=True)),
             answer=None if view is None else drawn(answer_svg(view, 1)),
         )

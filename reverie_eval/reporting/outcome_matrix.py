@@ -12,15 +12,17 @@ from reverie_eval.reporting.drawing import text_across, wide_svg
 from reverie_eval.scoring import OUTCOMES
 from reverie_eval.text import count_text
 
-# Of the outcomes from worst to best, as in `charts.css` but paler where an episode was not solved;
-# and of what is between two buildings.
+_OPACITIES = (0x50, 0x70, 0x70, 0x70, 0xFF)
+OPACITIES = tuple(round(each / 0xFF, 2) for each in _OPACITIES)
+"""How opaque the outcomes are drawn, from worst to best: paler where an episode was not solved."""
+# Of the outcomes from worst to best, as in `charts.css`, and of what is between two buildings.
 _COLOURS = np.array(
     [
-        (0x7D, 0x87, 0x91, 0x50),
-        (0xCC, 0x79, 0xA7, 0x70),
-        (0xE6, 0x9F, 0x00, 0x70),
-        (0x56, 0xB4, 0xE9, 0x70),
-        (0x00, 0x9E, 0x73, 0xFF),
+        (0x7D, 0x87, 0x91, _OPACITIES[0]),
+        (0xCC, 0x79, 0xA7, _OPACITIES[1]),
+        (0xE6, 0x9F, 0x00, _OPACITIES[2]),
+        (0x56, 0xB4, 0xE9, _OPACITIES[3]),
+        (0x00, 0x9E, 0x73, _OPACITIES[4]),
         (0, 0, 0, 0),
     ],
     dtype=np.uint8,
@@ -70,7 +72,8 @@ def outcome_matrix(names: Sequence[str], outcome: IntArray, scans: Sequence[str]
     shapes = [
         # An inner picture cuts off what is too long.
         f'<svg class="names" width="{_NAMES - 1}%" height="{height}">{"".join(rows)}</svg>',
-        f'<image x="{_NAMES}%" width="{100 - _NAMES}%" {picture}/>',
+        # Not smoothed: colours that run into each other would be outcomes that there are not.
+        f'<image x="{_NAMES}%" width="{100 - _NAMES}%" image-rendering="pixelated" {picture}/>',
         *_named(buildings, len(columns), height + 14),
     ]
     title = f"Outcomes of {count_text(len(names), 'method')} in {outcome.shape[1]:,} episodes"

@@ -26,7 +26,9 @@ def test_episodes_are_arranged_by_building_and_by_how_many_solve_them() -> None:
     )
     picture = ET.fromstring(outcome_matrix(["<i>best", "other"], outcome, scans))
     assert [each.text for each in picture.iter("text")] == ["<i>best", "other", "b", "a"]
-    address = next(picture.iter("image")).get("href", "")
+    image = next(picture.iter("image"))
+    assert image.get("image-rendering") == "pixelated"
+    address = image.get("href", "")
     kind, _, content = address.partition(",")
     assert kind == "data:image/webp;base64"
     pixels = np.array(Image.open(BytesIO(base64.b64decode(content))).convert("RGBA"))

@@ -17,7 +17,8 @@ from reverie_eval.reporting.episode_figure import check_episodes, without_variab
 from reverie_eval.reporting.maps import EpisodeMap
 
 _SUFFIXES = (".svg", ".gif", ".mp4")
-# Pictures of a second; the part of the time that the agents walk; pixels of a unit of the page.
+# Pictures in a second; the part of the time that the agents walk, as in `building.css`; pixels to a
+# unit of the page.
 _RATE, _WALKING, _PIXELS = 10, 0.85, 2
 
 
@@ -82,14 +83,18 @@ def _gif(frames: Sequence[bytes]) -> bytes:
     with naming_missing_parts():
         from PIL import Image
 
-    first, *others = [Image.open(BytesIO(each)).convert("RGB").quantize() for each in frames]
+    shown = [Image.open(BytesIO(each)).convert("RGB") for each in frames]
+    # With one palette for all, what stands still has the same bytes in each and is left out.
+    palette = shown[-1].quantize()
+    first, *others = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in shown]
     written = BytesIO()
     first.save(written, "GIF", save_all=True, append_images=others, duration=1000 // _RATE, loop=0)
     return written.getvalue()
 
 
 def _mp4(frames: Sequence[bytes]) -> bytes:
-    # MP4 is not written to a pipe as it stands: its index would come first. Sizes must be even.
+    # The index of an MP4 file is written last and placed first, which a pipe does not allow; those
+    # of fragments are. Sizes must be even.
     command = ["ffmpeg", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(_RATE)]
     command += ["-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]
     command += ["-movflags", "frag_keyframe+empty_moov", "-f", "mp4", "-"]

@@ -7,9 +7,7 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, row_of
-from reverie_eval.scoring import OUTCOMES, Scores, is_goal, outcome_indices
-
-_CORRECT = list(OUTCOMES).index("correct")
+from reverie_eval.scoring import CORRECT, Scores, is_goal, outcome_indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +47,7 @@ class WalkOutcomes:
     @cached_property
     def is_correct(self) -> BoolArray:
         """Whether the agent stopped at the goal and predicted the target."""
-        return np.equal(self.outcome, _CORRECT)
+        return np.equal(self.outcome, CORRECT)
 
 
 def _wrong_turns(scores: Scores) -> IntArray:

@@ -9,13 +9,13 @@ import numpy as np
 from reverie_eval.arrays import Array, IntArray
 from reverie_eval.errors import naming_missing_parts
 from reverie_eval.reporting.drawing import text_across, wide_svg
-from reverie_eval.scoring import OUTCOMES
+from reverie_eval.scoring import CORRECT
 from reverie_eval.text import count_text
 
 _OPACITIES = (0x50, 0x70, 0x70, 0x70, 0xFF)
 OPACITIES = tuple(round(each / 0xFF, 2) for each in _OPACITIES)
 """How opaque the outcomes are drawn, from worst to best: paler where an episode was not solved."""
-# Of the outcomes from worst to best, as in `charts.css`, and of what is between two buildings.
+# The outcomes from worst to best, as in `charts.css`, and the gap between two buildings.
 _COLOURS = np.array(
     [
         (0x7D, 0x87, 0x91, _OPACITIES[0]),
@@ -28,11 +28,10 @@ _COLOURS = np.array(
     dtype=np.uint8,
 )
 _BETWEEN = len(_COLOURS) - 1
-_CORRECT = len(OUTCOMES) - 1
 # Pixels.
 _ROW = 17
-# Percent of the width for names, of all episodes between two buildings, and of the width for the
-# name of a building.
+# Percent: the width of the methods' names, the gap between two buildings (of the number of
+# episodes), and the width that a building's name needs.
 _NAMES, _GAP, _BUILDING = 22.0, 0.4, 9.0
 
 
@@ -62,7 +61,7 @@ def outcome_matrix(names: Sequence[str], outcome: IntArray, scans: Sequence[str]
     MissingPartError
         If Pillow is not installed.
     """
-    solved = (outcome == _CORRECT).sum(axis=0)
+    solved = (outcome == CORRECT).sum(axis=0)
     columns, buildings = _arranged(solved, np.asarray(scans))
     height = _ROW * len(names)
     rows = (

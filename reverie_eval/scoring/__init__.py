@@ -1,6 +1,7 @@
 """Scoring: from an aligned submission and a protocol to scores."""
 
 from reverie_eval.scoring._episode_table import (
+    CORRECT,
     OUTCOMES,
     EpisodeTable,
     FailureModes,
@@ -44,6 +45,7 @@ from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 
 __all__ = [
     "BOX_OUTCOMES",
+    "CORRECT",
     "DEFAULT_PROTOCOL",
     "FEW_CLUSTERS",
     "OUTCOMES",

@@ -184,6 +184,8 @@ OUTCOMES: Mapping[str, str] = MappingProxyType(
 )
 """The outcomes and their meanings, from worst to best."""
 
+CORRECT = list(OUTCOMES).index("correct")
+"""The index of ``correct`` in ``OUTCOMES``."""
 _WRONG_STOP = list(OUTCOMES).index("correct object at the wrong stop")
 _NEEDED = ("success", "oracle_success", "rgs")
 

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session, joinedload
 from reverie_eval.analysis import Comparison, Difference
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.scoring import OUTCOMES, outcome_indices
+from reverie_eval.scoring import CORRECT, OUTCOMES, outcome_indices
 from reverie_eval.server.boards.entries import Row
 from reverie_eval.server.boards.leaderboard import Ranking, method_names
 from reverie_eval.server.errors import MalformedError, NotFoundError
@@ -169,7 +169,7 @@ def _flips(comparison: Comparison, names: Sequence[str]) -> Mapping[str, Sequenc
     """List the episodes in which only one of two results is correct, in the order of the split."""
     scores = [comparison.scores[name] for name in names]
     try:
-        is_correct = [outcome_indices(each.episodes) == len(OUTCOMES) - 1 for each in scores]
+        is_correct = [outcome_indices(each.episodes) == CORRECT for each in scores]
     except ProtocolError:
         return {}
     ids, (first, second) = scores[0].instr_ids, is_correct

@@ -32,17 +32,17 @@ if TYPE_CHECKING:
         Line,
         Room,
         Sightings,
+        door_spans,
         find_storeys,
+        floors_of,
         model_building,
         name_room,
     )
     from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
     from reverie_eval.geometry._room_views import Face, RoomView, Seen
-    from reverie_eval.geometry._solids import CAMERA_HEIGHT, FACES, Solids
+    from reverie_eval.geometry._solids import Solids, sides_of
 
 __all__ = [
-    "CAMERA_HEIGHT",
-    "FACES",
     "FAR_OFF",
     "FIELD_OF_VIEW",
     "FOCAL_LENGTH",
@@ -69,13 +69,16 @@ __all__ = [
     "clip_at_depth",
     "degrees_between",
     "degrees_off",
+    "door_spans",
     "find_storeys",
+    "floors_of",
     "is_on_grid",
     "model_building",
     "name_room",
     "pixels_of",
     "polygon_overlap",
     "rays_of",
+    "sides_of",
     "snap",
     "view_angles",
     "warp",

@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from typing_extensions import Self
@@ -41,6 +41,8 @@ _AT_HAND, _NEAR, _LARGE = 0.5, 1.5, 50.0
 # Stairs: the least climb of an edge, its slopes, the least climb of all edges that meet, and metres
 # from tread to tread.
 _CLIMB, _SLOPES, _FLIGHT, _TREAD = 0.4, (0.25, 2.5), 1.0, 0.19
+# Metres between a door and its wall, at most.
+_IN_WALL = 0.05
 # What names a room, and by how much. A word within a longer name counts half.
 _TELLING: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -165,6 +167,11 @@ class Building:
     solids: Solids
     """The objects."""
 
+    def shade_of(self, wall: FloatArray) -> Literal["lit", "dim"]:
+        """Return the light on a wall of a direction, shape (2,): ``lit`` along the first axis."""
+        along, across = np.abs(self.solids.axes @ wall)
+        return "lit" if along > across else "dim"
+
     def rooms_on(self, storey: int) -> Sequence[Room]:
         """Return the rooms of a storey."""
         return [room for room in self.rooms if room.storey == storey]
@@ -260,6 +267,17 @@ def find_storeys(height: FloatArray) -> IntArray:
             floors.append(float(height[row]))
     storey: IntArray = np.abs(height[:, None] - np.sort(floors)).argmin(axis=1)
     return storey
+
+
+def door_spans(doors: Sequence[Line], start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return where doors are in a wall: metres from its start, shape (n_doors, 2).
+
+    They are in it if both ends are on its line; a span may begin before the wall, or end after it.
+    """
+    along = (end - start) / np.linalg.norm(end - start)
+    offset = np.array([door.ends for door in doors]).reshape(-1, 2, 2) - start
+    across = np.abs(offset[..., 0] * along[1] - offset[..., 1] * along[0])
+    return np.asarray(np.sort(offset @ along, axis=1)[(across < _IN_WALL).all(axis=1)])
 
 
 def floors_of(height: FloatArray, storey: IntArray) -> FloatArray:

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, IntArray
-from reverie_eval.geometry._buildings import Building
+from reverie_eval.geometry._buildings import Building, door_spans
 from reverie_eval.geometry._polygons import clip_at_depth
-from reverie_eval.geometry._solids import CAMERA_HEIGHT, FACES, Solids, kind_of
+from reverie_eval.geometry._solids import CAMERA_HEIGHT, SIDES, Solids, kind_of, sides_of
 from reverie_eval.geometry._views import (
     HEIGHT,
     VIEW_AXES,
@@ -26,15 +26,13 @@ from reverie_eval.geometry._views import (
 _CEILING, _DOOR_HEIGHT, _FRAME, _SKIRTING = 1.1, 2.05, 0.08, 0.1
 # Metres around a viewpoint that stands in no room, at least.
 _AROUND = 1.5
-# Metres between a door and its wall, at most.
-_IN_WALL = 0.05
 _MIN_DEPTH = 0.05
-# Points around a crown of leaves, and the radius of the disc of a neighbour, metres.
-_CIRCLE, DISC_RADIUS = 14, 0.22
+# A side faces an axis if the cosine of the angle between them is larger.
+_HALF = 0.5
+# Points around a crown of leaves.
+_CIRCLE = 14
 # The part of a box that lies within another if its object lies in front.
 _WITHIN = 0.8
-# Of a direction: what is closer to an axis than this faces it.
-_HALF = 0.5
 
 
 class Face(NamedTuple):
@@ -84,15 +82,6 @@ class RoomView:
         """Return what the view shows, the farthest first, and objects of ``last`` after all."""
         return [*self._shell(), *self._objects(last)]
 
-    def disc(self, position: FloatArray) -> FloatArray:
-        """Return the outline, in pixels, of a disc on the floor below another viewpoint.
-
-        Shape (0, 2) if the view does not show it.
-        """
-        turns = np.linspace(0, 2 * np.pi, _CIRCLE, endpoint=False)
-        ring = DISC_RADIUS * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(_CIRCLE)])
-        return self._pixels(position - (0, 0, CAMERA_HEIGHT) + ring)
-
     # The room.
 
     @property
@@ -126,15 +115,17 @@ class RoomView:
             for wall in zip(each, np.roll(each, -1, axis=0), strict=True)
             if _is_left(self._camera[:2], *wall)
         ]
-        doors = np.array([door.ends for door in self._building.doors_on(self._storey)])
-        doors = doors.reshape(-1, 2, 2)
+        doors = self._building.doors_on(self._storey)
         for start, end in sorted(walls, key=lambda it: -_distance(self._camera[:2], *it)):
-            along = (end - start) / np.linalg.norm(end - start)
-            shade = "lit" if abs(along @ self._building.solids.axes[0]) > _HALF else "dim"
-            yield from self._upright(f"wall {shade}", start, end, floor, ceiling)
+            length = np.linalg.norm(end - start)
+            along = (end - start) / length
+            kind = f"wall {self._building.shade_of(end - start)}"
+            yield from self._upright(kind, start, end, floor, ceiling)
             yield from self._upright("skirting", start, end, floor, floor + _SKIRTING)
-            for ends in doors[_are_in_wall(doors, start, end)]:
-                first, last = sorted(ends, key=lambda it: float((it - start) @ along))
+            for low, high in door_spans(doors, start, end):
+                if not 0 < low + high < 2 * length:  # its middle is in another wall
+                    continue
+                first, last = start + low * along, start + high * along
                 aside, top = _FRAME * along, floor + _DOOR_HEIGHT
                 frame = first - aside, last + aside, floor, top + _FRAME
                 yield from self._upright("frame", *frame)
@@ -167,10 +158,10 @@ class RoomView:
         return self._unseen, self.fitted
 
     def _in_front_of(self, away: FloatArray) -> FloatArray:
-        """Return the distance to the nearest object within whose box an object's lies.
+        """Return just less than the distance of the nearest object whose box contains an object's.
 
-        Both shapes are (n_seen,); inf if there is none. Distances of centres alone would hide
-        a book in the table that it lies on.
+        ``away`` has the distances of all centres, shape (n_seen,), as the result; inf if no box
+        contains it. By their centres alone, a table would hide the book that lies on it.
         """
         low = self._seen.xywh[:, :2].astype(np.float64)
         size = self._seen.xywh[:, 2:].astype(np.float64)
@@ -192,9 +183,7 @@ class RoomView:
         pixels = pixels_of(np.where(is_whole[:, None, None], seen, 1.0))
         is_beside = (pixels.max(axis=1) < 0) | (pixels.min(axis=1) > (WIDTH, HEIGHT))
         in_view = (depth.max(axis=1) >= _MIN_DEPTH) & ~(is_whole & is_beside.any(axis=1))
-        sides = list(FACES.values())
-        quads = corners[:, sides]  # (n_parts, 6, 4, 3)
-        normal = np.cross(quads[:, :, 1] - quads[:, :, 0], quads[:, :, 3] - quads[:, :, 0])
+        quads, normal = sides_of(corners)
         faces_camera = ((self._camera - quads[:, :, 0]) * normal).sum(axis=2) > 0
         length = np.maximum(np.linalg.norm(normal, axis=2), 1e-12)
         up = normal[..., 2] / length
@@ -211,7 +200,7 @@ class RoomView:
             for part in parts:
                 for side in np.flatnonzero(faces_camera[part]).tolist():
                     outline = (
-                        pixels[part, sides[side]]
+                        pixels[part, SIDES[side]]
                         if is_whole[part]
                         else self._pixels(quads[part, side])
                     )
@@ -259,13 +248,3 @@ def _distance(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
     along = end - start
     share = np.clip((point - start) @ along / (along @ along), 0, 1)
     return float(np.linalg.norm(start + share * along - point))
-
-
-def _are_in_wall(doors: FloatArray, start: FloatArray, end: FloatArray) -> Array:
-    """Whether doors, shape (n, 2, 2), are in a wall."""
-    along = (end - start) / np.linalg.norm(end - start)
-    offset = doors - start
-    across = np.abs(offset[..., 0] * along[1] - offset[..., 1] * along[0])
-    middle = (offset @ along).mean(axis=1)
-    is_on = (middle > 0) & (middle < np.linalg.norm(end - start))
-    return np.asarray((across < _IN_WALL).all(axis=1) & is_on)

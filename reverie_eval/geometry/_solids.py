@@ -282,17 +282,10 @@ class Solids:
 _CORNERS: FloatArray = np.array(
     [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
 )
-FACES: Mapping[str, IntArray] = MappingProxyType(
-    {
-        "u-": np.array([0, 1, 3, 2]),
-        "u+": np.array([4, 6, 7, 5]),
-        "v-": np.array([0, 4, 5, 1]),
-        "v+": np.array([2, 3, 7, 6]),
-        "under": np.array([0, 2, 6, 4]),
-        "top": np.array([1, 5, 7, 3]),
-    }
+SIDES: IntArray = np.array(
+    [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 )
-"""The corners of each side of a box, by the direction that it faces."""
+"""The corners of each side of a box: two along each axis, and then below and above."""
 # Quarter turns of what is local to a solid: its back is its second coordinate.
 _TURNS: FloatArray = np.array(
     [
@@ -300,3 +293,10 @@ _TURNS: FloatArray = np.array(
         for c, s in ((0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))
     ]
 )
+
+
+def sides_of(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the sides of boxes, shape (n, 6, 4, 3), and their normals outwards, (n, 6, 3)."""
+    sides = corners[:, SIDES]
+    normal = np.cross(sides[:, :, 1] - sides[:, :, 0], sides[:, :, 3] - sides[:, :, 0])
+    return sides, normal

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
-from reverie_eval.geometry import CAMERA_HEIGHT, FACES
+from reverie_eval.geometry import door_spans, floors_of, sides_of
 from reverie_eval.reporting.answer_svg import ANSWER_STYLE
 from reverie_eval.reporting.drawing import element, line_data, path, path_data
 from reverie_eval.reporting.map_layout import Mark, put_name, text_box
@@ -26,7 +26,7 @@ BUILDING_STYLE = MAP_STYLE + ANSWER_STYLE + text_of("shared/building.css")
 WIDTH = 400
 """The width of a picture, in units of the page; its height follows from the building."""
 SECONDS = 8
-"""That a walk takes in a picture that plays."""
+"""How long a walk plays, as in ``building.css``."""
 # The greatest height, and margins, in units of the page.
 _HIGHEST, _MARGIN, _GAP = 460, 14, 20
 # Degrees: the walls are turned to the left, and the camera looks down.
@@ -37,8 +37,6 @@ _WALL, _PIECE = 0.8, 1.5
 _FLATTENED = 0.6
 # Metres: what is smaller is left out, and what begins higher above the floor.
 _SMALL, _HANGS = 0.35, 0.9
-# Metres between a door and its wall, at most.
-_IN_WALL = 0.05
 # Units of the page between the walk and a name.
 _CLEAR = 7
 _FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
@@ -64,11 +62,8 @@ class BuildingPicture:
         turn = np.array([(np.cos(_TURN), np.sin(_TURN)), (-np.sin(_TURN), np.cos(_TURN))])
         self._axes = turn @ self._building.solids.axes
         self._levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
-        height = episode_map.position[:, 2] - CAMERA_HEIGHT
-        self._floor = {
-            level: float(np.median(height[episode_map.storey == level])) for level in self._levels
-        }
-        corners = {level: self._flat(self._ground(level), 0.0) for level in self._levels}
+        self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
+        corners = {level: self._flat(self._ground(level)) for level in self._levels}
         spread = np.vstack(list(corners.values()))
         low, high = spread[:, 0].min(), spread[:, 0].max()
         tall = sum(np.ptp(each[:, 1]) for each in corners.values())
@@ -134,13 +129,12 @@ class BuildingPicture:
         return Mark("right of", np.array([4.0, bottom - 2]), text=f"level {level + 1}")
 
     def _walls(self, level: int) -> Iterator[_Shape]:
-        doors = np.array([door.ends for door in self._building.doors_on(level)]).reshape(-1, 2, 2)
+        doors = self._building.doors_on(level)
         for room in self._building.rooms_on(level):
             for outline in room.outlines:
                 for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-                    is_along = abs((end - start) @ self._building.solids.axes[0]) > _IN_WALL
-                    kind = f"wall {'lit' if is_along else 'dim'}"
-                    for ends in wall_pieces(start, end, doors):
+                    kind = f"wall {self._building.shade_of(end - start)}"
+                    for ends in wall_pieces(start, end, door_spans(doors, start, end)):
                         low, high = (self._page(ends, level, z) for z in (0.0, _WALL))
                         quad = np.vstack([low, high[::-1]])
                         yield _Shape(float((ends @ self._axes[1]).mean()), kind, quad)
@@ -151,8 +145,9 @@ class BuildingPicture:
         is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS)
         is_shown &= (2 * solids.half[:, :2] >= _SMALL).all(axis=1)
         for row in np.flatnonzero(is_shown).tolist():
-            room = self._building.rooms[solids.room[row]]
-            is_shown[row] = solids.room[row] >= 0 and room.contains(solids.centre[[row], :2])[0]
+            room = int(solids.room[row])
+            here = solids.centre[[row], :2]
+            is_shown[row] = room >= 0 and self._building.rooms[room].contains(here)[0]
         shown = solids.take(is_shown)
         corners, of_solid, materials = shown.parts()
         if not len(corners):
@@ -160,13 +155,12 @@ class BuildingPicture:
         flat = corners[..., :2] @ self._axes.T
         up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
         points = np.concatenate([flat, up[..., None]], axis=2)
-        quads = points[:, list(FACES.values())]
-        normal = np.cross(quads[:, :, 1] - quads[:, :, 0], quads[:, :, 3] - quads[:, :, 0])
+        quads, normal = sides_of(points)
         is_seen = normal @ _FACING > 1e-9
         shade = np.where(normal[..., 2] > 1e-9, "top", np.where(normal[..., 0] > 0, "lit", "dim"))
         far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)
         for part, side in np.argwhere(is_seen).tolist():
-            outline = self._placed(quads[part, side], level)
+            outline = self._placed(_flattened(*quads[part, side].T), level)
             yield _Shape(float(far[part]), f"{materials[part]} {shade[part, side]}", outline)
 
     # The walk.
@@ -237,20 +231,22 @@ class BuildingPicture:
         rooms = self._building.rooms_on(level)
         return np.vstack([here, *(outline for room in rooms for outline in room.outlines)])
 
-    def _flat(self, points: FloatArray, height: float) -> FloatArray:
+    def _flat(self, points: FloatArray, height: float = 0.0) -> FloatArray:
         """Project points of shape (..., 2) at a height above their floor, in metres."""
         across, away = np.moveaxis(points @ self._axes.T, -1, 0)
-        return np.stack([across, -away * np.sin(_TILT) - height * np.cos(_TILT)], axis=-1)
+        return _flattened(across, away, height)
 
     def _page(self, points: FloatArray, level: int, height: float = 0.0) -> FloatArray:
-        flat = self._flat(points, height) - (self._left, 0)
-        return np.asarray(self._scale * flat + (0, self._top[level]))
+        return self._placed(self._flat(points, height), level)
 
-    def _placed(self, points: FloatArray, level: int) -> FloatArray:
-        """Project points in the frame of the picture, shape (n, 3): right, away, up."""
-        x, y = points[:, 0], -points[:, 1] * np.sin(_TILT) - points[:, 2] * np.cos(_TILT)
-        flat = np.column_stack([x - self._left, y])
-        return np.asarray(self._scale * flat + (0, self._top[level]))
+    def _placed(self, flat: FloatArray, level: int) -> FloatArray:
+        """Put projected points where their level is on the page."""
+        return np.asarray(self._scale * (flat - (self._left, 0)) + (0, self._top[level]))
+
+
+def _flattened(across: FloatArray, away: FloatArray, up: FloatArray | float) -> FloatArray:
+    """Project what is to the right, away and up, metres: to the right and down."""
+    return np.stack([across, -away * np.sin(_TILT) - up * np.cos(_TILT)], axis=-1)
 
 
 def cut(line: FloatArray, share: float) -> FloatArray:
@@ -274,13 +270,10 @@ def _points_along(line: FloatArray) -> FloatArray:
     return np.array([cut(line, share)[-1] for share in shares])
 
 
-def wall_pieces(start: FloatArray, end: FloatArray, doors: FloatArray) -> Iterator[FloatArray]:
-    """Yield the ends of short pieces of a wall, without its doors."""
+def wall_pieces(start: FloatArray, end: FloatArray, gaps: FloatArray) -> Iterator[FloatArray]:
+    """Yield the ends of short pieces of a wall, without what :func:`door_spans` returns."""
     length = float(np.hypot(*(end - start)))
     along = (end - start) / length
-    offset = doors - start
-    across = np.abs(offset[..., 0] * along[1] - offset[..., 1] * along[0]).max(axis=1, initial=0)
-    gaps = np.sort(offset @ along, axis=1)[across < _IN_WALL]
     marks = [0.0, *sorted(np.clip(gaps, 0, length).ravel().tolist()), length]
     for first, last in zip(marks[::2], marks[1::2], strict=True):
         count = int(np.ceil((last - first) / _PIECE))

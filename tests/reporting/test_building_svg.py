@@ -1,6 +1,7 @@
 """Buildings as stacked floors, and walks that play in them."""
 
 import os
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -11,6 +12,7 @@ from imageio_ffmpeg import get_ffmpeg_exe
 
 import reverie_eval as rv
 from reverie_eval.analysis import Episode
+from reverie_eval.geometry import Line, door_spans
 from reverie_eval.reporting.building_svg import WIDTH, BuildingPicture, wall_pieces
 from reverie_eval.reporting.maps import EpisodeMap
 from tests.conftest import SAMPLES, unavailable
@@ -58,8 +60,10 @@ def test_walls_have_gaps_for_doors(
     doors: list[tuple[float, float]], expected: list[tuple[float, float]]
 ) -> None:
     """A wall from (3, 0) to (3, 2), in pieces of at most 1.5 m; a door in another wall is none."""
-    ends = np.array([[(3, low), (3, high)] for low, high in doors] + [[(1, 0), (1, 2)]], float)
-    pieces = list(wall_pieces(np.array([3.0, 0.0]), np.array([3.0, 2.0]), ends))
+    ends = [[(3, low), (3, high)] for low, high in doors] + [[(1, 0), (1, 2)]]
+    wall = np.array([3.0, 0.0]), np.array([3.0, 2.0])
+    spans = door_spans([Line(0, np.array(each, float)) for each in ends], *wall)
+    pieces = list(wall_pieces(*wall, spans))
     assert [tuple(piece[:, 1].round(9)) for piece in pieces] == expected
 
 
@@ -81,6 +85,17 @@ def test_all_is_on_the_page(episode: Episode) -> None:
     assert (corners < (WIDTH, picture.height)).all()
     names = [each.text for each in of_class(picture.svg(), "room-name")]
     assert set(names) == {"bedroom", "kitchen"}
+
+
+def test_objects_without_a_room_are_left_out(episode: Episode) -> None:
+    whole = EpisodeMap.of({"": episode})
+    solids = whole.building.solids
+    bare = replace(
+        whole.building, rooms=[], doors=[], solids=replace(solids, room=0 * solids.room - 1)
+    )
+    svg = BuildingPicture(replace(whole, building=bare)).svg()
+    assert not of_class(svg, "wood")
+    assert len(of_class(svg, "route-1")) == len(of_class(BuildingPicture(whole).svg(), "route-1"))
 
 
 def test_the_target_is_marked_on_request(episode: Episode) -> None:
@@ -112,9 +127,8 @@ def test_a_walk_plays_without_scripts_and_styles(episode: Episode) -> None:
 def test_files_that_play(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from PIL import Image, ImageSequence
 
-    monkeypatch.setattr(
-        "reverie_eval.reporting.animations._RATE", 1
-    )  # few pictures: each takes long
+    # Few pictures, each of which takes long.
+    monkeypatch.setattr("reverie_eval.reporting.animations._RATE", 1)
     try:
         import vl_convert  # noqa: F401
     except ModuleNotFoundError:
@@ -134,6 +148,8 @@ def test_files_that_play(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     ("output", "said"),
     [
         ("walk.pdf", "walk.pdf: expected a name that ends in .svg, .gif or .mp4"),
+        ("walk.svg --columns 1", "--no-legend cannot be combined with --animate"),
+        ("walk.svg --no-legend", "--no-legend cannot be combined with --animate"),
         ("walk.mp4", "walk.mp4: MP4 needs the program ffmpeg; install it, or write .gif"),
     ],
 )
@@ -141,10 +157,10 @@ def test_files_that_cannot_be_written(
     output: str, said: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    file = tmp_path / output
+    monkeypatch.chdir(tmp_path)
     words = ["figure", str(SAMPLES / "mediocre.json"), EPISODE, "--split", "val_unseen"]
-    ended = run(*words, "--animate", "-o", str(file))
-    assert (ended.status, ended.out, file.exists()) == (2, "", False)
+    ended = run(*words, "--animate", "-o", *output.split())
+    assert (ended.status, ended.out, list(tmp_path.iterdir())) == (2, "", [])
     assert said in ended.err
 
 

@@ -15,6 +15,8 @@ from reverie_eval_cli.output import check_outputs, score_each
 if TYPE_CHECKING:
     from reverie_eval.reporting.episode_figure import Columns
 
+_COLUMNS = "2"
+
 
 @click.command()
 @options.submissions
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 @options.with_default(
     "--columns",
     type=options.Choice(["1", "2"]),
-    default="2",
+    default=_COLUMNS,
     help="Width of the figure, in columns of a page: 3.3 or 6.9 inches.",
 )
 @options.with_default("--legend/--no-legend", default=True, help="Explain the signs of the map.")
@@ -47,6 +49,8 @@ def figure(
     from reverie_eval.reporting.animations import check_animation_name, save_animation
     from reverie_eval.reporting.figures import check_figure_name
 
+    if animate and (columns != _COLUMNS or not legend):
+        raise click.UsageError("--columns and --no-legend cannot be combined with --animate")
     is_named = [find_runs(word) is not None for word in submissions]
     if any(is_named) and not all(is_named):
         raise click.UsageError("one file has a name and another has none; write NAME=FILE for both")

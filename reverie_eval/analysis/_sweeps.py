@@ -201,7 +201,7 @@ class Sweep(Mapping[str, Scored]):
         n_clusters, key = len(np.unique(cluster)), self.primary.key
         if n_clusters < 2:  # nothing shows how much errors may be
             return [True] * len(self.candidates), 0.0
-        # As many runs of each, so that the errors of means with more of them count as no smaller.
+        # The same number of runs of each: means over more of them would count as more certain.
         rows = [list(self.rows[name].values())[: self.n_runs] for name in self.candidates]
         values = np.array([[scores.episodes[key] for scores in runs] for runs in rows])
         covariance = covariance_of_rows(values, cluster)

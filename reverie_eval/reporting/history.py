@@ -247,7 +247,7 @@ def rank_over_time(
             best = min(best, mine.pop(0)[1])
         if best < math.inf:
             rank = RankAt(years, 1 + bisect_left(costs, best), len(costs))
-            # Of several at a moment, the last has counted them all.
+            # The last of the results of a moment has counted all of them.
             if found and found[-1].years == years:
                 found[-1] = rank
             else:

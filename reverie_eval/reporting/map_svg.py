@@ -86,20 +86,16 @@ def visited_svg(position: FloatArray) -> str:
     """
     frame = Frame.around(position)
     points = frame.points(position)
-    metres, scale = frame.bar_metres, frame.scale
     shapes = [
-        f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
         path("route route-1", path_data("route", [points])) if len(points) > 1 else "",
         path("viewpoint", path_data("viewpoint", list(points[:, None]))),
         draw_mark(Mark("start", points[0]), "start"),
         draw_mark(Mark("stop", points[-1], 1), "here"),
-        f'<path class="scale" d="M10 {HEIGHT - 14}v4h{metres * scale:.1f}v-4"/>',
-        f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text>',
     ]
     number = count_text(len(np.unique(position, axis=0)), "viewpoint")
     return (
         f'<svg class="episode-map" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
-        f"<title>The walk so far: {number}</title>{''.join(shapes)}</svg>"
+        f"<title>The walk so far: {number}</title>{_on_ground(shapes, frame)}</svg>"
     )
 
 
@@ -157,7 +153,8 @@ class _Drawing:
         storey = self._map.start_storey
         plan, names = self._layout.plan(storey), self._layout.room_names(storey)
         layers = map(list, (plan, edges, names, *others))
-        return self._on_ground(shape for layer in layers for shape in self._joined(layer))
+        shapes = (shape for layer in layers for shape in self._joined(layer))
+        return _on_ground(shapes, self._layout.frame)
 
     def interactive(self) -> str:
         edges, rooms, annotated, *others = (
@@ -178,22 +175,13 @@ class _Drawing:
             "</g>",
             *chain.from_iterable(others),
         ]
-        return self._svg("episode-map walkable", self._on_ground(shapes))
+        return self._svg("episode-map walkable", _on_ground(shapes, self._layout.frame))
 
     def _svg(self, kind: str, shapes: str, attributes: str = "", style: str = "") -> str:
         return (
             f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {HEIGHT}"{attributes}>'
             f"<title>{escape(f'Map of episode {self._map.instr_id}')}</title>"
             f"<desc>{escape(self._map.description)}</desc>{style}{shapes}</svg>"
-        )
-
-    def _on_ground(self, shapes: Iterable[str]) -> str:
-        """Lay shapes on the ground, with the scale above both."""
-        metres, scale = self._layout.frame.bar_metres, self._layout.frame.scale
-        return (
-            f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>{"".join(shapes)}'
-            f'<path class="scale" d="M10 {HEIGHT - 14}v4h{metres * scale:.1f}v-4"/>'
-            f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text>'
         )
 
     def _joined(self, layer: Sequence[Piece]) -> Iterator[str]:
@@ -217,6 +205,16 @@ class _Drawing:
         if piece.mark:
             shapes.append(draw_mark(piece.mark, piece.title))
         return f'<g data-levels="{levels}"{about}{faint}>{"".join(shapes)}</g>'
+
+
+def _on_ground(shapes: Iterable[str], frame: Frame) -> str:
+    """Lay shapes on the ground, with the scale above both."""
+    metres = frame.bar_metres
+    return (
+        f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>{"".join(shapes)}'
+        f'<path class="scale" d="M10 {HEIGHT - 14}v4h{metres * frame.scale:.1f}v-4"/>'
+        f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text>'
+    )
 
 
 def sign_shapes(sign: Sign) -> str:

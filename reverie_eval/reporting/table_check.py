@@ -1,7 +1,7 @@
 """Whether the numbers of a printed table are those of result files, and whether bold is the best.
 
-Each number is compared with the mean of its row's file, rounded to as many digits as are printed.
-One that differs is compared with other ways to round, and with other protocols.
+The mean in the file of a row is rounded to the digits that are printed, and compared. A number that
+differs is compared with other ways to round, and with other protocols.
 """
 
 import re

@@ -23,8 +23,8 @@ STOPS = {
     "gave-up": "stopped without having reached the goal",
 }
 """The kinds of stops by class, each with its meaning."""
-# The kind of each outcome: an object that was right from afar was named before the goal was reached
-# in all but few episodes.
+# The kind of each outcome. A correct object at the wrong stop is nearly always predicted before the
+# goal was reached.
 _KIND = {
     "never reached": "gave-up",
     "overshot": "moved-on",
@@ -106,7 +106,7 @@ class WalkFaults:
         )
 
     def _stops(self, viewpoints: IntArray, frame: Frame) -> Iterator[str]:
-        """Draw circles whose areas are the numbers of stops, the larger ones below."""
+        """Draw a circle for each kind of stop at a viewpoint, by area; smaller ones lie on top."""
         scale = _LARGEST / np.sqrt(max(self.stops.max(), 1))
         for row in viewpoints.tolist():
             x, y = frame.points(self.position[row])

@@ -112,8 +112,8 @@ def _read(source: str | PathLike[str] | BinaryIO | TextIO, limit: int) -> bytes:
 def _read_file(file: str | PathLike[str], limit: int) -> bytes:
     try:
         with Path(file).open("rb") as opened:
-            # Python reserves as many bytes as are asked for: twice the time to read a small file. A
-            # pipe has no size.
+            # Python allocates all bytes that are asked for: asking for the limit would double the
+            # time to read a small file. A pipe has no size.
             size = os.fstat(opened.fileno()).st_size or limit
             return opened.read(min(size, limit) + 1)
     except IsADirectoryError:

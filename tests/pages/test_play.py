@@ -100,7 +100,7 @@ def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Se
 
 
 def test_a_walk_is_compared_with_those_of_methods(server: Serving) -> None:
-    """Of two methods one is right; it goes to and fro, so the person walks less."""
+    """One of two methods is right, but it walks to and fro, farther than the person."""
     instr_id = sample(server.state.board(OPEN), 0, EPISODES[0])[-1]
     record = RECORDS[instr_id]
     path = record["trajectory"]

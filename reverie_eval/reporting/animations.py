@@ -94,7 +94,8 @@ def _gif(frames: Sequence[bytes]) -> bytes:
 
 def _mp4(frames: Sequence[bytes]) -> bytes:
     # The index of an MP4 file is written last and placed first, which a pipe does not allow; those
-    # of fragments are. Sizes must be even.
+    # A pipe does not allow the index of a whole MP4 file, which is written last but placed first;
+    # each fragment has its own. Sizes must be even.
     command = ["ffmpeg", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(_RATE)]
     command += ["-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]
     command += ["-movflags", "frag_keyframe+empty_moov", "-f", "mp4", "-"]

@@ -66,7 +66,7 @@ class BuildingPicture:
         corners = {level: self._flat(self._ground(level)) for level in self._levels}
         spread = np.vstack(list(corners.values()))
         low, high = spread[:, 0].min(), spread[:, 0].max()
-        tall = sum(np.ptp(each[:, 1]) for each in corners.values())
+        tall = sum(np.ptp(each[:, 1]) + _WALL for each in corners.values())
         free = _HIGHEST - 2 * _MARGIN - _GAP * (len(corners) - 1)
         self._scale = min((WIDTH - 2 * _MARGIN) / (high - low), free / tall)
         self._left = float((low + high) / 2 - WIDTH / 2 / self._scale)

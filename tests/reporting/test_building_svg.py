@@ -75,6 +75,8 @@ def test_levels_are_stacked(scores: rv.Scores) -> None:
     assert [each.text for each in titles] == ["level 2", "level 1"]
     single = next(each for each in maps if each.levels(each.visited) == [1])
     assert [each.text for each in of_class(BuildingPicture(single).svg(), "level")] == ["level 1"]
+    # The tallest of all is as high as a picture may be.
+    assert max(BuildingPicture(each).height for each in maps) == pytest.approx(460)
 
 
 def test_all_is_on_the_page(episode: Episode) -> None:

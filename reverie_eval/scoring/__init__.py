@@ -2,6 +2,7 @@
 
 from reverie_eval.scoring._episode_table import (
     CORRECT,
+    OUTCOME_METRICS,
     OUTCOMES,
     EpisodeTable,
     FailureModes,
@@ -49,6 +50,7 @@ __all__ = [
     "DEFAULT_PROTOCOL",
     "FEW_CLUSTERS",
     "OUTCOMES",
+    "OUTCOME_METRICS",
     "TABLE_KEYS",
     "BoxScores",
     "ClusterIntervals",

@@ -186,8 +186,9 @@ OUTCOMES: Mapping[str, str] = MappingProxyType(
 
 CORRECT = list(OUTCOMES).index("correct")
 """The index of ``correct`` in ``OUTCOMES``."""
+OUTCOME_METRICS = ("success", "oracle_success", "rgs")
+"""The metrics that outcomes are computed from."""
 _WRONG_STOP = list(OUTCOMES).index("correct object at the wrong stop")
-_NEEDED = ("success", "oracle_success", "rgs")
 
 
 @dataclass(frozen=True)
@@ -251,10 +252,10 @@ def failure_modes(episodes: Mapping[str, Array]) -> FailureModes:
 
 
 def _needed_columns(episodes: Mapping[str, Array]) -> Sequence[Array]:
-    missing = [key for key in _NEEDED if key not in episodes]
+    missing = [key for key in OUTCOME_METRICS if key not in episodes]
     if missing:
         raise ProtocolError(
             "outcomes need success, oracle success and RGS; not scored here: "
             f"{first_few(missing)}; choose another protocol, or the full track"
         )
-    return [episodes[key] > 0 for key in _NEEDED]
+    return [episodes[key] > 0 for key in OUTCOME_METRICS]

@@ -1,5 +1,7 @@
 """Methods side by side on an open split, what one result consists of, and the pages of teams."""
 
+import hashlib
+import json
 import re
 from pathlib import Path
 
@@ -8,11 +10,20 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval.analysis import WalkOutcomes
+from reverie_eval.server.app import jobs_of
+from reverie_eval.server.explore.episodes import EpisodeService
 from reverie_eval.server.explore.side_by_side import DIFFICULTIES, ShownMethod, SideBySide
 from tests.conftest import SAMPLES
 from tests.support.acting import review
 from tests.support.entries import tables
-from tests.support.serving import OPEN, OTHER, OWNER, PRIVATE, Serving, submission_for
+from tests.support.serving import (
+    OPEN,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Serving,
+    submission_for,
+)
 from tests.support.visiting import said
 
 GOOD, MEDIOCRE = SAMPLES / "good.json", SAMPLES / "mediocre.json"
@@ -156,6 +167,51 @@ def test_what_a_result_consists_of(server: Serving) -> None:
     assert "1 of 2" in page.text, "the rank over time"
 
 
+def test_a_method_without_answers_is_listed_by_its_own_metric_and_not_compared(
+    server: Serving,
+) -> None:
+    publish(server, OTHER, MEDIOCRE.read_bytes())
+    records = json.loads(GOOD.read_bytes())
+    walks = json.dumps([{k: v for k, v in each.items() if k != "predObjId"} for each in records])
+    sent = server.upload(OWNER, walks.encode(), OPEN, name="Walks alone", navigation_only="true")
+    identity = sent.json()["submission"]["id"]
+    change = {"published": True, "shows_episodes": True}
+    server.ask(OWNER, "PATCH", f"/submissions/{identity}", json=change)
+    assert "1 method whose episodes" in said(server.client.get(LIST))
+    for query in (f"submission={identity}", f"submission=random&other={identity}"):
+        page = server.client.get(f"{LIST}?{query}")
+        assert page.status_code == 200
+        assert "Outcome counts" not in page.text
+    (episodes,) = tables(server.client.get(f"{LIST}?submission={identity}"))
+    spl = rv.evaluate(GOOD, split=OPEN).episodes["spl"][:2]
+    assert [row[1] for row in episodes[:2]] == [f"{100 * value:.2f}" for value in spl]
+
+
+def test_a_damaged_file_is_left_out(server: Serving) -> None:
+    publish(server, OTHER, MEDIOCRE.read_bytes())
+    publish(server, OWNER, GOOD.read_bytes())
+    digest = hashlib.sha256(GOOD.read_bytes()).hexdigest()
+    (file,) = server.state.settings.folder.rglob(f"{digest}*")
+    content = file.read_bytes()
+    file.write_bytes(b"")
+    assert "1 method whose episodes" in said(server.client.get(LIST))
+    file.write_bytes(content)
+    assert "2 methods whose episodes" in said(server.client.get(LIST))
+
+
+def test_nobody_waits_for_methods_that_a_job_compares(server: Serving) -> None:
+    publish(server, OWNER, GOOD.read_bytes())
+    (job,) = (each for each in jobs_of(server.state).jobs if each.name == "methods")
+    comparing = server.state.get(EpisodeService).comparing
+    comparing.set()
+    page = server.client.get(LIST)
+    assert "The server has just started" in page.text
+    assert "Difficulty" not in page.text
+    job.work()
+    assert not comparing.is_set()
+    assert "1 method whose episodes" in said(server.client.get(LIST))
+
+
 def test_a_private_result_has_no_analysis(server: Serving) -> None:
     private = publish(server, OWNER, submission_for(PRIVATE, "shortest"), PRIVATE)
     page = server.client.get(f"/submissions/{private}/analysis")
@@ -183,10 +239,14 @@ def test_a_team_s_page_has_what_is_public_of_it(server: Serving) -> None:
 
 
 def test_a_disqualified_result_keeps_its_team_s_page(server: Serving) -> None:
-    """The board leads there from what is listed separately, too."""
+    """The board leads there from what is listed separately, too; methods are compared without."""
     identity = publish(server, OWNER, GOOD.read_bytes())
+    publish(server, OTHER, MEDIOCRE.read_bytes())
+    assert "2 methods whose episodes" in said(server.client.get(LIST))
     with server.acting() as transaction:
         review(transaction, identity, "disqualified", "It read the answers.")
-    (address,) = set(re.findall(r'href="(/teams/\d+)"', server.client.get(f"/boards/{OPEN}").text))
+    assert "1 method whose episodes" in said(server.client.get(LIST))
+    board = server.client.get(f"/boards/{OPEN}").text
+    (address,) = set(re.findall(r'>Of Ada</a>.*?href="(/teams/\d+)"', board, re.DOTALL))
     page = server.client.get(address)
     assert [[row[1] for row in table] for table in tables(page)] == [["Of Ada disqualified"]]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
 from pathlib import Path
+from threading import Event
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -22,11 +23,12 @@ from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
-from reverie_eval.metrics import ABSTAINED
+from reverie_eval.metrics import ABSTAINED, Metric
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import InputClass, Method, SubmissionReport
 from reverie_eval.scoring import (
+    OUTCOME_METRICS,
     OUTCOMES,
     FailureModes,
     PreparedSubmission,
@@ -44,6 +46,7 @@ from reverie_eval.server.explore.side_by_side import (
 )
 from reverie_eval.server.intake.submissions import (
     SubmissionService,
+    has_review,
     newest_of_each,
     public_episodes_of_each,
     public_team,
@@ -56,6 +59,7 @@ from reverie_eval.server.settings import Split
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.results import submission_report
 from reverie_eval.server.store.tables import Person, Submission, read_stored
+from reverie_eval.server.store.uploads import UploadsError
 from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.tasks import DEFAULT_TASK, Task, name_on_server
 
@@ -111,6 +115,11 @@ class Run:
     choice: Choice
     scores: Scores
 
+    @property
+    def primary(self) -> Metric:
+        """The metric that it is ranked by, among those that it is scored by."""
+        return self.scores.ground_truth.task.primary_metric(self.scores)
+
     @cached_property
     def outcome(self) -> Sequence[str]:
         """The outcome of each episode; empty if the protocol lacks the metrics for it."""
@@ -163,11 +172,13 @@ class Browsing:
     choices: Sequence[Choice]
     """All that the person may choose."""
     find_methods: Callable[[], SideBySide | None]
+    is_comparing: bool = False
+    """Whether a job is still comparing the methods; nobody waits for it."""
 
     @cached_property
     def methods(self) -> SideBySide | None:
-        """All that everyone may look at, side by side; None if there are none."""
-        return self.find_methods()
+        """All that everyone may look at, side by side; None if there are none, or not yet."""
+        return None if self.is_comparing else self.find_methods()
 
     def rows(self, wanted: EpisodeFilter) -> IntArray:
         """Return the indices of the episodes to show, in their order."""
@@ -181,13 +192,11 @@ class Browsing:
         fits &= np.array([sought in text for text in self.annotations.searched], dtype=bool)
         return np.flatnonzero(fits)
 
-    def failure_modes(self, run: Run, wanted: EpisodeFilter) -> FailureModes | None:
+    def failure_modes(self, run: Run, wanted: EpisodeFilter) -> FailureModes:
         """Count the outcomes of the episodes to show, ignoring the outcome in the filter.
 
-        None if the protocol lacks the metrics for it.
+        Raises ProtocolError if the run has no outcomes.
         """
-        if not run.outcome:
-            return None
         rows = self.rows(replace(wanted, outcome="", other_outcome=""))
         return failure_modes({key: column[rows] for key, column in run.scores.episodes.items()})
 
@@ -220,6 +229,8 @@ class EpisodeService:
     ) -> None:
         self._first_task, *_ = tasks_of(boards)
         self._boards, self._scoring, self._submissions = boards, scoring, submissions
+        self.comparing = Event()
+        """Set while a job compares methods for the first time."""
         # A correction changes the signatures.
         self._example = lru_cache(1)(lambda _signatures: self._choose_example())
         self._annotations = lru_cache(len(boards))(
@@ -228,7 +239,6 @@ class EpisodeService:
         self._walked = lru_cache(len(boards) * (len(AGENTS) + 1))(
             lambda split, signature, agent: self._walk(self._board_of(split, signature), agent)
         )
-
         self._summarised = lru_cache(len(boards) * MOST_COMPARED)(
             lambda split, signature, sha256: self._scoring.run(
                 summarise_walks, self._board_of(split, signature).name, sha256
@@ -315,29 +325,40 @@ class EpisodeService:
             annotations=self._annotations(split, board.signature),
             runs=self._runs(session, person, split, submissions),
             choices=self.choices(session, person, [board])[split],
-            find_methods=lambda: self.side_by_side(session, board),
+            find_methods=lambda: self.side_by_side(board, self.shown_methods(session, board)),
+            is_comparing=self.comparing.is_set(),
         )
 
-    def side_by_side(self, session: Session, board: Board) -> SideBySide | None:
-        """Return the methods whose episodes everyone may look at, side by side.
+    def shown_methods(self, session: Session, board: Board) -> Sequence[ShownMethod]:
+        """Return the newest methods whose episodes everyone may look at, the best first.
 
-        None if there are none, or the split scores no outcomes. Each file is scored once.
+        Disqualified ones do not count.
         """
-        rows = session.scalars(with_public_episodes(board.name).limit(MOST_COMPARED))
+        chosen = with_public_episodes(board.name).where(~has_review("disqualified"))
+        rows = session.scalars(chosen.limit(MOST_COMPARED))
         shown = [self._shown(row, board) for row in rows if row.upload_deleted_at is None]
         sign = -1 if board.primary.better == "higher" else 1
-        methods = sorted(filter(None, shown), key=lambda each: sign * each.score)
-        if not methods:
-            return None
+        return sorted(filter(None, shown), key=lambda each: sign * each.score)
+
+    def side_by_side(self, board: Board, methods: Sequence[ShownMethod]) -> SideBySide | None:
+        """Return methods on all episodes; None if there are none. Each file is scored once.
+
+        A method whose file is missing or damaged is left out: the organiser is told elsewhere.
+        """
+        readable = tuple(each for each in methods if self._is_readable(board, each))
+        return self._beside(board.name, board.signature, readable) if readable else None
+
+    def _is_readable(self, board: Board, method: ShownMethod) -> bool:
         try:
-            return self._beside(board.name, board.signature, tuple(methods))
-        except ProtocolError:
-            return None
+            self._summarised(board.name, board.signature, method.sha256)
+        except UploadsError:
+            return False
+        return True
 
     def _shown(self, row: Submission, board: Board) -> ShownMethod | None:
-        """Return a published submission; None if it was scored under other rules."""
+        """Return a published submission; None if it has no outcomes, or under other rules."""
         report, key = read_stored(ScoreReport, row.report), board.primary.key
-        if not board.measures_as(report) or key not in report.scores:
+        if not board.measures_as(report) or not {key, *OUTCOME_METRICS} <= report.scores.keys():
             return None
         return ShownMethod(row.id, _name_of_method(row), row.sha256, report.scores[key])
 

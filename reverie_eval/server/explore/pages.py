@@ -130,8 +130,8 @@ def show_episodes(
     with visitor.reading() as reading:
         browsing = _browsing(visitor, reading, split, selection)
         rows = browsing.rows(selection)
-        found = [browsing.failure_modes(run, selection) for run in browsing.runs]
-        failures = [modes for modes in found if modes is not None]
+        has_outcomes = all(run.outcome for run in browsing.runs)
+        failures = [browsing.failure_modes(run, selection) for run in browsing.runs if has_outcomes]
         pages = max(1, -(-len(rows) // PER_PAGE))
         number = min(number, pages)
         return page(

@@ -11,13 +11,20 @@ from reverie_eval.server.state import ServerState
 
 
 def jobs(server: ServerState) -> Iterable[Job]:
-    """Yield what scores the methods of open splits that everyone may look at."""
+    """Yield the job that scores the methods whose episodes everyone may look at."""
     episodes = server.get(EpisodeService)
 
     def compare() -> None:
-        with server.database.reading() as session:
-            for board in episodes.boards:
-                episodes.side_by_side(session, board)
+        episodes.comparing.set()
+        try:
+            with server.database.reading() as session:
+                shown = [
+                    (board, episodes.shown_methods(session, board)) for board in episodes.boards
+                ]
+            for board, methods in shown:
+                episodes.side_by_side(board, methods)
+        finally:
+            episodes.comparing.clear()
 
     yield Job("methods", compare, None)
 

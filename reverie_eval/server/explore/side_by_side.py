@@ -22,7 +22,7 @@ from reverie_eval.server.store.uploads import stored_upload
 MOST_COMPARED = 60
 """Methods side by side, at most: the newest."""
 DIFFICULTIES = ("no method", "one method", "less than half", "half or more", "every method")
-"""By whom an episode is solved, the hardest first."""
+"""How many methods solve an episode, the hardest first."""
 _NONE, _ONE, _FEWER, _MORE, _ALL = range(len(DIFFICULTIES))
 
 
@@ -113,9 +113,6 @@ class SideBySide:
 
 
 def summarise_walks(context: Context, split: str, sha256: str) -> WalkOutcomes:
-    """Score a stored upload, and summarise its walks.
-
-    Raises ProtocolError if the split scores no outcomes.
-    """
+    """Score a stored upload, which has outcomes, and summarise its walks."""
     board = context.boards[split]
     return WalkOutcomes.of(board.score(board.read(stored_upload(context.uploads, sha256))))

@@ -10,7 +10,7 @@ from functools import lru_cache, partial
 from itertools import chain
 from typing import Any, Self, TypeAlias, cast
 
-from sqlalchemy import Select, SQLColumnExpression, exists, select, tuple_, union_all
+from sqlalchemy import Exists, Select, SQLColumnExpression, exists, select, tuple_, union_all
 from sqlalchemy.orm import Session, aliased
 
 from reverie_eval.analysis import Comparison
@@ -231,15 +231,20 @@ def with_public_episodes(split: str) -> Select[Submission]:
 
     These are the baselines, and those whose teams chose so; the latest first.
     """
-    is_baseline = exists().where(
-        Review.submission_id == Submission.id,
-        Review.verdict == "baseline",
-        Review.lifted_at.is_(None),
-    )
+    is_open = Submission.shows_episodes | has_review("baseline")
     return (
         select(Submission)
-        .where(Submission.split == split, IS_SHOWN, Submission.shows_episodes | is_baseline)
+        .where(Submission.split == split, IS_SHOWN, is_open)
         .order_by(*_published_last_first(Submission))
+    )
+
+
+def has_review(verdict: str) -> Exists:
+    """Return the condition that a submission has a standing review with a verdict."""
+    return exists().where(
+        Review.submission_id == Submission.id,
+        Review.verdict == verdict,
+        Review.lifted_at.is_(None),
     )
 
 

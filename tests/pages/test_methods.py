@@ -18,13 +18,14 @@ from tests.support.acting import review
 from tests.support.entries import tables
 from tests.support.serving import (
     OPEN,
+    ORGANISER,
     OTHER,
     OWNER,
     PRIVATE,
     Serving,
     submission_for,
 )
-from tests.support.visiting import said
+from tests.support.visiting import said, signed_in
 
 GOOD, MEDIOCRE = SAMPLES / "good.json", SAMPLES / "mediocre.json"
 LIST = f"/episodes/{OPEN}"
@@ -165,6 +166,23 @@ def test_what_a_result_consists_of(server: Serving) -> None:
     assert "Near misses" in page.text
     assert "Near misses" not in server.client.get(f"/submissions/{other}/analysis").text
     assert "1 of 2" in page.text, "the rank over time"
+
+
+def test_who_sees_near_misses(server: Serving) -> None:
+    """Those who may look at the episodes: the team, the organiser, for a baseline everyone."""
+    identity = publish(server, OWNER, GOOD.read_bytes(), shows_episodes=False)
+    page = f"/submissions/{identity}/analysis"
+    visitors = {None: server.client} | {
+        who: signed_in(server, who) for who in (OWNER, OTHER, ORGANISER)
+    }
+
+    def those_who_see() -> set[str | None]:
+        return {who for who, visitor in visitors.items() if "Near misses" in visitor.get(page).text}
+
+    assert those_who_see() == {OWNER, ORGANISER}
+    with server.acting() as transaction:
+        review(transaction, identity, "baseline", "It is the organiser's.")
+    assert those_who_see() == {None, OWNER, OTHER, ORGANISER}
 
 
 def test_a_method_without_answers_is_listed_by_its_own_metric_and_not_compared(

@@ -413,9 +413,10 @@ class Rankings:
 
     def with_details(self, session: Session, ranking: Ranking) -> Ranking:
         """Add how often each team has submitted, and which ranks each result may have."""
-        board, metric, rows = ranking.board, ranking.metric, ranking.rows
-        return replace(
-            ranking,
-            counts=self._entries.submissions_of_teams(session, board.name),
-            rank_intervals=self._rank_intervals.compute(session, board, metric, rows),
-        )
+        counts = self._entries.submissions_of_teams(session, ranking.board.name)
+        return replace(self.with_rank_intervals(session, ranking), counts=counts)
+
+    def with_rank_intervals(self, session: Session, ranking: Ranking) -> Ranking:
+        """Add which ranks each result may have."""
+        found = self._rank_intervals.compute(session, ranking.board, ranking.metric, ranking.rows)
+        return replace(ranking, rank_intervals=found)

@@ -1,6 +1,7 @@
 """``/submissions/{id}/analysis``: where a result of an open split succeeds and where it fails."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Self
@@ -16,13 +17,13 @@ from reverie_eval.server.boards.charts import rank_chart
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.entries import Row
 from reverie_eval.server.boards.leaderboard import Ranking, Rankings
-from reverie_eval.server.boards.reviews import find_submission
+from reverie_eval.server.boards.reviews import any_submission
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.explore.episodes import instructions_of
 from reverie_eval.server.http.callers import CallReading, Visitor
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import ScoringTurn
-from reverie_eval.server.intake.submissions import SubmissionService, submission_of
+from reverie_eval.server.intake.submissions import SubmissionService, publication, submission_of
 from reverie_eval.server.scoring.boards import Board, board_named
 from reverie_eval.server.scoring.contexts import Context, Scoring
 from reverie_eval.server.state import ServerState
@@ -98,7 +99,7 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
     """Show what the scores of a result consist of: to everyone if it is published."""
     server = visitor.server
     with visitor.reading() as reading:
-        shown = _shown(reading, submission_id)
+        shown, has_episodes = _shown(reading, submission_id)
         server.get(SubmissionService).check_episodes(shown)
         board = board_named(server.boards, shown.split)
         ranking = _ranking(reading, board)
@@ -108,7 +109,7 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
             shown=shown,
             board=board,
             analysis=server.get(Analyses).kept(board.name, board.signature, shown.sha256),
-            has_episodes=shown.shows_episodes or shown.status != "published",
+            has_episodes=has_episodes,
             instructions=instructions_of(board),
             meanings=OUTCOMES,
             shown_groups=SHOWN_GROUPS,
@@ -122,23 +123,25 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
         )
 
 
-def _shown(reading: CallReading, submission_id: str) -> SubmissionReport:
-    """Return a published submission, or one of the visitor's team."""
-    view, row = View.of(reading), find_submission(reading.session, submission_id)
-    if row is not None and row.status == "published":
-        report = view.report(row)
-    elif reading.caller is None:
-        raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
-    else:
-        report = submission_of(reading.session, reading.caller, submission_id, view)
+def _shown(reading: CallReading, submission_id: str) -> tuple[SubmissionReport, bool]:
+    """Return a submission, and whether the visitor may look at its episodes.
+
+    It is published, or one of the visitor's team.
+    """
+    session, view, own = reading.session, View.of(reading), None
+    if reading.caller is not None:
+        with suppress(NotFoundError):  # it may be published
+            own = submission_of(session, reading.caller, submission_id, view)
+    has_episodes = own is not None or publication(session, submission_id, view).shows_episodes
+    report = own or view.report(any_submission(session, submission_id))
     if report.scores_held_until is not None:
         raise NotFoundError("its scores are held back until the phase ends")
-    return report
+    return report, has_episodes
 
 
 def _ranking(reading: CallReading, board: Board) -> Ranking:
     rankings = reading.server.get(Rankings)
-    return rankings.with_details(reading.session, rankings.ranking(reading.session, board))
+    return rankings.with_rank_intervals(reading.session, rankings.ranking(reading.session, board))
 
 
 def _neighbours(ranking: Ranking, submission_id: str) -> Sequence[Row]:

@@ -23,6 +23,7 @@ from reverie_eval.server.explore.play import MOST_STEPS, HumanWalk, Rivals, samp
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.rendering import drawn, page
 from reverie_eval.server.http.runtime import ScoringTurn
+from reverie_eval.server.store.paging import LARGEST
 from reverie_eval.simulator import Candidate
 
 router = APIRouter()
@@ -37,7 +38,7 @@ MOST_SAMPLED = 500
 class Played:
     """The query of a page: the sample that is played, and the walk so far."""
 
-    seed: Annotated[int, Query(ge=0, lt=1 << 31)] = 0
+    seed: Annotated[int, Query(ge=0, le=LARGEST)] = 0
     n: Annotated[int, Query(ge=1, le=MOST_SAMPLED)] = 20
     walk: Annotated[str, Query(pattern=r"^([0-9]+(\.[0-9]+)*)?$", max_length=6 * MOST_STEPS)] = ""
     """Numbers of viewpoints with dots between them."""

@@ -38,7 +38,7 @@ class Showcase(Service, Protocol):
     """What a room shows on the first page."""
 
     def example(self) -> object | None:
-        """Return an episode as the template of the page shows it; None if there is none."""
+        """Return an example episode, as the page's template reads it; None if there is none."""
 
     def references(self, board: Board) -> Sequence[object]:
         """Return scores of reference agents on a split without results."""
@@ -53,13 +53,13 @@ class Room:
     """What a room adds."""
 
     routes: Sequence[APIRouter] = ()
-    """Of the API."""
+    """Routes of the API."""
     pages: Sequence[APIRouter] = ()
-    """For browsers; they are not part of the API's description."""
+    """Routes for browsers, which the description of the API leaves out."""
     desk: Sequence[Tab] = ()
     showcase: type[Showcase] | None = None
     jobs: Callable[[ServerState], Iterable[Job]] = _none
-    """What a running server does by itself."""
+    """Returns the work that a running server does by itself."""
 
 
 def desk_of(all_rooms: Mapping[str, Room]) -> Mapping[str, Sequence[Tab]]:

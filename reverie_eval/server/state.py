@@ -74,7 +74,7 @@ class ServerState:
         self.warming = Event()
         """Set while a job computes what pages keep; meanwhile, they do without."""
         self.services: dict[type, Any] = {}
-        """Those that were made so far, by their kind."""
+        """The services that were made so far, by their class."""
         self._lock = RLock()  # services are made of others
 
     def get(self, kind: type[AnyService]) -> AnyService:

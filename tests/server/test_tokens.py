@@ -160,7 +160,7 @@ def test_a_token_is_revoked_by_its_first_characters(change: Transaction) -> None
     assert valid_token(change.session, other.token, "access", NOON).hint == other.hint
     with pytest.raises(NotFoundError) as missing:
         revoke_token(change, "rv-")
-    told = "there is no token that begins with 'rv-'; `server token list` shows all"
+    told = "no token begins with 'rv-'; `server token list` lists all tokens"
     assert str(missing.value) == told
 
 

@@ -35,7 +35,7 @@ Record: TypeAlias = Mapping[str, Any]
 MANY = 54
 """Methods on val_unseen."""
 ROWS = 81
-"""Of the leaderboard that there was before."""
+"""Reported results that are imported from an earlier leaderboard."""
 _SCANS, _ITEMS, _OBJECTS = 10, 1174, 50
 _STOREY = 9, 8
 """Viewpoints across and along on a storey, two metres apart."""

@@ -83,7 +83,7 @@ def _not_one_token(session: Session, begins: str) -> RequestError:
     tokens = session.scalars(select(Token).where(is_meant).order_by(*valid_first)).all()
     if not tokens:
         return NotFoundError(
-            f"there is no token that begins with {begins!r}; `server token list` shows all"
+            f"no token begins with {begins!r}; `server token list` lists all tokens"
         )
     hints = first_few([f"{each.hint} of {each.person.name}" for each in tokens])
     return ConflictError(

@@ -285,13 +285,13 @@ def _changes(details: Mapping[str, Any]) -> Iterator[str]:
 
 
 class Recorded(NamedTuple):
-    """The numbers of entries of the audit log; 0 if there is none."""
+    """The numbers of the last entries of the audit log, by kind; 0 if there is no such entry."""
 
     change: int
-    """The last one that changed a leaderboard."""
+    """The last entry that changed a leaderboard."""
     last: int
     rules: int
-    """The last one about rules after the number that was asked about."""
+    """The last entry about rules, if it is later than the one that the caller knows."""
 
 
 def last_recorded(session: Session, known_rules: int = 0) -> Recorded:

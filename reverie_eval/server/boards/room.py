@@ -14,7 +14,7 @@ from reverie_eval.server.state import ServerState
 
 
 def jobs(server: ServerState) -> Iterable[Job]:
-    """Yield what announces the ends of phases, if anyone is to be told."""
+    """Yield the job that announces ends of phases, if the settings have a channel for messages."""
     schedules, channels = server.get(Schedules), server.settings.channels
 
     def waiting(session: Session, now: datetime) -> Mapping[str, int]:

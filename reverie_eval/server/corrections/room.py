@@ -14,7 +14,7 @@ from reverie_eval.server.state import ServerState
 
 
 def jobs(server: ServerState) -> Iterable[Job]:
-    """Yield what takes snapshots that are due."""
+    """Yield the job that takes snapshots that are due."""
     snapshots = server.get(Snapshots)
 
     def due(session: Session, now: datetime) -> Mapping[str, int]:

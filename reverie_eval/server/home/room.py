@@ -10,7 +10,7 @@ from reverie_eval.server.state import ServerState
 
 
 def jobs(server: ServerState) -> Iterable[Job]:
-    """Yield what computes what pages keep, so that their first readers need not wait for it."""
+    """Yield the job that fills the caches of pages, so that their first readers need not wait."""
 
     def warm_up() -> None:
         try:

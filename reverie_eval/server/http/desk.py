@@ -24,7 +24,7 @@ from reverie_eval.server.wrong_values import wrong_field
 ON_A_PAGE = 100
 """The number of rows on a page of a list."""
 ENTRIES_ON_A_PAGE = 50
-"""Of the audit log and of uploads, which take more room."""
+"""The number of rows on a page of the audit log or of uploads, which take more space."""
 _LONGEST_NUMBER = 10
 """Digits that may be more than a database can count."""
 _OURS = frozenset({"csrf_token", "confirmed"})

@@ -115,12 +115,12 @@ class Site:
     """Whether the organiser accepts no submissions at all now."""
     places: Sequence[Place]
     tasks: Sequence[Task]
-    """Those that splits are of."""
+    """The tasks of the server's splits."""
     path: str
     person: Person | None
     csrf_token: str
     organiser: str
-    """Their public name."""
+    """The public name of the organiser."""
     contact: str
     links: Mapping[str, str]
     address: str

@@ -38,14 +38,10 @@ from reverie_eval.server.store.tables import Submission
 
 router = APIRouter()
 
-QUOTAS = "/desk/quotas"
-
-REVIEWS, EMAILED_FILES = "/desk/reviews", "/desk/emailed-files"
+REVIEWS, EMAILED_FILES, QUOTAS = "/desk/reviews", "/desk/emailed-files", "/desk/quotas"
 A_FEW = 30
-_HARMFUL = frozenset({"flagged", "disqualified"})
-
-
 ALL_OUTCOMES = ("scored", "repeat", *(kind.code for kind in FAILURES))
+_HARMFUL = frozenset({"flagged", "disqualified"})
 
 
 @forms.shown_by("reviews.html")

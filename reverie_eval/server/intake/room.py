@@ -15,7 +15,7 @@ from reverie_eval.server.state import ServerState
 
 
 def jobs(server: ServerState) -> Iterable[Job]:
-    """Yield what deletes old uploads, if the settings limit their age."""
+    """Yield the job that deletes old uploads, if the settings limit their age."""
     retention = server.get(Retention)
 
     def waiting(session: Session, now: datetime) -> Mapping[str, int]:

@@ -11,7 +11,7 @@ from reverie_eval.server.state import ServerState
 
 
 def jobs(server: ServerState) -> Iterable[Job]:
-    """Yield what delivers the messages of each channel."""
+    """Yield a job for each channel, which delivers its messages."""
     database, settings = server.database, server.settings
     for channel in settings.channels:
         work = partial(deliver, database, settings, channel, server.clock)

@@ -9,7 +9,7 @@ from reverie_eval.server.state import ServerState
 
 
 def jobs(server: ServerState) -> Iterable[Job]:
-    """Yield what follows corrected ground truth, and what looks for damage."""
+    """Yield the jobs that follow corrected ground truth and look for damage."""
 
     def follow_rules() -> None:  # uploads and leaderboards do not wait for this
         with server.database.reading() as session:

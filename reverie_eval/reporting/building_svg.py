@@ -27,8 +27,8 @@ WIDTH = 400
 """The width of a picture, in units of the page; its height follows from the building."""
 SECONDS = 8
 """How long a walk plays, as in ``building.css``."""
-# The greatest height, and margins, in units of the page.
-_HIGHEST, _MARGIN, _GAP = 460, 14, 20
+# The greatest height, margins, and lines of text, in units of the page.
+_HIGHEST, _MARGIN, _GAP, _LINE = 460, 14, 20, 16
 # Degrees: the walls are turned to the left, and the camera looks down.
 _TURN, _TILT = np.deg2rad(-24.0), np.deg2rad(50.0)
 # Metres: the height of walls, and the longest piece of one.
@@ -67,14 +67,16 @@ class BuildingPicture:
         spread = np.vstack(list(corners.values()))
         low, high = spread[:, 0].min(), spread[:, 0].max()
         tall = sum(np.ptp(each[:, 1]) + _WALL for each in corners.values())
-        free = _HIGHEST - 2 * _MARGIN - _GAP * (len(corners) - 1)
+        self._key = [route for route in episode_map.routes if route.name]
+        text = _LINE * len(self._key)
+        free = _HIGHEST - 2 * _MARGIN - _GAP * (len(corners) - 1) - text
         self._scale = min((WIDTH - 2 * _MARGIN) / (high - low), free / tall)
         self._left = float((low + high) / 2 - WIDTH / 2 / self._scale)
         self._top, bottom = {}, float(_MARGIN)
         for level, each in corners.items():
             self._top[level] = bottom - self._scale * (each[:, 1].min() - _WALL)
             bottom += self._scale * (np.ptp(each[:, 1]) + _WALL) + _GAP
-        self.height = bottom - _GAP + _MARGIN
+        self.height = bottom - _GAP + _MARGIN + text
         """In units of the page."""
 
     def svg(self, *, plays: bool = False) -> str:
@@ -105,7 +107,14 @@ class BuildingPicture:
 
     @cached_property
     def _named(self) -> str:
-        return "".join(map(draw_mark, self._names()))
+        return "".join([*map(draw_mark, self._names()), *self._key_lines()])
+
+    def _key_lines(self) -> Iterator[str]:
+        """Explain whose each route is, if they have names."""
+        for row, route in enumerate(self._key):
+            y = self.height - _LINE * (len(self._key) - row) + _LINE / 2
+            yield path(f"route route-{route.number}", f"M{_MARGIN} {y:.1f}h24")
+            yield draw_mark(Mark("right of", np.array([_MARGIN + 32.0, y + 4]), text=route.name))
 
     # Levels.
 

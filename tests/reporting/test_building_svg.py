@@ -105,6 +105,19 @@ def test_the_target_is_marked_on_request(episode: Episode) -> None:
     assert len(of_class(picture_of(episode, episode.target_object).svg(), "pin")) == 2
 
 
+def test_named_routes_are_explained(episode: Episode) -> None:
+    both = BuildingPicture(EpisodeMap.of({"Ours <1>": episode, "Other": episode}))
+    *levels, ours, other = of_class(both.svg(), "level")
+    assert ([each.text for each in levels], ours.text, other.text) == (
+        ["level 1"],
+        "Ours <1>",
+        "Other",
+    )
+    assert float(ours.get("y", "")) < float(other.get("y", "")) < both.height
+    lines = [of_class(both.svg(), f"route-{number}")[-1].get("d", "") for number in (1, 2)]
+    assert [line.startswith("M14 ") for line in lines] == [True, True]
+
+
 def test_a_share_of_the_walk(episode: Episode) -> None:
     """Half of it is half as long; the agent is at its end, and the stop is not shown yet."""
     whole, half = (picture_of(episode).picture(share=share) for share in (1.0, 0.5))

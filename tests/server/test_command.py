@@ -271,7 +271,7 @@ def test_all_tokens_are_revoked_at_once(
         pytest.param("person add {} Eve --team Green", "there is no team 'Green'", id="no team"),
         pytest.param("token add {} Eve", "there is no person 'Eve'", id="no person"),
         pytest.param("token invite {} Eve", "there is no person 'Eve'", id="nobody to invite"),
-        pytest.param("token revoke {} rv_00000", "`server token list` shows all", id="no token"),
+        pytest.param("token revoke {} rv_00000", "`server token list` lists all", id="no token"),
         pytest.param("team revoke {} Green", "there is no team 'Green'", id="nobody's tokens"),
         pytest.param("person revoke {} Eve", "there is no person 'Eve'", id="nobody's token"),
         pytest.param("grant {} Green test 1 --reason x", "no team 'Green'", id="grant to nobody"),

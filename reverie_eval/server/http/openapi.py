@@ -1,4 +1,6 @@
-"""The API's description, OpenAPI 3.1: what the routes declare, with examples and all problems.
+"""The API's description, OpenAPI 3.1: what the routes declare, with all problems.
+
+Fields have examples, of which every viewer of OpenAPI makes those of whole bodies.
 
 This adds what FastAPI does not know: that problems have their own media type, which problems every
 operation can return, and that a cookie needs the CSRF token as well.
@@ -25,7 +27,6 @@ from reverie_eval.server.errors import (
     phrase_of,
 )
 from reverie_eval.server.http.callers import CSRF_HEADER
-from reverie_eval.server.http.examples import example_of
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.paging import known_query
 
@@ -35,6 +36,10 @@ MEDIA_TYPE = "application/problem+json"
 TEXT: Document = {"type": "string"}
 """The schema of a text."""
 BINARY: Document = {**TEXT, "format": "binary"}
+SUBMISSION = [
+    {"instr_id": "4774_267_1", "trajectory": [["a68b5ae6571e", 3.14, 0.0]], "predObjId": 402}
+]
+"""An example of a result file."""
 
 _MODELS = "#/components/schemas/"
 _EVERYWHERE: tuple[str, ...] = (
@@ -105,7 +110,6 @@ def describe(app: FastAPI, path_prefix: str) -> None:
         for operations in document["paths"].values():
             for method, operation in operations.items():
                 _complete(method, operation)
-                _illustrate(operation, models)
         return document
 
     @app.get(f"{API}/openapi.json", dependencies=[Depends(known_query)], include_in_schema=False)
@@ -132,12 +136,3 @@ def _complete(method: str, operation: Document) -> None:
         content = replies.setdefault(str(status), reply)["content"]
         content.setdefault(MEDIA_TYPE, declared)["examples"] |= declared["examples"]
     operation["responses"] = dict(sorted(replies.items()))
-
-
-def _illustrate(operation: Document, models: Document) -> None:
-    """Add an example to every body whose schema is a model or a list of one."""
-    for content in (operation.get("requestBody", {}), *operation["responses"].values()):
-        for media in content.get("content", {}).values():
-            schema = media.get("schema", {})
-            if "$ref" in schema.get("items", schema) and "examples" not in media:
-                media["example"] = example_of(schema, models)

@@ -34,9 +34,15 @@ from reverie_eval.server.http.callers import (
     Server,
     SplitName,
 )
-from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.http.exchange import API, exchange_of
-from reverie_eval.server.http.openapi import BINARY, TEXT, file_reply, organiser_router, problems
+from reverie_eval.server.http.openapi import (
+    BINARY,
+    SUBMISSION,
+    TEXT,
+    file_reply,
+    organiser_router,
+    problems,
+)
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import ScoringTurn

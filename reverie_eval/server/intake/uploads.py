@@ -17,10 +17,9 @@ from reverie_eval.schemas.service import Method, QuotaReport
 from reverie_eval.server.audit.transactions import Clock
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Caller, Organiser, Server
-from reverie_eval.server.http.examples import FORM, SUBMISSION
 from reverie_eval.server.http.exchange import Exchange, exchange_of
 from reverie_eval.server.http.middleware import allow_body, is_multipart
-from reverie_eval.server.http.openapi import BINARY
+from reverie_eval.server.http.openapi import BINARY, SUBMISSION
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import Runtime, RuntimeState
 from reverie_eval.server.intake.forms import parse_form
@@ -68,7 +67,7 @@ FILE_BODY: dict[str, Any] = {
                         **Method.model_json_schema()["properties"],
                     },
                 },
-                "example": FORM,
+                "example": {"file": "(the result file)", "name": "Walker", "extra_data": True},
             },
         },
     }

@@ -411,8 +411,8 @@ def test_reveries_ids_without_the_object(published: Any, published_bundles: Any)
     for record in records:
         path, _, index = record["instr_id"].split("_")
         record["instr_id"] = f"{path}_{index}"
-    of_test = truth.other_splits["test"].tolist()
-    assert sum(record["instr_id"] in set(of_test) for record in records) == 1_099
+    of_test = set(truth.other_splits["test"].tolist())
+    assert sum(record["instr_id"] in of_test for record in records) == 1_099
     with pytest.raises(SubmissionError) as rejected:
         validate(records, split=SPLIT, ground_truth=truth)
     (problem,) = rejected.value.problems

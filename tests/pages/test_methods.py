@@ -2,20 +2,28 @@
 
 import hashlib
 import json
+import os
 import re
+import signal
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 
 import reverie_eval as rv
 from reverie_eval.analysis import WalkOutcomes
 from reverie_eval.server.app import jobs_of
-from reverie_eval.server.explore.episodes import EpisodeService
-from reverie_eval.server.explore.side_by_side import DIFFICULTIES, ShownMethod, SideBySide
+from reverie_eval.server.explore.side_by_side import (
+    DIFFICULTIES,
+    MOST_AWAITED,
+    ShownMethod,
+    SideBySide,
+)
 from tests.conftest import SAMPLES
 from tests.support.acting import review
 from tests.support.entries import tables
+from tests.support.killing import scorers
 from tests.support.serving import (
     OPEN,
     ORGANISER,
@@ -23,9 +31,11 @@ from tests.support.serving import (
     OWNER,
     PRIVATE,
     Serving,
+    running,
     submission_for,
 )
 from tests.support.visiting import said, signed_in
+from tests.support.waiting import wait_until
 
 GOOD, MEDIOCRE = SAMPLES / "good.json", SAMPLES / "mediocre.json"
 LIST = f"/episodes/{OPEN}"
@@ -217,17 +227,30 @@ def test_a_damaged_file_is_left_out(server: Serving) -> None:
     assert "2 methods whose episodes" in said(server.client.get(LIST))
 
 
-def test_nobody_waits_for_methods_that_a_job_compares(server: Serving) -> None:
-    publish(server, OWNER, GOOD.read_bytes())
+def test_nobody_waits_for_many_files(server: Serving, folder: Path) -> None:
+    """As after a correction: the page says that methods are being compared."""
+    with running(folder) as (_, url):
+        for number in range(MOST_AWAITED + 1):
+            publish(server, OWNER, GOOD.read_bytes() + b" " * number)
+        held = scorers(folder / "log")
+        for process in held:
+            os.kill(process, signal.SIGSTOP)
+        page = httpx.get(f"{url}{LIST}?solved_by=no+method")
+        for process in held:
+            os.kill(process, signal.SIGCONT)
+        assert held
+        assert "The server is comparing methods" in page.text
+        assert f'<a href="{LIST}?solved_by=no+method">Reload' in page.text
+        assert "Difficulty" not in page.text
+        wait_until(lambda: "3 methods whose episodes" in said(httpx.get(f"{url}{LIST}")))
+
+
+def test_a_job_compares_methods_when_the_server_starts(server: Serving) -> None:
+    for number in range(MOST_AWAITED + 1):
+        publish(server, OWNER, GOOD.read_bytes() + b" " * number)
     (job,) = (each for each in jobs_of(server.state).jobs if each.name == "methods")
-    comparing = server.state.get(EpisodeService).comparing
-    comparing.set()
-    page = server.client.get(LIST)
-    assert "The server has just started" in page.text
-    assert "Difficulty" not in page.text
     job.work()
-    assert not comparing.is_set()
-    assert "1 method whose episodes" in said(server.client.get(LIST))
+    assert "3 methods whose episodes" in said(server.client.get(LIST))
 
 
 def test_a_private_result_has_no_analysis(server: Serving) -> None:

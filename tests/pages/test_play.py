@@ -284,6 +284,8 @@ def test_a_walk_without_a_target_has_no_answer(task: str, fields: dict[str, type
     path = DEMO_BUNDLES / task / "val_unseen.npz"
     split = Split(visibility="open", bundle=path, task=task)
     board = load_board(f"{task}-val_unseen", split, path)
-    walk = HumanWalk.of(Browsing(board, Annotations.of(board), [], [], lambda: None), 0, 1, [])
+    walk = HumanWalk.of(
+        Browsing(board, Annotations.of(board), [], [], lambda: (None, False)), 0, 1, []
+    )
     _, record = walk.end(None)
     assert {key: type(value) for key, value in record.items()} == fields

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
 from pathlib import Path
-from threading import Event
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -40,9 +39,9 @@ from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.explore.side_by_side import (
     MOST_COMPARED,
+    Comparing,
     ShownMethod,
     SideBySide,
-    summarise_walks,
 )
 from reverie_eval.server.intake.submissions import (
     SubmissionService,
@@ -59,7 +58,6 @@ from reverie_eval.server.settings import Split
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.results import submission_report
 from reverie_eval.server.store.tables import Person, Submission, read_stored
-from reverie_eval.server.store.uploads import UploadsError
 from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.tasks import DEFAULT_TASK, Task, name_on_server
 
@@ -171,14 +169,22 @@ class Browsing:
     runs: Sequence[Run]
     choices: Sequence[Choice]
     """All that the person may choose."""
-    find_methods: Callable[[], SideBySide | None]
-    is_comparing: bool = False
-    """Whether a job is still comparing the methods; nobody waits for it."""
+    compare: Callable[[], tuple[SideBySide | None, bool]]
+    """Returns the methods, and whether they are still being compared."""
 
     @cached_property
+    def _compared(self) -> tuple[SideBySide | None, bool]:
+        return self.compare()
+
+    @property
     def methods(self) -> SideBySide | None:
         """All that everyone may look at, side by side; None if there are none, or not yet."""
-        return None if self.is_comparing else self.find_methods()
+        return self._compared[0]
+
+    @property
+    def is_comparing(self) -> bool:
+        """Whether the methods are being compared in the background; nobody waits for it."""
+        return self._compared[1]
 
     def rows(self, wanted: EpisodeFilter) -> IntArray:
         """Return the indices of the episodes to show, in their order."""
@@ -229,8 +235,7 @@ class EpisodeService:
     ) -> None:
         self._first_task, *_ = tasks_of(boards)
         self._boards, self._scoring, self._submissions = boards, scoring, submissions
-        self.comparing = Event()
-        """Set while a job compares methods for the first time."""
+        self.comparing = Comparing(scoring)
         # A correction changes the signatures.
         self._example = lru_cache(1)(lambda _signatures: self._choose_example())
         self._annotations = lru_cache(len(boards))(
@@ -238,16 +243,6 @@ class EpisodeService:
         )
         self._walked = lru_cache(len(boards) * (len(AGENTS) + 1))(
             lambda split, signature, agent: self._walk(self._board_of(split, signature), agent)
-        )
-        self._summarised = lru_cache(len(boards) * MOST_COMPARED)(
-            lambda split, signature, sha256: self._scoring.run(
-                summarise_walks, self._board_of(split, signature).name, sha256
-            )
-        )
-        self._beside = lru_cache(len(boards))(
-            lambda split, signature, methods: self._compare(
-                self._board_of(split, signature), methods
-            )
         )
 
     @classmethod
@@ -320,13 +315,15 @@ class EpisodeService:
             If nobody is signed in, and not everyone may look at a submission.
         """
         board = self._board(split)
+        annotations = self._annotations(split, board.signature)
         return Browsing(
             board=board,
-            annotations=self._annotations(split, board.signature),
+            annotations=annotations,
             runs=self._runs(session, person, split, submissions),
             choices=self.choices(session, person, [board])[split],
-            find_methods=lambda: self.side_by_side(board, self.shown_methods(session, board)),
-            is_comparing=self.comparing.is_set(),
+            compare=lambda: self.comparing.side_by_side(
+                board, self.shown_methods(session, board), annotations.scan
+            ),
         )
 
     def shown_methods(self, session: Session, board: Board) -> Sequence[ShownMethod]:
@@ -340,32 +337,12 @@ class EpisodeService:
         sign = -1 if board.primary.better == "higher" else 1
         return sorted(filter(None, shown), key=lambda each: sign * each.score)
 
-    def side_by_side(self, board: Board, methods: Sequence[ShownMethod]) -> SideBySide | None:
-        """Return methods on all episodes; None if there are none. Each file is scored once.
-
-        A method whose file is missing or damaged is left out: the organiser is told elsewhere.
-        """
-        readable = tuple(each for each in methods if self._is_readable(board, each))
-        return self._beside(board.name, board.signature, readable) if readable else None
-
-    def _is_readable(self, board: Board, method: ShownMethod) -> bool:
-        try:
-            self._summarised(board.name, board.signature, method.sha256)
-        except UploadsError:
-            return False
-        return True
-
     def _shown(self, row: Submission, board: Board) -> ShownMethod | None:
         """Return a published submission; None if it has no outcomes, or under other rules."""
         report, key = read_stored(ScoreReport, row.report), board.primary.key
         if not board.measures_as(report) or not {key, *OUTCOME_METRICS} <= report.scores.keys():
             return None
         return ShownMethod(row.id, _name_of_method(row), row.sha256, report.scores[key])
-
-    def _compare(self, board: Board, methods: Sequence[ShownMethod]) -> SideBySide:
-        walks = [self._summarised(board.name, board.signature, it.sha256) for it in methods]
-        scans = self._annotations(board.name, board.signature).scan
-        return SideBySide(board, methods, walks, scans)
 
     def choices(
         self, session: Session, person: Person | None, boards: Sequence[Board]

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Self
 
@@ -73,6 +73,29 @@ class Analysis:
             near_misses=near_misses(scores) if modes else {},
         )
 
+    def without_small_groups(self) -> Self:
+        """Return it as for those who must not learn how single episodes went."""
+        tables = [_without_small_groups(each) for each in self.breakdowns]
+        return replace(
+            self,
+            breakdowns=[each for each in tables if each.rows],
+            scans=_without_small_groups(self.scans),
+        )
+
+
+def _without_small_groups(table: sections.Breakdown) -> sections.Breakdown:
+    """Leave out groups of few episodes, and a larger one if they are few even together.
+
+    The scores of all that is left out follow from the total.
+    """
+    small: set[str] = set()
+    episodes = 0
+    for row in sorted(table.rows, key=lambda row: row.episodes):
+        if row.episodes < sections.FEW_EPISODES or 0 < episodes < sections.FEW_EPISODES:
+            small.add(row.name)
+            episodes += row.episodes
+    return replace(table, rows=[row for row in table.rows if row.name not in small])
+
 
 class Analyses:
     """The analyses of results, each made once: a breakdown with intervals takes a second."""
@@ -103,12 +126,14 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
         server.get(SubmissionService).check_episodes(shown)
         board = board_named(server.boards, shown.split)
         ranking = _ranking(reading, board)
+        analysis = server.get(Analyses).kept(board.name, board.signature, shown.sha256)
         return page(
             reading,
             "method-analysis.html",
             shown=shown,
             board=board,
-            analysis=server.get(Analyses).kept(board.name, board.signature, shown.sha256),
+            analysis=analysis if has_episodes else analysis.without_small_groups(),
+            few_episodes=sections.FEW_EPISODES,
             has_episodes=has_episodes,
             instructions=instructions_of(board),
             meanings=OUTCOMES,

@@ -15,16 +15,10 @@ def jobs(server: ServerState) -> Iterable[Job]:
     episodes = server.get(EpisodeService)
 
     def compare() -> None:
-        episodes.comparing.set()
-        try:
-            with server.database.reading() as session:
-                shown = [
-                    (board, episodes.shown_methods(session, board)) for board in episodes.boards
-                ]
-            for board, methods in shown:
-                episodes.side_by_side(board, methods)
-        finally:
-            episodes.comparing.clear()
+        with server.database.reading() as session:
+            shown = [(board, episodes.shown_methods(session, board)) for board in episodes.boards]
+        for board, methods in shown:
+            episodes.comparing.score(board, methods)
 
     yield Job("methods", compare, None)
 

@@ -5,22 +5,28 @@ method did in an episode.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from threading import Lock, Thread
 from typing import NamedTuple
 
 import numpy as np
 
 from reverie_eval.analysis import WalkOutcomes
 from reverie_eval.arrays import BoolArray, IntArray
+from reverie_eval.errors import SubmissionError
 from reverie_eval.reporting.outcome_matrix import outcome_matrix
 from reverie_eval.reporting.walk_faults import WalkFaults
+from reverie_eval.server.errors import BusyError
 from reverie_eval.server.scoring.boards import Board
-from reverie_eval.server.scoring.contexts import Context
-from reverie_eval.server.store.uploads import stored_upload
+from reverie_eval.server.scoring.contexts import Context, Scoring, check_signature
+from reverie_eval.server.store.uploads import UploadsError, stored_upload
 
 MOST_COMPARED = 60
 """Methods side by side, at most: the newest."""
+MOST_AWAITED = 2
+"""Files that a page scores before it is shown, at most; more are scored in the background."""
 DIFFICULTIES = ("no method", "one method", "less than half", "half or more", "every method")
 """How many methods solve an episode, the hardest first."""
 _NONE, _ONE, _FEWER, _MORE, _ALL = range(len(DIFFICULTIES))
@@ -110,6 +116,69 @@ class SideBySide:
     def lengths(self, row: int) -> Sequence[float]:
         """Return the metres that the methods which solve an episode walk there, ascending."""
         return sorted(float(each.path_length[row]) for each in self.walks if each.is_correct[row])
+
+
+class Comparing:
+    """Puts methods side by side; each of their files is scored once."""
+
+    def __init__(self, scoring: Scoring) -> None:
+        self._scoring = scoring
+        self._is_busy = Lock()
+        self._walks: dict[tuple[str, str, str], WalkOutcomes | None] = {}
+        """By split, signature and file; None if the file could not be read."""
+        self._latest: dict[str, tuple[object, SideBySide]] = {}
+        """By split, with what it was made of."""
+
+    def side_by_side(
+        self, board: Board, methods: Sequence[ShownMethod], scans: Sequence[str]
+    ) -> tuple[SideBySide | None, bool]:
+        """Return methods on all episodes, None if there are none; and whether they are to come.
+
+        Nobody waits for many files, as after a correction: they are scored in the background. A
+        method whose file is missing or damaged is left out: the organiser is told elsewhere.
+        """
+        new = [each for each in methods if _key(board, each) not in self._walks]
+        is_busy = self._is_busy.locked()
+        if len(new) > MOST_AWAITED or (new and is_busy):
+            if not is_busy:
+                Thread(target=self._score_if_possible, args=(board, new), daemon=True).start()
+            return None, True
+        walks = {each: self._walks_of(board, each) for each in methods}
+        found = {method: each for method, each in walks.items() if each is not None}
+        if not found:
+            return None, False
+        made_of = board.signature, tuple(found)
+        known, beside = self._latest.get(board.name, (None, None))
+        if beside is None or known != made_of:
+            beside = SideBySide(board, [*found], [*found.values()], scans)
+            self._latest[board.name] = made_of, beside
+        return beside, False
+
+    def score(self, board: Board, methods: Sequence[ShownMethod]) -> None:
+        """Score files in advance, one after the other. Raises BusyError if they must wait."""
+        with self._is_busy:
+            for each in methods:
+                self._walks_of(board, each)
+
+    def _score_if_possible(self, board: Board, methods: Sequence[ShownMethod]) -> None:
+        with suppress(BusyError):  # the next page tries again
+            self.score(board, methods)
+
+    def _walks_of(self, board: Board, method: ShownMethod) -> WalkOutcomes | None:
+        """Return the walks of a method; None while its file cannot be read."""
+        key = _, signature, _ = _key(board, method)
+        if self._walks.get(key) is None:
+            try:
+                found = self._scoring.run(summarise_walks, board.name, method.sha256)
+                check_signature(board, signature)
+            except (UploadsError, SubmissionError):
+                found = None
+            self._walks[key] = found
+        return self._walks[key]
+
+
+def _key(board: Board, method: ShownMethod) -> tuple[str, str, str]:
+    return board.name, board.signature, method.sha256
 
 
 def summarise_walks(context: Context, split: str, sha256: str) -> WalkOutcomes:

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.analysis import WalkOutcomes
+from reverie_eval.analysis import WalkOutcomes, find_grouping
+from reverie_eval.reporting.report_sections import Breakdown, GroupRow
 from reverie_eval.server.app import jobs_of
+from reverie_eval.server.explore.method_page import Analysis
 from reverie_eval.server.explore.side_by_side import (
     DIFFICULTIES,
     MOST_AWAITED,
@@ -179,7 +181,10 @@ def test_what_a_result_consists_of(server: Serving) -> None:
 
 
 def test_who_sees_near_misses(server: Serving) -> None:
-    """Those who may look at the episodes: the team, the organiser, for a baseline everyone."""
+    """Those who may look at the episodes: the team, the organiser, for a baseline everyone.
+
+    They see small groups of episodes, too.
+    """
     identity = publish(server, OWNER, GOOD.read_bytes(), shows_episodes=False)
     page = f"/submissions/{identity}/analysis"
     visitors = {None: server.client} | {
@@ -187,12 +192,34 @@ def test_who_sees_near_misses(server: Serving) -> None:
     }
 
     def those_who_see() -> set[str | None]:
-        return {who for who, visitor in visitors.items() if "Near misses" in visitor.get(page).text}
+        pages = {who: visitor.get(page).text for who, visitor in visitors.items()}
+        seen = {who for who, text in pages.items() if "Near misses" in text}
+        assert seen == {who for who, text in pages.items() if "Groups of fewer" not in text}
+        return seen
 
     assert those_who_see() == {OWNER, ORGANISER}
     with server.acting() as transaction:
         review(transaction, identity, "baseline", "It is the organiser's.")
     assert those_who_see() == {None, OWNER, OTHER, ORGANISER}
+
+
+@pytest.mark.parametrize(
+    ("sizes", "shown"),
+    [
+        pytest.param([50, 10, 12], [50, 10, 12], id="none is small"),
+        pytest.param([50, 9, 2, 10], [50, 10], id="small ones hide each other"),
+        pytest.param([50, 1, 12, 30], [50, 30], id="alone, it would follow from the total"),
+        pytest.param([50, 12, 4, 5], [50], id="so would two that are few together"),
+        pytest.param([1, 2], [], id="all are small"),
+    ],
+)
+def test_small_groups_show_no_single_episode(sizes: list[int], shown: list[int]) -> None:
+    rows = [GroupRow(str(number), size, "0.00", [None]) for number, size in enumerate(sizes)]
+    table = Breakdown(find_grouping("scan"), rows)
+    analysis = Analysis("", "rgspl", True, (), (), (), [table], table, {})  # noqa: FBT003
+    found = analysis.without_small_groups()
+    assert [row.episodes for row in found.scans.rows] == shown
+    assert found.breakdowns == ([found.scans] if shown else [])
 
 
 def test_a_method_without_answers_is_listed_by_its_own_metric_and_not_compared(

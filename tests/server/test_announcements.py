@@ -5,8 +5,13 @@ from datetime import timedelta
 import pytest
 
 from reverie_eval.schemas.organising import NewNews, NewSnapshot
-from reverie_eval.server.boards.announcements import Announcement, announcements, corrections_of
-from reverie_eval.server.boards.news import add_news, remove_news
+from reverie_eval.server.boards.news import (
+    Announcement,
+    add_news,
+    announcements,
+    corrections_of,
+    remove_news,
+)
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots
 from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import Correction

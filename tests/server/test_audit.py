@@ -23,8 +23,8 @@ from reverie_eval.server.audit.log import (
     list_reports,
 )
 from reverie_eval.server.audit.receipts import Signer
-from reverie_eval.server.audit.rotation import replace_key, revoke_key
 from reverie_eval.server.audit.rows import mismatches, swapped_names
+from reverie_eval.server.operations.keys import replace_key, revoke_key
 from reverie_eval.server.store.database import Database, count_rows
 from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import AuditEntry, News, Person, SigningKey, Team

@@ -4,7 +4,7 @@ import pytest
 from starlette.datastructures import Headers
 
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.intake.forms import File, parse_form
+from reverie_eval.server.intake.uploads import parse_form
 
 BOUNDARY = "----WebKitFormBoundary7MA4YWxkTrZu0gW"
 FILE = 'Content-Disposition: form-data; name="file"; filename="a.json"'
@@ -36,14 +36,13 @@ def headers(boundary: str = BOUNDARY) -> Headers:
     ],
 )
 def test_a_file_is_what_was_sent(content: bytes) -> None:
-    form = parse_form(headers(), body((TEXT.format("name"), b"Walker"), (FILE, content)))
-    assert form.files == {"file": File(content, "a.json")}
-    assert form.texts == {"name": "Walker"}
+    texts, files = parse_form(headers(), body((TEXT.format("name"), b"Walker"), (FILE, content)))
+    assert (texts, files) == ({"name": "Walker"}, {"file": (content, "a.json")})
 
 
 def test_a_field_is_text_and_the_last_one_counts() -> None:
     parts = [(TEXT.format("name"), b"A"), (TEXT.format("name"), "Bél".encode())]
-    assert parse_form(headers(), body(*parts)).texts == {"name": "Bél"}
+    assert parse_form(headers(), body(*parts)) == ({"name": "Bél"}, {})
 
 
 @pytest.mark.parametrize(
@@ -57,7 +56,7 @@ def test_a_field_is_text_and_the_last_one_counts() -> None:
     ],
 )
 def test_forms_that_are_written_differently(sent: bytes) -> None:
-    assert parse_form(headers(), sent).files == {"file": File(b"[]", "a.json")}
+    assert parse_form(headers(), sent) == ({}, {"file": (b"[]", "a.json")})
 
 
 @pytest.mark.parametrize(
@@ -80,7 +79,7 @@ def test_forms_that_are_refused(sent: bytes) -> None:
 
 
 def test_twenty_fields_are_not_too_many() -> None:
-    assert parse_form(headers(), body(*[(TEXT.format("a"), b"")] * 20)).texts == {"a": ""}
+    assert parse_form(headers(), body(*[(TEXT.format("a"), b"")] * 20)) == ({"a": ""}, {})
 
 
 def test_a_form_without_a_boundary() -> None:

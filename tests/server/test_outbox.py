@@ -11,8 +11,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.boards.phase_ends import notify_of_ends, untold_ends
-from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.boards.schedules import Schedules, notify_of_ends, untold_ends
 from reverie_eval.server.messages.outbox import (
     claim,
     given_up,

@@ -16,7 +16,7 @@ from reverie_eval.server.audit.log import audit_reports, entries
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.intake.team import team_of
+from reverie_eval.server.intake.team_page import team_of
 from reverie_eval.server.state import Reading
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.paging import Page

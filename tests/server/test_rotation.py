@@ -24,10 +24,10 @@ from reverie_eval.server.audit.keys import (
 )
 from reverie_eval.server.audit.log import AuditLog, entries
 from reverie_eval.server.audit.receipts import Signer, load_key, make_key
-from reverie_eval.server.audit.rotation import replace_key, revoke_key
 from reverie_eval.server.audit.transactions import Transaction, Transactions
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFoundError
+from reverie_eval.server.operations.keys import replace_key, revoke_key
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission

@@ -23,11 +23,10 @@ from reverie_eval.schemas.service import (
     SubmissionReport,
 )
 from reverie_eval.server.audit.receipts import Signer
-from reverie_eval.server.audit.rotation import revoke_key
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.operations.keys import rotate_key
+from reverie_eval.server.operations.keys import revoke_key, rotate_key
 from reverie_eval.server.operations.restore import restore_backup
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.tables import StoredSnapshot, Submission

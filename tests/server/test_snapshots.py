@@ -16,13 +16,12 @@ from reverie_eval.schemas.service import Envelope, KeyReport, Phase, Snapshot
 from reverie_eval.server.accounts.people import rename_team
 from reverie_eval.server.accounts.tokens import revoke_token
 from reverie_eval.server.app import create_app
-from reverie_eval.server.audit.rotation import revoke_key
 from reverie_eval.server.audit.transactions import Transactions
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import SnapshotError, Snapshots, snapshot_of
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.operations.keys import rotate_key
+from reverie_eval.server.operations.keys import revoke_key, rotate_key
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.database import UnreadableValueError
 from reverie_eval.server.store.tables import AuditEntry, SetSchedule, StoredSnapshot, Submission

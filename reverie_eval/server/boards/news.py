@@ -1,18 +1,27 @@
-"""News: short dated entries by the organiser, shown on the leaderboards and in their feeds."""
+"""What the organiser announces on leaderboards and in their feeds.
 
-from collections.abc import Sequence
+News are short dated entries; corrections and snapshots are announced beside them.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from datetime import datetime
 from functools import partial
+from typing import Any, Literal, NamedTuple, TypeAlias
 
-from sqlalchemy import select
+from sqlalchemy import Select, desc, literal, select, union_all
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewNews
-from reverie_eval.schemas.service import NewsReport
+from reverie_eval.schemas.service import CorrectionReport, NewsReport
 from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.paging import Listed, Page, list_page
-from reverie_eval.server.store.tables import News, read_stored
+from reverie_eval.server.store.tables import Correction, News, StoredSnapshot, read_stored
+
+Kind: TypeAlias = Literal["news", "correction", "snapshot"]
 
 _STANDING = select(News).where(News.removed_at.is_(None))
 
@@ -43,3 +52,59 @@ def list_news(session: Session, page: Page) -> Listed[NewsReport]:
 def latest_news(session: Session, limit: int) -> Sequence[NewsReport]:
     """Return the latest entries, the latest first."""
     return list_news(session, Page(limit)).rows
+
+
+class Announcement(NamedTuple):
+    """A dated line on the page of a leaderboard."""
+
+    kind: Kind
+    number: int
+    """The number of a snapshot, or the id of anything else."""
+    text: str
+    at: datetime
+    """When it was announced; for a snapshot, the time of the copy."""
+
+
+def announcements(
+    session: Session, board: Board, most_news: int
+) -> Mapping[Kind, Sequence[Announcement]]:
+    """Return the latest news, and all corrections and snapshots of a leaderboard, in one statement.
+
+    The latest come first; a kind without any is empty. Only a split's own leaderboard has
+    snapshots.
+    """
+    news = _lines("news", News.id, News.text, News.created_at)
+    news = news.where(News.removed_at.is_(None)).order_by(News.id.desc()).limit(most_news)
+    corrections = _lines("correction", Correction.id, Correction.reason, Correction.created_at)
+    corrections = corrections.where(
+        Correction.split == board.name, Correction.board == board.further
+    )
+    snapshot = (StoredSnapshot.number, StoredSnapshot.title, StoredSnapshot.as_of)
+    snapshots = _lines("snapshot", *snapshot).where(StoredSnapshot.split == board.name)
+    shown = [select(news.subquery()), corrections, *([] if board.further else [snapshots])]
+    found: defaultdict[Kind, list[Announcement]] = defaultdict(list)
+    for row in session.execute(union_all(*shown).order_by(desc("number"))):
+        found[row.kind].append(Announcement(*row))
+    return found
+
+
+def _lines(kind: Kind, number: Any, text: Any, at: Any) -> Select[*tuple[Any, ...]]:
+    columns = {"kind": literal(kind), "number": number, "text": text, "at": at}
+    return select(*(column.label(name) for name, column in columns.items()))
+
+
+def corrections_of(
+    session: Session, boards: Sequence[Board]
+) -> Mapping[str, Sequence[CorrectionReport]]:
+    """Return the corrections of leaderboards of several splits, all with the same name.
+
+    They are by the names of the splits, the latest first.
+    """
+    chosen = select(Correction).where(
+        Correction.split.in_([board.name for board in boards]),
+        Correction.board.in_({board.further for board in boards}),
+    )
+    found: defaultdict[str, list[CorrectionReport]] = defaultdict(list)
+    for row in session.scalars(chosen.order_by(Correction.id.desc())):
+        found[row.split].append(read_stored(CorrectionReport, row))
+    return found

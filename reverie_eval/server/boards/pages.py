@@ -18,7 +18,6 @@ from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import Amount, InputClass, SampleSize
-from reverie_eval.server.boards.announcements import announcements, corrections_of
 from reverie_eval.server.boards.charts import chart_of, timeline_of
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.feed import (
@@ -36,7 +35,7 @@ from reverie_eval.server.boards.leaderboard import (
     as_latex,
     sort_by,
 )
-from reverie_eval.server.boards.news import latest_news
+from reverie_eval.server.boards.news import announcements, corrections_of, latest_news
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Server, Visitor

@@ -6,8 +6,7 @@ from datetime import datetime
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.boards import desk, pages, reported_desk, routes, team_page
-from reverie_eval.server.boards.phase_ends import notify_of_ends, untold_ends
-from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.boards.schedules import Schedules, notify_of_ends, untold_ends
 from reverie_eval.server.jobs import SOON, Job
 from reverie_eval.server.rooms import Room, Tab
 from reverie_eval.server.state import ServerState

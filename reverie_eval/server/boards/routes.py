@@ -9,8 +9,8 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.service import Leaderboard, NewsReport
 from reverie_eval.server.boards import news, reported, reviews
-from reverie_eval.server.boards.announcements import corrections_of
 from reverie_eval.server.boards.leaderboard import Rankings, as_csv, as_json
+from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.http.callers import FurtherName, Organiser, Server, SplitName
 from reverie_eval.server.http.exchange import API

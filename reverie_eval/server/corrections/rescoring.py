@@ -25,8 +25,8 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult, Receipt
 from reverie_eval.server.audit.receipts import read_as
 from reverie_eval.server.audit.transactions import Actor, Transaction, Transactions
-from reverie_eval.server.boards.announcements import corrections_of
 from reverie_eval.server.boards.leaderboard import ranks
+from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.boards.reviews import is_disqualified, reviews_of
 from reverie_eval.server.errors import ConflictError

@@ -23,9 +23,9 @@ from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.schemas.service import Envelope, Leaderboard, Snapshot, SnapshotEntry
 from reverie_eval.server.audit.log import INSPECTED, SERVER
 from reverie_eval.server.audit.transactions import Transaction, Transactions
-from reverie_eval.server.boards.announcements import corrections_of
 from reverie_eval.server.boards.entries import EntriesCache
 from reverie_eval.server.boards.leaderboard import as_json, leaderboard
+from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.scoring.boards import Board, board_named

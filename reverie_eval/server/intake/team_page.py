@@ -7,6 +7,8 @@ from datetime import datetime
 
 from fastapi import APIRouter
 from fastapi.responses import Response
+from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.history import Timeline
@@ -18,14 +20,42 @@ from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.http.callers import CallReading, Member
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.intake.intake import Intake
-from reverie_eval.server.intake.team import TeamView, team_of
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.database import count_rows
+from reverie_eval.server.store.tables import Person, Submission, Token
 
 router = APIRouter()
 
 MOST_SUBMISSIONS = 200
 """The largest number on the page; the API lists all."""
+
+
+@dataclass(frozen=True, slots=True)
+class TeamView:
+    """What people see of their own team."""
+
+    people: Sequence[Person]
+    submissions: Sequence[SubmissionReport]
+    """The latest, the newest first."""
+    submitted: int
+    """The number of all submissions."""
+    tokens: Sequence[Token]
+    """The tokens of the person who asks, the newest first."""
+
+
+def team_of(session: Session, person: Person, most: int, view: View) -> TeamView:
+    """Return a person's team, with its latest submissions."""
+    of_team = Submission.team_id == person.team_id
+    latest = select(Submission).where(of_team).order_by(Submission.received_at.desc()).limit(most)
+    members = select(Person).where(Person.team_id == person.team_id, Person.deleted_at.is_(None))
+    tokens = select(Token).where(Token.person_id == person.id).order_by(Token.id.desc())
+    return TeamView(
+        people=session.scalars(members.order_by(Person.name)).all(),
+        submissions=[view.report(row) for row in session.scalars(latest)],
+        submitted=count_rows(session, Submission, of_team),
+        tokens=session.scalars(tokens).all(),
+    )
 
 
 def _progress(team: TeamView, server: ServerState, now: datetime) -> Mapping[str, Timeline]:

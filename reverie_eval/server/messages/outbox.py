@@ -8,13 +8,18 @@ so a message may arrive twice, but is not lost.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime, timedelta
 
 from sqlalchemy import ColumnElement, Select, delete, func, or_, select
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Transaction
+from reverie_eval.server.errors import RequestError
 from reverie_eval.server.settings import Channel, Event
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.tables import Message
 
@@ -49,6 +54,17 @@ def notify_of_fault(transaction: Transaction, text: str) -> None:
     )
     if transaction.session.scalars(recent.limit(1)).first() is None:
         notify(transaction, "unhealthy", text, "/desk")
+
+
+def tell_fault(server: ServerState, text: str) -> None:
+    """Notify the organiser of a fault, unless the fault prevents it, or no channel is set up."""
+    if not server.settings.channels:
+        return
+    with (
+        suppress(SQLAlchemyError, RequestError),
+        server.transactions.begin(SERVER) as transaction,
+    ):
+        notify_of_fault(transaction, text)
 
 
 def is_any_due(session: Session, now: datetime, channel: str) -> bool:

@@ -12,8 +12,8 @@ from reverie_eval.errors import ReverieEvalError, naming_missing_parts
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
-from reverie_eval.server.boards.announcements import corrections_of
 from reverie_eval.server.boards.leaderboard import Rankings, as_json
+from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.csv_files import write_csv
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.scoring.boards import Board

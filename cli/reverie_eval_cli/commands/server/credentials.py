@@ -78,7 +78,7 @@ def revoke(*, folder: Folder, key_id: str, since: datetime, reason: str) -> None
     Its signatures of submissions that came after TIME do not count. Those submissions get receipts
     signed with the key in use.
     """
-    from reverie_eval.server.audit.rotation import revoke_key
+    from reverie_eval.server.operations.keys import revoke_key
 
     asked = options.checked(KeyRevocation, since=since, reason=reason)
     with folder.acting() as transaction:

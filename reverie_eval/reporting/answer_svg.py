@@ -108,6 +108,15 @@ def answer_shapes(shown: AnswerView) -> tuple[str, float]:
     return "".join(_view(shown, shown.view)), HEIGHT
 
 
+def view_svg(shown: AnswerView) -> str:
+    """Draw the view of a step without the panorama, for a page that includes ``ANSWER_STYLE``."""
+    shapes, height = answer_shapes(shown)
+    return (
+        f'<svg class="{answer_class(shapes, 1)}" role="img" viewBox="0 0 {WIDTH} {height:.0f}">'
+        f"<title>{escape(shown.caption)}</title>{shapes}</svg>"
+    )
+
+
 def answer_class(shapes: str, number: int) -> str:
     """Return the class of the shapes of a submission's answer, which says how they look."""
     ground = " on-photograph" if "<image" in shapes else " in-room" if "<g" in shapes else ""

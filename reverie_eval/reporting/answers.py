@@ -19,7 +19,7 @@ from reverie_eval.text import count_text
 
 # Points on each edge of a box: enough for a curve, as straight edges are curved in a panorama.
 _POINTS = 9
-_STOP, _PATH_END = "the stop", "the end of the annotated path"
+_STOP, _PATH_END, _STEP = "the stop", "the end of the annotated path", "a step"
 _ELEVATIONS = {-30: "30° down", 0: "level", 30: "30° up"}
 
 
@@ -39,7 +39,7 @@ class AnswerView:
     view: int | None
     """The view to show, 0 to 35; None if none shows an answer or the target."""
     where: str
-    """Where the viewpoint is: ``the stop`` or ``the end of the annotated path``."""
+    """Where the viewpoint is: ``the stop``, ``the end of the annotated path`` or ``a step``."""
     caption: str
     skybox: Skybox | None = None
     """The photographs from here, if the reader has them."""
@@ -95,6 +95,26 @@ class AnswerView:
             caption=f"{_where(view, _PATH_END)} The target is {target.name}.",
             skybox=find_skybox(episode.graph, episode.goal),
             room_view=_room_view(episode, episode.goal, view, objects),
+        )
+
+    @classmethod
+    def at_step(cls, episode: Episode, viewpoint_id: str, view: int) -> "AnswerView":
+        """Show what the agent sees on its way: a view from a viewpoint of the scan."""
+        objects = episode.visible_objects(viewpoint_id)
+        target = _find(objects, episode.target_object)
+        named = None if target is None else _target_sentence(episode, None, target, view)
+        return cls(
+            viewpoint_id=viewpoint_id,
+            objects=objects,
+            target=target,
+            predicted=None,
+            box=None,
+            iou="",
+            view=view,
+            where=_STEP,
+            caption=" ".join(filter(None, [_where(view, _STEP), named])),
+            skybox=find_skybox(episode.graph, viewpoint_id),
+            room_view=_room_view(episode, viewpoint_id, view, objects),
         )
 
     @property

@@ -96,6 +96,8 @@ class Step:
     is_jump: bool
     """Whether no edge leads here from the previous step."""
     is_stop: bool
+    facing: int | None
+    """The heading of the agent, degrees in [0, 360); None if nothing tells."""
 
     @property
     def note(self) -> str:
@@ -282,8 +284,12 @@ class EpisodeMap:
         end = np.full(len(viewpoints), self.graph_row[self.path_end])
         return self.graph.distance_between(self.graph_row[viewpoints], end)
 
-    def steps(self, route: Route) -> Sequence[Step]:
-        """Return a route step by step."""
+    def steps(self, route: Route, headings: Sequence[float | None] = ()) -> Sequence[Step]:
+        """Return a route step by step.
+
+        ``headings`` are those of its poses, radians, as far as the file has them. Without one, an
+        agent looks where it goes next and, at its stop, where it came.
+        """
         legs = route.legs
         viewpoints = np.array([route.viewpoint[0], *legs[:, 1]])
         # A jump counts at the length of the shortest path, as in the scores.
@@ -296,6 +302,7 @@ class EpisodeMap:
             self.to_path_end(viewpoints).tolist(),
             is_goal.tolist(),
             [False, *self.is_jump(route).tolist()],
+            self._headings(route, headings),
             strict=True,
         )
         return [
@@ -309,10 +316,31 @@ class EpisodeMap:
                 is_goal=is_goal,
                 is_jump=is_jump,
                 is_stop=number == len(legs),
+                facing=None if heading is None else round(np.rad2deg(heading)) % 360,
             )
-            for number, (viewpoint, walked, to_goal, to_path_end, is_goal, is_jump) in enumerate(
-                columns
-            )
+            for number, (
+                viewpoint,
+                walked,
+                to_goal,
+                to_path_end,
+                is_goal,
+                is_jump,
+                heading,
+            ) in enumerate(columns)
+        ]
+
+    def _headings(self, route: Route, given: Sequence[float | None]) -> Sequence[float | None]:
+        """Return where an agent looks as it leaves each viewpoint of its route, and at its stop."""
+        x, y, _ = np.diff(self.position[route.legs], axis=1)[:, 0].T
+        onward: list[float | None] = np.arctan2(x, y).tolist()
+        onward = [*onward, onward[-1] if onward else None]
+        if len(given) != len(route.viewpoint):
+            return onward
+        is_last = np.append(np.diff(route.viewpoint) != 0, True)
+        last = np.flatnonzero(is_last).tolist()
+        return [
+            way if (found := given[pose]) is None else found
+            for pose, way in zip(last, onward, strict=True)
         ]
 
     def levels(self, viewpoints: IntArray | Sequence[int]) -> Sequence[int]:

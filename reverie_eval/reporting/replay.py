@@ -8,12 +8,16 @@ from math import degrees, inf
 import numpy as np
 
 from reverie_eval.analysis import Episode
+from reverie_eval.geometry import snap
 from reverie_eval.logs import COSTS, Step, cost_text
+from reverie_eval.reporting.answer_svg import view_svg
+from reverie_eval.reporting.answers import AnswerView
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.text import count_text
 
 # Letters of a viewpoint's id, which tell those of a scan apart.
 _SHOWN_OF_ID = 8
+_VIEW = "max-width: 20rem; margin: 0.4em 0"
 _NOTE = "margin: 0.2em 0; max-height: 14em; overflow: auto; white-space: pre-wrap"
 
 
@@ -25,8 +29,8 @@ def replay_html(episode: Episode, episode_map: EpisodeMap) -> str:
     if not episode.steps:
         return ""
     steps = "".join(
-        f'<li value="{step.step}">{_seen(step, episode, episode_map)}<br>{_done(step, episode)}'
-        f"{''.join(_said(step))}</li>"
+        f'<li value="{step.step}">{_seen(step, episode, episode_map)}'
+        f"{_view(step, episode, episode_map)}{_done(step, episode)}{''.join(_said(step))}</li>"
         for step in episode.steps
     )
     count = count_text(len(episode.steps), "step")
@@ -47,6 +51,19 @@ def _seen(step: Step, episode: Episode, episode_map: EpisodeMap) -> str:
             *([] if to_goal == inf else [f"{to_goal:.1f} m to the goal"]),
         ]
     return "; ".join(parts)
+
+
+def _view(step: Step, episode: Episode, episode_map: EpisodeMap) -> str:
+    """Draw the level view nearest to where the agent faced; a line break without one.
+
+    A task without objects has no rooms to draw.
+    """
+    is_here = step.viewpoint_id in episode_map.viewpoint_ids
+    if not is_here or episode.target_object is None:
+        return "<br>"
+    view = int(snap(np.array([[step.heading, 0.0]]))[0])
+    drawing = view_svg(AnswerView.at_step(episode, step.viewpoint_id, view))
+    return f'<div style="{_VIEW}">{drawing}</div>'
 
 
 def _done(step: Step, episode: Episode) -> str:

@@ -39,7 +39,11 @@ from reverie_eval.submissions._predictions import (
     SubmissionColumns,
 )
 from reverie_eval.submissions._problems import TOO_MUCH_MEMORY, TOO_MUCH_TIME
-from reverie_eval.submissions._records import parse_predictions, read_predictions
+from reverie_eval.submissions._records import (
+    parse_predictions,
+    read_headings,
+    read_predictions,
+)
 from reverie_eval.submissions._sources import (
     MAX_MEBIBYTES_VARIABLE,
     Source,
@@ -82,6 +86,7 @@ __all__ = [
     "official_point",
     "parse_predictions",
     "read_bytes",
+    "read_headings",
     "read_predictions",
     "source_name",
     "submission_hints",

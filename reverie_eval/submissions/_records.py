@@ -130,6 +130,20 @@ def parse_predictions(
     return read_carefully(document, log, task, answers_only=answers_only)
 
 
+def read_headings(content: bytes, instr_id: str, task: Task = REVERIE) -> Sequence[float | None]:
+    """Return the heading of each pose of an episode, radians; None where the text has none.
+
+    Empty if the episode is not found. Scores do not depend on them, so the readers of whole files
+    leave them out. Where all are 0 they were not known: converted files have that.
+    """
+    log = ReadingLog()
+    for location, record in locate_records(parse_document(content, log), log, task):
+        if record.get(location.id_key, location.key) == instr_id:
+            headings = read_trajectory(location, record, log).headings
+            return headings if any(headings) else ()
+    return ()
+
+
 def read_records(
     document: Any, log: ReadingLog, task: Task = REVERIE, *, answers_only: bool = False
 ) -> tuple[Sequence[ReadRecord], Signs]:

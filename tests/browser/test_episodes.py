@@ -44,6 +44,10 @@ def test_walking_step_by_step(site: Site, path: str, open_page: OpenPage) -> Non
         re.compile(r"0\.0 m walked, \d+\.\d m to the")
     )
     assert page.locator(".leg:not(.ahead)").count() == 0
+    assert page.locator(".answers svg:visible").count() == 0
+    expect(page.get_by_role("img", name="Step 0, facing")).to_have_count(2)
+    for view in page.locator(".answers img").all():
+        expect(view).to_have_js_property("naturalHeight", 150)  # of an image that has no size
     walker, places = page.locator(".walker.route-1"), []
     places.append(place(walker))
     for step in range(1, lasts[0] + 1):
@@ -52,6 +56,7 @@ def test_walking_step_by_step(site: Site, path: str, open_page: OpenPage) -> Non
         places.append(place(walker))
     assert all(one != other for one, other in pairwise(places))
     assert page.locator(".leg.ahead[data-route='1']").count() == 0
+    expect(page.get_by_role("heading", name="Answer: Walker")).to_be_visible()
     page.get_by_role("button", name="One step back").click()
     assert place(walker) == places[-2]
     shown = steps_shown(page)

@@ -70,6 +70,7 @@ GET  /teams/{team_id}               404        404       404       404       404
 GET  /episodes                      200        200       200       200       200
 GET  /episodes/{split}              200        200       200       200       200
 GET  /episodes/{split}/{instr_id}   200        200       200       200       200
+GET  /episodes/{split}/{instr_id}/view 400     400       400       400       400
 GET  /play/{split}                  200        200       200       200       200
 GET  /play/{split}/{number}         200        200       200       200       200
 GET  /guide                         200        200       200       200       200

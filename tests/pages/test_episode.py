@@ -5,6 +5,7 @@ import re
 from html import unescape
 from pathlib import Path
 from urllib.parse import parse_qsl, urlsplit
+from xml.etree import ElementTree as ET
 
 import html5lib
 import numpy as np
@@ -16,7 +17,15 @@ from reverie_eval.ground_truth import Bundle, pack_texts
 from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from tests.support.episode_pages import drawn, linked, listed, picture, send, visitor, walks
 from tests.support.home_world import OTHER_WALKS
-from tests.support.serving import OPEN, OWNER, OpenServer, Serving, adjusted, settings_of
+from tests.support.serving import (
+    OPEN,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
 from tests.support.visiting import said, signed_in
 
 MARKUP = '<script>alert("x")</script> & <b>lamp</b>'
@@ -69,9 +78,9 @@ def test_a_walk_is_drawn_and_told(home: Serving, submission: str) -> None:
         [unescape(cell) for cell in re.findall(r">([^<>]*)</(?:td|th|code)>", row)] for row in rows
     ]
     assert [[cell for cell in row if cell] for row in cells] == [
-        ["0", "porch", "start", "0.0", "4.0", "10.0", "2"],
-        ["1", "room", "goal viewpoint", "4.0", "0.0", "6.0", "2"],
-        ["2", "porch", "stop", "8.0", "4.0", "10.0", "2"],
+        ["0", "porch", "start", "0.0", "4.0", "10.0", "2", "180°"],
+        ["1", "room", "goal viewpoint", "4.0", "0.0", "6.0", "2", "0°"],
+        ["2", "porch", "stop", "8.0", "4.0", "10.0", "2", "0°"],
     ]
     assert "overshot" in text
     assert "walked 8.0 m, shortest 10.0 m; stopped 10.0 m from the path's end" in text
@@ -113,6 +122,38 @@ def test_photographs_lie_under_the_boxes_if_the_operator_has_them(
     assert page.text.count('<image width="400"') == 2  # the view and the panorama
     assert "img-src 'self' data:" in page.headers["content-security-policy"]
     assert len(page.content) < 300_000 / 3  # at most two answers and the target are shown
+
+
+@pytest.mark.parametrize(
+    ("split", "instr_id", "query", "shown"),
+    [
+        (OPEN, "1_3_0", "viewpoint=room&heading=355", "heading 0°, level. The target is object 3"),
+        (OPEN, "1_3_0", "viewpoint=room&heading=90", "visible from here, but not in this view."),
+        (OPEN, "1_3_0", "viewpoint=hall&heading=90", "heading 90°, level. 1 object is visible"),
+        (OPEN, "1_3_0", "viewpoint=attic&heading=90", "here is no viewpoint"),
+        (OPEN, "1_3_9", "viewpoint=hall&heading=90", "here is no episode"),
+        (OPEN, "1_3_0", "viewpoint=hall&heading=360", "less than 360"),
+        (PRIVATE, "1_3_0", "viewpoint=hall&heading=90", "those of private splits never leave the"),
+    ],
+)
+def test_what_is_seen_on_the_way(
+    split: str, instr_id: str, query: str, shown: str, home: Serving
+) -> None:
+    reply = home.client.get(f"/episodes/{split}/{instr_id}/view?{query}")
+    assert shown in reply.text
+    if reply.is_success:
+        assert reply.headers["content-type"] == "image/svg+xml"
+        svg = ET.fromstring(reply.text)  # by itself: it has its style
+        assert svg.get("viewBox") == "0 0 400 457"
+
+
+def test_an_agent_looks_where_its_file_says(home: Serving) -> None:
+    turned = json.loads(walks())
+    for record in turned:
+        record["trajectory"] = [[place, 1.0, 0.0] for place, *_ in record["trajectory"]]
+    id_ = send(home, json.dumps(turned).encode())
+    page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/2_4_0?submission={id_}")
+    assert re.findall(r"<td class=\"number\">(\d+°)</td></tr>", page.text) == ["57°"] * 3
 
 
 def test_an_episode_s_metrics_are_yes_or_no(home: Serving, submission: str) -> None:

@@ -345,6 +345,23 @@ def test_turns_on_the_spot_are_not_steps(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("given", "facing"),
+    [
+        pytest.param([], [0, 225, 225], id="none: onward, and at the stop as it came"),
+        pytest.param([1, 2, 3, 4, -1], [115, 229, 303], id="as it leaves each viewpoint"),
+        pytest.param([1, None, 3, 20, 5], [0, 66, 286], id="one is missing; more than a turn"),
+        pytest.param([1, 2, 3], [0, 225, 225], id="not one for each pose"),
+    ],
+)
+def test_where_an_agent_looks(given: list[float | None], facing: list[int], tmp_path: Path) -> None:
+    """From the hall, the room is 6 m along y; from there, the cellar is 10 m along both, back."""
+    walk = ["hall", "hall", "room", "room", "cellar"]
+    episode_map = map_of(home_scores(tmp_path, {**WALKS, "1_3_0": (walk, LAMP)}), "1_3_0")
+    steps = episode_map.steps(episode_map.routes[0], given)
+    assert [step.facing for step in steps] == facing
+
+
+@pytest.mark.parametrize(
     ("number", "notable", "expected"),
     [
         pytest.param(0, set(), "start", id="start"),
@@ -357,7 +374,8 @@ def test_turns_on_the_spot_are_not_steps(tmp_path: Path) -> None:
 )
 def test_remarks(number: int, notable: set[str], expected: str) -> None:
     is_goal, is_jump, is_stop = (name in notable for name in ("goal", "jump", "stop"))
-    step = Step(number, "hall", 1, 0.0, 0.0, 0.0, is_goal=is_goal, is_jump=is_jump, is_stop=is_stop)
+    notes = {"is_goal": is_goal, "is_jump": is_jump, "is_stop": is_stop}
+    step = Step(number, "hall", 1, 0.0, 0.0, 0.0, **notes, facing=None)
     assert step.note == expected
 
 

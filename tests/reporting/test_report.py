@@ -130,7 +130,13 @@ def test_what_runs_cost(runs: dict[str, rv.Scores], single: str) -> None:
 def test_a_replay_lists_what_the_agent_did_and_said(runs: dict[str, rv.Scores]) -> None:
     episode = runs["a"].episode("1_3_1")
     shown = parsed(f"<!DOCTYPE html><title>x</title>{episode._repr_html_()}")
-    steps = ["".join(each.itertext()) for each in shown.iter(f"{HTML}li")]
+    steps, views = told(shown)
+    hidden = "The target, object 3, is visible from here, but not in this view."
+    assert views == [
+        "Seen from a step, heading 0°, level.",
+        "Seen from a step, heading 0°, level. The target is object 3.",
+        f"Seen from a step, heading 0°, level. {hidden}",
+    ]
     after = "0.500 s, 10 input tokens, 0.100 US dollarssaid There is a lamp."
     assert steps == [
         f"hall, facing 0°; 2 neighbours; 1 object; 6.0 m to the goalGo room {after}",
@@ -140,7 +146,17 @@ def test_a_replay_lists_what_the_agent_did_and_said(runs: dict[str, rv.Scores]) 
     labels = [each.text for each in shown.iter(f"{SVG}text") if each.get("class") == "level"]
     assert labels == ["1", "2", "3"]
     page = report_html({"a": runs["a"]})
-    assert steps[0] in ["".join(each.itertext()) for each in parsed(page).iter(f"{HTML}li")]
+    assert steps[0] in told(parsed(page))[0]
+
+
+def told(page: ET.Element) -> tuple[list[str], list[str]]:
+    """Return the texts of a page's lists, and the captions of the views in them."""
+    items = list(page.iter(f"{HTML}li"))
+    views = [view for item in items for view in item.iter(f"{HTML}div")]
+    captions = [str(view.findtext(f"{SVG}svg/{SVG}title")) for view in views]
+    for view in views:
+        view.clear()
+    return ["".join(item.itertext()) for item in items], captions
 
 
 def test_scores_with_their_intervals(single: str, home: rv.Scores) -> None:

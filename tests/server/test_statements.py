@@ -122,7 +122,11 @@ def busy(shared: Serving) -> Busy:
 
 
 PAGES = (*EXAMPLES, *FILES)
-REFUSED = {"/boards/{split}/also/{further}/compare": (400, 2), "/no-such-page": (404, 1)}
+REFUSED = {
+    "/boards/{split}/also/{further}/compare": (400, 2),
+    "/episodes/{split}/{instr_id}/view": (400, 1),
+    "/no-such-page": (404, 1),
+}
 """Pages that say why there is no page: status and transactions."""
 
 

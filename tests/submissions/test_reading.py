@@ -20,6 +20,7 @@ from reverie_eval import ProtocolError, SubmissionError
 from reverie_eval.submissions import (
     MAX_MEBIBYTES_VARIABLE,
     Submission,
+    read_headings,
     read_predictions,
 )
 from reverie_eval.submissions._document import rows_of_table
@@ -769,3 +770,28 @@ def test_the_angles_of_a_pose_written_as_an_object_are_its_own() -> None:
     pose = {"viewpoint": "hall", "elevation": 0.5, "heading": 1.0}
     record = {"instr_id": "1_7_0", "trajectory": [pose], "predBox": [1, 2, 3, 4]}
     assert read_predictions([record]).boxes.camera.tolist() == [[1.0, 0.5]]
+
+
+# Headings, which only pages of episodes need.
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "headings"),
+    [
+        pytest.param([["a", 1.5, 0.0], ["b", -2, 0.1]], [1.5, -2], id="official"),
+        pytest.param([["a", 0.0, 0.0], ["b", 3, 0.0]], [0, 3], id="some are 0"),
+        pytest.param([["a", 0.0, 0.0], ["b", 0, 0.0]], [], id="all are 0"),
+        pytest.param([["a"], ["b"]], [], id="viewpoints alone"),
+        pytest.param([["a", 1.5, 0.0], ["b"]], [1.5, None], id="one without"),
+    ],
+)
+@pytest.mark.parametrize("is_keyed", [False, True])
+def test_headings(trajectory: list[Any], headings: list[float | None], is_keyed: bool) -> None:  # noqa: FBT001
+    other = {"instr_id": "1_1_0", "trajectory": [["a", 9, 9]], "predObjId": 1}
+    wanted = {"instr_id": "1_1_1", "trajectory": trajectory, "predObjId": 1}
+    records: Any = [other, wanted]
+    if is_keyed:
+        records = {each.pop("instr_id"): each for each in (other, wanted)}
+    content = json.dumps(records).encode()
+    assert [*read_headings(content, "1_1_1")] == headings
+    assert [*read_headings(content, "1_1_2")] == []

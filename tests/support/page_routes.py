@@ -132,6 +132,7 @@ NO_PAGES = frozenset(
         "/boards/{split}/chart",
         "/boards/{split}/latex",
         "/boards/{split}/bibtex",
+        "/episodes/{split}/{instr_id}/view",
         "/boards/{split}/also/{further}/feed.atom",
         "/boards/{split}/also/{further}/chart",
         "/boards/{split}/also/{further}/latex",

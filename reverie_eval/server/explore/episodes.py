@@ -58,11 +58,14 @@ from reverie_eval.server.settings import Split
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.results import submission_report
 from reverie_eval.server.store.tables import Person, Submission, read_stored
-from reverie_eval.submissions import SubmissionColumns
+from reverie_eval.server.store.uploads import UploadsError, stored_upload
+from reverie_eval.submissions import SubmissionColumns, read_headings
 from reverie_eval.tasks import DEFAULT_TASK, Task, name_on_server
 
 MOST_LISTED = 200
 """Submissions to choose from, at most; older ones can be opened by their links."""
+_HEADINGS_KEPT = 256
+"""Walks whose headings are kept."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,8 @@ class Run:
 
     choice: Choice
     scores: Scores
+    sha256: str = ""
+    """The file; empty for a reference agent."""
 
     @property
     def primary(self) -> Metric:
@@ -244,6 +249,9 @@ class EpisodeService:
         self._walked = lru_cache(len(boards) * (len(AGENTS) + 1))(
             lambda split, signature, agent: self._walk(self._board_of(split, signature), agent)
         )
+        self._headings = lru_cache(_HEADINGS_KEPT)(
+            lambda split, sha256, instr_id: self._scoring.run(headings_of, split, sha256, instr_id)
+        )
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
@@ -325,6 +333,16 @@ class EpisodeService:
                 board, self.shown_methods(session, board), annotations.scan
             ),
         )
+
+    def headings(self, board: Board, run: Run, instr_id: str) -> Sequence[float | None]:
+        """Return the headings of a submission's poses, as ``read_headings`` does.
+
+        Empty for a reference agent, and if the file is missing or damaged.
+        """
+        try:
+            return self._headings(board.name, run.sha256, instr_id) if run.sha256 else ()
+        except UploadsError:
+            return ()
 
     def shown_methods(self, session: Session, board: Board) -> Sequence[ShownMethod]:
         """Return the newest methods whose episodes everyone may look at, the best first.
@@ -411,15 +429,15 @@ class EpisodeService:
         if chosen in AGENTS:
             return Run(_agent(chosen), self._walked(split, self._board(split).signature, chosen))
         if public is not None and (person is None or public.team_id != person.team_id):
-            return Run(self._public(public), self._submissions.episodes(submission_report(public)))
+            report = submission_report(public)
+            return Run(self._public(public), self._submissions.episodes(report), report.sha256)
         if person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
         report = submission_of(session, person, chosen, self._view(session))
         if report.split != split:
             raise NotFoundError(f"your team has no submission {chosen!r}")
-        return Run(
-            _own(report, report.team, report.method.name), self._submissions.episodes(report)
-        )
+        choice = _own(report, report.team, report.method.name)
+        return Run(choice, self._submissions.episodes(report), report.sha256)
 
     def _public(self, row: Submission) -> Choice:
         team = public_team(row, self._submissions.transactions.clock())
@@ -479,6 +497,12 @@ def score_agent(context: Context, split: str, agent: str) -> EpisodeValues:
     if board.split.track == "grounding":  # takes answers alone
         records = [{key: record[key] for key in ("instr_id", "predObjId")} for record in records]
     return EpisodeValues.of(board, board.score(board.read(json.dumps(records).encode())))
+
+
+def headings_of(context: Context, split: str, sha256: str, instr_id: str) -> Sequence[float | None]:
+    """Read the headings of an episode from a stored upload."""
+    content = stored_upload(context.uploads, sha256)
+    return read_headings(content, instr_id, context.boards[split].task)
 
 
 def align_walks(

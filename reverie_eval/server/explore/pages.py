@@ -5,13 +5,15 @@ from dataclasses import asdict, dataclass, fields
 from typing import Annotated, Any
 from urllib.parse import quote, urlencode
 
+import numpy as np
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import Response
 from markupsafe import Markup
 
 from reverie_eval.analysis import Episode, WalkOutcomes
 from reverie_eval.errors import ProtocolError
-from reverie_eval.reporting.answer_svg import answer_svg
+from reverie_eval.geometry import snap
+from reverie_eval.reporting.answer_svg import answer_picture, answer_svg
 from reverie_eval.reporting.answers import AnswerView, answer_views
 from reverie_eval.reporting.map_svg import interactive_map_svg, map_key
 from reverie_eval.reporting.maps import EpisodeMap, Step
@@ -19,6 +21,7 @@ from reverie_eval.reporting.outcome_matrix import OPACITIES
 from reverie_eval.reporting.report_sections import BEST_OUTCOME_FIRST, funnel_rows, outcome_rows
 from reverie_eval.reporting.walk_faults import STOPS, WalkFaults
 from reverie_eval.server.boards.leaderboard import make_distinct
+from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.explore.episodes import (
     Browsing,
     Choice,
@@ -167,8 +170,32 @@ def show_episode(
     """Show an episode on the map of its scan, with the routes of up to two submissions."""
     with visitor.reading() as reading:
         browsing = _browsing(visitor, reading, split, selection)
-        content = _episode_content(browsing, selection, instr_id)
+        service = visitor.server.get(EpisodeService)
+        headings = [service.headings(browsing.board, run, instr_id) for run in browsing.runs]
+        content = _episode_content(browsing, selection, instr_id, headings)
         return page(reading, "episode.html", **content)
+
+
+@router.get("/episodes/{split}/{instr_id}/view")
+def show_view(
+    split: str,
+    instr_id: str,
+    viewpoint: str,
+    heading: Annotated[int, Query(ge=0, lt=360)],
+    visitor: Visitor,
+    _: ScoringTurn,
+) -> Response:
+    """Draw what is seen from a viewpoint, in the level view nearest to a heading, degrees."""
+    with visitor.reading() as reading:
+        episode = _browsing(visitor, reading, split, Selection()).episode(instr_id)
+    row = episode.graph.index.get(viewpoint)
+    if row is None or episode.graph.scan_of(row) != episode.scan:
+        raise NotFoundError(f"there is no viewpoint {viewpoint!r} in scan {episode.scan}")
+    view = int(snap(np.deg2rad([[heading, 0.0]]))[0])
+    drawing = answer_picture(AnswerView.at_step(episode, viewpoint, view))
+    # A replay shows the same views again.
+    kept = {"Cache-Control": "private, max-age=600"}
+    return Response(drawing, media_type="image/svg+xml", headers=kept)
 
 
 def _matrix(browsing: Browsing, selection: Selection) -> Markup | None:
@@ -196,7 +223,12 @@ def _browsing(visitor: Call, reading: CallReading, split: str, selection: Select
     return episodes.browse(reading.session, reading.caller, split, submissions)
 
 
-def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) -> Mapping[str, Any]:
+def _episode_content(
+    browsing: Browsing,
+    selection: Selection,
+    instr_id: str,
+    headings: Sequence[Sequence[float | None]],
+) -> Mapping[str, Any]:
     episode = browsing.episode(instr_id)
     names = _names(browsing.runs)
     keys = list(browsing.runs[0].scores if browsing.runs else ())
@@ -212,7 +244,7 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
         "picture": drawn(interactive_map_svg(shown)),
         "key": drawn(map_key(shown)),
         "answers": _answers(episode, walked) if browsing.board.task.has_targets else (),
-        "walks": _walks(browsing.runs, walked, shown),
+        "walks": _walks(browsing.runs, walked, shown, headings),
         "neighbours": _neighbours(browsing, selection, instr_id),
         "solvers": browsing.methods and browsing.methods.solvers(browsing.row(instr_id)),
         "most_solvers": MOST_SOLVERS,
@@ -253,10 +285,16 @@ def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neig
     )
 
 
-def _walks(runs: Sequence[Run], walked: Mapping[str, Episode], shown: EpisodeMap) -> Sequence[Walk]:
+def _walks(
+    runs: Sequence[Run],
+    walked: Mapping[str, Episode],
+    shown: EpisodeMap,
+    headings: Sequence[Sequence[float | None]],
+) -> Sequence[Walk]:
     walks = []
-    for run, route, (name, episode) in zip(runs, shown.routes, walked.items(), strict=True):
-        steps = shown.steps(route)
+    columns = zip(runs, shown.routes, walked.items(), headings, strict=True)
+    for run, route, (name, episode), looks in columns:
+        steps = shown.steps(route, looks)
         listed = steps[:MOST_STEPS]
         caption = episode.caption.removeprefix(f"{episode.outcome}: ")
         details = "; ".join(filter(None, [caption, shown.level_note(route)]))

@@ -3,6 +3,7 @@ const figure = document.getElementById("walked");
 const map = figure?.querySelector("svg.walkable");
 const SVG = "http://www.w3.org/2000/svg";
 const SECONDS_A_STEP = 0.8;
+const VIEW_SIZE = [400, 457]; // of a view with its panorama, as the server draws it
 
 function element(name, attributes, parent) {
   const made = document.createElementNS(SVG, name);
@@ -33,6 +34,7 @@ class Walk {
       return way.getPointAtLength(way.getTotalLength());
     })];
     this.rows = [...document.querySelectorAll(`.steps[data-route="${number}"] [data-step]`)];
+    this.answer = document.querySelector(`.answers [data-route="${number}"]`);
     this.walker = element("circle", { class: `walker route-${number}`, r: 6.5, cx: 0, cy: 0 }, map);
     this.goTo(this.legs.length);
     this.walker.classList.add("resting");
@@ -48,7 +50,25 @@ class Walk {
       if (Number(row.dataset.step) === own) row.setAttribute("aria-current", "step");
       else row.removeAttribute("aria-current");
     });
-    return own;
+    this.look(own);
+  }
+
+  // Shows what the agent saw at a step in the place of its answer, which it gave at the last one.
+  look(step) {
+    const row = this.rows[step];
+    const facing = parseInt(row?.lastElementChild.textContent);
+    const isOnWay = step < this.legs.length && facing >= 0;
+    if (!this.answer) return;
+    this.answer.classList.toggle("on-the-way", isOnWay);
+    this.answer.querySelector(".moment").textContent = isOnWay ? `Step ${step}, facing ${facing}°` : "Answer";
+    if (!isOnWay) return;
+    if (!this.view) {
+      this.view = new Image(...VIEW_SIZE);
+      this.answer.querySelector("h2").after(this.view);
+    }
+    this.view.alt = this.answer.querySelector("h2").textContent.trim();
+    const viewpoint = row.querySelector(".viewpoint-id").textContent;
+    this.view.src = `${location.pathname}/view?${new URLSearchParams({ viewpoint, heading: facing })}`;
   }
 
   says(step) {

@@ -17,7 +17,7 @@ import numpy as np
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.geometry import HEIGHT as VIEW_HEIGHT
-from reverie_eval.geometry import VIEW_AXES, RoomView, clip_at_depth, pixels_of, view_angles
+from reverie_eval.geometry import VIEW_AXES, RoomView, clip_at_depth, pixels_of, snap, view_angles
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.answers import (
     AnswerView,
@@ -44,10 +44,8 @@ _DEGREE = WIDTH / 360
 _HIGHEST = 60
 _STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
 _TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
-# Radius of the circle of a way: on a phone, a finger hits it.
-_WAY_RADIUS = 5.5
-# Width of a letter and height of a line of objects' names in the panorama, in units of the page.
-_NAME_LETTER, _NAME_LINE = 2.8, 5.5
+# Metres from the floor to a camera, about.
+_EYES = 1.5
 # Degrees between the lines of the grid.
 _STEP = 30
 # Width of a letter in a label by its role, in units of the page.
@@ -60,6 +58,20 @@ _HIGHEST_LINE, _LOWEST_LINE = 12, HEIGHT - 4
 _MIN_DEPTH = 0.05
 
 Role = Literal["other", "target", "answer"]
+
+
+class _Marks(NamedTuple):
+    """Sizes of what can be pointed at in a picture, in units of the page."""
+
+    radius: float
+    """Of the circle of a way: on a phone, a finger hits it."""
+    letter: float
+    """Width of a letter of objects' names."""
+    line: float
+    """Height of a line of them."""
+
+
+_IN_PANORAMA, _IN_VIEW = _Marks(5.5, 2.8, 5.5), _Marks(12.0, 6.4, 13.0)
 
 
 class ObjectLink(NamedTuple):
@@ -83,6 +95,7 @@ class WayLink(NamedTuple):
     """Degrees."""
     elevation: float
     """Degrees."""
+    metres: float
     label: str
     href: str
 
@@ -119,8 +132,12 @@ def view_svg(shown: AnswerView) -> str:
 
 def answer_class(shapes: str, number: int) -> str:
     """Return the class of the shapes of a submission's answer, which says how they look."""
-    ground = " on-photograph" if "<image" in shapes else " in-room" if "<g" in shapes else ""
-    return f"answer-view route-{number}{ground}"
+    return f"answer-view route-{number}{_on(shapes)}"
+
+
+def _on(shapes: str) -> str:
+    """Return the class that says on what boxes and texts lie."""
+    return " on-photograph" if "<image" in shapes else " in-room" if "<g" in shapes else ""
 
 
 def _draw(shown: AnswerView, number: int, attributes: str = "", style: str = "") -> str:
@@ -144,31 +161,62 @@ def panorama_svg(
 ) -> str:
     """Draw a panorama with links, to play an episode, for a page that includes ``ANSWER_STYLE``.
 
-    ``heading``, in degrees, is in the middle; ``skybox`` has the photographs, if there are any.
-    Ways are numbered from 1. What is smaller lies on top, so that no large box covers it; not what
-    is nearer, because a box is more than its object: that of a near rug covers a desk behind it.
-    The links are for pointers, and out of the order of the tab key: the page has lists of them.
+    ``heading``, in degrees, is in the middle, in a frame of what :func:`ahead_svg` draws;
+    ``skybox`` has the photographs, if there are any. Ways are numbered from 1. What is smaller lies
+    on top, so that no large box covers it; not what is nearer, because a box is more than its
+    object: that of a near rug covers a desk behind it. The links are for pointers, and out of the
+    order of the tab key: the page has lists of them.
     """
     height = _STRIP_HEIGHT + _TICKS_HEIGHT
     photograph = skybox.panorama(heading, _HIGHEST) if skybox else ""
-    on = " on-photograph" if photograph else ""
-    title = f"Panorama, with heading {heading % 360:.0f}° in the middle"
-    named = _with_room(objects, heading)
     links = [
-        (_area(each.span), _object_link(each, heading, "name" if each in named else "name spare"))
+        _Link(
+            each,
+            "".join(_on_panorama("other", each.span, heading, each.label)),
+            _DEGREE**2 * (each.span.right - each.span.left) * (each.span.high - each.span.low),
+            *_position(np.array([each.span.middle, each.span.high]), heading).tolist(),
+        )
         for each in objects
     ]
-    circle = math.pi * (_WAY_RADIUS / _DEGREE) ** 2
-    numbered = enumerate(zip(ways, _centres(ways, heading), strict=True), 1)
-    links += [(circle, _way_link(number, each, *centre)) for number, (each, centre) in numbered]
-    return "".join(
-        [
-            f'<svg class="answer-view panorama{on}" viewBox="0 0 {WIDTH} {height:.0f}">',
-            f"<title>{escape(title)}</title>",
-            *_grid(heading, photograph),
-            *(link for _, link in sorted(links, key=itemgetter(0), reverse=True)),
-            "</svg>",
-        ]
+    places = [_position(np.array([way.heading, way.elevation]), heading) for way in ways]
+    ground = "".join(_grid(heading, photograph))
+    return (
+        f'<svg class="answer-view panorama{_on(ground)}" viewBox="0 0 {WIDTH} {height:.0f}">'
+        f"<title>Panorama, with heading {heading % 360:.0f}° in the middle</title>{ground}"
+        f"{_linked(links, _numbered(ways, places), _IN_PANORAMA)}"
+        f"{_frame(int(snap(np.deg2rad([[heading, 0.0]]))[0]), heading)}</svg>"
+    )
+
+
+def ahead_svg(
+    objects: Sequence[tuple[ObjectLink, Array]],
+    ways: Sequence[WayLink],
+    view: int,
+    room_view: RoomView | None,
+    skybox: Skybox | None = None,
+) -> str:
+    """Draw a level view with links, as :func:`panorama_svg` does with the panorama.
+
+    Each object has its box in the view, shape (4,): that is where it can be pointed at. Ways lie on
+    the floor, or at the lower edge if they begin below it.
+    """
+    photograph = skybox.view(view) if skybox else ""
+    ground = (
+        room_shapes(room_view)
+        if room_view and not photograph
+        else _background(photograph, HEIGHT, HEIGHT / 2)
+    )
+    heading = float(np.rad2deg(view_angles(np.array([view]))[0, 0]))
+    boxes = [(link, _SCALE * xywh) for link, xywh in objects]
+    links = [
+        _Link(link, _rect("other", box, link.label), box[2] * box[3], box[0] + box[2] / 2, box[1])
+        for link, box in boxes
+    ]
+    places = _numbered(ways, [_on_floor(way, view) for way in ways])
+    return (
+        f'<svg class="answer-view ahead{_on(ground)}" viewBox="0 0 {WIDTH} {HEIGHT}">'
+        f"<title>The view ahead, heading {heading:.0f}°</title>{ground}"
+        f"{_linked(links, places, _IN_VIEW)}</svg>"
     )
 
 
@@ -333,11 +381,15 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
     for role, span, _ in spans:
         yield from _role_label(role, span, middle)
     if shown.view is not None:
-        picture = np.array([0, 0, VIEW_WIDTH, VIEW_HEIGHT])
-        camera = view_angles(np.array([shown.view]))[0]
-        around = np.rad2deg(angles_of(directions_of(picture, camera)))
-        yield _polygon("frame", _position(around, middle), "the view above")
+        yield _frame(shown.view, middle)
     yield "</svg>"
+
+
+def _frame(view: int, middle: float) -> str:
+    picture = np.array([0, 0, VIEW_WIDTH, VIEW_HEIGHT])
+    camera = view_angles(np.array([view]))[0]
+    around = np.rad2deg(angles_of(directions_of(picture, camera)))
+    return _polygon("frame", _position(around, middle), "the view above")
 
 
 def _grid(middle: float, photograph: str = "") -> Iterator[str]:
@@ -381,67 +433,113 @@ def _position(angles: FloatArray, middle: float) -> FloatArray:
     return np.stack([x, y], axis=-1)
 
 
-def _area(span: Span) -> float:
-    """Return the size of a part of the panorama, in square degrees."""
-    return (span.right - span.left) * (span.high - span.low)
+# Links.
 
 
-def _with_room(objects: Sequence[ObjectLink], middle: float) -> Sequence[ObjectLink]:
+class _Link(NamedTuple):
+    """An object in a picture."""
+
+    link: ObjectLink
+    shapes: str
+    area: float
+    x: float
+    """The middle of its upper edge."""
+    y: float
+
+
+class _Place(NamedTuple):
+    """A way in a picture."""
+
+    number: int
+    way: WayLink
+    point: FloatArray
+
+
+def _numbered(ways: Sequence[WayLink], points: Sequence[FloatArray | None]) -> Sequence[_Place]:
+    """Return the ways with their numbers, without those that are not in the picture."""
+    pairs = enumerate(zip(ways, points, strict=True), 1)
+    return [_Place(number, way, at) for number, (way, at) in pairs if at is not None]
+
+
+def _on_floor(way: WayLink, view: int) -> FloatArray | None:
+    """Return where a way ends on the floor in a level view, or below it; None if beside it."""
+    heading, elevation = np.deg2rad([way.heading, way.elevation])
+    flat = way.metres * np.cos(elevation)
+    down = way.metres * np.sin(elevation) - _EYES
+    end = np.array([flat * np.sin(heading), flat * np.cos(heading), down])
+    ray = VIEW_AXES[view] @ end
+    if ray[2] < _MIN_DEPTH:
+        return None
+    x, y = (_SCALE * pixels_of(ray)).tolist()
+    margin = _IN_VIEW.radius
+    if not 0 <= x <= WIDTH:
+        return None
+    return np.array([np.clip(x, margin, WIDTH - margin), np.clip(y, margin, HEIGHT - margin)])
+
+
+def _linked(objects: Sequence[_Link], ways: Sequence[_Place], marks: _Marks) -> str:
+    """Draw links to objects and to ways, the smallest last."""
+    named = _with_room(objects, marks)
+    links = [(each.area, _object_link(each, marks, is_named=each in named)) for each in objects]
+    circle = math.pi * marks.radius**2
+    links += [(circle, _way_link(each, marks)) for each in _apart(ways, marks)]
+    return "".join(link for _, link in sorted(links, key=itemgetter(0), reverse=True))
+
+
+def _with_room(objects: Sequence[_Link], marks: _Marks) -> Sequence[_Link]:
     """Return the objects with room for their names, which no other name overlaps; small ones first.
 
     The others show their names when they are pointed at.
     """
     taken: list[tuple[float, float, float]] = []
     shown = []
-    for link in sorted(objects, key=lambda each: _area(each.span)):
-        x, y = _name_position(link, middle)
-        reach = _NAME_LETTER * len(link.name) / 2
+    for each in sorted(objects, key=lambda it: it.area):
+        x, y = _name_position(each, marks)
+        reach = marks.letter * len(each.link.name) / 2
         if all(
-            abs(y - other_y) > _NAME_LINE or abs(x - other_x) > reach + other_reach
+            abs(y - other_y) > marks.line or abs(x - other_x) > reach + other_reach
             for other_x, other_y, other_reach in taken
         ):
             taken.append((x, y, reach))
-            shown.append(link)
+            shown.append(each)
     return shown
 
 
-def _name_position(link: ObjectLink, middle: float) -> tuple[float, float]:
+def _name_position(target: _Link, marks: _Marks) -> tuple[float, float]:
     """Return the middle of the baseline of an object's name: on its box, in the picture."""
-    x, y = _position(np.array([link.span.middle, link.span.high]), middle)
-    reach = _NAME_LETTER * len(link.name) / 2
-    return min(max(x, reach), WIDTH - reach), max(y - 1, _NAME_LINE)
+    reach = marks.letter * len(target.link.name) / 2
+    return min(max(target.x, reach), WIDTH - reach), max(target.y - 1, marks.line)
 
 
-def _object_link(link: ObjectLink, middle: float, kind: str) -> str:
-    x, y = _name_position(link, middle)
+def _object_link(target: _Link, marks: _Marks, *, is_named: bool) -> str:
+    link, (x, y) = target.link, _name_position(target, marks)
     chosen = ' class="chosen"' if link.is_chosen else ""
-    return "".join(
-        [
-            f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}" tabindex="-1"',
-            f' data-object="{link.object_id}"{chosen}>',
-            *_on_panorama("other", link.span, middle, link.label),
-            f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}">{escape(link.name)}</text></a>',
-        ]
+    return (
+        f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}" tabindex="-1"'
+        f' data-object="{link.object_id}"{chosen}>{target.shapes}'
+        f"{_text('name' if is_named else 'name spare', x, y, link.name)}</a>"
     )
 
 
-def _centres(ways: Sequence[WayLink], middle: float) -> Sequence[tuple[float, float]]:
-    """Return where the circles of ways are; one that would cover another is higher."""
-    centres: list[tuple[float, float]] = []
-    for way in ways:
-        x, y = _position(np.array([way.heading, way.elevation]), middle).tolist()
-        while any(math.dist((x, y), other) < 2 * _WAY_RADIUS for other in centres):
+def _apart(ways: Sequence[_Place], marks: _Marks) -> Iterator[_Place]:
+    """Yield the ways; one whose circle would cover another's is higher."""
+    taken: list[FloatArray] = []
+    for each in ways:
+        x, y = each.point
+        while any(math.dist((x, y), other) < 2 * marks.radius for other in taken):
             y -= 1
-        centres.append((x, y))
-    return centres
+        taken.append(np.array([x, y]))
+        yield each._replace(point=taken[-1])
 
 
-def _way_link(number: int, link: WayLink, x: float, y: float) -> str:
-    circle = f'cx="{x:.1f}" cy="{y:.1f}" r="{_WAY_RADIUS}"'
+def _way_link(place: _Place, marks: _Marks) -> str:
+    number, link, (x, y) = place
+    circle = f'cx="{x:.1f}" cy="{y:.1f}" r="{marks.radius}"'
     return (
         f'<a href="{escape(link.href)}" aria-label="{number}: {escape(link.label)}" tabindex="-1"'
-        f' data-way="{number}"><circle class="way" {circle}><title>{escape(link.label)}</title>'
-        f'</circle><text class="way-number" x="{x:.1f}" y="{y + 2:.1f}">{number}</text></a>'
+        f' data-way="{number}" data-heading="{link.heading:.0f}">'
+        f'<circle class="way" {circle}><title>{escape(link.label)}</title></circle>'
+        f"{_text('way-number', x, y + 0.36 * marks.radius, str(number))}</a>"
     )
 
 

@@ -15,6 +15,7 @@ import reverie_eval as rv
 from reverie_eval import CATALOGUE, GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.explore.episodes import Annotations, Browsing, EpisodeService
@@ -73,7 +74,7 @@ def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Se
     record = RECORDS[instr_id]
     steps = numbers(truth, record)
     page = visitor.get(f"/play/{OPEN}/{number}")
-    assert page.text.count("<image ") == 1  # what was drawn of the demo world
+    assert page.text.count("<image ") == 2  # what was drawn of the demo world
     assert been(page.text) == 1
     for made in range(1, len(steps) + 1):
         walk = ".".join(map(str, steps[:made]))
@@ -84,8 +85,8 @@ def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Se
         # Where one has been, and nothing else: no other viewpoint, and no room.
         assert been(page.text) == len({record["trajectory"][0][0], *walked_to(record, made)})
         assert 'class="room' not in page.text
-    (link,) = re.findall(rf'href="([^"]*choice={record["predObjId"]}#answer)"', page.text)
-    page = visitor.get(unescape(link))
+    links = re.findall(rf'href="([^"]*choice={record["predObjId"]}#answer)"', page.text)
+    page = visitor.get(unescape(links[0]))
     (chosen,) = re.findall(r"<input [^>]* checked>", page.text)
     assert f'value="{record["predObjId"]}"' in chosen
     page = visitor.get(address(number, steps, str(record["predObjId"])))
@@ -97,6 +98,25 @@ def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Se
         metric = CATALOGUE[key]
         label = metric.label if metric.is_binary else metric.heading
         assert f"{label} {metric.display_one(values[key][row])}" in said(page)
+
+
+def test_without_photographs_the_room_is_drawn(
+    server: Serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The view turns by links; its boxes are those of the views that show it."""
+    monkeypatch.setenv(PANORAMAS_VARIABLE, str(tmp_path))
+    visitor = Visitor(server)
+    page, headings = visitor.get(f"/play/{OPEN}/1?facing=0"), []
+    while len(headings) < 12:
+        (view,) = re.findall(
+            r'<svg class="answer-view ahead in-room".*?</svg>', page.text, re.DOTALL
+        )
+        headings += re.findall(r"<title>The view ahead, heading (\d+)°</title>", view)
+        assert ('class="solids"' in view, "target" in view) == (True, False)
+        (link,) = re.findall(r'<a href="([^"]*)" data-turn>Turn right', page.text)
+        page = visitor.get(unescape(link))
+    assert [*map(int, headings)] == [*range(0, 360, 30)]
+    assert "facing 0°" in said(page)
 
 
 def test_a_walk_is_compared_with_those_of_methods(server: Serving) -> None:

@@ -3,6 +3,7 @@
 The URL has the episode's number in the sample, because a REVERIE id contains the target's id.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 from urllib.parse import quote, urlencode
@@ -13,8 +14,16 @@ from fastapi import APIRouter, Depends, Path, Query
 from fastapi.responses import Response
 
 from reverie_eval.analysis import VisibleObject
-from reverie_eval.reporting.answer_svg import ObjectLink, WayLink, answer_svg, panorama_svg
-from reverie_eval.reporting.answers import answer_views, span_of
+from reverie_eval.geometry import snap
+from reverie_eval.reporting.answer_svg import (
+    ObjectLink,
+    WayLink,
+    ahead_svg,
+    answer_svg,
+    panorama_svg,
+)
+from reverie_eval.reporting.answers import answer_views, seen_in, span_of
+from reverie_eval.reporting.buildings import room_view_of
 from reverie_eval.reporting.map_svg import map_key, map_svg, visited_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.skyboxes import find_skybox
@@ -32,6 +41,8 @@ NAME = "Your walk"
 NOTHING = "none"
 """In place of an object, if the person points at none."""
 MOST_SAMPLED = 500
+_TURN = 30
+"""Degrees, as an agent turns."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +57,8 @@ class Played:
     """The object, or ``none``; empty while the walk goes on."""
     choice: Annotated[str, Query(pattern=r"^[0-9]*$", max_length=9)] = ""
     """The object that is chosen in the form, without scripts, and not yet the answer."""
+    facing: Annotated[int | None, Query(ge=0, lt=360)] = None
+    """Where the person has turned to, degrees; None if they look where they went."""
 
     @property
     def steps(self) -> list[int]:
@@ -57,9 +70,9 @@ class Played:
         """The object that the person pointed at."""
         return int(self.answer) if self.answer.isdigit() else None
 
-    def link(self, split: str, number: int = 0, walk: str = "", choice: str = "") -> str:
+    def link(self, split: str, number: int = 0, **changes: str | int) -> str:
         """Return the address of the sample, or of an episode in it and a walk through that."""
-        query = {"seed": self.seed, "n": self.n, "walk": walk, "choice": choice}
+        query = {"seed": self.seed, "n": self.n} | changes
         given = urlencode({key: value for key, value in query.items() if value != ""})
         place = quote(split, safe="") + (f"/{number}" if number else "")
         return f"/play/{place}?{given}"
@@ -114,23 +127,38 @@ def play(
 
 
 def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
-    """Return what can be done from here: as links in a picture, and as a list and a form."""
-    split = walk.board.name
+    """Return what can be done from here: as links in two pictures, and as a list and a form."""
+    split, seen = walk.board.name, walk.seen
     ways = [
         WayLink(
             heading=float(np.rad2deg(way.heading)) % 360,
             elevation=float(np.rad2deg(way.elevation)),
+            metres=way.metres,
             label=f"walk {way.metres:.1f} m, heading {np.rad2deg(way.heading) % 360:.0f}°",
-            href=played.link(split, number, ".".join(map(str, [*walk.steps, way.number]))),
+            href=played.link(split, number, walk=".".join(map(str, [*walk.steps, way.number]))),
         )
         for way in walk.ways
     ]
-    candidates = [_object_link(each, split, number, played) for each in walk.seen.candidates]
+    heading = np.rad2deg(seen.heading) if played.facing is None else played.facing
+    facing = round(float(heading)) % 360
+    visible = [_visible(each) for each in seen.candidates]
+    here: dict[str, str | int] = {"walk": played.walk, "facing": facing}
+    candidates = [
+        _object_link(each, played.link(split, number, **here, choice=each.object_id), played)
+        for each in visible
+    ]
     objects = sorted(candidates, key=lambda each: (each.name, each.span.middle))
-    skybox = find_skybox(walk.board.truth.graph, walk.seen.viewpoint_id)
-    panorama = panorama_svg(objects, ways, float(np.rad2deg(walk.seen.heading)), skybox)
+    skybox = find_skybox(walk.board.truth.graph, seen.viewpoint_id)
     return {
-        "panorama": drawn(panorama),
+        "ahead": drawn(_ahead(walk, [*zip(candidates, visible, strict=True)], ways, facing)),
+        "panorama": drawn(panorama_svg(objects, ways, facing, skybox)),
+        "turns": {
+            name: played.link(
+                split, number, walk=played.walk, choice=played.choice, facing=(facing + by) % 360
+            )
+            for name, by in (("Turn left", -_TURN), ("Turn right", _TURN))
+        },
+        "facing": facing,
         "been": drawn(visited_svg(walk.been)),
         "ways": ways,
         "objects": objects,
@@ -138,14 +166,40 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
     }
 
 
-def _object_link(seen: Candidate, split: str, number: int, played: Played) -> ObjectLink:
-    """Link to the page on which an object is chosen: to point at it does not end the episode."""
-    name, choice = seen.name or "object", str(seen.object_id)
+def _ahead(
+    walk: HumanWalk,
+    candidates: Sequence[tuple[ObjectLink, VisibleObject]],
+    ways: Sequence[WayLink],
+    facing: int,
+) -> str:
+    """Draw the level view ahead, with the boxes that it shows."""
+    truth, viewpoint_id = walk.board.truth, walk.seen.viewpoint_id
+    view = int(snap(np.deg2rad([[facing, 0.0]]))[0])
+    visible = [each for _, each in candidates]
+    seen = seen_in(view, visible)
+    return ahead_svg(
+        [(link, xywh) for link, each in candidates for xywh in each.xywh[each.view == view]],
+        ways,
+        view,
+        # A task without objects has no rooms.
+        room_view_of(truth.graph, truth.require_solution(), viewpoint_id, view, seen)
+        if walk.board.task.has_targets
+        else None,
+        find_skybox(truth.graph, viewpoint_id),
+    )
+
+
+def _visible(seen: Candidate) -> VisibleObject:
     views, boxes = zip(*seen.boxes, strict=True)
-    span = span_of(VisibleObject(seen.object_id, name, np.array(views), np.array(boxes)))
-    label = f"{name}, heading {span.middle:.0f}°"
-    href = played.link(split, number, played.walk, choice) + "#answer"
-    return ObjectLink(seen.object_id, span, name, label, href, choice == played.choice)
+    return VisibleObject(seen.object_id, seen.name or "object", np.array(views), np.array(boxes))
+
+
+def _object_link(seen: VisibleObject, href: str, played: Played) -> ObjectLink:
+    """Link to the page on which an object is chosen: to point at it does not end the episode."""
+    span = span_of(seen)
+    label = f"{seen.name}, heading {span.middle:.0f}°"
+    is_chosen = str(seen.object_id) == played.choice
+    return ObjectLink(seen.object_id, span, seen.name, label, f"{href}#answer", is_chosen)
 
 
 def _scored(browsing: Browsing, walk: HumanWalk, played: Played) -> dict[str, Any]:

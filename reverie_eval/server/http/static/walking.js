@@ -1,16 +1,19 @@
 // Walks an episode by keyboard and pointer. A step replaces parts of the page, so that the focus stays where it is.
 
 const walked = document.getElementById("walked");
+const ahead = document.getElementById("ahead");
 const panorama = document.getElementById("panorama");
 const ways = document.getElementById("ways");
 const answer = document.getElementById("answer");
-const PARTS = [walked, panorama, ways, answer, document.getElementById("been")];
+const PARTS = [walked, ahead, panorama, ways, answer, document.getElementById("been")];
 const SAME_POINT = 4; // pixels
 let facing; // the link of the way that the person faces
 let pointed = { x: -1, y: -1 };
 let isUnderWay = false;
+let looks = 0;
 
-const linksTo = (what) => [...panorama.querySelectorAll(`a[data-${what}]`)];
+const linksTo = (what) => [ahead, panorama].flatMap((part) => [...part.querySelectorAll(`a[data-${what}]`)]);
+const ownWays = () => [...panorama.querySelectorAll("a[data-way]")]; // all of them, each once
 
 function say(words) {
   document.getElementById("facing").textContent = words;
@@ -20,28 +23,57 @@ function say(words) {
 function arrive() {
   countAction(walked.dataset.split, walked.dataset.number, !new URLSearchParams(location.search).get("walk"));
   pointed = { x: -1, y: -1 };
+  faceAhead();
+}
+
+// Turns to the way that is nearest to the middle.
+function faceAhead() {
   const { left, width } = panorama.firstElementChild.getBoundingClientRect();
   const fromAhead = (link) => {
     const circle = link.getBoundingClientRect();
     return Math.abs(circle.left + circle.width / 2 - left - width / 2);
   };
-  face(linksTo("way").toSorted((one, other) => fromAhead(one) - fromAhead(other))[0]);
+  face(ownWays().toSorted((one, other) => fromAhead(one) - fromAhead(other))[0]);
+}
+
+async function load(address, parts) {
+  const reply = await fetch(address);
+  const page = new DOMParser().parseFromString(await reply.text(), "text/html");
+  if (!reply.ok || !page.getElementById("ways")) throw new Error(reply.statusText);
+  return () => {
+    for (const part of parts) part.replaceChildren(...page.getElementById(part.id).childNodes);
+  };
 }
 
 async function show(address) {
   isUnderWay = true;
+  looks += 1; // what is on its way shows another place
   try {
-    const reply = await fetch(address);
-    const page = new DOMParser().parseFromString(await reply.text(), "text/html");
-    if (!reply.ok || !page.getElementById("ways")) throw new Error(reply.statusText);
+    const replace = await load(address, PARTS);
     const hadFocus = PARTS.some((part) => part.contains(document.activeElement));
-    for (const part of PARTS) part.replaceChildren(...page.getElementById(part.id).childNodes);
+    replace();
     if (hadFocus) panorama.focus({ preventScroll: true });
     arrive();
   } catch {
     location.assign(address); // the browser shows what is wrong
   } finally {
     isUnderWay = false;
+  }
+}
+
+// Draws both pictures anew for where the person has turned to; what they face and have chosen stays.
+async function look(address) {
+  looks += 1;
+  const own = looks;
+  try {
+    const replace = await load(address, [ahead, panorama]);
+    if (own !== looks) return; // they have turned or gone on since
+    replace();
+    history.replaceState(null, "", address);
+    if (answer.elements.answer.value) markChosen();
+    else faceAhead();
+  } catch {
+    location.assign(address);
   }
 }
 
@@ -64,8 +96,12 @@ function face(link) {
 }
 
 function turn(step) {
-  const all = linksTo("way").toSorted((one, other) => one.dataset.way - other.dataset.way);
-  if (all.length) face(all.at((all.indexOf(facing) + step) % all.length));
+  const all = ownWays().toSorted((one, other) => one.dataset.way - other.dataset.way);
+  if (!all.length) return;
+  face(all.at((all.indexOf(facing) + step) % all.length));
+  const address = new URL(location);
+  address.searchParams.set("facing", facing.dataset.heading % 360);
+  look(address);
 }
 
 // Chooses the object at a point; another click at the same point chooses the one below it.
@@ -79,10 +115,15 @@ function point({ clientX: x, clientY: y }) {
   choose(objects.length > 1 ? ` ${next + 1} of ${objects.length} here: click again for the next.` : "");
 }
 
-// Shows in the picture and on the button which object is chosen in the form.
-function choose(more = "") {
+function markChosen() {
   const { value } = answer.elements.answer;
   for (const link of linksTo("object")) link.classList.toggle("chosen", link.dataset.object === value);
+}
+
+// Shows in the pictures and on the button which object is chosen in the form.
+function choose(more = "") {
+  const { value } = answer.elements.answer;
+  markChosen();
   const label = answer.querySelector(`[for="object-${value}"]`).firstChild.textContent.trim();
   face(null); // so that Enter does not walk away from a choice
   answer.querySelector("button").textContent = value === "none" ? "Stop without an answer" : `Answer: ${label}`;
@@ -100,18 +141,21 @@ panorama.addEventListener("keydown", (event) => {
   event.preventDefault();
 });
 
-panorama.addEventListener("mousedown", (event) => {
-  if (!event.target.closest("a")) return;
-  event.preventDefault(); // the focus stays in the panorama, where the keys work
-  panorama.focus({ preventScroll: true });
-});
+for (const part of [ahead, panorama]) {
+  part.addEventListener("mousedown", (event) => {
+    if (!event.target.closest("a")) return;
+    event.preventDefault(); // the focus stays in the panorama, where the keys work
+    panorama.focus({ preventScroll: true });
+  });
+}
 
-for (const part of [panorama, ways]) {
+for (const part of [ahead, panorama, ways]) {
   part.addEventListener("click", (event) => {
     const link = event.target.closest("a");
     if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
     event.preventDefault();
     if (link.dataset.object) point(event);
+    else if ("turn" in link.dataset) look(new URL(link.getAttribute("href"), location));
     else go(link);
   });
 }

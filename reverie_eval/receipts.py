@@ -99,7 +99,7 @@ def verify(envelope: Envelope, public_pem: str) -> str:
     ReceiptError
         If the key is invalid.
     """
-    key = _load_key(public_pem)
+    key = public_key_of(public_pem)
     key_id = key_id_of(public_pem_of(key))
     signature = next((each for each in envelope.signatures if each.keyid == key_id), None)
     if signature is None:
@@ -270,7 +270,8 @@ def key_id_of(public_pem: str) -> str:
     return hashlib.sha256(public_pem.strip().encode()).hexdigest()[:_KEY_ID_LENGTH]
 
 
-def _load_key(public_pem: str) -> Ed25519PublicKey:
+def public_key_of(public_pem: str) -> Ed25519PublicKey:
+    """Return the public key in PEM form. Raises ReceiptError if it is none of ours."""
     try:
         key = load_pem_public_key(public_pem.encode())
     except (ValueError, UnsupportedAlgorithm):

@@ -25,7 +25,6 @@ from reverie_eval.server.http.callers import Call
 from reverie_eval.server.intake.attempts import list_attempts
 from reverie_eval.server.intake.quotas import list_grants
 from reverie_eval.server.operations.health import Canary, UnhealthyError
-from reverie_eval.server.operations.keys import replace_lost_key
 from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
 from tests.support.acting import NOON
@@ -557,22 +556,6 @@ def test_the_audit_log_says_whether_it_is_whole(desk: Visitor) -> None:
         words = said(desk.get(f"/desk/audit{query}"))
         assert "1 entry cannot be verified, first entry 2:" in words
         assert "unbroken" not in words
-
-
-def test_the_audit_log_says_what_nobody_can_check(open_server: OpenServer) -> None:
-    lost = open_server()
-    lost.state.database.close()
-    settings = lost.state.settings
-    settings.path(settings.signing_key).unlink()
-    replace_lost_key(settings, "test", "a fire")
-    desk = signed_in(open_server(settings, lost.tokens), ORGANISER)
-    with desk.server.acting() as transaction:
-        (unchecked,) = desk.server.state.audit_log.unprovable(transaction.session).values()
-    but = f", apart from {unchecked} entries made with a signing key that was lost, which nobody"
-    assert f"The entries on this page are unchanged{but}" in said(desk.get("/desk/audit"))
-    words = said(desk.get("/desk/audit?whole=yes"))
-    assert "The chain is unbroken." in words
-    assert but in words
 
 
 def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visitor) -> None:

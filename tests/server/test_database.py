@@ -64,8 +64,8 @@ RUNNING = "check that it is running, and `database` in the settings"
     ("statement", "said"),
     [
         pytest.param(
-            "INSERT INTO person (team_id, name, role, created_at) "
-            "VALUES (999, 'Eve', 'participant', '2026-03-02')",
+            "INSERT INTO person (team_id, name, name_salt, role, created_at) "
+            "VALUES (999, 'Eve', '', 'participant', '2026-03-02')",
             "(?i)foreign key constraint",
             id="refers to nothing",
         ),

@@ -14,7 +14,6 @@ from sqlalchemy import text
 
 from reverie_eval.receipts import NotGenuineError, verify_by_history
 from reverie_eval.schemas.service import Envelope, KeyReport
-from reverie_eval.server.audit.log import entries
 from reverie_eval.server.audit.receipts import make_key
 from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.opening import open_server
@@ -93,8 +92,6 @@ def test_receipts_of_all_keys_are_genuine_by_the_published_list(
         ("", True),
     ]
     assert after.ask(None, "GET", "/key").text == keys[-1].public_key
-    with after.state.database.reading() as session:
-        assert {entry.key_id for entry in entries(session)} == {key.key_id for key in keys}
     assert faults(folder) == []
 
 
@@ -181,7 +178,7 @@ def test_a_lost_key_is_replaced_and_what_it_signed_stays_genuine(
     assert run("server", "key", "rotate", str(lost), "--lost", "--reason", "a fire").status == 0
     doctor = run("server", "doctor", str(lost))
     assert doctor.status == 0, doctor.out
-    assert "nobody can check whether they were changed" in doctor.out
+    assert "none missing between them" in doctor.out
     keys = keys_of(server)
     assert verify_by_history(before, keys).reason == "a fire"
     sql("UPDATE audit SET actor = 'nobody' WHERE id = (SELECT max(id) FROM audit)")(lost)
@@ -237,8 +234,6 @@ def test_a_stolen_key_is_revoked_and_honest_receipts_are_signed_again(
 
 CHANGES_OF_KEYS = [
     "UPDATE signing_key SET valid_until = '2099-01-01 00:00:00.000000' WHERE id = 1",
-    "UPDATE signing_key SET audit_key = NULL WHERE id = 1",
-    "UPDATE signing_key SET audit_key = '00' WHERE id = 1",
     "UPDATE signing_key SET public_key = 'mine' WHERE id = 1",
     "DELETE FROM signing_key WHERE id = 1",
     """INSERT INTO signing_key (key_id, public_key, valid_from, valid_until, replaced_at, reason)

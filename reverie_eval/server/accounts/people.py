@@ -13,6 +13,7 @@ from reverie_eval.schemas.organising import (
     PersonReport,
     TeamReport,
 )
+from reverie_eval.server.audit.log import new_name_digest
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.store.paging import Listed, Page, list_page
@@ -61,7 +62,7 @@ def add_person(transaction: Transaction, new: NewPerson) -> PersonReport:
         team_id=team.id, name=new.name, email=new.email, role=new.role, created_at=transaction.now
     )
     _write(transaction, person, f"the team {team.name!r} already has a person {person.name!r}")
-    name = transaction.audit_log.name_digest(person)
+    name = new_name_digest(person)
     transaction.record(
         "person added", person, person, team=team.name, role=person.role, name_digest=name
     )
@@ -95,7 +96,7 @@ def change_person(transaction: Transaction, person_id: int, change: PersonChange
     taken = f"the team {person.team.name!r} already has a person {person.name!r}"
     _write(transaction, person, taken)
     moved = {"moved_from": moved_from, "moved_to": change.team} if "team" in changed else {}
-    name = transaction.audit_log.name_digest(person)
+    name = new_name_digest(person)
     transaction.record("person changed", person, person, changed=changed, **moved, name_digest=name)
     return person_report(person)
 

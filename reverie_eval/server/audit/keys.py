@@ -3,23 +3,14 @@
 A private key is a file. The database has what everyone may know about it: the public key, from when
 until when its signatures count, and why it was replaced. So receipts can be verified for ever, and
 a server whose file is not the key in the database is noticed.
-
-The audit log's digests are made with a key derived from the signing key. When a signing key is
-replaced, that derived key is stored, encrypted under the new signing key [1]_. So the log can be
-checked from its first entry, and the old private key can be destroyed.
-
-References
-----------
-.. [1] Schaad and Housley, "Advanced Encryption Standard (AES) Key Wrap Algorithm", RFC 3394, 2002.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.keywrap import InvalidUnwrap, aes_key_unwrap, aes_key_wrap
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -28,9 +19,6 @@ from reverie_eval.schemas.service import KeyReport
 from reverie_eval.server.audit.receipts import KeyMissingError, Signer, load_key, public_pem_of
 from reverie_eval.server.errors import KeyReplacedError
 from reverie_eval.server.store.tables import SigningKey, read_stored
-
-_AUDIT_LOG = "audit log"
-_EARLIER_AUDIT_KEYS = "audit keys of earlier signing keys"
 
 # Built here, because each change runs it, and building it takes as long as running it.
 _IN_USE = select(SigningKey).where(SigningKey.replaced_at.is_(None))
@@ -66,35 +54,6 @@ def admit(session: Session, signer: Signer, now: datetime) -> None:
 def new_row(signer: Signer, now: datetime) -> SigningKey:
     """Return the row of a key that is in use from now on."""
     return SigningKey(key_id=signer.key_id, public_key=signer.public_pem, valid_from=now, reason="")
-
-
-def audit_key_of(signer: Signer) -> bytes:
-    """Return the key for audit entries that are written while a signing key is in use."""
-    return signer.secret_for(_AUDIT_LOG)
-
-
-def audit_keys(session: Session, signer: Signer) -> Mapping[str, bytes | None]:
-    """Return the audit log's keys by signing key; None for those that are not there.
-
-    They were lost, or somebody has removed or changed them in the database: the log tells which.
-    """
-    wrapping = signer.secret_for(_EARLIER_AUDIT_KEYS)
-    earlier = {row.key_id: _unwrap(wrapping, row.audit_key) for row in all_keys(session)}
-    return {**earlier, signer.key_id: audit_key_of(signer)}
-
-
-def hand_over_audit_keys(session: Session, old: Signer, new: Signer) -> None:
-    """Store the audit log's keys so that the next signing key can decrypt them."""
-    keys, wrapping = audit_keys(session, old), new.secret_for(_EARLIER_AUDIT_KEYS)
-    for row in all_keys(session):
-        key = keys[row.key_id]
-        row.audit_key = aes_key_wrap(wrapping, key).hex() if key else None
-
-
-def forget_audit_keys(session: Session) -> None:
-    """Delete the audit log's keys, which nobody can decrypt after a signing key was lost."""
-    for row in all_keys(session):
-        row.audit_key = None
 
 
 def open_key(path: Path, current: SigningKey | None) -> Ed25519PrivateKey:
@@ -139,15 +98,6 @@ def file_of_key(path: Path, key_id: str | None) -> Path:
 def pending_path(path: Path) -> Path:
     """Return where a new key is kept until the database knows it."""
     return path.with_name(f"{path.name}.new")
-
-
-def _unwrap(wrapping: bytes, wrapped: str | None) -> bytes | None:
-    if wrapped is None:
-        return None
-    try:
-        return aes_key_unwrap(wrapping, bytes.fromhex(wrapped))
-    except (InvalidUnwrap, ValueError):
-        return None
 
 
 def _id_in(path: Path) -> str | None:

@@ -1,37 +1,39 @@
-"""The audit log: who did what, in a chain of keyed digests that reveals later changes.
+"""The audit log: who did what, in a chain of signed digests that reveals later changes.
 
-Each entry's digest is an HMAC-SHA256 over the entry and the digest before it, under a key that is
-derived from the signing key in use. So anyone who can write to the database, but does not have
-that key, cannot change or insert an entry, or remove one that another follows, without breaking the
-chain. Only the owner of the signing key could rewrite the log. After a key was replaced, the links
-of later entries protect the earlier ones from anyone who only has the old key.
-
-If a key was lost, the entries up to then cannot be checked. What says so is the entry that records
-the loss, made with the next key: a key that is merely missing from the database is no excuse.
+Each entry's digest is a SHA-256 over the entry and the digest before it, signed with the key in
+use. So anyone who can write to the database, but does not have that key, cannot change or insert an
+entry, or remove one that another follows, without breaking the chain. Only the owner of the signing
+key could rewrite the log. The entry that replaces a key is signed with the next one, and names the
+key that it replaces. So from the key in use, which is a file, the log itself tells which key was in
+use at each entry; no other counts there. Public keys stay, so the log can be checked from its first
+entry when old private keys were destroyed or lost, and later links protect earlier entries from
+anyone who only has an old key.
 
 Entries refer to persons by their rows, ``person:3``, never by name: a person's name and address can
 be deleted without changing the log. Names are looked up when the log is read. To reveal names that
-were swapped behind the server's back, each entry that gives a person a name has the keyed digest of
-that name.
+were swapped behind the server's back, each entry that gives a person a name has the digest of that
+name and of a salt, which is deleted with the name.
 
 The chain does not show that entries were removed at its end, or that rows were changed. Comparing
 them does: see :mod:`~reverie_eval.server.audit.rows`.
 """
 
 import hashlib
-import hmac
 import re
+import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
-from sqlalchemy import ColumnElement, func, inspect, select
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+from sqlalchemy import ColumnElement, inspect, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.receipts import public_key_of
 from reverie_eval.schemas.organising import AuditReport
-from reverie_eval.server.audit.keys import audit_key_of, audit_keys
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.store.database import AT_ONCE, IS_READING
 from reverie_eval.server.store.paging import Listed, Page, list_page
@@ -65,7 +67,6 @@ class AuditLog:
 
     def __init__(self, signer: Signer) -> None:
         self.signer = signer
-        self._key = audit_key_of(signer)
 
     def append(
         self,
@@ -87,92 +88,77 @@ class AuditLog:
             subject=subject,
             row=row,
             details=details,
-            key_id=self.signer.key_id,
             previous=last.first() or _BEFORE_THE_FIRST,
         )
-        entry.digest = self.digest(entry)
+        entry.digest = entry_digest(entry)
+        entry.seal = self.signer.seal(entry.digest)
         session.add(entry)
         session.flush()
-
-    def name_digest(self, person: Person) -> str:
-        """Return the keyed digest of a person's row and name."""
-        return name_digest(person, self._key)
-
-    def digest(self, entry: AuditEntry) -> str:
-        """Return the digest of a new entry."""
-        return _digest(entry, self._key)
 
     def altered(self, session: Session, entries: Sequence[AuditEntry]) -> Sequence[int]:
         """Return the ids of entries that were changed after they were written."""
         keys = self._keys(session)
-        return [entry.id for entry in entries if not keys.accept(entry)]
+        return [entry.id for entry in entries if not _is_genuine(entry, keys)]
 
     def broken_links(self, session: Session) -> Iterator[int]:
-        """Return the ids of entries that were changed, or that follow a missing entry.
-
-        If the key of an entry was lost, only its links are checked.
-        """
+        """Return the ids of entries that were changed, or that follow a missing entry."""
         keys, previous = self._keys(session), _BEFORE_THE_FIRST
         chosen = select(AuditEntry).order_by(AuditEntry.id).execution_options(yield_per=AT_ONCE)
         for entry in session.scalars(chosen):
-            if entry.previous != previous or not keys.accept(entry):
+            if entry.previous != previous or not _is_genuine(entry, keys):
                 yield entry.id
             previous = entry.digest
 
-    def unprovable(self, session: Session) -> Mapping[str, int]:
-        """Count the entries whose key was lost, by signing key."""
-        keys = self._keys(session)
-        if not keys.last_loss:
-            return {}
-        lost = [name for name, key in keys.by_name.items() if key is None]
-        is_lost = AuditEntry.key_id.in_(lost), AuditEntry.id < keys.last_loss
-        counted = select(AuditEntry.key_id, func.count()).where(*is_lost)
-        rows = session.execute(counted.group_by(AuditEntry.key_id))
-        return {str(key_id): number for key_id, number in rows}
-
     def _keys(self, session: Session) -> "_Keys":
-        """Return the keys of all entries, and where the log itself proves that some were lost."""
-        keys = _Keys(audit_keys(session, self.signer), 0)
-        replacements = entries(session, AuditEntry.action == KEY_REPLACED)
-        losses = [
-            each.id for each in replacements if each.details.get("lost") and keys.accept(each)
-        ]
-        return keys._replace(last_loss=max(losses, default=0))
+        """Return the keys that were in use, the latest first, each with its first entry."""
+        keys, current = [], public_key_of(self.signer.public_pem)
+        for entry in reversed(entries(session, AuditEntry.action == KEY_REPLACED)):
+            if _is_sealed(entry, current):
+                keys.append((entry.id, current))
+                current = public_key_of(entry.details["public_key"])
+        return [*keys, (0, current)]
 
 
-class _Keys(NamedTuple):
-    """The keys of the log's entries."""
-
-    by_name: Mapping[str, bytes | None]
-    """By signing key; None for a key that the server does not have."""
-    last_loss: int
-    """The entry that records that keys were lost; 0 if none does. Entries before it may have one
-    that the server does not have."""
-
-    def accept(self, entry: AuditEntry) -> bool:
-        """Whether an entry is as it was written, or made with a key that was lost."""
-        key = self.by_name.get(entry.key_id)
-        if key is None:
-            return entry.key_id in self.by_name and entry.id < self.last_loss
-        return hmac.compare_digest(entry.digest, _digest(entry, key))
+_Keys: TypeAlias = Sequence[tuple[int, Ed25519PublicKey]]
 
 
-def _digest(entry: AuditEntry, key: bytes) -> str:
-    parts = (
+def _is_genuine(entry: AuditEntry, keys: _Keys) -> bool:
+    """Whether an entry is as it was written, with the key that was in use."""
+    return _is_sealed(entry, next(key for first, key in keys if first <= entry.id))
+
+
+def _is_sealed(entry: AuditEntry, key: Ed25519PublicKey) -> bool:
+    if entry.digest != entry_digest(entry):
+        return False
+    try:
+        key.verify(bytes.fromhex(entry.seal), entry.digest.encode())
+    except (InvalidSignature, ValueError):
+        return False
+    return True
+
+
+def entry_digest(entry: AuditEntry) -> str:
+    """Return the digest of an entry and the digest before it."""
+    return _digest_of(
         entry.at.astimezone(UTC).isoformat(timespec="microseconds"),
         *(entry.actor, entry.action, entry.row, entry.subject),
         *(entry.details, entry.previous),
     )
-    return _keyed_digest(key, parts)
 
 
-def _keyed_digest(key: bytes, parts: tuple[Any, ...]) -> str:
-    return hmac.new(key, msgspec.json.encode(parts, order="sorted"), hashlib.sha256).hexdigest()
+def _digest_of(*parts: Any) -> str:
+    return hashlib.sha256(msgspec.json.encode(parts, order="sorted")).hexdigest()
 
 
-def name_digest(person: Person, key: bytes) -> str:
-    """Return the keyed digest of a person's row and name."""
-    return _keyed_digest(key, (row_name(person), person.name))[:16]
+def new_name_digest(person: Person) -> str:
+    """Give a person's name a new salt, and return the digest of both."""
+    person.name_salt = secrets.token_hex(16)
+    return name_digest(person)
+
+
+def name_digest(person: Person) -> str:
+    """Return the digest of a person's row, name and salt."""
+    return _digest_of(row_name(person), person.name, person.name_salt)
 
 
 def row_name(row: Base) -> str:

@@ -79,6 +79,10 @@ class Signer:
         )
         return self.sign(receipt)
 
+    def seal(self, digest: str) -> str:
+        """Return the signature of an audit entry's digest, in hexadecimal digits."""
+        return self._key.sign(digest.encode()).hex()
+
     def sign_again(self, envelope: Envelope) -> Envelope:
         """Return an envelope with the same bytes, signed with this key alone."""
         return self._sign(envelope.payload_type, base64.b64decode(envelope.payload))

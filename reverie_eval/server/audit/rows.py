@@ -2,7 +2,7 @@
 
 Every lasting action in the log must be visible in a row of the database, by its time, and vice
 versa. Each column of a row must have the last value that its entries give. Names of persons, which
-the log does not have, are compared by their keyed digests.
+the log does not have, are compared by their digests.
 """
 
 from collections import defaultdict
@@ -30,8 +30,8 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from reverie_eval.receipts import key_id_of
 from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import Verdict
-from reverie_eval.server.audit.keys import all_keys, audit_keys
-from reverie_eval.server.audit.log import KEY_REPLACED, AuditLog, entries, name_digest, row_name
+from reverie_eval.server.audit.keys import all_keys
+from reverie_eval.server.audit.log import KEY_REPLACED, entries, name_digest, row_name
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.paging import LARGEST
 from reverie_eval.server.store.tables import (
@@ -103,22 +103,12 @@ def _difference(session: Session, some: _Actions, others: _Actions) -> Sequence[
     return sorted((Action(*row) for row in rows), key=str)
 
 
-def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
-    """Describe every person whose name is not the one that the audit log records.
-
-    Names that were recorded with a lost key cannot be checked.
-    """
-    keys = audit_keys(session, audit_log.signer)
+def swapped_names(session: Session) -> Iterator[str]:
+    """Describe every person whose name is not the one that the audit log records."""
     named = entries(session, AuditEntry.action.in_(_NAMING))
-    recorded = {
-        entry.row: (entry.key_id, entry.details["name_digest"])
-        for entry in named
-        if "name_digest" in entry.details
-    }
+    recorded = {entry.row: entry.details.get("name_digest") for entry in named}
     for person in session.scalars(select(Person)):
-        key_id, digest = recorded.get(row_name(person), ("", ""))
-        key = keys.get(key_id)
-        if key is not None and name_digest(person, key) != digest:
+        if recorded.get(row_name(person)) not in {None, name_digest(person)}:
             yield f"{row_name(person)} is called {person.name!r}; the audit log has another name"
 
 
@@ -236,7 +226,6 @@ def _mismatched_keys(session: Session) -> Iterator[str]:
     ends: dict[str, Mapping[str, Any]] = {}
     for entry in entries(session, AuditEntry.action.in_(_ENDS_OF_KEYS)):
         ends[entry.subject] = {**ends.get(entry.subject, {}), **entry.details}
-    lost = [place for place, key in enumerate(keys) if ends.get(key.key_id, {}).get("lost")]
     for place, key in enumerate(keys):
         end, name = ends.get(key.key_id, {}), f"signing key {key.key_id}"
         until = None if key.valid_until is None else key.valid_until.isoformat()
@@ -245,8 +234,6 @@ def _mismatched_keys(session: Session) -> Iterator[str]:
             yield f"{name}: its public key was changed"
         if (end.get("by"), end.get("until")) != (following, until):
             yield f"{name}: its end or its successor differs from the log"
-        if following and key.audit_key is None and place > max(lost, default=-1):
-            yield f"{name}: the key of its audit entries was removed"
 
 
 def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:

@@ -114,7 +114,6 @@ def show_audit(
             subject=subject,
             broken=list(altered),
             is_whole=bool(whole),
-            unprovable=sum(audit_log.unprovable(session).values()),
             longest_sought=forms.LONGEST_SOUGHT,
         )
 

@@ -14,13 +14,7 @@ from sqlalchemy import select
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.organising import KeyRevocation
 from reverie_eval.schemas.service import Envelope, KeyReport
-from reverie_eval.server.audit.keys import (
-    current_key,
-    forget_audit_keys,
-    hand_over_audit_keys,
-    new_row,
-    pending_path,
-)
+from reverie_eval.server.audit.keys import current_key, new_row, pending_path
 from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.receipts import KeyMissingError, Signer, load_key, make_key
 from reverie_eval.server.audit.transactions import Transaction, utc_now
@@ -100,8 +94,6 @@ def replace_key(
 ) -> KeyReport:
     """Make a new key the one in use, and return it; its first audit entry records this.
 
-    After a key was lost, nobody can check whether entries up to now were changed.
-
     Raises
     ------
     ConflictError
@@ -111,10 +103,6 @@ def replace_key(
     ended = current_key(session)
     if ended is None:
         raise ConflictError("the database has no signing key to replace; start the server first")
-    if is_lost:
-        forget_audit_keys(session)
-    else:
-        hand_over_audit_keys(session, transaction.audit_log.signer, new)
     ended.valid_until = ended.replaced_at = now
     ended.reason = reason
     session.flush()
@@ -124,6 +112,7 @@ def replace_key(
         "signing key replaced",
         ended,
         ended.key_id,
+        public_key=ended.public_key,
         by=new.key_id,
         until=now.isoformat(),
         lost=is_lost,

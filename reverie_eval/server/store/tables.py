@@ -143,6 +143,8 @@ class Person(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     team_id: Mapped[int] = mapped_column(ForeignKey("team.id"))
     name: Mapped[str] = mapped_column(String(100), index=True)
+    name_salt: Mapped[str] = mapped_column(String(32), default="")
+    """Makes the digest of the name in the audit log one that nobody can guess the name from."""
     email: Mapped[str | None] = mapped_column(String(254))
     """Never shown to others than organisers and the person."""
     role: Mapped[Role]
@@ -360,10 +362,10 @@ class AuditEntry(Base):
     subject: Mapped[str] = mapped_column(String(200), index=True)
     """The name of the row for people, at that time."""
     details: Mapped[dict[str, Any]]
-    key_id: Mapped[str] = mapped_column(String(16))
-    """The signing key in use, from which the key of its digest is derived."""
     previous: Mapped[str] = mapped_column(String(64))
     digest: Mapped[str] = mapped_column(String(64), unique=True)
+    seal: Mapped[str] = mapped_column(String(128))
+    """The signature of the digest, in hexadecimal digits, with the key that was in use."""
 
 
 IS_CHANGE = AuditEntry.action != literal(SUBMITTED, literal_execute=True)
@@ -389,9 +391,6 @@ class SigningKey(Base):
     """When ``valid_until`` was set to a time before it was replaced."""
     reason: Mapped[str] = mapped_column(String(500))
     """Why it was replaced or revoked."""
-    audit_key: Mapped[str | None] = mapped_column(String(80))
-    """The key of its audit entries, encrypted, in hexadecimal digits; None for the key in use, and
-    for all that came before one that was lost."""
 
 
 class Review(Base):

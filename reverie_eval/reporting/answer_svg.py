@@ -64,7 +64,7 @@ class _Marks(NamedTuple):
     """Sizes of what can be pointed at in a picture, in units of the page."""
 
     radius: float
-    """Of the circle of a way: on a phone, a finger hits it."""
+    """Radius of the circle of a way, which a finger hits on a phone."""
     letter: float
     """Width of a letter of objects' names."""
     line: float
@@ -178,12 +178,12 @@ def panorama_svg(
         )
         for each in objects
     ]
-    places = [_position(np.array([way.heading, way.elevation]), heading) for way in ways]
+    points = [_position(np.array([way.heading, way.elevation]), heading) for way in ways]
     ground = "".join(_grid(heading, photograph))
     return (
         f'<svg class="answer-view panorama{_on(ground)}" viewBox="0 0 {WIDTH} {height:.0f}">'
         f"<title>Panorama, with heading {heading % 360:.0f}° in the middle</title>{ground}"
-        f"{_linked(links, _numbered(ways, places), _IN_PANORAMA)}"
+        f"{_linked(links, _numbered(ways, points), _IN_PANORAMA)}"
         f"{_frame(int(snap(np.deg2rad([[heading, 0.0]]))[0]), heading)}</svg>"
     )
 
@@ -212,11 +212,11 @@ def ahead_svg(
         _Link(link, _rect("other", box, link.label), box[2] * box[3], box[0] + box[2] / 2, box[1])
         for link, box in boxes
     ]
-    places = _numbered(ways, [_on_floor(way, view) for way in ways])
+    shown = _numbered(ways, [_on_floor(way, view) for way in ways])
     return (
         f'<svg class="answer-view ahead{_on(ground)}" viewBox="0 0 {WIDTH} {HEIGHT}">'
         f"<title>The view ahead, heading {heading:.0f}°</title>{ground}"
-        f"{_linked(links, places, _IN_VIEW)}</svg>"
+        f"{_linked(links, shown, _IN_VIEW)}</svg>"
     )
 
 
@@ -447,7 +447,7 @@ class _Link(NamedTuple):
     y: float
 
 
-class _Place(NamedTuple):
+class _Way(NamedTuple):
     """A way in a picture."""
 
     number: int
@@ -455,10 +455,10 @@ class _Place(NamedTuple):
     point: FloatArray
 
 
-def _numbered(ways: Sequence[WayLink], points: Sequence[FloatArray | None]) -> Sequence[_Place]:
+def _numbered(ways: Sequence[WayLink], points: Sequence[FloatArray | None]) -> Sequence[_Way]:
     """Return the ways with their numbers, without those that are not in the picture."""
     pairs = enumerate(zip(ways, points, strict=True), 1)
-    return [_Place(number, way, at) for number, (way, at) in pairs if at is not None]
+    return [_Way(number, way, at) for number, (way, at) in pairs if at is not None]
 
 
 def _on_floor(way: WayLink, view: int) -> FloatArray | None:
@@ -477,7 +477,7 @@ def _on_floor(way: WayLink, view: int) -> FloatArray | None:
     return np.array([np.clip(x, margin, WIDTH - margin), np.clip(y, margin, HEIGHT - margin)])
 
 
-def _linked(objects: Sequence[_Link], ways: Sequence[_Place], marks: _Marks) -> str:
+def _linked(objects: Sequence[_Link], ways: Sequence[_Way], marks: _Marks) -> str:
     """Draw links to objects and to ways, the smallest last."""
     named = _with_room(objects, marks)
     links = [(each.area, _object_link(each, marks, is_named=each in named)) for each in objects]
@@ -521,7 +521,7 @@ def _object_link(target: _Link, marks: _Marks, *, is_named: bool) -> str:
     )
 
 
-def _apart(ways: Sequence[_Place], marks: _Marks) -> Iterator[_Place]:
+def _apart(ways: Sequence[_Way], marks: _Marks) -> Iterator[_Way]:
     """Yield the ways; one whose circle would cover another's is higher."""
     taken: list[FloatArray] = []
     for each in ways:
@@ -532,8 +532,8 @@ def _apart(ways: Sequence[_Place], marks: _Marks) -> Iterator[_Place]:
         yield each._replace(point=taken[-1])
 
 
-def _way_link(place: _Place, marks: _Marks) -> str:
-    number, link, (x, y) = place
+def _way_link(mark: _Way, marks: _Marks) -> str:
+    number, link, (x, y) = mark
     circle = f'cx="{x:.1f}" cy="{y:.1f}" r="{marks.radius}"'
     return (
         f'<a href="{escape(link.href)}" aria-label="{number}: {escape(link.label)}" tabindex="-1"'

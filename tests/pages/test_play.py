@@ -106,7 +106,8 @@ def test_without_photographs_the_room_is_drawn(
     """The view turns by links; its boxes are those of the views that show it."""
     monkeypatch.setenv(PANORAMAS_VARIABLE, str(tmp_path))
     visitor = Visitor(server)
-    page, headings = visitor.get(f"/play/{OPEN}/1?facing=0"), []
+    headings: list[str] = []
+    page = visitor.get(f"/play/{OPEN}/1?facing=0")
     while len(headings) < 12:
         (view,) = re.findall(
             r'<svg class="answer-view ahead in-room".*?</svg>', page.text, re.DOTALL

@@ -28,14 +28,14 @@ _COLOURS = np.array(
     dtype=np.uint8,
 )
 _BETWEEN = len(_COLOURS) - 1
-# Pixels.
+# Pixels, as high as a method's name in `style.css`.
 _ROW = 17
-# Percent: the width of the methods' names, the gap between two buildings (of the number of
-# episodes), and the width that a building's name needs.
-_NAMES, _GAP, _BUILDING = 22.0, 0.4, 9.0
+# Percent: the gap between two buildings (of the number of episodes), and the width that a
+# building's name needs.
+_GAP, _BUILDING = 0.4, 12.0
 
 
-def outcome_matrix(names: Sequence[str], outcome: IntArray, scans: Sequence[str]) -> str:
+def outcome_matrix(outcome: IntArray, scans: Sequence[str]) -> str:
     """Draw a row for each method and a column for each episode.
 
     Episodes are grouped by building, the one that most are solved in at the right; within it, what
@@ -43,10 +43,8 @@ def outcome_matrix(names: Sequence[str], outcome: IntArray, scans: Sequence[str]
 
     Parameters
     ----------
-    names : sequence of str
-        The methods, the first at the top.
     outcome : int array of shape (n_methods, n_episodes)
-        Indices into ``OUTCOMES``.
+        Indices into ``OUTCOMES``; the first method is at the top.
     scans : sequence of str
         The building of each episode.
 
@@ -63,19 +61,14 @@ def outcome_matrix(names: Sequence[str], outcome: IntArray, scans: Sequence[str]
     """
     solved = (outcome == CORRECT).sum(axis=0)
     columns, buildings = _arranged(solved, np.asarray(scans))
-    height = _ROW * len(names)
-    rows = (
-        text_across(0, _ROW * (row + 1) - 4, name, kind="row") for row, name in enumerate(names)
-    )
+    height = _ROW * len(outcome)
     picture = f'height="{height}" preserveAspectRatio="none" href="{_picture(outcome, columns)}"'
     shapes = [
-        # An inner picture cuts off what is too long.
-        f'<svg class="names" width="{_NAMES - 1}%" height="{height}">{"".join(rows)}</svg>',
         # Not smoothed: colours that run into each other would be outcomes that there are not.
-        f'<image x="{_NAMES}%" width="{100 - _NAMES}%" image-rendering="pixelated" {picture}/>',
+        f'<image width="100%" image-rendering="pixelated" {picture}/>',
         *_named(buildings, len(columns), height + 14),
     ]
-    title = f"Outcomes of {count_text(len(names), 'method')} in {outcome.shape[1]:,} episodes"
+    title = f"Outcomes of {count_text(len(outcome), 'method')} in {outcome.shape[1]:,} episodes"
     return wide_svg(title, height + 18, shapes)
 
 
@@ -105,7 +98,7 @@ def _picture(outcome: IntArray, columns: IntArray) -> str:
 
 def _named(buildings: Mapping[str, tuple[int, int]], count: int, y: float) -> Iterator[str]:
     """Name the buildings below the picture whose columns have room for it."""
-    scale = (100 - _NAMES) / count
+    scale = 100 / count
     for name, (first, last) in buildings.items():
         if scale * (last - first) >= _BUILDING:
-            yield text_across(_NAMES + scale * (first + last) / 2, y, name, "middle", "column")
+            yield text_across(scale * (first + last) / 2, y, name, "middle", "column")

@@ -99,7 +99,7 @@ class SideBySide:
     def matrix(self) -> str:
         """The outcomes of all methods in all episodes, as a picture."""
         outcome = np.array([each.outcome for each in self.walks])
-        return outcome_matrix([each.name for each in self.methods], outcome, self.scans)
+        return outcome_matrix(outcome, self.scans)
 
     def faults(self, scan: str) -> Sequence[tuple[str, str]]:
         """Return the storeys of a scan by name, with where walks end and turn wrong there."""

@@ -2,7 +2,7 @@
 
 import re
 
-from sqlalchemy import update
+from sqlalchemy import select, update
 
 from fixtures.many_submissions import SAMPLE, fill
 from reverie_eval.server.boards.pages import PER_PAGE
@@ -29,9 +29,11 @@ def test_pages_stay_light(server: Serving) -> None:
     board = server.state.boards[OPEN]
     report = board.score(board.read(SAMPLE)).with_intervals().to_report()
     with server.state.database.writing() as session:
-        session.execute(update(Submission).values(report=report.model_dump(mode="json")))
+        shown = {"report": report.model_dump(mode="json"), "shows_episodes": True}
+        session.execute(update(Submission).values(**shown))
+        analysis = f"/submissions/{session.scalars(select(Submission.id)).first()}/analysis"
     visitor = signed_in(server, ORGANISER)
-    for path in PAGES:
+    for path in (*PAGES, analysis):
         page = visitor.get(path)
         needed = [visitor.get(each) for each in set(NEEDED.findall(page.text))]
         weights = [len(each.content) for each in (page, *needed)]

@@ -42,3 +42,9 @@ def test_only_buildings_with_room_are_named() -> None:
     scans = ["small"] + ["large"] * 40
     picture = ET.fromstring(outcome_matrix(np.zeros((1, 41), dtype=int), scans))
     assert [each.text for each in picture.iter("text")] == ["large"]
+
+
+def test_the_largest_picture_leaves_room_for_its_page() -> None:
+    """60 methods on val_unseen, whose outcomes have nothing in common: a page may weigh 300 kB."""
+    outcome = np.random.default_rng(0).integers(5, size=(60, 3521))
+    assert len(outcome_matrix(outcome, ["scan"] * 3521)) < 120_000

@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from playwright.sync_api import (
@@ -201,7 +201,43 @@ def new_context(browser: Browser, site: Site, size: Size, **of: Any) -> BrowserC
     viewport = {"width": width, "height": height}
     context = browser.new_context(base_url=site.url, viewport=viewport, **of)  # type: ignore[arg-type]
     context.set_default_timeout(MILLISECONDS)
+    context.add_init_script(ADD_UP_SHIFTS)
     return context
+
+
+class Cost(NamedTuple):
+    """What a page costs who looks at it."""
+
+    kilobytes: float
+    """With all that it asks for, unpacked."""
+    requests: int
+    shift: float
+    """How much of the window moved while the page came, and how far (Cumulative Layout Shift)."""
+
+
+MOST = Cost(300, 10, 0.02)
+"""Of any page."""
+ADD_UP_SHIFTS = """window.shift = 0;
+new PerformanceObserver(list => {
+    for (const each of list.getEntries()) if (!each.hadRecentInput) window.shift += each.value;
+}).observe({ type: "layout-shift", buffered: true });"""
+COST = """() => {
+    const all = ["navigation", "resource"].flatMap(kind => performance.getEntriesByType(kind));
+    const bytes = all.reduce((sum, { decodedBodySize }) => sum + decodedBodySize, 0);
+    return [bytes / 1000, all.length, window.shift];
+}"""
+
+
+def cost_of(page: Page) -> Cost:
+    """Measure a page that has come."""
+    page.wait_for_load_state("networkidle")
+    return Cost(*page.evaluate(COST))
+
+
+def exceeded(cost: Cost) -> Sequence[str]:
+    """Return what a page costs too much of."""
+    pairs = zip(Cost._fields, cost, MOST, strict=True)
+    return [f"{name}: {found:g} of {most:g}" for name, found, most in pairs if found > most]
 
 
 def sign_in(page: Page, token: str) -> None:

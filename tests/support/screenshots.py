@@ -18,7 +18,9 @@ from tests.support.browser import (
     Size,
     browsing,
     chromium_path,
+    cost_of,
     demo_site,
+    exceeded,
     new_context,
     sign_in,
 )
@@ -118,7 +120,9 @@ def _take_all(
                 sign_in(page, site.tokens[who])
             page.emulate_media(media=screen.medium)
             for example in (each for each in examples if each.who == who):
-                page.goto(example.path(site), wait_until="networkidle")
+                page.goto(example.path(site))
+                for each in exceeded(cost_of(page)):
+                    print(f"{example.name} on {kind} at {name}: {each}")  # noqa: T201
                 for scheme in screen.schemes:
                     page.emulate_media(color_scheme=scheme)
                     path = folder / f"{example.name}.{kind}.{name}.{scheme}.png"

@@ -174,7 +174,6 @@ document.addEventListener("keydown", (event) => {
   document.querySelector(`.pager a[rel=${direction}]`)?.click();
 });
 
-for (const hint of document.querySelectorAll(".keys")) hint.hidden = false;
 if (map) {
   const circle = map.querySelector("circle.start");
   const start = { x: circle.cx.baseVal.value, y: circle.cy.baseVal.value };
@@ -184,5 +183,4 @@ if (map) {
   const level = figure.querySelector("[data-do=level]");
   level?.addEventListener("change", () => chooseLevel(level.value));
   makePointer();
-  figure.querySelector(".map-tools").hidden = !figure.querySelector(".map-tools > *");
 }

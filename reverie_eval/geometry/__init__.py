@@ -36,9 +36,9 @@ if TYPE_CHECKING:
         find_storeys,
         floors_of,
         model_building,
-        name_room,
     )
     from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
+    from reverie_eval.geometry._room_names import name_room
     from reverie_eval.geometry._room_views import Face, RoomView, Seen
     from reverie_eval.geometry._solids import Solids, sides_of
 
@@ -88,7 +88,11 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     # Scoring a file needs none of these, which take four fifths of the time to import geometry.
-    for module in ("_buildings", "_framing", "_room_views", "_solids") if name in __all__ else ():
+    for module in (
+        ("_buildings", "_framing", "_room_names", "_room_views", "_solids")
+        if name in __all__
+        else ()
+    ):
         found = vars(import_module(f"{__name__}.{module}"))
         if name in found:
             return found[name]

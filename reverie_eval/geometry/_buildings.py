@@ -12,10 +12,8 @@ References
 .. [1] ``data_organization.md`` of niessner/Matterport.
 """
 
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -24,6 +22,7 @@ from typing_extensions import Self
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.geometry._plans import DOOR_WIDTH, Plan, axes_of, without_outliers
 from reverie_eval.geometry._polygons import are_inside
+from reverie_eval.geometry._room_names import name_room
 from reverie_eval.geometry._solids import CAMERA_HEIGHT, Solids
 from reverie_eval.geometry._views import FOCAL_LENGTH, HEIGHT, VIEW_AXES, WIDTH, rays_of
 
@@ -40,27 +39,9 @@ _FEWEST, _MOST = 3, 250
 _AT_HAND, _NEAR, _LARGE = 0.5, 1.5, 50.0
 # Stairs: the least climb of an edge, its slopes, the least climb of all edges that meet, and metres
 # from tread to tread.
-_CLIMB, _SLOPES, _FLIGHT, _TREAD = 0.4, (0.25, 2.5), 1.0, 0.19
+_CLIMB, _SLOPES, FLIGHT, _TREAD = 0.4, (0.25, 2.5), 1.0, 0.19
 # Metres between a door and its wall, at most.
 _IN_WALL = 0.05
-# What names a room, and by how much. A word within a longer name counts half.
-_TELLING: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "bedroom": {"bed": 6, "nightstand": 2, "headboard": 2},
-        "bathroom": {"toilet": 5, "bathtub": 3, "shower": 3},
-        "kitchen": {"stove": 3, "oven": 3, "refrigerator": 3, "kitchen": 4},
-        "living room": {"couch": 2, "sofa": 2, "coffee table": 2},
-        "dining room": {"dining table": 3, "dining": 2},
-        "laundry": {"washing machine": 4, "dryer": 3},
-        "office": {"desk": 2, "office chair": 2, "computer": 2},
-        "closet": {"clothes": 2, "hanger": 2, "hangers": 2},
-        "gym": {"treadmill": 4, "exercise": 4},
-    }
-)
-# Chairs around a table that is not a desk or beside a couch or bed.
-_CHAIRS, _TABLE, _FEWEST_CHAIRS, _DINING = ("chair", "dining chair"), "table", 4, 2.0
-_MARGIN = 2.0
-_REPEATED = 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +189,7 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
     boxes = np.array([[each.min(axis=0), each.max(axis=0)] for each in evidence]).reshape(-1, 2, 2)
     on_storey = storey[:, None] == room_storey
     home = _rooms_of_viewpoints(objects.votes_of_viewpoints(), camera, boxes, on_storey)
+    ways = _ways_of_rooms(home[edges], len(room_storey))
     found: list[Room] = []
     doors: list[Line] = []
     number = np.full(len(room_storey), -1)
@@ -216,13 +198,16 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
         around = [camera[home == room] for room in here]
         plan = Plan.of([evidence[room] for room in here], around)
         for index, room in enumerate(here.tolist()):
-            outlines = [corners @ axes for corners in plan.outlines(index)]
+            outlines = list(plan.outlines(index))
             if outlines:
                 number[room] = len(found)
                 names = [
                     objects.names[row] for row in np.flatnonzero(objects.room == room).tolist()
                 ]
-                found.append(Room(name_room(names), level, outlines, plan.area(index)))
+                sides = np.ptp(np.vstack(outlines), axis=0)
+                name = name_room(names, int(ways[room]), float(sides.max() / sides.min()))
+                turned = [corners @ axes for corners in outlines]
+                found.append(Room(name, level, turned, plan.area(index)))
         inside = edges[(storey[edges] == level).all(axis=1)]
         doors += [Line(level, ends @ axes) for ends in plan.doors(camera[inside])]
     return Building(
@@ -415,28 +400,11 @@ def _rooms_of_viewpoints(
     return np.where(votes.max(axis=1) > 0, votes.argmax(axis=1), -1)
 
 
-def name_room(names: Sequence[str]) -> str:
-    """Name a room after its objects; empty if they tell of no room, or of several.
-
-    Examples
-    --------
-    >>> name_room(["bed", "nightstand", "lamp"]), name_room(["lamp", "chair"])
-    ('bedroom', '')
-    """
-    count = Counter(names)
-    score = {
-        room: sum(
-            weight * (1 if name == word else 0.5) * (1 + _REPEATED * np.log(times))
-            for name, times in count.items()
-            for word, weight in telling.items()
-            if f" {word} " in f" {name} "
-        )
-        for room, telling in _TELLING.items()
-    }
-    if sum(count[chair] for chair in _CHAIRS) >= _FEWEST_CHAIRS and count[_TABLE]:
-        score["dining room"] += _DINING
-    (_, runner_up), (best, most) = sorted(score.items(), key=lambda each: each[1])[-2:]
-    return best if most - runner_up >= _MARGIN else ""
+def _ways_of_rooms(between: IntArray, count: int) -> IntArray:
+    """Count the other rooms to which edges lead from each; -1 is no room."""
+    is_way = (between[:, 0] != between[:, 1]) & (between >= 0).all(axis=1)
+    pairs = np.unique(np.sort(between[is_way], axis=1), axis=0)
+    return np.bincount(pairs.ravel(), minlength=count)
 
 
 # Stairs.
@@ -464,7 +432,7 @@ def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator
     roots = np.array([root(row) for row in range(len(position))])
     for edge in flights:
         heights = position[roots == roots[edges[edge, 0]], 2]
-        if heights.max() - heights.min() < _FLIGHT:
+        if heights.max() - heights.min() < FLIGHT:
             continue
         count = max(2, round(float(climb[edge]) / _TREAD))
         step = along[edge, :2]

@@ -16,7 +16,7 @@ _OUTLIER, _AROUND, _MOST_LOST, _WALL = 2.2, 0.45, 0.22, 0.45
 _CUTS = 24
 # Width of a row of points, metres; another direction than north has to be better by this factor.
 _BIN, _CLEARLY = 0.12, 1.05
-# Doors closer together than this are one.
+# Doors in one wall that are closer together than this are one.
 _DOOR_DISTANCE, DOOR_WIDTH = 0.7, 0.9
 
 
@@ -132,7 +132,8 @@ class Plan(NamedTuple):
                     )
                     at = np.array([lines[line], across][:: 1 if axis == 0 else -1])
                     is_new = all(
-                        other != axis or np.hypot(*(at - door)) > _DOOR_DISTANCE
+                        (other, door[axis]) != (axis, at[axis])
+                        or abs(door[1 - axis] - across) > _DOOR_DISTANCE
                         for other, door in found
                     )
                     if before != after and is_new:

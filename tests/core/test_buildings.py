@@ -14,6 +14,7 @@ from reverie_eval.geometry import (
     model_building,
     name_room,
 )
+from reverie_eval.geometry._plans import Plan
 
 HALL, KITCHEN = (1.0, 1.0), (7.0, 1.0)
 """The cameras in the two rooms of a house, 1.5 m above the floor, 6 m apart."""
@@ -37,9 +38,9 @@ def seen_from(
     )
 
 
-def house(turn: float = 0.0, nearer: float = 0.0) -> Building:
+def house(turn: float = 0.0) -> Building:
     """Model two rooms, 4 by 4 m, with a door between."""
-    position = np.array([(*HALL, 1.5), (KITCHEN[0] - nearer, KITCHEN[1], 1.5)])
+    position = np.array([(*HALL, 1.5), (*KITCHEN, 1.5)])
     centre = np.vstack([position[0] + OBJECTS, position[1] + OBJECTS])
     turned = np.array(
         [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
@@ -87,17 +88,20 @@ def test_rooms_are_runs_of_objects() -> None:
     assert [room.area for room in building.rooms] == pytest.approx([16, 16])
 
 
-@pytest.mark.parametrize("nearer", [0.0, 1.5])
-def test_doors_are_where_an_edge_passes_a_wall(nearer: float) -> None:
-    """From x = 1 to x = 7 along y = 1: out of the hall at 3, into the kitchen at 5; 0.9 m wide.
-
-    Walls of two rooms that are half a metre apart have a door each.
-    """
-    doors = house(nearer=nearer).doors
-    assert [(door.storey, door.ends.round(6).tolist()) for door in doors] == [
+def test_doors_are_where_an_edge_passes_a_wall() -> None:
+    """From x = 1 to x = 7 along y = 1: out of the hall at 3, into the kitchen at 5; 0.9 m wide."""
+    assert [(door.storey, door.ends.round(6).tolist()) for door in house().doors] == [
         (0, [[3, 0.55], [3, 1.45]]),
-        (0, [[5 - nearer, 0.55], [5 - nearer, 1.45]]),
+        (0, [[5, 0.55], [5, 1.45]]),
     ]
+
+
+def test_one_door_in_each_wall() -> None:
+    """Two walls half a metre apart have a door each, and two edges 0.6 m apart share them."""
+    square = np.array([(0.0, 0.0), (3.0, 3.0)])
+    plan = Plan.of([square, square + (3.5, 0)], [np.zeros((0, 2))] * 2)
+    legs = np.array([[(1.0, 1.0), (5.0, 1.0)], [(1.0, 1.6), (5.0, 1.6)]])
+    assert [ends.mean(axis=0).tolist() for ends in plan.doors(legs)] == [[3, 1], [3.5, 1]]
 
 
 def test_walls_follow_the_building() -> None:

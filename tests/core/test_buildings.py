@@ -99,7 +99,7 @@ def test_doors_are_where_an_edge_passes_a_wall() -> None:
 def test_one_door_in_each_wall() -> None:
     """Two walls half a metre apart have a door each, and two edges 0.6 m apart share them."""
     square = np.array([(0.0, 0.0), (3.0, 3.0)])
-    plan = Plan.of([square, square + (3.5, 0)], [np.zeros((0, 2))] * 2)
+    plan = Plan.of([square, square + np.array([3.5, 0])], [np.zeros((0, 2))] * 2)
     legs = np.array([[(1.0, 1.0), (5.0, 1.0)], [(1.0, 1.6), (5.0, 1.6)]])
     assert [ends.mean(axis=0).tolist() for ends in plan.doors(legs)] == [[3, 1], [3.5, 1]]
 

@@ -1,8 +1,8 @@
 """How much slower a server is with a million submissions than with ten thousand.
 
-``python benchmarks/million.py [SUBMISSIONS]`` makes a server on SQLite, of the demo world with a
-further leaderboard, and writes that many submissions straight into its database. Ten thousand of
-them are published. Then it starts the server and asks, as one reader does, for pages and for lists
+``python benchmarks/million.py [SUBMISSIONS]`` makes a server on SQLite, of the demo world with
+two leaderboards, and writes that many submissions straight into its database. Ten thousand of them
+are published. Then it starts the server and asks, as one reader does, for pages and for lists
 of submissions, and uploads files. At the end, ``server doctor`` and ``server backup`` run as
 commands, whose peak memory is printed. ``server restore`` takes the backup to PostgreSQL, where all
 is measured again. A million takes three quarters of an hour. Pages have bars for the time that the
@@ -45,9 +45,9 @@ REQUESTS = 20
 BARS = {"sqlite": 100.0, "postgresql": 50.0}
 """Milliseconds for the first page of a leaderboard, and the landing page."""
 
-PAGES = ("/", f"/boards/{SPLIT}", f"/boards/{SPLIT}/also/grounding")
+PAGES = ("/", f"/splits/{SPLIT}", f"/splits/{SPLIT}/boards/grounding")
 """With a bar."""
-OTHER_PAGES = (f"/boards/{SPLIT}/feed.atom", f"/boards/{SPLIT}/chart", "/episodes")
+OTHER_PAGES = (f"/splits/{SPLIT}/feed.atom", f"/splits/{SPLIT}/chart", "/episodes")
 DESK = ("", "/uploads", "/reviews", "/quotas", "/phases", "/snapshots", "/people", "/audit")
 LIST = "/api/v1/submissions"
 UPLOAD = f"/api/v1/splits/{SPLIT}/submissions?name=Walker"
@@ -56,8 +56,8 @@ QUOTAS = {
     f"REVERIE_EVAL_SPLITS__{SPLIT}__QUOTA__{name}": "100000" for name in ("day", "month", "year")
 }
 """Of the uploads; the teams have none left otherwise."""
-FURTHER = f"""
-[splits.{SPLIT}.also.grounding]
+OTHER_BOARDS = f"""
+[splits.{SPLIT}.boards.grounding]
 track = "grounding"
 """
 
@@ -71,7 +71,7 @@ def main() -> int:
         folder, backup = temporary / "sqlite", temporary / "backup.tar.gz"
         make_folder(folder)
         with (folder / SETTINGS_FILE).open("a", encoding="utf-8") as settings:
-            settings.write(FURTHER)
+            settings.write(OTHER_BOARDS)
         state = open_server(load_settings(folder))
         fill(state, submissions, min(submissions, PUBLISHED), max(2, submissions // FILES_OF_TEAM))
         state.database.close()

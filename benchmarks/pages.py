@@ -73,7 +73,7 @@ settings = load_settings(Path(sys.argv[1]))
 run_server(settings, "127.0.0.1", 0, announce=lambda url: print(url, flush=True))
 """
 
-BOARD = f"/boards/{SPLIT}"
+BOARD = f"/splits/{SPLIT}"
 SUBMISSIONS = "/api/v1/submissions"
 AT_ONCE = 16
 API = f"/api/v1/splits/{SPLIT}/leaderboard"

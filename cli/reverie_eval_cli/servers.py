@@ -133,15 +133,15 @@ def check_receipt_path(given: str | None, sha256: str, split: str) -> None:
 def keep_receipts(report: "SubmissionReport", given: str | None, submission: str) -> Sequence[Path]:
     """Write the receipts of a submission, unless they have been written before; return their paths.
 
-    Those of further leaderboards are beside the first, with the leaderboard in their names.
+    Those of other leaderboards are beside the first, with the leaderboard in their names.
     """
     base = submission if submission != "-" else f"submission-{_letters(report.id)}"
     own = _keep(report.receipt, [Path(given)] if given else _names(base))
-    further = (
+    others = (
         _keep(result.receipt, _names(f"{given or base}.{_letters(name)}"))
-        for name, result in report.also.items()
+        for name, result in report.boards.items()
     )
-    return [own, *further]
+    return [own, *others]
 
 
 def _keep(receipt: "Envelope", candidates: Iterable[Path]) -> Path:

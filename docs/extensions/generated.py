@@ -283,7 +283,7 @@ def _settings_of(model: type[BaseModel], above: str = "") -> Iterator[tuple[str,
         if section is None:
             yield f"`{place}`", _default(field.default), _literals(field.description or "")
         else:
-            below = ".NAME." if name in {"splits", "also"} else "."
+            below = ".NAME." if name in {"splits", "boards"} else "."
             yield from _settings_of(section, f"{place}{below}")
 
 

@@ -144,7 +144,7 @@ class Client:
             A key of ``CATALOGUE`` whose metric has a direction; by default the leaderboard's
             primary one.
         board : str, optional
-            A further leaderboard of the split, by its name.
+            A leaderboard of the split besides the main one, by its name.
         """
         route = f"{_leaderboards(split, board)}/leaderboard"
         return self._send(Leaderboard, Call("GET", route, query=_by(metric)))
@@ -270,8 +270,8 @@ class Client:
 
 
 def _leaderboards(split: str, board: str) -> str:
-    """Return where the server has a split's own leaderboard, or a further one."""
-    return f"/splits/{_quote(split)}" + (f"/also/{_quote(board)}" if board else "")
+    """Return where the server has a split's main leaderboard, or another one."""
+    return f"/splits/{_quote(split)}" + (f"/boards/{_quote(board)}" if board else "")
 
 
 def _by(metric: str | None) -> Mapping[str, str]:

@@ -59,7 +59,7 @@ WINDOWS: Mapping[WindowName, timedelta] = MappingProxyType(
 """The rolling windows of quotas."""
 
 BoardName = Annotated[str, Field(examples=["grounding"])]
-"""A further leaderboard of a split; empty for its own one."""
+"""A leaderboard of a split; empty for the main one."""
 SIGNED_VERSION = 1
 """The version of receipts and snapshots. A new field leaves it as it is, because earlier versions
 ignore it; it rises if what they know of changes its meaning."""
@@ -369,8 +369,8 @@ class PhaseReport(WireModel):
     is_open: bool = Field(examples=[True])
 
 
-class FurtherBoard(WireModel):
-    """The rules of a further leaderboard of a split."""
+class BoardRules(WireModel):
+    """The rules of another leaderboard of a split."""
 
     protocol: str
     track: Literal["full", "grounding"] = "full"
@@ -410,10 +410,10 @@ class SplitReport(WireModel):
     """Whether the organiser has paused submissions to this split, or to all."""
     one_per_team: bool = False
     """Whether publishing a submission takes the team's earlier one off the leaderboard."""
-    also: dict[str, FurtherBoard] = Field(
+    boards: dict[str, BoardRules] = Field(
         default_factory=dict, examples=[{"grounding": {"protocol": "paper", "track": "grounding"}}]
     )
-    """Its further leaderboards, by name; every submission is scored for these too."""
+    """Its other leaderboards, by name; every submission is scored for these too."""
     quota: QuotaReport | None
     """Yours; null if you are not signed in."""
 
@@ -515,8 +515,8 @@ class SubmissionReport(WireModel):
     earlier: list[EarlierResult] = Field(default_factory=list)
     """Its results before it was scored again, the earliest first; empty while scores are held
     back."""
-    also: dict[str, BoardResult] = Field(default_factory=dict, examples=[{}])
-    """Its results on the further leaderboards of the split, by name."""
+    boards: dict[str, BoardResult] = Field(default_factory=dict, examples=[{}])
+    """Its results on the other leaderboards of the split, by name."""
     scores_held_until: datetime | None = None
     """When the scores are released, UTC: the end of the phase. Null if they already are."""
     status: Literal["unpublished", "published", "withdrawn"]
@@ -530,9 +530,9 @@ class SubmissionReport(WireModel):
 
     @property
     def results(self) -> Mapping[str, BoardResult]:
-        """All its results by leaderboard; the split's own leaderboard is first and named ""."""
-        own = BoardResult(report=self.report, receipt=self.receipt, earlier=self.earlier)
-        return {"": own, **self.also}
+        """All its results by leaderboard; the split's main leaderboard is first and named ""."""
+        main = BoardResult(report=self.report, receipt=self.receipt, earlier=self.earlier)
+        return {"": main, **self.boards}
 
 
 class Checked(ValidationReport):

@@ -108,7 +108,7 @@ def _known_protocol(name: str, info: ValidationInfo) -> str:
 
 
 def _plain_name(name: str) -> str:
-    """Check the name of a further leaderboard, which is part of addresses and of file names."""
+    """Check the name of another leaderboard, which is part of addresses and of file names."""
     if not _PLAIN_NAME.fullmatch(name):
         raise ValueError(
             f"{name!r} must have up to 40 lower-case letters, digits, - and _, and begin with a "
@@ -208,11 +208,11 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 """For splits with a public solution: limits scripts, not people."""
 
 
-class Also(_Section):
-    """A further leaderboard of a split: the same submissions, ranked under other rules."""
+class BoardRules(_Section):
+    """Another leaderboard of a split: the same submissions, ranked under other rules."""
 
     protocol: str | None = None
-    """The rules of a further leaderboard of the same uploads; by default the split's."""
+    """The rules of another leaderboard of the same uploads; by default the split's."""
     track: Track | None = None
     """Its track; by default the split's."""
 
@@ -243,39 +243,39 @@ class Split(_Section):
     ``closes``."""
     one_per_team: bool = False
     """Publishing a submission takes the team's earlier one off the leaderboard."""
-    also: dict[Annotated[str, AfterValidator(_plain_name)], Also] = {}  # pydantic copies it
-    """Further leaderboards, by name."""
+    boards: dict[Annotated[str, AfterValidator(_plain_name)], BoardRules] = {}  # pydantic copies it
+    """Other leaderboards, by name."""
 
-    @field_validator("also")
+    @field_validator("boards")
     @classmethod
-    def _also_by_known_protocols(
-        cls, also: Mapping[str, Also], info: ValidationInfo
-    ) -> Mapping[str, Also]:
+    def _boards_by_known_protocols(
+        cls, boards: Mapping[str, BoardRules], info: ValidationInfo
+    ) -> Mapping[str, BoardRules]:
         return {
             name: rules.model_copy(
                 update={"protocol": rules.protocol and _known_protocol(rules.protocol, info)}
             )
-            for name, rules in also.items()
+            for name, rules in boards.items()
         }
 
     @model_validator(mode="after")
     def _each_board_has_rules_of_its_own(self) -> Self:
         known = {(self.protocol, self.track): "the split"}
-        for name in self.also:
-            further = self.ranked_also(name)
-            other = known.setdefault((further.protocol, further.track), f"also.{name}")
-            if other != f"also.{name}":
+        for name in self.boards:
+            ranked = self.ranked_on(name)
+            other = known.setdefault((ranked.protocol, ranked.track), f"boards.{name}")
+            if other != f"boards.{name}":
                 raise ValueError(
-                    f"also.{name} has the protocol and the track of {other}; give it another "
+                    f"boards.{name} has the protocol and the track of {other}; give it another "
                     "protocol or track, or remove it"
                 )
         return self
 
-    def ranked_also(self, name: str) -> Self:
-        """Return the split with the rules of a further leaderboard."""
-        rules = self.also[name]
+    def ranked_on(self, name: str) -> Self:
+        """Return the split with the rules of another leaderboard."""
+        rules = self.boards[name]
         changed = {"protocol": rules.protocol or self.protocol, "track": rules.track or self.track}
-        return self.model_copy(update={**changed, "also": {}})
+        return self.model_copy(update={**changed, "boards": {}})
 
     @model_validator(mode="after")
     def _phases_can_apply(self) -> Self:

@@ -17,7 +17,7 @@ from reverie_eval.server.audit.keys import current_key, open_key
 from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.audit.transactions import Clock, Transactions
-from reverie_eval.server.scoring.boards import Board, Boards, board_named, leaderboards, tasks_of
+from reverie_eval.server.scoring.boards import Board, Boards, find_board, leaderboards, tasks_of
 from reverie_eval.server.scoring.contexts import Scoring, ScoringHere
 from reverie_eval.server.scoring.rules import RulesInForce
 from reverie_eval.server.settings import Settings, SettingsError
@@ -85,9 +85,9 @@ class ServerState:
             service: AnyService = self.services[kind]
             return service
 
-    def board(self, split: str, further: str = "") -> Board:
-        """Return a split's own leaderboard, or a further one, as :func:`board_named`."""
-        return board_named(self.boards, split, further)
+    def board(self, split: str, name: str = "") -> Board:
+        """Return a split's main leaderboard, or another one, as :func:`find_board`."""
+        return find_board(self.boards, split, name)
 
     @property
     def leaderboards(self) -> Sequence[Board]:

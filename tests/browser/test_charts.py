@@ -11,7 +11,7 @@ from reverie_eval import CATALOGUE
 from tests.support.browser import DESKTOP, PHONE, WIDE, OpenPage, await_chart
 from tests.support.demo_site import BOLD, OPEN, OWNER, PRIVATE, Site
 
-BOARD = f"/boards/{OPEN}"
+BOARD = f"/splits/{OPEN}"
 DRAWN = (
     """each => Chart.getChart(each).data.datasets.map(set => set.data.map(({x, y}) => [x, y]))"""
 )
@@ -111,13 +111,13 @@ def test_a_chart_never_contradicts_its_selector(site: Site, open_page: OpenPage)
 
 
 def test_nothing_is_above_all_there_can_be(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, f"/boards/{PRIVATE}")
+    page = open_page(site, f"/splits/{PRIVATE}")
     assert max(y for _, y in drawn(page, "against")[0]) == 100
     assert axis(page, "against", "y")["max"] == 100
 
 
 def test_only_metrics_that_a_row_has_are_offered(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, f"/boards/{PRIVATE}")
+    page = open_page(site, f"/splits/{PRIVATE}")
     offered = (
         page.get_by_label("Vertical axis")
         .locator("option")
@@ -127,7 +127,7 @@ def test_only_metrics_that_a_row_has_are_offered(site: Site, open_page: OpenPage
 
 
 def test_a_chart_without_a_value_says_so(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, f"/boards/{PRIVATE}?y=ndtw")
+    page = open_page(site, f"/splits/{PRIVATE}?y=ndtw")
     expect(page.get_by_text("No result shown has both metrics.")).to_be_visible()
     expect(page.locator("#against")).to_be_hidden()
     expect(page.get_by_label("Vertical axis")).to_have_value("ndtw")

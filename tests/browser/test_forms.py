@@ -110,7 +110,7 @@ def test_a_reply_keeps_nobody_out(reply: Reply, used_site: Site, open_page: Open
 
 
 FORMS = [
-    pytest.param(f"/boards/{OPEN}?text=a", None, ".filters form", id="of a board"),
+    pytest.param(f"/splits/{OPEN}?text=a", None, ".filters form", id="of a board"),
     pytest.param(f"/episodes/{OPEN}", OWNER, "form.chooser", id="of episodes"),
     pytest.param("/desk/audit", ORGANISER, "form.seek", id="of the log"),
     pytest.param("/desk/uploads", ORGANISER, "form.seek", id="of uploads"),
@@ -130,7 +130,7 @@ def test_the_fields_of_a_filter_are_of_one_height(
 def test_headings_that_sort_are_large_enough_for_a_finger(
     size: tuple[int, int], site: Site, open_page: OpenPage
 ) -> None:
-    page = open_page(site, f"/boards/{OPEN}?columns=all", None, size)
+    page = open_page(site, f"/splits/{OPEN}?columns=all", None, size)
     boxes = [link.bounding_box() for link in page.locator("thead th a:visible").all()]
     assert boxes
     assert all(box is not None and box["height"] >= 24 for box in boxes)

@@ -199,7 +199,7 @@ def test_with_the_keyboard_alone(own_site: Site, good: Path, open_page: OpenPage
 
 
 def test_a_team_with_markup_for_a_name_is_only_a_name(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, f"/boards/{OPEN}")
+    page = open_page(site, f"/splits/{OPEN}")
     expect(page.get_by_role("main")).to_contain_text(MARKUP)
     page = open_page(site, "/team", MARKED)
     expect(page.get_by_role("heading", level=1)).to_contain_text(MARKUP)

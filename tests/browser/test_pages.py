@@ -94,9 +94,9 @@ SHARES = (0.3, 0.6, 1)
     [
         pytest.param("/", ["header", "h1", ".lead"], id="first page"),
         pytest.param(
-            f"/boards/{OPEN}", ["header", "h1", ".lead", ".filters", ".listed"], id="open"
+            f"/splits/{OPEN}", ["header", "h1", ".lead", ".filters", ".listed"], id="open"
         ),
-        pytest.param(f"/boards/{PRIVATE}", ["h1", ".lead", ".filters", ".listed"], id="private"),
+        pytest.param(f"/splits/{PRIVATE}", ["h1", ".lead", ".filters", ".listed"], id="private"),
     ],
 )
 @pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
@@ -126,7 +126,7 @@ def fulfill(route: Route, body: str) -> None:
 def test_two_results_are_compared_and_neither_one_nor_three(
     site: Site, open_page: OpenPage
 ) -> None:
-    page = open_page(site, f"/boards/{OPEN}")
+    page = open_page(site, f"/splits/{OPEN}")
     compare = page.get_by_role("button", name="Compare two results")
     ticks = page.get_by_role("checkbox")
     expect(compare).to_be_disabled()
@@ -146,7 +146,7 @@ TWO_LINES = 66
 
 
 def test_rows_of_a_leaderboard_have_two_lines_on_a_phone(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, f"/boards/{OPEN}", size=PHONE)
+    page = open_page(site, f"/splits/{OPEN}", size=PHONE)
     board = page.get_by_role("region", name="Leaderboard", exact=True)
     heights = board.locator("tbody tr").evaluate_all(HEIGHTS)
     assert len(heights) == 8
@@ -163,7 +163,7 @@ LIGHT = "rgb(255, 255, 255)"
 
 @pytest.mark.parametrize(
     "path",
-    [f"/boards/{OPEN}", "/team", f"/episodes/{OPEN}/1196_0_0?submission=shortest", "/guide/rules"],
+    [f"/splits/{OPEN}", "/team", f"/episodes/{OPEN}/1196_0_0?submission=shortest", "/guide/rules"],
 )
 def test_a_printed_page_is_light_and_whole(path: str, site: Site, open_page: OpenPage) -> None:
     page = open_page(site, path, OWNER, A4, color_scheme="dark")

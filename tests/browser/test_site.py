@@ -43,7 +43,7 @@ def test_it_is_sorted_and_drawn_without_a_server(copy: Site, open_page: OpenPage
 
 
 def test_it_is_read_and_sorted_without_scripts(copy: Site, open_page: OpenPage) -> None:
-    page = open_page(copy, f"{copy.url}/boards/{OPEN}.html", java_script_enabled=False)
+    page = open_page(copy, f"{copy.url}/splits/{OPEN}.html", java_script_enabled=False)
     page.get_by_role("link", name=re.compile("^SR")).click()
     page.wait_for_url("**metric=success.html")
     header = page.get_by_role("columnheader", name=re.compile("^SR"))

@@ -40,19 +40,19 @@ SIGN_IN = "sign-in"
 TABLE = """
                                     anonymous  other     mate      owner     organiser
 GET  /                              200        200       200       200       200
-GET  /boards/{split}                200        200       200       200       200
-GET  /boards/{split}/snapshots/{number} 200     200       200       200       200
-GET  /boards/{split}/chart          200        200       200       200       200
-GET  /boards/{split}/latex          200        200       200       200       200
-GET  /boards/{split}/bibtex         200        200       200       200       200
-GET  /boards/{split}/compare        400        400       400       400       400
-GET  /boards/{split}/also/{further}/compare   400  400    400       400       400
-GET  /boards/{split}/feed.atom      200        200       200       200       200
-GET  /boards/{split}/also/{further}           200  200    200       200       200
-GET  /boards/{split}/also/{further}/chart     200  200    200       200       200
-GET  /boards/{split}/also/{further}/latex     200  200    200       200       200
-GET  /boards/{split}/also/{further}/bibtex    200  200    200       200       200
-GET  /boards/{split}/also/{further}/feed.atom 200  200    200       200       200
+GET  /splits/{split}                200        200       200       200       200
+GET  /splits/{split}/snapshots/{number} 200     200       200       200       200
+GET  /splits/{split}/chart          200        200       200       200       200
+GET  /splits/{split}/latex          200        200       200       200       200
+GET  /splits/{split}/bibtex         200        200       200       200       200
+GET  /splits/{split}/compare        400        400       400       400       400
+GET  /splits/{split}/boards/{board}/compare   400  400    400       400       400
+GET  /splits/{split}/feed.atom      200        200       200       200       200
+GET  /splits/{split}/boards/{board}           200  200    200       200       200
+GET  /splits/{split}/boards/{board}/chart     200  200    200       200       200
+GET  /splits/{split}/boards/{board}/latex     200  200    200       200       200
+GET  /splits/{split}/boards/{board}/bibtex    200  200    200       200       200
+GET  /splits/{split}/boards/{board}/feed.atom 200  200    200       200       200
 GET  /feed.atom                     200        200       200       200       200
 GET  /sign-in                       200        200       200       200       200
 POST /sign-in                       401        303       303       303       303
@@ -233,7 +233,7 @@ def stock(server: Serving) -> Mapping[str, str]:
         "number": str(taken.number),
         "split": OPEN,
         "task": "reverie",
-        "further": GROUNDING,
+        "board": GROUNDING,
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],
         "instr_id": "1196_0_0",

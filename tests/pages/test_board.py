@@ -177,7 +177,7 @@ def test_what_was_declared_of_an_episode_has_columns(server: Serving) -> None:
         rows = tables(get(server, f"?{query}"))[0]
         assert [row[1].split()[0] for row in rows if len(row) > 1] == shown, query
     assert 'href="?">Clear</a>' in get(server, "?money_until=1&input_class=views").text
-    assert server.client.get(f"/boards/{OPEN}?money_until=-1").status_code == 400
+    assert server.client.get(f"/splits/{OPEN}?money_until=-1").status_code == 400
 
 
 def test_a_metric_that_nothing_has_is_said_to_be_so(five: Serving) -> None:
@@ -295,7 +295,7 @@ def test_a_query_that_is_none_is_a_page_that_says_so(server: Serving, query: str
     ((field, said),) = tables(page)[0]
     assert query.startswith(f"?{field}=")
     assert not re.search("should|Input|Value error", said)
-    assert f'<a href="/boards/{OPEN}">Back to the {OPEN} leaderboard</a>' in page.text
+    assert f'<a href="/splits/{OPEN}">Back to the {OPEN} leaderboard</a>' in page.text
 
 
 def test_an_unknown_metric_suggests_only_metrics_of_the_leaderboard(server: Serving) -> None:
@@ -312,7 +312,7 @@ def test_an_unknown_metric_suggests_only_metrics_of_the_leaderboard(server: Serv
 
 def test_no_such_split(server: Serving) -> None:
     for part in ("", "/chart", "/latex", "/bibtex"):
-        get(server, path=f"/boards/nowhere{part}", status=404)
+        get(server, path=f"/splits/nowhere{part}", status=404)
 
 
 def test_an_empty_board(server: Serving) -> None:
@@ -477,7 +477,7 @@ def test_intervals_of_open_splits_alone(server: Serving) -> None:
     entered(server, split=PRIVATE)
     board = server.ask(None, "GET", f"/splits/{PRIVATE}/leaderboard").json()
     assert board["rows"][0]["intervals"] == {}
-    assert "confidence" not in get(server, path=f"/boards/{PRIVATE}").text
+    assert "confidence" not in get(server, path=f"/splits/{PRIVATE}").text
 
 
 def test_intervals_are_those_of_the_command_line(server: Serving) -> None:

@@ -269,7 +269,7 @@ def test_bibtex(server: Serving) -> None:
         "  author = {{REVERIE evaluation server}},",
         r"  title = {{REVERIE val unseen leaderboard}},",
         "  year = {2026},",
-        r"  howpublished = {\url{http://server/boards/val_unseen}},",
+        r"  howpublished = {\url{http://server/splits/val_unseen}},",
         f"  note = {{{signature}, as of 2026-03-02}},",
         "}",
     ]
@@ -292,7 +292,7 @@ def test_a_citation_leads_to_the_method_s_paper_and_says_where_the_numbers_are(
 def test_an_address_in_bibtex_is_left_as_it_is(server: Serving) -> None:
     r"""As ``\\url`` takes it, which would show a backslash."""
     assert (
-        r"\url{http://server/boards/val_unseen?text=%C3%A4}"
+        r"\url{http://server/splits/val_unseen?text=%C3%A4}"
         in get(server, "?text=%C3%A4", f"{BOARD}/bibtex").text
     )
 

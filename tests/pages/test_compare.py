@@ -25,11 +25,11 @@ from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
 from tests.support.entries import entered, get, named, report_result, tables
 from tests.support.serving import (
-    FURTHER,
     GROUNDING,
     OPEN,
     ORGANISER,
     OTHER,
+    OTHER_BOARDS,
     OWNER,
     PRIVATE,
     OpenServer,
@@ -60,7 +60,7 @@ def change(server: Serving, who: str, submission: str, **changed: object) -> Non
 
 
 def place(*ids: str, board: str = OPEN) -> str:
-    return f"/boards/{board}/compare?{urlencode([('result', each) for each in ids])}"
+    return f"/splits/{board}/compare?{urlencode([('result', each) for each in ids])}"
 
 
 def bar_of(metric: Metric, found: Difference) -> str:
@@ -81,7 +81,7 @@ def test_two_ticks_lead_to_what_the_command_says_of_the_files(server: Serving) -
     board = get(server).text
     ticks = re.findall(r'type="checkbox" form="compare" name="result" value="(\w+)"', board)
     assert re.findall(r'<form [^>]*id="compare" [^>]*action="([^"]*)"', board) == [
-        f"/boards/{OPEN}/compare"
+        f"/splits/{OPEN}/compare"
     ]
     assert ticks == [good, mediocre]
 
@@ -130,12 +130,12 @@ def test_two_ticks_lead_to_what_the_command_says_of_the_files(server: Serving) -
     assert "Walks side by side" not in said(page)
 
 
-def test_a_further_leaderboard_compares_by_its_own_rules(
+def test_another_leaderboard_compares_by_its_own_rules(
     folder: Path, open_server: OpenServer
 ) -> None:
-    settings = adjusted(settings_of(folder), OPEN, also={GROUNDING: FURTHER[GROUNDING]})
+    settings = adjusted(settings_of(folder), OPEN, boards={GROUNDING: OTHER_BOARDS[GROUNDING]})
     server = open_server(settings)
-    page = get(server, "", place(*publish_two(server), board=f"{OPEN}/also/{GROUNDING}"))
+    page = get(server, "", place(*publish_two(server), board=f"{OPEN}/boards/{GROUNDING}"))
     expected = rv.compare(*FILES.values(), split=OPEN, names=list(FILES), track="grounding")
     assert f"{expected.sentence('Good')}." in said(page)
     assert "side by side" not in said(page)
@@ -235,8 +235,8 @@ def test_a_pair_has_differences_and_outcomes_of_the_first_minus_the_second(
     assert gained != lost
     turned = pair_of(several, mediocre, good)
     assert list(turned.won) == [lost, gained]
-    for further in several.state.boards[OPEN].also.values():
-        assert pair_of(several, good, mediocre, board=further).outcomes == {}
+    for board in several.state.boards[OPEN].others.values():
+        assert pair_of(several, good, mediocre, board=board).outcomes == {}
 
 
 def test_a_private_pair_has_what_everyone_sees_and_no_more(server: Serving) -> None:

@@ -393,8 +393,8 @@ def test_a_snapshot_is_taken_after_a_question(desk: Visitor) -> None:
     assert "can be neither changed nor removed" in said(asked)
     words = told(desk, "/desk/snapshots", **form, **YES)
     assert f"{OPEN} 1 CVPR {MARKUP} 2026-03-02 12:00 UTC" in words
-    assert f"CVPR {MARKUP}, as of" in said(desk.get(f"/boards/{OPEN}"))
-    shown = desk.server.client.get(f"/boards/{OPEN}/snapshots/1")
+    assert f"CVPR {MARKUP}, as of" in said(desk.get(f"/splits/{OPEN}"))
+    shown = desk.server.client.get(f"/splits/{OPEN}/snapshots/1")
     assert MARKUP not in shown.text
     assert "Nothing had been published." in said(shown)
     assert sending(desk, "/desk/snapshots", split="none", title="x").status_code == 404

@@ -53,7 +53,7 @@ def publish(server: Serving, who: str = OWNER, split: str = OPEN, **method: str)
     return str(submission)
 
 
-def read(server: Serving, path: str = f"/boards/{OPEN}/feed.atom") -> Any:
+def read(server: Serving, path: str = f"/splits/{OPEN}/feed.atom") -> Any:
     """Return a feed as a reader understands it, after looking whether it is valid."""
     reply = server.client.get(path)
     assert reply.headers["content-type"].startswith("application/atom+xml")
@@ -120,13 +120,13 @@ def test_an_anonymous_team_stays_anonymous_until_its_date(site: Serving) -> None
     site.ask(OWNER, "PATCH", f"/submissions/{submission}", json={"method": {"name": "Edited"}})
     with site.acting() as transaction:
         review(transaction, submission, "disqualified")
-    text = site.client.get(f"/boards/{OPEN}/feed.atom").text
+    text = site.client.get(f"/splits/{OPEN}/feed.atom").text
     assert "Blue" not in text
     assert OWNER not in text
     authors = {entry.get("author") for entry in read(site).entries}
     assert authors == {None, "Anonymous"}  # None is the organiser
     site.clock.turn(days=365)
-    assert "Blue" in site.client.get(f"/boards/{OPEN}/feed.atom").text
+    assert "Blue" in site.client.get(f"/splits/{OPEN}/feed.atom").text
 
 
 def test_the_feed_of_all_has_every_leaderboard(site: Serving) -> None:
@@ -138,11 +138,11 @@ def test_the_feed_of_all_has_every_leaderboard(site: Serving) -> None:
 
 
 def test_pages_lead_to_the_feeds(site: Serving) -> None:
-    page = site.client.get(f"/boards/{OPEN}").text
+    page = site.client.get(f"/splits/{OPEN}").text
     found = re.findall(r'<link rel="alternate" href="([^"]+)" type="application/atom\+xml"', page)
-    assert found == ["/feed.atom", f"/boards/{OPEN}/feed.atom"]
-    assert f'<a href="/boards/{OPEN}/feed.atom">Atom feed</a>' in page
-    assert site.client.get("/boards/nowhere/feed.atom").status_code == 404
+    assert found == ["/feed.atom", f"/splits/{OPEN}/feed.atom"]
+    assert f'<a href="/splits/{OPEN}/feed.atom">Atom feed</a>' in page
+    assert site.client.get("/splits/nowhere/feed.atom").status_code == 404
 
 
 # Without a server.
@@ -178,7 +178,7 @@ def test_what_a_result_is_called_and_where_it_is() -> None:
         author="Blue",
     )
     assert list(items_of(ranking)) == [first, second]
-    strict = replace(demo_board(), further="strict")
+    strict = replace(demo_board(), name="strict")
     items = items_of(replace(ranking, board=strict))
     assert [each.id for each in items] == [
         urn("published/cat/strict"),
@@ -192,7 +192,7 @@ def test_what_the_organiser_did_is_of_the_organiser() -> None:
     disqualified = PublishedReview("disqualified", "trained on it", at)
     judged = entry(reviews=[flagged, disqualified])
     corrected = CorrectionReport(split=OPEN, created_at=at, reason="Targets.", signature="new")
-    strict = replace(demo_board(), further="strict")
+    strict = replace(demo_board(), name="strict")
     _, *items = items_of(ranking_of(apart=[Row(None, judged)], board=strict))
     assert [*items, *items_of_corrections(strict, [corrected])] == [
         Item(
@@ -207,7 +207,7 @@ def test_what_the_organiser_did_is_of_the_organiser() -> None:
             at=at,
             title="val_unseen, strict: results corrected",
             text="Targets.",
-            path="/boards/val_unseen/also/strict#corrections",
+            path="/splits/val_unseen/boards/strict#corrections",
         ),
     ]
     news = NewsReport(id=3, text="Soon over", created_at=at)

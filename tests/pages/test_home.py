@@ -97,7 +97,7 @@ def test_an_example_with_its_instruction_and_answer(server: Serving) -> None:
     assert example.instruction in unescape(page)
     assert f"object {example.target_object}" in page
     assert f"Building of episode {example.instr_id}" in page
-    assert f'href="/episodes/{board.name}/{example.instr_id}"' in page
+    assert f'href="/episodes/{board.split}/{example.instr_id}"' in page
     assert "synthetic demo world" in page
 
 
@@ -124,7 +124,7 @@ def test_demo_data_are_called_so(open_server: OpenServer, folder: Path) -> None:
     server = open_server()
     found = re.findall(r'<h3 id="leaders-.*?(?=<table)', home(server), re.DOTALL)
     assert ["Scores mean nothing" in each for each in found] == [False, False, True]
-    boards = {split: get(server, path=f"/boards/{split}").text for split in (PRIVATE, OPEN)}
+    boards = {split: get(server, path=f"/splits/{split}").text for split in (PRIVATE, OPEN)}
     told = "the synthetic demo world, not of REVERIE: its scores mean nothing"
     assert {split: told in page for split, page in boards.items()} == {PRIVATE: True, OPEN: False}
 

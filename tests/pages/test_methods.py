@@ -292,7 +292,7 @@ def test_a_team_s_page_has_what_is_public_of_it(server: Serving) -> None:
     first = publish(server, OWNER, GOOD.read_bytes())
     publish(server, OWNER, submission_for(PRIVATE, "shortest"), PRIVATE)
     hidden = publish(server, OTHER, MEDIOCRE.read_bytes(), anonymous_until="2030-01-01T00:00:00Z")
-    board = server.client.get(f"/boards/{OPEN}").text
+    board = server.client.get(f"/splits/{OPEN}").text
     (address,) = set(re.findall(r'href="(/teams/\d+)"', board))
     page = server.client.get(address)
     assert "Blue" in page.text
@@ -314,7 +314,7 @@ def test_a_disqualified_result_keeps_its_team_s_page(server: Serving) -> None:
     with server.acting() as transaction:
         review(transaction, identity, "disqualified", "It read the answers.")
     assert "1 method whose episodes" in said(server.client.get(LIST))
-    board = server.client.get(f"/boards/{OPEN}").text
+    board = server.client.get(f"/splits/{OPEN}").text
     (address,) = set(re.findall(r'>Of Ada</a>.*?href="(/teams/\d+)"', board, re.DOTALL))
     page = server.client.get(address)
     assert [[row[1] for row in table] for table in tables(page)] == [["Of Ada disqualified"]]

@@ -266,8 +266,8 @@ def test_what_cannot_be_walked_says_why(server: Serving) -> None:
     assert of(84, []).instr_id == sample(seen.board, 0, 84)[-1]
     hidden = "object 99999 is not visible from where the walk ends"
     assert refused(MalformedError, start.end, 99999) == hidden
-    split = seen.board.split.model_copy(update={"track": "grounding"})
-    answers = replace(seen, board=replace(seen.board, split=split))
+    split = seen.board.settings.model_copy(update={"track": "grounding"})
+    answers = replace(seen, board=replace(seen.board, settings=split))
     assert refused(NotFoundError, HumanWalk.of, answers, 0, 1, []) == (
         "val_unseen scores answers alone; there are no walks"
     )

@@ -191,7 +191,7 @@ def test_an_anonymous_team_is_nowhere_named(owner: Visitor) -> None:
     assert "published; team hidden until 2026-04-01, by Ada" in page
     owner.server.clock.turn(days=29, hours=12, seconds=-1)
     for visitor in (Visitor(owner.server), signed_in(owner.server, OTHER)):
-        for path in (f"/submissions/{submission}", f"/boards/{OPEN}"):
+        for path in (f"/submissions/{submission}", f"/splits/{OPEN}"):
             text = visitor.get(path).text
             assert "nonymous" in text
             assert not re.search(r"\b(Blue|Ada|Ben)\b", text)

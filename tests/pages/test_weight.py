@@ -14,8 +14,8 @@ MOST = 300_000
 """Bytes."""
 PAGES = (
     "/",
-    f"/boards/{OPEN}",
-    f"/boards/{OPEN}?columns=all",
+    f"/splits/{OPEN}",
+    f"/splits/{OPEN}?columns=all",
     f"/episodes/{OPEN}",
     "/teams/1",
     "/guide/api",

@@ -31,15 +31,15 @@ def correct(server: Serving, split: str, board: str, reason: str) -> None:
 @pytest.fixture
 def announced(several: Serving) -> Serving:
     """Announce something of each kind on three leaderboards, a second apart."""
-    for further, split, text in (
+    for name, split, text in (
         ("", OPEN, "first"),
         (STRICT, OPEN, "strict"),
         ("", PRIVATE, "private"),
         ("", OPEN, "second"),
     ):
-        correct(several, split, further, text)
+        correct(several, split, name, text)
         with several.acting() as transaction:
-            if not further:
+            if not name:
                 several.state.get(Snapshots).take(transaction, NewSnapshot(split=split, title=text))
             news = add_news(transaction, NewNews(text=text))
             if text == "private":

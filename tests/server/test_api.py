@@ -79,7 +79,7 @@ def test_a_split_says_what_is_needed_to_score_alike(server: Serving) -> None:
         "paused": False,
         "release_scores": "at-once",
         "one_per_team": False,
-        "also": {},
+        "boards": {},
         "quota": None,
     }
     assert said in server.ask(None, "GET", "/splits").json()

@@ -11,25 +11,38 @@ from reverie_eval.errors import GroundTruthError, Problem, SubmissionError
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle, GroundTruth
 from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.scoring.boards import Board, board_named, load_board, load_boards, tasks_of
-from reverie_eval.server.settings import Also, SettingsError, Split
+from reverie_eval.server.scoring.boards import Board, find_board, load_board, load_boards, tasks_of
+from reverie_eval.server.settings import BoardRules, SettingsError, Split
 from reverie_eval.version import __version__
-from tests.support.serving import GOOD, GROUNDING, OPEN, PRIVATE, STRICT, settings_of, with_arrays
+from tests.support.serving import (
+    GOOD,
+    GROUNDING,
+    OPEN,
+    OTHER_BOARDS,
+    PRIVATE,
+    STRICT,
+    settings_of,
+    with_arrays,
+)
 
 R2R = "r2r-val_unseen"
 
 
-def opened(name: str, task: str = "reverie", **also: Also) -> Board:
+def opened(name: str, task: str = "reverie", **others: BoardRules) -> Board:
     """Load an open split of the demo world."""
     folder = DEMO_BUNDLES if task == "reverie" else DEMO_BUNDLES / task
     path = folder / f"{name.removeprefix(f'{task}-')}.npz"
-    return load_board(name, Split(visibility="open", bundle=path, task=task, also=also), path)
+    return load_board(name, Split(visibility="open", bundle=path, task=task, boards=others), path)
 
 
 @pytest.fixture(scope="module")
 def several() -> Board:
-    """Load a split with further leaderboards."""
-    return opened(OPEN, grounding=Also(track="grounding"), strict=Also(protocol="paper"))
+    """Load a split with other leaderboards."""
+    return opened(OPEN, grounding=OTHER_BOARDS[GROUNDING], strict=OTHER_BOARDS[STRICT])
+
+
+def as_private(board: Board) -> Board:
+    return replace(board, settings=board.settings.model_copy(update={"visibility": "private"}))
 
 
 @pytest.mark.parametrize(
@@ -56,9 +69,9 @@ def test_which_version_of_the_dataset_is_the_split_s(
 
 def test_a_board_that_is_not_there(several: Board) -> None:
     boards = {OPEN: several, R2R: opened(R2R, "r2r")}
-    assert board_named(boards, OPEN) is several
-    assert board_named(boards, OPEN, STRICT) is several.also[STRICT]
-    for split, further, told in (
+    assert find_board(boards, OPEN) is several
+    assert find_board(boards, OPEN, STRICT) is several.others[STRICT]
+    for split, name, told in (
         (
             "r2r-val_unsen",
             "",
@@ -70,17 +83,17 @@ def test_a_board_that_is_not_there(several: Board) -> None:
         (
             OPEN,
             "none",
-            f"{OPEN} has no further leaderboard 'none'; its further leaderboards: "
-            + ", ".join(several.also),
+            f"{OPEN} has no leaderboard 'none'; its other leaderboards: "
+            + ", ".join(several.others),
         ),
         (
             R2R,
             STRICT,
-            "r2r-val_unseen has no further leaderboard 'strict'; its further leaderboards: none",
+            "r2r-val_unseen has no leaderboard 'strict'; its other leaderboards: none",
         ),
     ):
         with pytest.raises(NotFoundError) as missing:
-            board_named(boards, split, further)
+            find_board(boards, split, name)
         assert str(missing.value) == told
 
 
@@ -88,8 +101,8 @@ def test_a_board_has_the_fingerprint_of_what_participants_may_have(several: Boar
     public = Bundle.load(DEMO_BUNDLES / f"{OPEN}.npz").public().header.fingerprint
     assert {board.public_fingerprint for board in several.all} == {public}
     assert {board.truth.origin for board in several.all} == {OPEN}
-    assert several.own is None
-    assert [board.own and board.own.path for board in several.also.values()] == [OPEN, OPEN]
+    assert several.main is None
+    assert [board.main and board.main.path for board in several.others.values()] == [OPEN, OPEN]
 
 
 def test_intervals_are_computed_if_asked_for(several: Board) -> None:
@@ -101,9 +114,9 @@ def test_intervals_are_computed_if_asked_for(several: Board) -> None:
     assert several.scored(GOOD, has_intervals=True).report.intervals is not None
 
 
-def test_a_further_leaderboard_has_the_episodes_of_its_protocol() -> None:
+def test_another_leaderboard_has_the_episodes_of_its_protocol() -> None:
     """R2R's own script never scores a path's fourth instruction, and DUET's does."""
-    boards = opened("r2r-val_seen", "r2r", duet=Also(protocol="hamt")).all
+    boards = opened("r2r-val_seen", "r2r", duet=BoardRules(protocol="hamt")).all
     assert [len(board.truth.episodes.instr_ids) for board in boards] == [34, 35]
 
 
@@ -119,7 +132,7 @@ def test_a_file_for_another_split_is_told_its_name_on_the_server() -> None:
 def test_what_only_the_solution_tells_is_not_said_of_a_private_split(several: Board) -> None:
     records = [{**each, "predObjId": each["predObjId"] + 5000} for each in json.loads(GOOD)]
     content = json.dumps(records).encode()
-    private = replace(several, split=several.split.model_copy(update={"visibility": "private"}))
+    private = as_private(several)
     (note,) = several.read(content).validation().notes
     assert note.startswith("no predicted object is visible where its agent stops")
     assert private.read(content).validation().notes == []
@@ -127,7 +140,7 @@ def test_what_only_the_solution_tells_is_not_said_of_a_private_split(several: Bo
 
 
 def test_only_rounded_means_of_a_private_split_may_be_kept(several: Board) -> None:
-    private = replace(several, split=several.split.model_copy(update={"visibility": "private"}))
+    private = as_private(several)
     exact, rounded = several.scored(GOOD).report, private.scored(GOOD).report
     assert list(rounded.scores) == [metric.key for metric in several.headline]
     assert (several.may_keep(exact), private.may_keep(exact)) == (True, False)
@@ -152,11 +165,11 @@ def test_a_file_without_what_is_scored_is_reported_without_scores(several: Board
     walks = [
         {key: record[key] for key in ("instr_id", "trajectory")} for record in json.loads(GOOD)
     ]
-    report = several.also[GROUNDING].scored(json.dumps(walks).encode()).report
+    report = several.others[GROUNDING].scored(json.dumps(walks).encode()).report
     (note,) = report.notes
     assert note.startswith("this file cannot be ranked here: no record has an answer")
     assert report.model_dump(exclude={"notes"}, exclude_defaults=True) == {
-        "signature": several.also[GROUNDING].signature,
+        "signature": several.others[GROUNDING].signature,
         "split": OPEN,
         "protocol": "official-v1",
         "dataset": "demo",
@@ -211,8 +224,8 @@ def test_a_split_of_another_task_is_named_with_what_to_set() -> None:
 
 
 def test_rules_that_need_positions_are_accepted_with_them() -> None:
-    board = opened(OPEN, camera=Also(protocol="challenge-2022"))
-    assert board.also["camera"].protocol.goal == "visible and near the object"
+    board = opened(OPEN, camera=BoardRules(protocol="challenge-2022"))
+    assert board.others["camera"].protocol.goal == "visible and near the object"
 
 
 def test_rules_that_cannot_score_the_split_are_refused() -> None:

@@ -157,7 +157,7 @@ def test_a_database_that_is_gone_is_no_server_error(
         assert refused.json()["code"] == "database-down"
         assert told(refused) == (503, "10")
         assert told(server.ask(None, "GET", "/splits/test/leaderboard")) == (503, "10")
-        assert told(server.client.get("/boards/test")) == (503, "10")
+        assert told(server.client.get("/splits/test")) == (503, "10")
 
 
 def test_a_connection_that_breaks_while_snapshots_are_looked_for_is_no_server_error(

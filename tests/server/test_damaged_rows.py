@@ -31,9 +31,9 @@ READ_FOR_ALL = (
     "/metrics",
     f"/api/v1/splits/{OPEN}",
     f"/api/v1/splits/{OPEN}/snapshots",
-    f"/boards/{PRIVATE}",
-    f"/boards/{PRIVATE}/feed.atom",
-    f"/boards/{PRIVATE}/chart",
+    f"/splits/{PRIVATE}",
+    f"/splits/{PRIVATE}/feed.atom",
+    f"/splits/{PRIVATE}/chart",
     f"/api/v1/splits/{PRIVATE}/leaderboard",
     f"/api/v1/splits/{PRIVATE}/leaderboard.csv",
 )
@@ -41,9 +41,9 @@ READ_FOR_ALL = (
 OF_ORGANISERS = {"/desk"}
 """What may fail, for them alone: the overview has the time of the last upload to each split."""
 OF_THE_BOARD = (
-    f"/boards/{OPEN}",
-    f"/boards/{OPEN}/chart",
-    f"/boards/{OPEN}/latex",
+    f"/splits/{OPEN}",
+    f"/splits/{OPEN}/chart",
+    f"/splits/{OPEN}/latex",
     f"/api/v1/splits/{OPEN}/leaderboard",
     f"/api/v1/splits/{OPEN}/leaderboard.csv",
 )
@@ -141,7 +141,7 @@ def test_a_row_that_cannot_be_read_fails_on_its_own_leaderboard_only(
     server = copy_server(published)
     damage(server, change)
     check_that_only_its_board_fails(server)
-    assert server.client.get(f"/boards/{PRIVATE}/also/{GROUNDING}").status_code == 200
+    assert server.client.get(f"/splits/{PRIVATE}/boards/{GROUNDING}").status_code == 200
     server.state.database.close()
     assert faults(server.state.settings.folder)
 
@@ -173,7 +173,7 @@ def test_a_snapshot_that_cannot_be_read_fails_alone(
 ) -> None:
     server = copy_server(published)
     damage(server, f"snapshot SET envelope = {envelope}")
-    paths = [f"/boards/{OPEN}/snapshots/1", f"/api/v1/splits/{OPEN}/snapshots/1.csv"]
+    paths = [f"/splits/{OPEN}/snapshots/1", f"/api/v1/splits/{OPEN}/snapshots/1.csv"]
     assert refused(server, *paths) == dict.fromkeys(paths, (503, "damaged"))
     api = f"/api/v1/splits/{OPEN}/snapshots/1"
     told = server.client.get(api)

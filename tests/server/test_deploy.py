@@ -105,7 +105,7 @@ def test_participants_submit_below_a_path_of_nginx(folder: Path, tmp_path: Path)
             assert "Walker" in laptop.run("leaderboard", "--split", OPEN).out
             receipt = "submit.json.receipt.json"
             assert "genuine" in laptop.run("verify", receipt, "--submission", "submit.json").out
-            page = httpx.get(f"{address}/boards/{OPEN}", timeout=PATIENCE, verify=NO_TLS)
+            page = httpx.get(f"{address}/splits/{OPEN}", timeout=PATIENCE, verify=NO_TLS)
             assert 'href="/reverie/guide"' in page.text
             bare = httpx.get(address, timeout=PATIENCE, verify=NO_TLS, follow_redirects=True)
             assert str(bare.url).startswith(f"{address}/")

@@ -70,14 +70,14 @@ def everything(server: Serving, submission: str) -> dict[str, str]:
         )
     ]
     board = [
-        f"/boards/{PRIVATE}{path}" for path in ("", "/chart", "/latex", "/bibtex", "/feed.atom")
+        f"/splits/{PRIVATE}{path}" for path in ("", "/chart", "/latex", "/bibtex", "/feed.atom")
     ]
     public = [
         *(f"/api/v1/splits/{PRIVATE}/leaderboard{kind}" for kind in ("", ".csv")),
         *board,
         f"/submissions/{submission}",
     ]
-    pages = [f"/submissions/{submission}", "/team", f"/boards/{PRIVATE}"]
+    pages = [f"/submissions/{submission}", "/team", f"/splits/{PRIVATE}"]
     told = {}
     for who, path in api:
         headers = {"Authorization": f"Bearer {server.tokens[who]}"}
@@ -123,7 +123,7 @@ def test_nobody_sees_a_score_before_the_phase_ends_and_everybody_after(
     assert {
         f"Ada /api/v1/submissions/{submission}/receipt",
         f"/api/v1/splits/{PRIVATE}/leaderboard",
-        f"/boards/{PRIVATE}",
+        f"/splits/{PRIVATE}",
         f"Ada page /submissions/{submission}",
         "the same file",
     } <= telling()
@@ -137,7 +137,7 @@ def test_it_is_said_when_scores_are_published(held: Serving) -> None:
     for who in (OWNER, ORGANISER):
         assert SENTENCE in said(signed_in(held, who).get(f"/submissions/{submission}"))
     assert SENTENCE in said(held.client.get(f"/submissions/{submission}"))
-    board = said(held.client.get(f"/boards/{PRIVATE}"))
+    board = said(held.client.get(f"/splits/{PRIVATE}"))
     assert "1 result here has no scores yet" in board
     assert "when the phase ends on 2026-03-03 12:00 UTC" in board
 

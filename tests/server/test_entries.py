@@ -23,11 +23,11 @@ HEADLINE = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
 SECOND = timedelta(seconds=1)
 
 
-def read(server: Serving, further: str = "", cache: EntriesCache | None = None) -> BoardEntries:
+def read(server: Serving, name: str = "", cache: EntriesCache | None = None) -> BoardEntries:
     """Return the entries of a leaderboard of the open split."""
     cache = cache or EntriesCache(server.state.get(Schedules))
     with server.state.database.reading() as session:
-        return cache.entries(session, server.state.board(OPEN, further), server.clock())
+        return cache.entries(session, server.state.board(OPEN, name), server.clock())
 
 
 def test_an_entry_has_what_is_published_and_nothing_else(several: Serving) -> None:
@@ -41,9 +41,9 @@ def test_an_entry_has_what_is_published_and_nothing_else(several: Serving) -> No
     with several.acting("Olga") as transaction:
         review(transaction, accepted["id"], "verified", "run again")
         review(transaction, accepted["id"], "baseline", "ours")
-    for further, headline in (("", HEADLINE), (GROUNDING, ["rgs"])):
-        report = (published["also"][further] if further else published)["report"]
-        (entry,) = read(several, further).entries
+    for name, headline in (("", HEADLINE), (GROUNDING, ["rgs"])):
+        report = (published["boards"][name] if name else published)["report"]
+        (entry,) = read(several, name).entries
         assert (entry.submission_id, entry.team) == (accepted["id"], "Blue")
         assert entry.team_id == several.person(OWNER).team_id
         assert entry.method == {**accepted["method"], "reference": None}

@@ -178,7 +178,7 @@ def test_a_clock_that_was_a_year_ahead_spoils_nothing(server_on: Serving) -> Non
     assert server_on.upload(OWNER, server_on.distinct()).status_code == 201
     rows = server_on.ask(OWNER, "GET", f"/splits/{OPEN}/leaderboard").json()["rows"]
     assert {row["submission_id"] for row in rows} >= {ahead, of_then}
-    for path in ("/", f"/boards/{OPEN}", "/healthz"):
+    for path in ("/", f"/splits/{OPEN}", "/healthz"):
         assert server_on.client.get(path).status_code == 200, path
     with server_on.state.database.reading() as session:
         assert not list(server_on.state.audit_log.broken_links(session))

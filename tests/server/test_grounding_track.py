@@ -57,13 +57,13 @@ def test_answers_alone_are_checked_scored_and_ranked(grounding: Serving) -> None
     assert [(row["rank"], row["standing"]) for row in board["rows"]] == [(1, "ranked")]
     visitor = signed_in(grounding, OWNER)
     for page in (
-        *(f"/boards/{OPEN}", f"/boards/{OPEN}?columns=all", f"/boards/{OPEN}/chart"),
-        *(f"/boards/{OPEN}/latex", f"/boards/{OPEN}/bibtex", "/guide/rules", path, "/submit"),
+        *(f"/splits/{OPEN}", f"/splits/{OPEN}?columns=all", f"/splits/{OPEN}/chart"),
+        *(f"/splits/{OPEN}/latex", f"/splits/{OPEN}/bibtex", "/guide/rules", path, "/submit"),
         *(f"/episodes/{OPEN}", f"/episodes/{OPEN}?submission={submission['id']}", "/team"),
         f"/episodes/{OPEN}/1196_0_0?submission={submission['id']}",
     ):
         assert visitor.get(page).status_code == 200, page
-    assert "track: grounding" in grounding.client.get(f"/boards/{OPEN}").text
+    assert "track: grounding" in grounding.client.get(f"/splits/{OPEN}").text
 
 
 def test_private_answers_give_a_rounded_score(grounding: Serving) -> None:

@@ -10,8 +10,8 @@ from tests.support.visiting import signed_in
 ADDRESS = "https://eval.example.org"
 EVIL = {"Host": "evil.example"}
 PRINTING = {
-    f"/boards/{OPEN}/bibtex": f"{ADDRESS}/boards/{OPEN}",
-    f"/boards/{OPEN}/latex?text=nothing": f"{ADDRESS}/boards/{OPEN}",
+    f"/splits/{OPEN}/bibtex": f"{ADDRESS}/splits/{OPEN}",
+    f"/splits/{OPEN}/latex?text=nothing": f"{ADDRESS}/splits/{OPEN}",
     "/guide/submitting": ADDRESS,
     "/guide/api": ADDRESS,
 }
@@ -34,7 +34,7 @@ def test_what_is_copied_has_the_public_address(path: str, printed: str, public: 
 
 
 @pytest.mark.parametrize(
-    "path", ["/guide/", "/boards/", "/", "/api/v1/splits/", "/nothing", "/team"]
+    "path", ["/guide/", "/splits/", "/", "/api/v1/splits/", "/nothing", "/team"]
 )
 def test_nobody_is_led_to_another_host(path: str, public: Serving) -> None:
     reply = public.client.get(path, headers=EVIL)

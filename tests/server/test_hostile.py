@@ -41,7 +41,7 @@ SCENES = len(FILES) + 3
 
 TEAMS = ("hostile", "other")
 CHECK = f"/api/v1/splits/{OPEN}/validate"
-PAGE = f"/boards/{OPEN}"
+PAGE = f"/splits/{OPEN}"
 
 SETTINGS = f"""
 [splits.{OPEN}]

@@ -120,7 +120,7 @@ def test_no_request_reads_all_submissions(full: Serving) -> None:
     own, other = (
         full.upload(who, full.distinct()).json()["submission"]["id"] for who in (OWNER, OTHER)
     )
-    parts = {"split": SPLIT, "submission_id": own, "further": GROUNDING, "number": 1}
+    parts = {"split": SPLIT, "submission_id": own, "board": GROUNDING, "number": 1}
     parts["person_id"] = full.person(OWNER).id
     names = {(SPLIT, "Walker"): own, (SPLIT, BOLD): other, (SPLIT, ENDLESS): other}
     site = Site("", Path(), full.tokens, names)

@@ -34,7 +34,7 @@ def test_news_are_posted_and_removed_by_three_doors(
     server.ask(ORGANISER, "POST", "/organiser/news", json={"text": "second"}).raise_for_status()
     assert desk.send("/desk/news", {"text": TEXT}).status_code == 303
     assert texts(server) == [TEXT, "second", "earliest"]
-    for page in (f"/boards/{OPEN}", "/desk/news"):
+    for page in (f"/splits/{OPEN}", "/desk/news"):
         assert SHOWN in desk.get(page).text
     assert "second" in run("server", "news", "list", str(folder)).out
     assert run("server", "news", "remove", str(folder), "1").status == 0
@@ -42,7 +42,7 @@ def test_news_are_posted_and_removed_by_three_doors(
     assert desk.send("/desk/news/3/remove", {}).status_code == 303
     assert texts(server) == []
     assert server.ask(ORGANISER, "DELETE", "/organiser/news/2").status_code == 404
-    assert "earliest" not in said(desk.get(f"/boards/{OPEN}"))
+    assert "earliest" not in said(desk.get(f"/splits/{OPEN}"))
 
 
 def test_posting_and_removing_are_logged(sqlite: Database) -> None:
@@ -83,7 +83,7 @@ def test_contact_and_links_are_where_people_look_for_them(
         update={"contact": CONTACT, "links": {"Paper": "https://arxiv.org/abs/1904.10151"}}
     )
     served = open_server(known, server.tokens)
-    for page in ("/boards/test", "/guide"):
+    for page in ("/splits/test", "/guide"):
         text = served.client.get(page).text
         assert LINK in text
         assert '<a href="https://arxiv.org/abs/1904.10151">Paper</a>' in text

@@ -125,7 +125,7 @@ def test_a_pause_of_all_splits_is_shown_wherever_a_split_is(server: Serving) -> 
     visitor = signed_in(server, ORGANISER)
     assert server.ask(None, "GET", "/splits/test").json()["paused"] is False
     post(server, paused=True)
-    for place in ("/", "/boards/test", "/guide/rules", "/submit", "/desk", "/desk/phases"):
+    for place in ("/", "/splits/test", "/guide/rules", "/submit", "/desk", "/desk/phases"):
         page = visitor.get(place).text
         assert '<span class="badge bad">paused</span>' in page, place
         assert ">open</span>" not in page, place
@@ -133,7 +133,7 @@ def test_a_pause_of_all_splits_is_shown_wherever_a_split_is(server: Serving) -> 
     assert all(each["paused"] for each in server.ask(None, "GET", "/splits").json())
     assert "Resume" not in visitor.get("/desk/phases").text  # no split is paused by itself
     post(server)
-    assert ">open</span>" in visitor.get("/boards/test").text
+    assert ">open</span>" in visitor.get("/splits/test").text
     assert server.ask(None, "GET", "/splits/test").json()["paused"] is False
 
 

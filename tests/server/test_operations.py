@@ -92,7 +92,7 @@ def test_every_reply_has_the_headers(
     [
         ("/healthz", 200),
         ("/api/v1/splits", 200),
-        (f"/boards/{OPEN}", 200),
+        (f"/splits/{OPEN}", 200),
         ("/static/style.css", 200),
         ("/submit", 303),
         ("/metrics", 401),
@@ -236,7 +236,7 @@ def test_every_route_is_logged_by_its_whole_path(
         for route in iter_route_contexts(app.routes)
         for method in sorted(route.methods or ())
     ]
-    assert {"/boards/{split}/chart", "/api/v1/join", "/desk/people"} <= {path for _, path in routes}
+    assert {"/splits/{split}/chart", "/api/v1/join", "/desk/people"} <= {path for _, path in routes}
     for method, path in routes:
         server.client.request(method, re.sub(r"\{\w+\}", "1", path))
     assert [(line["method"], line["route"]) for line in log()] == routes
@@ -246,9 +246,9 @@ def test_every_route_is_logged_by_its_whole_path(
 @pytest.mark.parametrize(
     ("path", "status", "route"),
     [
-        pytest.param("/boards/test", 200, "/boards/{split}", id="a leaderboard"),
-        pytest.param("/boards/test/latex", 200, "/boards/{split}/latex", id="its table"),
-        pytest.param("/boards/test/feed.atom", 200, "/boards/{split}/feed.atom", id="its feed"),
+        pytest.param("/splits/test", 200, "/splits/{split}", id="a leaderboard"),
+        pytest.param("/splits/test/latex", 200, "/splits/{split}/latex", id="its table"),
+        pytest.param("/splits/test/feed.atom", 200, "/splits/{split}/feed.atom", id="its feed"),
         pytest.param("/feed.atom", 200, "/feed.atom", id="the feed of all"),
         pytest.param("/static/board.js", 200, "/static", id="a static file"),
         pytest.param("/static/none.js", 404, "/static", id="no such static file"),

@@ -83,7 +83,7 @@ def in_public(server: Serving, site: Site) -> Iterator[tuple[str, httpx.Response
         for who in {*visitors_of(example), None, OWNER} & visitors.keys():
             path = example.path(site)
             yield f"{who}: {path}", visitors[who].get(path)
-    parts = {"split": OPEN, "further": GROUNDING, "number": 1}
+    parts = {"split": OPEN, "board": GROUNDING, "number": 1}
     for read in READS:
         for name in (OPEN, "Walker"), (OPEN, BOLD):
             path = read.format(**parts, person_id=1, submission_id=site.ids[name])
@@ -124,7 +124,7 @@ def test_an_organiser_s_name_is_changed_afterwards_but_not_in_what_was_signed(
     assert api["info"]["contact"] == {"name": NAME, "email": "a@lab.org"}
     mine = f"/submissions/{site.ids[OPEN, 'Walker']}"
     visitor, owner = Visitor(server), signed_in(server, OWNER)
-    for page in (visitor.get("/"), visitor.get(f"/boards/{OPEN}"), visitor.get(mine)):
+    for page in (visitor.get("/"), visitor.get(f"/splits/{OPEN}"), visitor.get(mine)):
         assert NAME in said(page)
     assert f"verified, by {NAME}: we ran it" in said(owner.get(mine))
     assert f"<name>{NAME}</name>" in visitor.get("/feed.atom").text

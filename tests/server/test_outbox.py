@@ -105,7 +105,7 @@ def test_the_end_of_a_phase_is_told_for_a_day(
         notify(at(session), "unhealthy", text)  # no event of a phase
         for _ in range(2):
             notify_of_ends(session, schedules, CHANNELS, now)
-        told = [(channel, "phase-end", text, "/boards/test") for channel in CHANNELS]
+        told = [(channel, "phase-end", text, "/splits/test") for channel in CHANNELS]
         assert rows(session)[2:] == times * told
 
 

@@ -82,8 +82,8 @@ def test_signing_out_ends_the_cookie_of_the_path(server: Serving) -> None:
 
 
 def test_copied_addresses_have_the_path(server: Serving) -> None:
-    bibtex = server.client.get(f"{PREFIX}/boards/{OPEN}/bibtex").text
-    assert rf"\url{{{ADDRESS}/boards/{OPEN}}}" in bibtex
+    bibtex = server.client.get(f"{PREFIX}/splits/{OPEN}/bibtex").text
+    assert rf"\url{{{ADDRESS}/splits/{OPEN}}}" in bibtex
     assert rf"\url{{{ADDRESS}/submissions/" in bibtex
     description = server.client.get(f"{PREFIX}/api/v1/openapi.json").json()
     assert description["servers"] == [{"url": PREFIX}]
@@ -92,7 +92,7 @@ def test_copied_addresses_have_the_path(server: Serving) -> None:
 def test_names_that_look_like_links_stay_as_they_are(server: Serving) -> None:
     name = 'Walker" href="/evil" src="/evil'
     entered(server, method={"name": name})
-    for path in (f"/boards/{OPEN}", "/team"):
+    for path in (f"/splits/{OPEN}", "/team"):
         page = signed_in(server, OWNER).get(f"{PREFIX}{path}").text
         assert escape(name) in page
         assert f"{PREFIX}/evil" not in page
@@ -114,5 +114,5 @@ def test_a_monitor_need_not_know_the_path(server: Serving) -> None:
 
 
 def test_another_path_that_begins_alike_is_not_it(server: Serving) -> None:
-    assert server.client.get(f"{PREFIX}-other/boards/{OPEN}").status_code == 404
-    assert server.client.get(f"{PREFIX}{PREFIX}/boards/{OPEN}").status_code == 404
+    assert server.client.get(f"{PREFIX}-other/splits/{OPEN}").status_code == 404
+    assert server.client.get(f"{PREFIX}{PREFIX}/splits/{OPEN}").status_code == 404

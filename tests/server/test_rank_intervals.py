@@ -147,7 +147,7 @@ def test_a_result_without_stored_sums_may_have_any_rank(three: Serving) -> None:
     assert [interval for _, interval, _ in rest] == [[1, 4]] * 3
 
 
-def test_a_further_leaderboard_compares_by_its_own_sums(several: Serving) -> None:
+def test_another_leaderboard_compares_by_its_own_sums(several: Serving) -> None:
     publish(several, GOOD, "Good")
     publish(
         several, json.dumps(run_agent("random", several.state.boards[OPEN].truth)).encode(), "R"
@@ -155,8 +155,8 @@ def test_a_further_leaderboard_compares_by_its_own_sums(several: Serving) -> Non
     with several.state.database.writing() as session:
         session.execute(delete(ClusterSums).where(ClusterSums.board == ""))
     assert [row["rank_interval"] for row in leaderboard(several)] == [None, None]
-    further = several.ask(None, "GET", f"/splits/{OPEN}/also/{STRICT}/leaderboard").json()["rows"]
-    assert [row["rank_interval"] for row in further] == [[1, 1], [2, 2]]
+    strict = several.ask(None, "GET", f"/splits/{OPEN}/boards/{STRICT}/leaderboard").json()
+    assert [row["rank_interval"] for row in strict["rows"]] == [[1, 1], [2, 2]]
 
 
 def test_a_private_split_uses_the_shown_means_alone(server: Serving) -> None:

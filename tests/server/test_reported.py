@@ -152,7 +152,7 @@ def test_people_and_references_are_marked_and_not_charted_as_methods(server: Ser
     assert counts(send(server, PAPER, human=["Human"], reference=["Shortest"])) == (3, 3, 0)
     marks = [(each["method"]["human"], each["method"]["reference"]) for each in listed(server)]
     assert marks == [(None, True), (None, None), (True, None)]
-    chart = server.client.get(f"/boards/{OPEN}/chart").json()
+    chart = server.client.get(f"/splits/{OPEN}/chart").json()
     assert chart["lines"] == [{"name": "Human", "y": 78.0}, {"name": "Best reported", "y": 35.0}]
 
 

@@ -180,7 +180,7 @@ def test_the_leaderboard_ranks_them_again_and_announces_the_correction(corrected
     assert correction["signature"] == found["signature"]
     reviewed = [row["reviews"] for row in found["rows"] if row["reviews"]]
     assert [review["verdict"] for (review,) in reviewed] == ["verified"]
-    page = corrected.client.get(f"/boards/{OPEN}").text
+    page = corrected.client.get(f"/splits/{OPEN}").text
     assert WHY in page
 
 
@@ -415,11 +415,11 @@ def test_what_is_outdated_is_found_the_oldest_first(several: Serving) -> None:
         (last, {"report": report_of(server, last, **other_truth), "upload_deleted_at": NOON}),
     ):
         store(server, each, **columns)
-    store(server, current, also={})
+    store(server, current, boards={})
     assert count_outdated_on(server, "") == 3
     assert count_outdated_on(server, STRICT) == 1
     with server.state.database.reading() as session:
-        found, strict = outdated(session, place), outdated(session, place.also[STRICT])
+        found, strict = outdated(session, place), outdated(session, place.others[STRICT])
     assert [(job.submission_id, *job[2:]) for job in found] == [
         (early[0], False, None, True),
         (early[1], False, None, True),
@@ -435,11 +435,11 @@ def test_what_is_outdated_is_found_the_oldest_first(several: Serving) -> None:
     assert (job.submission_id, job.has_intervals) == (secret, False)
 
 
-def count_outdated_on(server: Serving, further: str) -> int:
+def count_outdated_on(server: Serving, name: str) -> int:
     """Count outdated results on a leaderboard of the open split."""
     own = server.state.boards[OPEN]
     with server.state.database.reading() as session:
-        board = own.also[further] if further else own
+        board = own.others[name] if name else own
         alone = count_outdated(session, [board])[board.path]
         assert count_outdated(session, server.state.leaderboards)[board.path] == alone
         return alone
@@ -502,18 +502,18 @@ def test_a_correction_and_each_new_result_are_logged(corrected: Serving) -> None
 
 
 def test_first_results_on_a_leaderboard_correct_nothing(several: Serving) -> None:
-    server, strict = several, several.state.boards[OPEN].also[STRICT]
+    server, strict = several, several.state.boards[OPEN].others[STRICT]
     submission = sent(server, OWNER, GOOD)
-    also = {name: each for name, each in submission["also"].items() if name != STRICT}
+    others = {name: each for name, each in submission["boards"].items() if name != STRICT}
     with server.state.database.writing() as session:
         session.delete(session.get_one(ClusterSums, (submission["id"], STRICT)))
-    store(server, submission["id"], also=also)
+    store(server, submission["id"], boards=others)
     server.clock.turn(hours=1)
     report = rescored(server)
     assert (report["scored"], report["left"]) == (1, 0)
     assert report["signature"] == server.state.boards[OPEN].signature
     now = shown(server, submission)
-    assert now["also"] == submission["also"]
+    assert now["boards"] == submission["boards"]
     with server.state.database.reading() as session:
         assert list_corrections(session, Page()).rows == []
         last = entries(session)[-1]

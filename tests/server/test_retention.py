@@ -178,7 +178,7 @@ def test_everything_knows_that_the_file_is_gone(
     with corrected.state.database.reading() as session:
         (job,) = outdated(session, board)
     told = "its upload was deleted on 2026-04-01 (keep_uploads_days)"
-    assert corrected.state.scoring.run(score_again, board.name, "", job) == told
+    assert corrected.state.scoring.run(score_again, board.split, "", job) == told
 
 
 def test_without_a_number_of_days_nothing_is_deleted(server: Serving) -> None:

@@ -55,8 +55,8 @@ GET    /splits/{split}                            200    200   200    200       
 GET    /splits/{split}/episodes.txt               200    200   200    200        200      200         200
 GET    /splits/{split}/leaderboard                200    200   200    200        200      200         200
 GET    /splits/{split}/leaderboard.csv            200    200   200    200        200      200         200
-GET    /splits/{split}/also/{further}/leaderboard      200  200   200    200        200      200         200
-GET    /splits/{split}/also/{further}/leaderboard.csv  200  200   200    200        200      200         200
+GET    /splits/{split}/boards/{board}/leaderboard      200  200   200    200        200      200         200
+GET    /splits/{split}/boards/{board}/leaderboard.csv  200  200   200    200        200      200         200
 GET    /splits/{split}/snapshots                  200    200   200    200        200      200         200
 GET    /splits/{split}/snapshots/{number}         200    200   200    200        200      200         200
 GET    /splits/{split}/snapshots/{number}.csv     200    200   200    200        200      200         200
@@ -66,7 +66,7 @@ GET    /submissions                               401    200   200    200       
 GET    /submissions/{submission_id}               401    404   200    200        200      401         401
 PATCH  /submissions/{submission_id}               401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/receipt       401    404   200    200        200      401         401
-GET    /submissions/{submission_id}/also/{further}/receipt  401  404  200  200  200    401         401
+GET    /submissions/{submission_id}/boards/{board}/receipt  401  404  200  200  200    401         401
 GET    /submissions/{submission_id}/file          401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/episodes      401    404   200    200        200      401         401
 GET    /submissions/{private_id}/episodes         401    404   404    404        404      401         401
@@ -221,7 +221,7 @@ def stock(server: Serving) -> Mapping[str, str]:
         told = add_news(transaction, NewNews(text="The workshop is on 12 June."))
     return {
         "split": OPEN,
-        "further": GROUNDING,
+        "board": GROUNDING,
         "name": "Red",
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],

@@ -23,7 +23,7 @@ folder = Path(sys.argv[1])
 token = make_server(folder, now=datetime.now(timezone.utc), actor="test")
 app = create_app(open_server(load_settings(folder)))
 with TestClient(app, headers={{"Sec-Fetch-Site": "same-origin"}}) as client:
-    for path in ("/", "/boards/{OPEN}", "/guide", "/healthz", "/episodes", "/play/{OPEN}"):
+    for path in ("/", "/splits/{OPEN}", "/guide", "/healthz", "/episodes", "/play/{OPEN}"):
         print(path, client.get(path).status_code)
     client.post("/sign-in", data={{"token": token}})
     desk = client.get("/desk")
@@ -53,7 +53,7 @@ def test_a_server_starts_without_rooms_that_nothing_needs(tmp_path: Path) -> Non
     )
     assert done.stdout.splitlines() == [
         "/ 200",
-        f"/boards/{OPEN} 200",
+        f"/splits/{OPEN} 200",
         "/guide 200",
         "/healthz 200",
         "/episodes 404",

@@ -64,11 +64,11 @@ def test_a_sample_has_its_own_leaderboard(sampled: Serving, folder: Path, tmp_pa
     listed = sampled.client.get(f"/api/v1/splits/{NAME}/episodes.txt").text
     (tmp_path / "ids.txt").write_text(listed)
     assert set(read_episode_ids(tmp_path / "ids.txt")) == set(IDS)
-    page = sampled.client.get(f"/boards/{NAME}").text
+    page = sampled.client.get(f"/splits/{NAME}").text
     assert "Val unseen leaderboard, sample twenty" in page
     assert "A sample of 20 of the split's 84 episodes" in page
     assert f"digest <code>{digest}</code>" in page
-    assert digest in sampled.client.get(f"/boards/{NAME}/latex").text
+    assert digest in sampled.client.get(f"/splits/{NAME}/latex").text
     assert digest in sampled.client.get(f"/api/v1/splits/{NAME}/leaderboard.csv").text
     assert [each.what for each in examine(folder) if each.kind == "fault"] == []
     export_site(folder, tmp_path / "site")

@@ -27,9 +27,9 @@ from reverie_eval.server.settings import SETTINGS_FILE, Split
 from tests.support.page_routes import page_routes
 from tests.support.serving import (
     ANYBODY,
-    FURTHER,
     ORGANISER,
     OTHER,
+    OTHER_BOARDS,
     OWNER,
     PRIVATE,
     STRICT,
@@ -144,7 +144,7 @@ def secrets(planted_bundle: Path) -> Secrets:
 def server(planted_folder: Path, open_server: OpenServer) -> Serving:
     """Return a server with a planted solution and quota for everything."""
     quota = settings_of(planted_folder).splits[PRIVATE].effective_quota.model_copy(update=PLENTY)
-    return open_server(adjusted(settings_of(planted_folder), quota=quota, also=FURTHER))
+    return open_server(adjusted(settings_of(planted_folder), quota=quota, boards=OTHER_BOARDS))
 
 
 Ask = Callable[..., httpx.Response]
@@ -192,7 +192,7 @@ def said_of_uploads(ask: Ask, ids: list[str]) -> Iterator[httpx.Response]:
 
 def placed(route: str, submission_id: str) -> str:
     """Return a path of the private split and a submission to it."""
-    parts = {"{split}": PRIVATE, "{submission_id}": submission_id, "{further}": STRICT}
+    parts = {"{split}": PRIVATE, "{submission_id}": submission_id, "{board}": STRICT}
     for name, value in parts.items():
         route = route.replace(name, value)
     return route

@@ -14,7 +14,7 @@ from reverie_eval.schemas.service import Phase, Schedule
 from reverie_eval.server.operations.checks import check_folder, check_sound
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
-    Also,
+    BoardRules,
     Limits,
     Metadata,
     Quota,
@@ -128,9 +128,9 @@ def test_the_template_names_every_setting(setting: str, folder: Path) -> None:
             id="unknown in a phase",
         ),
         pytest.param(
-            f"{SPLIT}also.strict.protocoll = 'paper'\n",
-            [unknown("splits.test.also.strict.protocoll", Also, "protocol")],
-            id="unknown in a further leaderboard",
+            f"{SPLIT}boards.strict.protocoll = 'paper'\n",
+            [unknown("splits.test.boards.strict.protocoll", BoardRules, "protocol")],
+            id="unknown in another leaderboard",
         ),
         pytest.param(
             f"{SPLIT}[limits]\nupload_megabytes = 1\n",

@@ -358,7 +358,7 @@ def test_the_doctor_and_everybody_read_a_newer_snapshot(
     assert told == newer
     assert snapshot_in(told).leaderboard == before.leaderboard
     assert server.ask(None, "GET", f"{path}.csv").text == text
-    assert "Walker" in server.client.get(f"/boards/{OPEN}/snapshots/1").text
+    assert "Walker" in server.client.get(f"/splits/{OPEN}/snapshots/1").text
 
 
 @pytest.mark.parametrize("change", UNREADABLE_SNAPSHOTS)
@@ -373,7 +373,7 @@ def test_a_snapshot_that_cannot_be_read_is_genuine_and_the_page_says_why(
     assert server.ask(None, "GET", path).json() == newer.model_dump(mode="json")
     for reply in (
         server.ask(None, "GET", f"{path}.csv"),
-        server.client.get(f"/boards/{OPEN}/snapshots/1"),
+        server.client.get(f"/splits/{OPEN}/snapshots/1"),
     ):
         assert reply.status_code == 409
         assert "snapshot was made by a newer version of reverie-eval" in reply.text

@@ -179,18 +179,18 @@ def first_submission(lab: Lab) -> str:
 
 def test_every_public_page_is_in_it(lab: Lab) -> None:
     names = lab.files.keys()
-    assert {"index.html", f"boards/{OPEN}.html", f"boards/{PRIVATE}.html"} <= names
+    assert {"index.html", f"splits/{OPEN}.html", f"splits/{PRIVATE}.html"} <= names
     guide = ("submitting", "metrics", "protocols", "rules", "api", "privacy")
     assert {f"guide/{page}.html" for page in guide} <= names
     for query in ("metric=success", "metric=path_length", "metric=success,columns=all"):
-        assert f"boards/{OPEN},{query}.html" in names
+        assert f"splits/{OPEN},{query}.html" in names
     assert {"api/v1/keys.json", "api/v1/openapi.json", "feed.atom"} <= names
-    assert f"boards/{OPEN}/snapshots/1.html" in names
+    assert f"splits/{OPEN}/snapshots/1.html" in names
     assert len([name for name in names if name.startswith("submissions/")]) == 3
     assert not [name for name in names if re.match(r"sign-in|submit|team\.|episodes|desk", name)]
 
 
-@pytest.mark.parametrize("name", ["index.html", f"boards/{OPEN}.html", "guide/metrics.html"])
+@pytest.mark.parametrize("name", ["index.html", f"splits/{OPEN}.html", "guide/metrics.html"])
 def test_every_page_says_of_what_and_when_it_is_a_copy(name: str, lab: Lab) -> None:
     page = lab.files[name].decode()
     assert f'This is a copy of <a href="{ADDRESS}">{ADDRESS}</a> from' in page
@@ -199,12 +199,12 @@ def test_every_page_says_of_what_and_when_it_is_a_copy(name: str, lab: Lab) -> N
 
 
 def test_sorting_is_links(lab: Lab) -> None:
-    by_success = lab.files[f"boards/{OPEN},metric=success.html"].decode()
+    by_success = lab.files[f"splits/{OPEN},metric=success.html"].decode()
     assert by_success.index("Nameless") < by_success.index("Open &lt;walker&gt;")
     back = re.search(r'href="([^"]*)" title="[^"]*">RGSPL', by_success)
     assert back
     assert back[1] == f"{OPEN}.html"
-    by_default = lab.files[f"boards/{OPEN}.html"].decode()
+    by_default = lab.files[f"splits/{OPEN}.html"].decode()
     assert by_default.index("Open &lt;walker&gt;") < by_default.index("Nameless")
 
 
@@ -219,8 +219,8 @@ def test_files_for_programs_are_those_of_the_server(split: str, lab: Lab) -> Non
             f"{board},{query}.json": f"/{board}?{query}",
             DESCRIPTION: f"/{DESCRIPTION}",
             "api/v1/keys.json": "/api/v1/keys",
-            f"boards/{split}/latex,{query}.txt": f"/boards/{split}/latex?{query}",
-            f"boards/{split}/bibtex,{query}.txt": f"/boards/{split}/bibtex?{query}",
+            f"splits/{split}/latex,{query}.txt": f"/splits/{split}/latex?{query}",
+            f"splits/{split}/bibtex,{query}.txt": f"/splits/{split}/bibtex?{query}",
         }
     for name, path in expected.items():
         assert lab.files[name] == lab.server.client.get(path).content
@@ -235,10 +235,10 @@ def test_a_snapshot_of_the_copy_can_be_verified_without_a_server(lab: Lab, run: 
 
 
 def test_charts_have_their_data_in_the_page(lab: Lab) -> None:
-    page = lab.files[f"boards/{OPEN}.html"].decode()
+    page = lab.files[f"splits/{OPEN}.html"].decode()
     (found,) = re.findall(r"data-chart='([^']*)'", page)
     data = json.loads(unescape(found))
-    assert data == lab.server.client.get(f"/boards/{OPEN}/chart").json()
+    assert data == lab.server.client.get(f"/splits/{OPEN}/chart").json()
     assert sorted(data["points"]["y"]) == [50.0, 75.0]
 
 

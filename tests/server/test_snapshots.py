@@ -84,7 +84,7 @@ def closing_settings(folder: Path) -> Settings:
 # The organiser's.
 
 
-@pytest.mark.parametrize("path", [f"/api/v1/splits/{OPEN}/snapshots", f"/boards/{OPEN}"])
+@pytest.mark.parametrize("path", [f"/api/v1/splits/{OPEN}/snapshots", f"/splits/{OPEN}"])
 def test_a_list_of_snapshots_reads_no_leaderboard(path: str, server: Serving) -> None:
     take(server)
     statements: list[str] = []

@@ -47,7 +47,7 @@ PAGE, READ, UPLOAD = 8, 6, 16
 """The most statements of a page, of a read of the API, and of an upload that is scored."""
 PUBLICATION = 10
 """The most of publishing a submission, besides looking up who does: intervals are computed between
-two transactions. It is the same with further leaderboards."""
+two transactions. It is the same with other leaderboards."""
 FORM = 3
 """The most that a file sent by the form of the desk takes besides: who is signed in, who sent it,
 and the page with the reply."""
@@ -97,7 +97,7 @@ class Busy:
 
 @pytest.fixture(scope="module")
 def busy(shared: Serving) -> Busy:
-    """Fill a server whose splits have further leaderboards; tests only read from it."""
+    """Fill a server whose splits have other leaderboards; tests only read from it."""
     ids = {
         (OPEN, "Walker"): entered(shared),
         (OPEN, BOLD): entered(shared, who=OTHER),
@@ -123,7 +123,7 @@ def busy(shared: Serving) -> Busy:
 
 PAGES = (*EXAMPLES, *FILES)
 REFUSED = {
-    "/boards/{split}/also/{further}/compare": (400, 2),
+    "/splits/{split}/boards/{board}/compare": (400, 2),
     "/episodes/{split}/{instr_id}/view": (400, 1),
     "/no-such-page": (404, 1),
 }
@@ -173,15 +173,15 @@ READS = (
     "/splits/{split}",
     "/splits/{split}/leaderboard",
     "/splits/{split}/leaderboard.csv",
-    "/splits/{split}/also/{further}/leaderboard",
-    "/splits/{split}/also/{further}/leaderboard.csv",
+    "/splits/{split}/boards/{board}/leaderboard",
+    "/splits/{split}/boards/{board}/leaderboard.csv",
     "/splits/{split}/snapshots",
     "/splits/{split}/snapshots/{number}",
     "/splits/{split}/snapshots/{number}.csv",
     "/submissions",
     "/submissions/{submission_id}",
     "/submissions/{submission_id}/receipt",
-    "/submissions/{submission_id}/also/{further}/receipt",
+    "/submissions/{submission_id}/boards/{board}/receipt",
     "/submissions/{submission_id}/file",
     "/submissions/{submission_id}/episodes",
     "/organiser/teams",
@@ -217,7 +217,7 @@ def test_every_read_of_the_api_is_counted(busy: Busy) -> None:
 def test_a_read_is_one_snapshot_of_the_database(path: str, busy: Busy) -> None:
     ids = busy.site.ids
     place = f"{API}{path}".format(
-        split=OPEN, further=GROUNDING, number=1, person_id=1, submission_id=ids[OPEN, "Walker"]
+        split=OPEN, board=GROUNDING, number=1, person_id=1, submission_id=ids[OPEN, "Walker"]
     )
     busy.get(ORGANISER, place)  # reads uploads for evidence
     forget(busy.server)
@@ -232,7 +232,7 @@ def test_a_read_is_one_snapshot_of_the_database(path: str, busy: Busy) -> None:
     ("path", "most"),
     [
         pytest.param(f"{API}/splits/{OPEN}/leaderboard", READ, id="read"),
-        pytest.param(f"/boards/{OPEN}", PAGE, id="page"),
+        pytest.param(f"/splits/{OPEN}", PAGE, id="page"),
     ],
 )
 def test_neither_an_upload_nor_a_publication_and_a_merge_make_a_leaderboard_take_more(
@@ -298,7 +298,7 @@ def test_an_upload_asks_no_more_than_it_needs(key: str | None, server: Serving) 
     assert counts["transactions"] == 3  # who sends it; before and after it was scored
 
 
-def test_further_leaderboards_take_no_statement_more(several: Serving) -> None:
+def test_other_leaderboards_take_no_statement_more(several: Serving) -> None:
     with counting(several) as counts:
         reply = several.upload(OWNER)
     assert reply.status_code == 201

@@ -216,7 +216,7 @@ def test_a_report_has_everything_that_is_stored(several: Serving) -> None:
     assert known(server, submission).status == "published"
     store(server, submission, withdrawn_at=NOON + 2 * HOUR)
     stored = known(server, submission)
-    apart = {"method", "report", "receipt", "earlier", "also"}
+    apart = {"method", "report", "receipt", "earlier", "boards"}
     assert stored.model_dump(exclude=apart) == {
         "id": submission,
         "split": OPEN,
@@ -233,12 +233,12 @@ def test_a_report_has_everything_that_is_stored(several: Serving) -> None:
     assert stored.method == Method(name="Walker", description="walks")
     assert stored.earlier == [earlier]
     assert (stored.report, stored.receipt) == (fresh.report, fresh.receipt)
-    assert list(stored.also) == [GROUNDING, STRICT]
-    assert stored.also == fresh.also
+    assert list(stored.boards) == [GROUNDING, STRICT]
+    assert stored.boards == fresh.boards
     with server.state.database.reading() as session:
         view = View.of(Reading(server.state, session, NOON))
         assert submission_of(session, server.person(OWNER), submission, view) == stored
-    assert result_on(STRICT, stored) == stored.also[STRICT]
+    assert result_on(STRICT, stored) == stored.boards[STRICT]
     with pytest.raises(NotFoundError, match=r"^[0-9a-f]+ has no result on .*: grounding, strict$"):
         result_on("none", stored)
 
@@ -265,7 +265,7 @@ def test_what_everyone_sees_of_a_published_submission(several: Serving) -> None:
     store(server, submission, withdrawn_at=None)
     shown = seen()
     assert (shown.id, shown.split, shown.team) == (submission, OPEN, "")
-    assert (shown.method, shown.report, shown.also) == (own.method, own.report, own.also)
+    assert (shown.method, shown.report, shown.boards) == (own.method, own.report, own.boards)
     assert (shown.published_at, shown.scores_held_until) == (NOON, None)
     assert (shown.shows_episodes, list(shown.reviews), shown.earlier) == (False, [], [earlier])
     with server.acting() as transaction:
@@ -303,14 +303,14 @@ def test_episodes_are_scored_by_the_rules_of_the_leaderboard(several: Serving) -
     service = several.state.get(SubmissionService)
     mediocre = known(several, sent(several, content=MEDIOCRE))
     good = known(several, sent(several, content=GOOD))
-    for further, right in (("", 34), (STRICT, 24), (GROUNDING, 34)):
-        scores = service.episodes(mediocre, further)
+    for name, right in (("", 34), (STRICT, 24), (GROUNDING, 34)):
+        scores = service.episodes(mediocre, name)
         assert scores.episodes["rgs"].sum() == right
         # Nothing of what the values are computed from, which takes much more memory.
         assert isinstance(scores.episodes, MappingProxyType)
-        assert service.episodes(mediocre, further) is scores
+        assert service.episodes(mediocre, name) is scores
         board = several.state.boards[OPEN]
-        board = board.also[further] if further else board
+        board = board.others[name] if name else board
         compared = service.compare(board, {"good": good, "mediocre": mediocre})
         assert list(compared) == ["mediocre"]
         assert compared.scores["mediocre"] is scores
@@ -327,7 +327,7 @@ def test_few_scores_and_comparisons_are_kept(
     first, second = named.values()
     scores, compared = service.episodes(first), service.compare(board, named)
     service.episodes(second)
-    service.compare(board.also[STRICT], named)
+    service.compare(board.others[STRICT], named)
     assert service.episodes(first) is not scores
     assert service.compare(board, named) is not compared
 
@@ -337,9 +337,9 @@ def test_episodes_that_cannot_be_shown_are_refused_with_the_reason(several: Serv
     mine = known(several, sent(several))
     private = known(several, sent(several, OWNER, PRIVATE))
     deleted = mine.model_copy(update={"upload_deleted_at": NOON})
-    old = mine.also[STRICT].report.model_copy(update={"fingerprint": "0" * 64})
-    result = mine.also[STRICT].model_copy(update={"report": old})
-    changed = mine.model_copy(update={"also": {**mine.also, STRICT: result}})
+    old = mine.boards[STRICT].report.model_copy(update={"fingerprint": "0" * 64})
+    result = mine.boards[STRICT].model_copy(update={"report": old})
+    changed = mine.model_copy(update={"boards": {**mine.boards, STRICT: result}})
     gone = (
         "the file was deleted on 2026-03-02: this server deletes the files of unpublished "
         "submissions after a while; scores and receipt stay"
@@ -349,7 +349,7 @@ def test_episodes_that_cannot_be_shown_are_refused_with_the_reason(several: Serv
         "see its signature"
     )
     secret = "per-episode values of private splits are never released"
-    strict = boards[OPEN].also[STRICT]
+    strict = boards[OPEN].others[STRICT]
     for refuse, told in (
         (lambda: service.file(deleted), gone),
         (lambda: service.episodes(deleted), gone),
@@ -409,8 +409,8 @@ def test_publishing_computes_intervals_on_every_leaderboard_once(
     with several.state.database.reading() as session:
         sums = {each.board: each.sums for each in session.scalars(select(ClusterSums))}
     assert sums == {
-        board.further: cluster_sums(
-            several.state.get(SubmissionService).episodes(before_it, board.further)
+        board.name: cluster_sums(
+            several.state.get(SubmissionService).episodes(before_it, board.name)
         )
         for board in several.state.boards[OPEN].all
     }
@@ -445,8 +445,8 @@ def test_nothing_is_computed_for_what_has_no_intervals(
 
 def test_a_leaderboard_that_was_added_later_is_left_as_it_is(several: Serving) -> None:
     submission = sent(several)
-    also = known(several, submission).also[STRICT].model_dump(mode="json")
-    store(several, submission, also={STRICT: also})
+    result = known(several, submission).boards[STRICT].model_dump(mode="json")
+    store(several, submission, boards={STRICT: result})
     change(several, submission, published=True)
     stored = known(several, submission)
     assert [name for name, each in stored.results.items() if each.report.intervals] == ["", STRICT]

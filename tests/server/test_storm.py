@@ -51,7 +51,7 @@ MOST_AHEAD = 3
 UPLOAD = f"/api/v1/splits/{OPEN}/submissions?name=Walker"
 STATIC, HEALTH = "/static/style.css", "/healthz"
 READ = (
-    f"/boards/{OPEN}",
+    f"/splits/{OPEN}",
     f"/api/v1/splits/{OPEN}/leaderboard",
     f"/api/v1/splits/{OPEN}/leaderboard.csv",
     "/guide",

@@ -113,33 +113,33 @@ def test_a_result_without_a_value_for_a_metric(lab: Serving, laptop: Laptop) -> 
         assert lab.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
         (row,) = lab.ask(None, "GET", f"/splits/{split}/leaderboard").json()["rows"]
         assert row["scores"] == sent["report"]["scores"]
-        for page in ("/", f"/boards/{split}", f"/boards/{split}/feed.atom", "/feed.atom", path):
+        for page in ("/", f"/splits/{split}", f"/splits/{split}/feed.atom", "/feed.atom", path):
             assert signed_in(lab, OWNER).get(page).status_code == 200, page
     assert "fault" not in laptop.run("server", "doctor", "lab").out
 
 
 def refuse_others(lab: Serving, board: Board) -> None:
     """Send a file of REVERIE, and one of another split of the task."""
-    refused = lab.upload(OWNER, GOOD, board.name)
+    refused = lab.upload(OWNER, GOOD, board.split)
     assert [each["code"] for each in refused.json()["problems"]] == ["other-task"]
     recognised = f"look like REVERIE ids, not like {board.task.title} ids"
     assert recognised in refused.text
-    assert recognised in said(signed_in(lab, OWNER).upload(GOOD, split=board.name))
+    assert recognised in said(signed_in(lab, OWNER).upload(GOOD, split=board.split))
     other = lab.state.board(f"{board.task.name}-val_unseen")
-    strayed = lab.upload(OWNER, json.dumps(walks(other)).encode(), board.name)
+    strayed = lab.upload(OWNER, json.dumps(walks(other)).encode(), board.split)
     assert strayed.status_code == 422
     # R4R numbers its paths in each split anew.
     if not board.truth.episodes.index.keys() & other.truth.episodes.index.keys():
-        assert {each.get("split") for each in strayed.json()["problems"]} == {other.name}
+        assert {each.get("split") for each in strayed.json()["problems"]} == {other.split}
 
 
 def publish_in_two_forms(lab: Serving, board: Board) -> dict[str, Any]:
     """Send the same walks in two forms, through two doors: they all reach the goal."""
     official = json.dumps(walks(board)).encode()
-    sent: dict[str, Any] = lab.upload(OWNER, official, board.name).json()["submission"]
+    sent: dict[str, Any] = lab.upload(OWNER, official, board.split).json()["submission"]
     assert sent["report"]["scores"]["success"] == 1
     assert sent["report"]["signature"].startswith(f"task:{board.task.name}|split:")
-    reply = signed_in(lab, OWNER).upload(in_another_form(walks(board)), split=board.name)
+    reply = signed_in(lab, OWNER).upload(in_another_form(walks(board)), split=board.split)
     by_form = lab.ask(OWNER, "GET", f"/submissions/{place_of(reply)}").json()
     assert by_form["report"]["scores"] == sent["report"]["scores"]
     for each in (sent, by_form):
@@ -150,13 +150,13 @@ def publish_in_two_forms(lab: Serving, board: Board) -> dict[str, Any]:
 
 def look_at_ranking(lab: Serving, board: Board, scores: Mapping[str, float]) -> None:
     """Results are ranked by what ranks in the task, and only its metrics are shown."""
-    place = f"/splits/{board.name}/leaderboard"
+    place = f"/splits/{board.split}/leaderboard"
     found = lab.ask(None, "GET", place).json()
     assert found["metric"] == board.task.ranking[0]
     assert [(row["rank"], row["scores"]) for row in found["rows"]] == [(1, scores)] * 2
     columns = next(csv.reader(io.StringIO(lab.ask(None, "GET", f"{place}.csv").text)))
     assert {*columns} & CATALOGUE.keys() == {*scores}
-    page = lab.client.get(f"/boards/{board.name}").text
+    page = lab.client.get(f"/splits/{board.split}").text
     names = re.findall(r'<th scope="col" class="number (?:first)?".*?title="(.*?)"', page)
     assert {*names} == {CATALOGUE[key].name for key in board.task.headline}
     unknown = lab.ask(None, "GET", f"{place}?metric=iou")
@@ -169,11 +169,11 @@ def look_at_pages(lab: Serving, board: Board, submission: str) -> None:
     title = f"{board.task.title} {board.truth.split.replace('_', ' ')} leaderboard"
     assert title in said(owner.get("/"))
     guide = [f"/guide/{chapter}/{name}" for chapter in ("submitting", "metrics", "protocols")]
-    browsed = next(each.name for each in lab.state.get(EpisodeService).boards)
+    browsed = next(each.split for each in lab.state.get(EpisodeService).boards)
     first, *_ = lab.state.boards[browsed].truth.episodes.instr_ids
     episode = f"/episodes/{browsed}/{quote(first)}"
     pages = (
-        *("/", "/submit", "/team", f"/boards/{board.name}", f"/submissions/{submission}", *guide),
+        *("/", "/submit", "/team", f"/splits/{board.split}", f"/submissions/{submission}", *guide),
         *(f"/episodes/{browsed}?submission=shortest", f"{episode}?submission=shortest"),
         *(f"/play/{browsed}", f"/play/{browsed}/1?answer=none"),
     )

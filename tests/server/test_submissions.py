@@ -394,7 +394,7 @@ def test_what_has_no_result_or_is_not_published_says_so(server: Serving) -> None
         with pytest.raises(NotFoundError) as not_published:
             publication(session, submission, view)
     assert str(none_here.value) == (
-        f"{submission} has no result on a further leaderboard 'strict'; it has results on: none"
+        f"{submission} has no result on a leaderboard 'strict'; it has results on: none"
     )
     told = "nothing is published here; sign in if it is a submission of your team"
     assert str(not_published.value) == told

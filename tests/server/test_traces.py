@@ -112,8 +112,8 @@ def test_fingerprints_score_as_their_files_where_they_can(server: Serving) -> No
     board = server.state.boards[OPEN]
     grounding = load_board(
         OPEN,
-        board.split.model_copy(update={"track": "grounding"}),
-        server.state.settings.path(board.split.bundle),
+        board.settings.model_copy(update={"track": "grounding"}),
+        server.state.settings.path(board.settings.bundle),
     )
     found = Trace.of(grounding, GOOD).values(grounding, "rgs")
     expected = evaluate(GOOD, split=OPEN, ground_truth=board.truth, track="grounding")

@@ -83,7 +83,7 @@ def test_what_is_said_of_files_does_not_depend_on_answers(twins: Twins, files: F
     for place in places(twins, shown[-1]):
         compare_as_everybody(twins, place, cookies)
     for submission_id in shown:
-        for part in ("", "/receipt", f"/also/{STRICT}/receipt", "/file", "/episodes"):
+        for part in ("", "/receipt", f"/boards/{STRICT}/receipt", "/file", "/episodes"):
             twins.ask(OWNER, "GET", f"/api/v1/submissions/{submission_id}{part}")
         twins.ask(ANYBODY, "GET", f"/submissions/{submission_id}")
     assert len(accepted) > n_files / 10
@@ -140,7 +140,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
         for split in (PRIVATE, OPEN) if "{split}" in route else (PRIVATE,):
             yield route.format(
                 split=split,
-                further=STRICT,
+                name=STRICT,
                 submission_id=submission_id,
                 instr_id=instr_id,
                 result_id=1,

@@ -21,7 +21,7 @@ from tests.support.serving import OPEN, ORGANISER, OWNER, Serving
 
 Scores = Mapping[str, float]
 HTML = "{http://www.w3.org/1999/xhtml}"
-BOARD = f"/boards/{OPEN}"
+BOARD = f"/splits/{OPEN}"
 
 
 def entered(

@@ -582,7 +582,7 @@ def main() -> int:
     file, name = found[-1]
     if len(found) > 1:
         others = (f"{each.relative_to(clone)}:{kind}" for each, kind in found[:-1])
-        _tell(f"also: {', '.join(others)}")
+        _tell(f"boards: {', '.join(others)}")
     module = load(file, clone)
     kind = getattr(module, name)
     is_official = hasattr(kind, "_score_item")

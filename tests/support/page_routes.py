@@ -43,7 +43,7 @@ class Example(NamedTuple):
         parts = {
             "split": OPEN,
             "task": DEFAULT_TASK,
-            "further": GROUNDING,
+            "board": GROUNDING,
             "submission_id": site.ids.get((OPEN, WALKER)),
             "other_id": site.ids.get((OPEN, BOLD)),
             "wordy_id": site.ids.get((OPEN, ENDLESS)),
@@ -60,13 +60,13 @@ class Example(NamedTuple):
 
 EXAMPLES = (
     Example("/"),
-    Example("/boards/{split}"),
-    Example("/boards/{split}", OWNER, "?metric=spl&extra_data=without&columns=all"),
-    Example("/boards/{split}", None, "?text=nothing+is+called+so"),
-    Example("/boards/{split}/also/{further}"),
-    Example("/boards/{split}/compare", None, "?result={submission_id}&result={other_id}"),
-    Example("/boards/{split}/also/{further}/compare"),
-    Example("/boards/{split}/snapshots/{number}"),
+    Example("/splits/{split}"),
+    Example("/splits/{split}", OWNER, "?metric=spl&extra_data=without&columns=all"),
+    Example("/splits/{split}", None, "?text=nothing+is+called+so"),
+    Example("/splits/{split}/boards/{board}"),
+    Example("/splits/{split}/compare", None, "?result={submission_id}&result={other_id}"),
+    Example("/splits/{split}/boards/{board}/compare"),
+    Example("/splits/{split}/snapshots/{number}"),
     Example("/sign-in"),
     Example("/join"),
     Example("/submit", OWNER),
@@ -128,15 +128,15 @@ EXAMPLES = (
 NO_PAGES = frozenset(
     {
         "/feed.atom",
-        "/boards/{split}/feed.atom",
-        "/boards/{split}/chart",
-        "/boards/{split}/latex",
-        "/boards/{split}/bibtex",
+        "/splits/{split}/feed.atom",
+        "/splits/{split}/chart",
+        "/splits/{split}/latex",
+        "/splits/{split}/bibtex",
         "/episodes/{split}/{instr_id}/view",
-        "/boards/{split}/also/{further}/feed.atom",
-        "/boards/{split}/also/{further}/chart",
-        "/boards/{split}/also/{further}/latex",
-        "/boards/{split}/also/{further}/bibtex",
+        "/splits/{split}/boards/{board}/feed.atom",
+        "/splits/{split}/boards/{board}/chart",
+        "/splits/{split}/boards/{board}/latex",
+        "/splits/{split}/boards/{board}/bibtex",
         "/desk/people/{person_id}/data",
     }
 )

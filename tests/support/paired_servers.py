@@ -24,7 +24,7 @@ from reverie_eval.schemas.service import BoardResult
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import Submission
-from tests.support.serving import FURTHER, PRIVATE, OpenServer, Serving, adjusted, settings_of
+from tests.support.serving import OTHER_BOARDS, PRIVATE, OpenServer, Serving, adjusted, settings_of
 from tests.support.signing import payload_in, receipt_in
 from tests.support.visiting import FIELD
 
@@ -160,12 +160,12 @@ class Twins:
         for server in self.servers:
             with server.state.database.writing() as session:
                 row = session.get_one(Submission, submission_id)
-                for further, result in results_of(row).items():
+                for name, result in results_of(row).items():
                     scores = dict.fromkeys(result.report.scores, _MADE_UP)
                     report = result.report.model_copy(update={"scores": scores})
                     receipt = receipt_in(result.receipt).model_copy(update={"scores": scores})
                     envelope = server.state.signer.sign(receipt)
-                    store_result(row, further, BoardResult(report=report, receipt=envelope))
+                    store_result(row, name, BoardResult(report=report, receipt=envelope))
 
     def _ask(
         self, server: Serving, identifiers: Identifiers, who: str | None, *request: str, **more: Any
@@ -233,6 +233,6 @@ def open_twins(open_server: OpenServer, folders: tuple[Path, Path], seed: int) -
     for folder in folders:
         settings = settings_of(folder)
         quota = settings.splits[PRIVATE].effective_quota.model_copy(update=PLENTY)
-        servers.append(open_server(adjusted(settings, quota=quota, also=FURTHER)))
+        servers.append(open_server(adjusted(settings, quota=quota, boards=OTHER_BOARDS)))
     left, right = servers
     return Twins((left, right))

@@ -51,7 +51,7 @@ SCREENS = {
     "paper": Screen((794, 1123), schemes=("dark",), medium="print"),  # A4, from a dark screen
 }
 NEED_RESULTS = {
-    "further",
+    "board",
     "submission_id",
     "other_id",
     "wordy_id",
@@ -60,7 +60,7 @@ NEED_RESULTS = {
     "team_id",
 }
 """Parts of addresses that lead nowhere on an empty server."""
-SHOWN_FULL = ("/boards/{split}", "/episodes", "/play", "/submissions", "/teams", "/team")
+SHOWN_FULL = ("/splits/{split}", "/episodes", "/play", "/submissions", "/teams", "/team")
 """Pages that look otherwise on a server of real size; so does the first page."""
 
 

@@ -54,7 +54,14 @@ from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.run import run_server
 from reverie_eval.server.scoring import boards
 from reverie_eval.server.scoring.boards import Board, load_board
-from reverie_eval.server.settings import SETTINGS_FILE, Also, Limits, Settings, Split, load_settings
+from reverie_eval.server.settings import (
+    SETTINGS_FILE,
+    BoardRules,
+    Limits,
+    Settings,
+    Split,
+    load_settings,
+)
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person
@@ -76,8 +83,8 @@ GOOD = (SAMPLES / "good.json").read_bytes()
 BROKEN = (SAMPLES / "broken.json").read_bytes()
 OPEN, PRIVATE = "val_unseen", "test"
 GROUNDING, STRICT = "grounding", "strict"
-FURTHER = {GROUNDING: Also(track="grounding"), STRICT: Also(protocol="paper")}
-"""Further leaderboards, for the settings of a split."""
+OTHER_BOARDS = {GROUNDING: BoardRules(track="grounding"), STRICT: BoardRules(protocol="paper")}
+"""Other leaderboards, for the settings of a split."""
 NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 """For requests to our servers: to load whom the machine trusts takes longer than most replies."""
 
@@ -226,11 +233,11 @@ def adjusted(settings: Settings, split: str = PRIVATE, **changes: object) -> Set
 
 
 def add_boards(folder: Path, *splits: str) -> None:
-    """Write the further leaderboards into the settings of a folder."""
+    """Write the other leaderboards into the settings of a folder."""
     with (folder / SETTINGS_FILE).open("a", encoding="utf-8") as file:
         for split in splits:
-            file.write(f'[splits.{split}.also.{GROUNDING}]\ntrack = "grounding"\n')
-            file.write(f'[splits.{split}.also.{STRICT}]\nprotocol = "paper"\n')
+            file.write(f'[splits.{split}.boards.{GROUNDING}]\ntrack = "grounding"\n')
+            file.write(f'[splits.{split}.boards.{STRICT}]\nprotocol = "paper"\n')
 
 
 def broken_private() -> bytes:
@@ -482,7 +489,7 @@ def within_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def several(folder: Path, open_server: OpenServer) -> Serving:
-    """Return a server whose splits have further leaderboards."""
+    """Return a server whose splits have other leaderboards."""
     add_boards(folder, OPEN, PRIVATE)
     return open_server()
 
@@ -507,7 +514,7 @@ def shared(
     populated: Populated,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Serving]:
-    """Run a server whose splits have further leaderboards, which tests of a module read from."""
+    """Run a server whose splits have other leaderboards, which tests of a module read from."""
     folder = Path(shutil.copytree(made_folder, tmp_path_factory.mktemp("shared") / "server"))
     add_boards(folder, OPEN, PRIVATE)
     with opening(folder, portal, populated) as open_server:

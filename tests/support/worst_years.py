@@ -75,7 +75,7 @@ class Lab:
     _running: tuple[ServerState, httpx.Client] | None = None
 
     def make(self) -> None:
-        """Make the server, with several tasks, further leaderboards and channels."""
+        """Make the server, with several tasks, other leaderboards and channels."""
         tasks = [word for task in TASKS for word in ("--task", task)]
         self.organiser = TOKEN.findall(self.command("init", *tasks))[0]
         settings = self.folder / SETTINGS_FILE
@@ -145,7 +145,7 @@ class Lab:
         found = {path: self.ask("GET", path) for path in ("/splits", "/server", "/keys", "/news")}
         for split in found["/splits"].json():
             path = f"/splits/{split['name']}"
-            boards = [path, *(f"{path}/also/{name}" for name in split["also"])]
+            boards = [path, *(f"{path}/boards/{name}" for name in split["boards"])]
             paths = [f"{board}/leaderboard{kind}" for board in boards for kind in ("", ".csv")]
             paths += [f"{path}/leaderboard?metric=success", f"{path}/snapshots"]
             for snapshot in self.ask("GET", f"{path}/snapshots").json():
@@ -361,11 +361,11 @@ class WorstYear:
         self.lab.command("rescore", split, "--bundle", corrected, *words)
 
     def rank_by_more_rules(self) -> None:
-        """Add further leaderboards to the open split, unless it has some."""
-        if "val_unseen.also" not in (self.lab.folder / SETTINGS_FILE).read_text():
+        """Add other leaderboards to the open split, unless it has some."""
+        if "val_unseen.boards" not in (self.lab.folder / SETTINGS_FILE).read_text():
             self.lab.stop()
             add_boards(self.lab.folder, OPEN)
-            self.lab.command("rescore", OPEN, "--reason", "further leaderboards", "--jobs", "1")
+            self.lab.command("rescore", OPEN, "--reason", "other leaderboards", "--jobs", "1")
 
     def rotate_key(self) -> None:
         """Rotate the signing key."""

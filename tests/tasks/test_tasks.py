@@ -35,7 +35,7 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.runner import run_agent
 from reverie_eval.scoring._evaluation import check_first_of_hop
 from reverie_eval.server.scoring.boards import load_board
-from reverie_eval.server.settings import Also, Split
+from reverie_eval.server.settings import BoardRules, Split
 from reverie_eval.submissions import convert
 from reverie_eval.tasks import BUILT_IN, DEFAULT_PROTOCOL, Task, find_task, task_names
 from tests.conftest import REPOSITORY
@@ -251,13 +251,13 @@ def test_a_server_refuses_the_bundle_of_another_split(name: str, task: str, told
 def test_one_upload_is_scored_on_the_episodes_of_each_protocol() -> None:
     """R2R's own script never scores a path's fourth instruction, and DUET's does."""
     place = DEMO_BUNDLES / "r2r" / "val_seen.npz"
-    also = {"duet": Also(protocol="hamt")}
-    split = Split(visibility="open", bundle=place, task="r2r", also=also)
+    others = {"duet": BoardRules(protocol="hamt")}
+    split = Split(visibility="open", bundle=place, task="r2r", boards=others)
     board = load_board("r2r-val_seen", split, place)
     content = json.dumps(run_agent("shortest", GroundTruth.load(place))).encode()
     reports = board.reports(content, board.read(content))
     assert {name: report.episodes for name, report in reports.items()} == {"": 34, "duet": 35}
-    assert all(each.measures_as(reports[each.further]) for each in board.all)
+    assert all(each.measures_as(reports[each.name]) for each in board.all)
 
 
 def test_an_unknown_task() -> None:

@@ -105,7 +105,9 @@ _RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither
 @server_options
 @click.option("--split", help="Whose leaderboard.  [default: the server's first split]")
 @options.server_task
-@click.option("--board", default="", metavar="NAME", help="A further leaderboard of the split.")
+@click.option(
+    "--board", default="", metavar="NAME", help="A leaderboard of the split besides the main one."
+)
 @click.option(
     "--metric",
     type=options.Choice(_RANKED),

@@ -316,9 +316,9 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
     from reverie_eval.reporting.service import quota_lines, result_tables, submission_lines
 
     submission = accepted.submission
-    for further, table in result_tables(submission, server).items():
-        if further:
-            print(f"\n{printable(further)}")
+    for name, table in result_tables(submission, server).items():
+        if name:
+            print(f"\n{printable(name)}")
         show_table(replace(table, narrow=table.stacked()))
     print(
         "",

@@ -54,11 +54,11 @@ class View:
         known, until = submission_report(row), self.held_until(row)
         if until is None:
             return known
-        held = {"also": self.also(row), "scores_held_until": until}
+        held = {"boards": self.boards(row), "scores_held_until": until}
         return self._withheld(known).model_copy(update=held)
 
-    def also(self, row: Submission) -> Mapping[str, BoardResult]:
-        """Return a submission's results on further leaderboards, unless scores are held back."""
+    def boards(self, row: Submission) -> Mapping[str, BoardResult]:
+        """Return a submission's results on other leaderboards, unless scores are held back."""
         known = {name: result for name, result in results_of(row).items() if name}
         if self.held_until(row) is None:
             return known

@@ -124,7 +124,7 @@ class _Result(msgspec.Struct):
 
 
 _REPORT = msgspec.json.Decoder(_Report)
-_FURTHER = msgspec.json.Decoder(dict[str, _Result])
+_OF_BOARDS = msgspec.json.Decoder(dict[str, _Result])
 _METHOD = msgspec.json.Decoder(dict[str, str | bool | int | float | None])
 _SCORES = msgspec.json.Decoder(dict[str, float])
 _NOTHING_DECLARED: Mapping[str, Any] = {
@@ -272,7 +272,7 @@ def _read_entries(
     now: datetime,
 ) -> Mapping[str, BoardEntries]:
     """Read the entries of leaderboards by their paths; all have the same name."""
-    of_split = {board.name: board for board in boards}
+    of_split = {board.split: board for board in boards}
     found: defaultdict[str, list[Entry]] = defaultdict(list)
     results = session.execute(_results(boards))
     for (split, _, submission_id), group in groupby(results, lambda row: row[: len(_KEY)]):
@@ -287,7 +287,7 @@ def _read_entries(
             raise UnreadableValueError(f"a result on {board.label} cannot be read") from None
         if entry is not None:
             found[split].append(entry)
-    return {board.path: _entries_of(number, board, found[board.name]) for board in boards}
+    return {board.path: _entries_of(number, board, found[board.split]) for board in boards}
 
 
 def _entries_of(number: int, board: Board, entries: Sequence[Entry]) -> BoardEntries:
@@ -308,8 +308,8 @@ def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
 
     A submission has a row for each of its current reviews, the earliest first, but at least one.
     """
-    splits = [board.name for board in boards]
-    is_further = any(board.further for board in boards)
+    splits = [board.split for board in boards]
+    is_named = any(board.name for board in boards)
     is_current = and_(Review.submission_id == Submission.id, Review.lifted_at.is_(None))
     scored = (
         _as_result(
@@ -319,7 +319,7 @@ def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
             team_id=Submission.team_id,
             team=Team.name,
             method=cast(Submission.method, Text),
-            stored=cast(Submission.also if is_further else Submission.report, Text),
+            stored=cast(Submission.boards if is_named else Submission.report, Text),
             at=Submission.published_at,
             received_at=Submission.received_at,
             scored_at=Submission.scored_at,
@@ -345,7 +345,7 @@ def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
         dataset=ReportedResult.dataset,
     ).where(ReportedResult.split.in_(splits), ReportedResult.removed_at.is_(None))
     # Results in papers are assumed to be under the split's own rules.
-    shown = [scored] if is_further else [scored, reported]
+    shown = [scored] if is_named else [scored, reported]
     return union_all(*shown).order_by("number", "at", "id", "review")
 
 
@@ -393,9 +393,9 @@ def _method(stored: str) -> Mapping[str, Any]:
 
 def _report_on(board: Board, stored: str) -> _Report | None:
     """Return the report on a leaderboard; None if the file is not or cannot be ranked there."""
-    if not board.further:
+    if not board.name:
         return _REPORT.decode(stored)
-    result = _FURTHER.decode(stored).get(board.further)
+    result = _OF_BOARDS.decode(stored).get(board.name)
     return None if result is None or not result.report.scores else result.report
 
 

@@ -55,11 +55,11 @@ def items_of_corrections(board: Board, corrections: Iterable[CorrectionReport]) 
     """Yield the corrections of a leaderboard."""
     for correction in corrections:
         yield Item(
-            id=_urn("correction", board.name, board.further, correction.created_at.isoformat()),
+            id=_urn("correction", board.split, board.name, correction.created_at.isoformat()),
             at=correction.created_at,
             title=f"{board.label}: results corrected",
             text=correction.reason,
-            path=f"/boards/{board.path}#corrections",
+            path=f"/splits/{board.path}#corrections",
         )
 
 
@@ -90,7 +90,7 @@ def _published(entry: Entry, ranking: Ranking) -> Item:
         for metric in board.task.headline_metrics(entry.scores)
     ]
     return Item(
-        id=_urn("published", entry.submission_id or "", board.further),
+        id=_urn("published", entry.submission_id or "", board.name),
         at=entry.published_at,
         title=title,
         text=", ".join(shown) or "Its scores are published when the phase ends.",
@@ -100,9 +100,9 @@ def _published(entry: Entry, ranking: Ranking) -> Item:
 
 
 def _disqualified(entry: Entry, review: PublishedReview, ranking: Ranking) -> Item:
-    at, further = review.created_at, ranking.board.further
+    at, name = review.created_at, ranking.board.name
     return Item(
-        id=_urn("disqualified", entry.submission_id or "", further, at.isoformat()),
+        id=_urn("disqualified", entry.submission_id or "", name, at.isoformat()),
         at=at,
         title=f"{_title(entry, ranking)}: disqualified",
         text=review.reason,

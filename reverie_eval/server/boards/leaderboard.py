@@ -123,7 +123,7 @@ def leaderboard(
 ) -> Ranking:
     """Rank the published submissions of a split, and sort reported results among them.
 
-    A further leaderboard has only the submissions that have a result there.
+    Another leaderboard has only the submissions that have a result there.
 
     Equal values share a rank, and the next rank counts all submissions before it: 1, 2, 2, 4.
     Results without a value for the metric have no rank and come last. Equal results are in the
@@ -192,9 +192,9 @@ def as_json(ranking: Ranking, corrections: Sequence[CorrectionReport], organiser
 def _content(ranking: Ranking) -> dict[str, Any]:
     board = ranking.board
     return {
-        "split": board.name,
-        "board": board.further,
-        "protocol": board.split.protocol,
+        "split": board.split,
+        "board": board.name,
+        "protocol": board.settings.protocol,
         "metric": ranking.metric,
         "fingerprint": board.truth.fingerprint,
         "signature": board.signature,
@@ -398,7 +398,7 @@ class Rankings:
         server = self._server
         now = server.clock()
         server.rules.follow(session)
-        boards = [server.board(board.name, board.further) for board in boards]
+        boards = [server.board(board.split, board.name) for board in boards]
         self._entries.entries_of_all(session, boards, now)  # each is in the cache then
         return [
             leaderboard(
@@ -413,7 +413,7 @@ class Rankings:
 
     def with_details(self, session: Session, ranking: Ranking) -> Ranking:
         """Add how often each team has submitted, and which ranks each result may have."""
-        counts = self._entries.submissions_of_teams(session, ranking.board.name)
+        counts = self._entries.submissions_of_teams(session, ranking.board.split)
         return replace(self.with_rank_intervals(session, ranking), counts=counts)
 
     def with_rank_intervals(self, session: Session, ranking: Ranking) -> Ranking:

@@ -76,12 +76,10 @@ def announcements(
     news = _lines("news", News.id, News.text, News.created_at)
     news = news.where(News.removed_at.is_(None)).order_by(News.id.desc()).limit(most_news)
     corrections = _lines("correction", Correction.id, Correction.reason, Correction.created_at)
-    corrections = corrections.where(
-        Correction.split == board.name, Correction.board == board.further
-    )
+    corrections = corrections.where(Correction.split == board.split, Correction.board == board.name)
     snapshot = (StoredSnapshot.number, StoredSnapshot.title, StoredSnapshot.as_of)
-    snapshots = _lines("snapshot", *snapshot).where(StoredSnapshot.split == board.name)
-    shown = [select(news.subquery()), corrections, *([] if board.further else [snapshots])]
+    snapshots = _lines("snapshot", *snapshot).where(StoredSnapshot.split == board.split)
+    shown = [select(news.subquery()), corrections, *([] if board.name else [snapshots])]
     found: defaultdict[Kind, list[Announcement]] = defaultdict(list)
     for row in session.execute(union_all(*shown).order_by(desc("number"))):
         found[row.kind].append(Announcement(*row))
@@ -101,8 +99,8 @@ def corrections_of(
     They are by the names of the splits, the latest first.
     """
     chosen = select(Correction).where(
-        Correction.split.in_([board.name for board in boards]),
-        Correction.board.in_({board.further for board in boards}),
+        Correction.split.in_([board.split for board in boards]),
+        Correction.board.in_({board.name for board in boards}),
     )
     found: defaultdict[str, list[CorrectionReport]] = defaultdict(list)
     for row in session.scalars(chosen.order_by(Correction.id.desc())):

@@ -49,8 +49,8 @@ PER_PAGE = 50
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
 MOST_APART = 120
 """Results that are shown below the ranking, at most: enough for a leaderboard of six years."""
-PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
-"""The URL paths of a split's own leaderboard, and of the further ones."""
+PATHS = ("/splits/{split}", "/splits/{split}/boards/{board}")
+"""The URL paths of a split's main leaderboard, and of the others."""
 NEWS_SHOWN = 5
 _BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)
 """When a feed without items was updated: Atom requires a time."""
@@ -170,7 +170,7 @@ Shown = Annotated[BoardQuery, Query()]
 
 def named(split: str, server: Server, request: Request) -> Board:
     """Return the leaderboard that an address names."""
-    return server.board(split, request.path_params.get("further", ""))
+    return server.board(split, request.path_params.get("board", ""))
 
 
 NamedBoard = Annotated[Board, Depends(named)]
@@ -226,7 +226,7 @@ class Packed(Response):
 
 
 def of_every_board(router: APIRouter, path: str) -> Callable[[Endpoint], Endpoint]:
-    """Add a route below the path of a split's own leaderboard, and of the further ones.
+    """Add a route below the path of a split's main leaderboard, and of the others.
 
     Not by a router that is included with a prefix, as the log and the metrics would then have the
     route's path without it.
@@ -255,7 +255,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             reading,
             "board.html",
             board=board,
-            of_split=server.board(board.name).all,
+            of_split=server.board(board.split).all,
             ranking=ranking,
             query=query,
             groups=_groups(ranking.board, query, [*part.rows, *apart]),
@@ -263,7 +263,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             bands=_bands(ranking, apart[:MOST_APART], query),
             costs=_costs(query, part.rows),
             scale=Scale.of(part.rows, query.metric),
-            schedule=server.get(Schedules).in_effect(session)[board.name],
+            schedule=server.get(Schedules).in_effect(session)[board.split],
             own_team=reading.caller and reading.caller.team_id,
             axes={
                 metric.key: f"{metric.label}: {metric.name}"
@@ -316,7 +316,7 @@ def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown)
 
 @router.get("/feed.atom")
 def show_feed(request: Request, server: Server) -> Response:
-    """Return the Atom feed (RFC 4287) of all splits, with the scores on their own leaderboards."""
+    """Return the Atom feed (RFC 4287) of all splits, with the scores on their main leaderboards."""
     return _feed(request, server, [*server.boards.values()], "", server.settings.title)
 
 
@@ -324,7 +324,7 @@ def show_feed(request: Request, server: Server) -> Response:
 def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> Response:
     """Return the feed of a leaderboard."""
     title = f"{board.label} leaderboard, {server.settings.title}"
-    return _feed(request, server, [board], f"/boards/{board.path}", title)
+    return _feed(request, server, [board], f"/splits/{board.path}", title)
 
 
 def _feed(
@@ -337,7 +337,7 @@ def _feed(
         for ranking in rankings:
             items += () if ranking is None else items_of(ranking)
         for board in boards:
-            items += items_of_corrections(board, corrections[board.name])
+            items += items_of_corrections(board, corrections[board.split])
     shown = latest(items)
     xml = render(
         "feed.atom",

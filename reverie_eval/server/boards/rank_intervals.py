@@ -65,11 +65,11 @@ def store_sums(session: Session, submission_id: str, sums: Mapping[str, Sums]) -
     chosen = select(ClusterSums).where(ClusterSums.submission_id == submission_id)
     with session.no_autoflush:  # what else was changed is written with them
         known = {row.board: row for row in session.scalars(chosen)}
-    for further, of_board in sums.items():
-        if further in known:
-            known[further].sums = of_board
+    for name, of_board in sums.items():
+        if name in known:
+            known[name].sums = of_board
         else:
-            row = ClusterSums(submission_id=submission_id, board=further, sums=of_board)
+            row = ClusterSums(submission_id=submission_id, board=name, sums=of_board)
             session.add(row)
 
 
@@ -130,7 +130,7 @@ def _stored_sums(
 ) -> Mapping[str, Sequence[float]]:
     """Return stored sums of a metric, by submission in the order of their values."""
     chosen = select(ClusterSums).where(
-        ClusterSums.submission_id.in_(means), ClusterSums.board == board.further
+        ClusterSums.submission_id.in_(means), ClusterSums.board == board.name
     )
     stored = {row.submission_id: row.sums for row in session.scalars(chosen)}
     return {name: stored[name][metric.key] for name in means if metric.key in stored.get(name, {})}

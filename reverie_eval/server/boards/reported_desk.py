@@ -129,7 +129,7 @@ def _scores_asked(tasks: Sequence[Task]) -> Mapping[str, Any]:
     ordered = [metric for key, metric in CATALOGUE.items() if key in known]
     return {
         "headline": [metric for metric in ordered if metric.key in first],
-        "further": [metric for metric in ordered if metric.key not in first],
+        "other_metrics": [metric for metric in ordered if metric.key not in first],
     }
 
 

@@ -12,7 +12,7 @@ from reverie_eval.server.boards import news, reported, reviews
 from reverie_eval.server.boards.leaderboard import Rankings, as_csv, as_json
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.http.callers import FurtherName, Organiser, Server, SplitName
+from reverie_eval.server.http.callers import BoardName, Organiser, Server, SplitName
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import TEXT, file_reply, organiser_router, problems
 from reverie_eval.server.http.paging import Number, Paging
@@ -60,43 +60,43 @@ def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = No
 
 
 @router.get(
-    "/{split}/also/{further}/leaderboard",
+    "/{split}/boards/{board}/leaderboard",
     response_model=Leaderboard,
     responses=problems("malformed-request", "not-found"),
 )
-def show_further_leaderboard(
-    split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
+def show_named_leaderboard(
+    split: SplitName, board: BoardName, server: Server, metric: SortedBy = None
 ) -> Response:
-    """Rank the submissions on a further leaderboard of the split."""
-    return _as_json(server, metric, split, further)
+    """Rank the submissions on another leaderboard of the split."""
+    return _as_json(server, metric, split, board)
 
 
 @router.get(
-    "/{split}/also/{further}/leaderboard.csv",
+    "/{split}/boards/{board}/leaderboard.csv",
     response_class=Response,
     responses=_OF_CSV,
 )
-def download_further_leaderboard(
-    split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
+def download_named_leaderboard(
+    split: SplitName, board: BoardName, server: Server, metric: SortedBy = None
 ) -> Response:
-    """Return a further leaderboard of the split as CSV."""
-    return _as_csv(server, metric, split, further)
+    """Return another leaderboard of the split as CSV."""
+    return _as_csv(server, metric, split, board)
 
 
 # Who asks for a leaderboard makes no difference, so a token that ended is not refused.
-def _as_json(server: ServerState, metric: str | None, split: str, further: str = "") -> Response:
-    board = server.board(split, further)
+def _as_json(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
+    board = server.board(split, name)
     with server.database.reading() as session:
         ranking = server.get(Rankings).with_details(
             session, server.get(Rankings).ranking(session, board, metric)
         )
-        corrections = corrections_of(session, [board])[board.name]
+        corrections = corrections_of(session, [board])[board.split]
     content = as_json(ranking, corrections, server.settings.organiser)
     return Response(content, media_type="application/json")
 
 
-def _as_csv(server: ServerState, metric: str | None, split: str, further: str = "") -> Response:
-    board = server.board(split, further)
+def _as_csv(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
+    board = server.board(split, name)
     with server.database.reading() as session:
         ranking = server.get(Rankings).with_details(
             session, server.get(Rankings).ranking(session, board, metric)

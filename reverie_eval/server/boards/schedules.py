@@ -325,6 +325,6 @@ def notify_of_ends(
 ) -> None:
     """Notify the organiser of phases that have ended."""
     for text, split in untold_ends(session, schedules, channels, now).items():
-        path = f"/boards/{quote(split)}"
+        path = f"/splits/{quote(split)}"
         session.add_all(messages_of(channels, now, "phase-end", text, path))
     session.flush()

@@ -64,7 +64,7 @@ def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.
     boards, outdated = server.leaderboards, Counter[str]()
     counts = read_each(boards, count)
     for board, number in zip(boards, counts, strict=True):
-        outdated[board.name] += number or 0
+        outdated[board.split] += number or 0
     return {
         "outdated": +outdated,
         "unread": [

@@ -1,4 +1,4 @@
-"""``/boards/test/snapshots/3``: a state of a leaderboard, which never changes."""
+"""``/splits/test/snapshots/3``: a state of a leaderboard, which never changes."""
 
 from fastapi import APIRouter
 from fastapi.responses import Response
@@ -14,7 +14,7 @@ from reverie_eval.server.http.rendering import page
 router = APIRouter()
 
 
-@router.get("/boards/{split}/snapshots/{number}")
+@router.get("/splits/{split}/snapshots/{number}")
 def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
     """Show a snapshot of a leaderboard, which never changes."""
     with visitor.reading() as reading:

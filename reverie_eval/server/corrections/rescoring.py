@@ -5,7 +5,7 @@ result replaces the old one in a transaction of its own; the old one stays on re
 receipt. So the next run continues an interrupted one: it finds only the remaining submissions. The
 time at which a submission was received, its use of the quota, and its reviews do not change.
 
-A further leaderboard that was added to a split gets its results in the same way.
+A leaderboard that is added to a split later gets its results in the same way.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.boards.reviews import is_disqualified, reviews_of
 from reverie_eval.server.errors import ConflictError
-from reverie_eval.server.scoring.boards import Board, board_named, without_version
+from reverie_eval.server.scoring.boards import Board, find_board, without_version
 from reverie_eval.server.scoring.contexts import Context, Scoring
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.paging import Listed, Page, list_page
@@ -65,11 +65,11 @@ Outcome: TypeAlias = Rescored | str
 """The result of scoring again, or why a submission cannot be scored again."""
 
 
-def score_again(context: Context, split: str, further: str, job: Job) -> Outcome:
+def score_again(context: Context, split: str, name: str, job: Job) -> Outcome:
     """Score a submission again on a leaderboard, or return why that cannot be done."""
     if job.upload_deleted_at is not None:
         return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
-    board = board_named(context.boards, split, further)
+    board = find_board(context.boards, split, name)
     try:
         content = stored_upload(context.uploads, job.sha256)
         report, scores = board.scored(content, has_intervals=job.has_intervals)
@@ -104,13 +104,14 @@ class Rescoring:
         ConflictError
             If all were scored with the current ground truth and rules.
         """
-        own = board_named(self.boards, new.split)
+        main = find_board(self.boards, new.split)
         with self.transactions.database.reading() as session:
-            waiting = [(board, outdated(session, board)) for board in own.all]
+            waiting = [(board, outdated(session, board)) for board in main.all]
         left = sum(len(jobs) for _, jobs in waiting)
         if not left:
             raise ConflictError(
-                f"all submissions to {own.name} were scored with the current ground truth and rules"
+                f"all submissions to {new.split} were scored with the current ground truth and "
+                "rules"
             )
         outcomes = chain.from_iterable(
             self.replace_results(
@@ -128,11 +129,11 @@ class Rescoring:
             if scored == AT_ONCE:
                 break
         return RescoringReport(
-            split=new.split, signature=own.signature, scored=scored, rejected=rejected, left=left
+            split=new.split, signature=main.signature, scored=scored, rejected=rejected, left=left
         )
 
     def _score_again(self, board: Board, job: Job) -> Outcome:
-        return self.scoring.run(score_again, board.name, board.further, job)
+        return self.scoring.run(score_again, board.split, board.name, job)
 
     def replace_results(
         self,
@@ -176,21 +177,21 @@ class Rescoring:
         report = rescored.report
         row = transaction.session.get_one(Submission, job.submission_id)
         results = results_of(row)
-        known, quota = results.get(board.further), read_as(Receipt, results[""].receipt).quota
+        known, quota = results.get(board.name), read_as(Receipt, results[""].receipt).quota
         if known is not None and board.measures_as(known.report):
             return  # another process has done it meanwhile
         earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]
         receipt = self.transactions.signer.sign_result(row, report, quota)
         result = BoardResult(report=report, receipt=receipt, earlier=earlier)
-        store_result(row, board.further, result)
+        store_result(row, board.name, result)
         row.rescored_at = transaction.now
         if rescored.sums is not None:
-            store_sums(transaction.session, row.id, {board.further: rescored.sums})
+            store_sums(transaction.session, row.id, {board.name: rescored.sums})
         transaction.record(
             "scored again",
             row,
             row.id,
-            board=board.further,
+            board=board.name,
             before="" if known is None else known.report.signature,
             after=report.signature,
         )
@@ -211,11 +212,11 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
         select(
             Submission.id,
             Submission.sha256,
-            *_signature_and_fingerprint(board.further),
+            *_signature_and_fingerprint(board.name),
             Submission.published_at,
             Submission.upload_deleted_at,
         )
-        .where(Submission.split == board.name)
+        .where(Submission.split == board.split)
         .order_by(Submission.received_at, Submission.id)
     )
     return [
@@ -236,21 +237,21 @@ def count_outdated(session: Session, boards: Collection[Board]) -> Mapping[str, 
 
     One statement counts those of all leaderboards.
     """
-    furthers = dict.fromkeys(board.further for board in boards)
+    names = dict.fromkeys(board.name for board in boards)
     # A submission is counted on all leaderboards of its split at once.
-    names = {further: f"board_{number}" for number, further in enumerate(furthers)}
+    prefixes = {name: f"board_{number}" for number, name in enumerate(names)}
     columns = [
-        column.label(f"{name}_{field}")
-        for further, name in names.items()
-        for field, column in _signature_and_fingerprint(further)._asdict().items()
+        column.label(f"{prefix}_{field}")
+        for name, prefix in prefixes.items()
+        for field, column in _signature_and_fingerprint(name)._asdict().items()
     ]
-    of_splits = Submission.split.in_({board.name for board in boards})
+    of_splits = Submission.split.in_({board.split for board in boards})
     scored_by = select(Submission.split, *columns).where(of_splits).subquery()
     counted = select(*scored_by.columns, func.count().label("number"))
     outdated_on = dict.fromkeys([board.path for board in boards], 0)
     for row in session.execute(counted.group_by(*scored_by.columns)).mappings():
-        for board in (board for board in boards if board.name == row["split"]):
-            scored = (row[f"{names[board.further]}_{field}"] or "" for field in _ScoredBy._fields)
+        for board in (board for board in boards if board.split == row["split"]):
+            scored = (row[f"{prefixes[board.name]}_{field}"] or "" for field in _ScoredBy._fields)
             if not board.is_current(*scored):
                 outdated_on[board.path] += row["number"]
     return outdated_on
@@ -263,11 +264,9 @@ class _ScoredBy(NamedTuple):
     fingerprint: ColumnElement[str | None]
 
 
-def _signature_and_fingerprint(further: str) -> _ScoredBy:
+def _signature_and_fingerprint(name: str) -> _ScoredBy:
     """Return columns of the reports on a leaderboard; NULL without a result."""
-    return _ScoredBy(
-        stored_in_report(further, "signature"), stored_in_report(further, "fingerprint")
-    )
+    return _ScoredBy(stored_in_report(name, "signature"), stored_in_report(name, "fingerprint"))
 
 
 def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:
@@ -289,22 +288,22 @@ def changes(
     submissions that had no result before.
     """
     correction = _current_correction(session, board)
-    chosen = select(Submission).where(Submission.split == board.name)
+    chosen = select(Submission).where(Submission.split == board.split)
     rows = session.scalars(chosen.order_by(Submission.received_at, Submission.id)).all()
-    known = {row.id: results_of(row).get(board.further) for row in rows}
+    known = {row.id: results_of(row).get(board.name) for row in rows}
     before = [
         {} if name in first_results else _before(result, correction)
         for name, result in known.items()
     ]
     after = [_after(result, board, outcomes.get(name)) for name, result in known.items()]
-    reviews, ranked_by = reviews_of(session, board.name), board.primary
+    reviews, ranked_by = reviews_of(session, board.split), board.primary
     is_ranked = [_is_ranked(row, reviews) for row in rows]
     ranks_before = _ranks_among(is_ranked, before, ranked_by)
     ranks_after = _ranks_among(is_ranked, after, ranked_by)
     problems = {name: told for name, told in outcomes.items() if isinstance(told, str)}
     found = [
         ResultChange(
-            board=board.further,
+            board=board.name,
             submission_id=row.id,
             team=row.team.name,
             method=row.method["name"],
@@ -321,7 +320,7 @@ def changes(
 
 def _current_correction(session: Session, board: Board) -> CorrectionReport | None:
     """Return a leaderboard's latest correction, if it led to the current ground truth and rules."""
-    latest = next(iter(corrections_of(session, [board])[board.name]), None)
+    latest = next(iter(corrections_of(session, [board])[board.split]), None)
     if latest is None or without_version(latest.signature) != without_version(board.signature):
         return None
     return latest
@@ -336,8 +335,8 @@ def _announced(transaction: Transaction, board: Board, reason: str) -> str:
     if known is not None:
         return known.reason
     row = Correction(
-        split=board.name,
-        board=board.further,
+        split=board.split,
+        board=board.name,
         signature=board.signature,
         reason=reason,
         created_at=transaction.now,

@@ -49,7 +49,7 @@ def list_audit(organiser: Organiser, paging: Paging) -> list[schemas.AuditReport
 @router.get("/{split}/snapshots", responses=problems("not-found"))
 def list_split_snapshots(split: SplitName, server: Server, paging: Paging) -> list[SnapshotEntry]:
     """List the snapshots of the leaderboard, the latest first."""
-    name = server.board(split).name
+    name = server.board(split).split
     with server.database.reading() as session:
         return paging.reply(list_snapshots(session, paging.page, name))
 

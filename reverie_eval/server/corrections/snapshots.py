@@ -28,7 +28,7 @@ from reverie_eval.server.boards.leaderboard import as_json, leaderboard
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.scoring.boards import Board, board_named
+from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import is_unreachable
 from reverie_eval.server.store.paging import Listed, Page, list_page
@@ -195,7 +195,7 @@ class Snapshots:
         as_of: datetime,
         closing: Closing | None = None,
     ) -> SnapshotEntry:
-        session, board = transaction.session, board_named(self.boards(), split)
+        session, board = transaction.session, find_board(self.boards(), split)
         cache = EntriesCache(self.schedules)
         counts = cache.submissions_of_teams(session, split)
         if closing is not None:

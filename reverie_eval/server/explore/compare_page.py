@@ -1,4 +1,4 @@
-"""``/boards/test/compare``: two results side by side."""
+"""``/splits/test/compare``: two results side by side."""
 
 from typing import Annotated
 

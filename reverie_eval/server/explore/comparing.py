@@ -145,10 +145,10 @@ def _paired(
 def _show_episodes(session: Session, ranking: Ranking, ids: Sequence[str]) -> bool:
     """Whether everyone may look at all of these results' episodes on the pages of episodes.
 
-    These pages show them as the split's own leaderboard scores them.
+    These pages show them as the split's main leaderboard scores them.
     """
-    public = with_public_episodes(ranking.board.name).where(Submission.id.in_(ids))
-    return not ranking.board.further and len(session.scalars(public).all()) == len(ids)
+    public = with_public_episodes(ranking.board.split).where(Submission.id.in_(ids))
+    return not ranking.board.name and len(session.scalars(public).all()) == len(ids)
 
 
 def _outcomes(comparison: Comparison, names: Sequence[str]) -> Outcomes:

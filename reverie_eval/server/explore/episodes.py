@@ -223,7 +223,7 @@ class Browsing:
         """Return an episode's index; raises the same errors as :meth:`episode`."""
         row = self.board.truth.episodes.index.get(instr_id)
         if row is None:
-            raise NotFoundError(f"there is no episode {instr_id!r} in {self.board.name}")
+            raise NotFoundError(f"there is no episode {instr_id!r} in {self.board.split}")
         return row
 
     def _is(self, parts: Sequence[str], wanted: str) -> BoolArray:
@@ -293,7 +293,7 @@ class EpisodeService:
         return board
 
     def _walk(self, board: Board, agent: str) -> Scores:
-        return self._scoring.run(score_agent, board.name, agent).scores(board)
+        return self._scoring.run(score_agent, board.split, agent).scores(board)
 
     def references(self, board: Board) -> Sequence[Reference]:
         """Return the reference agents' scores on a split, the best first; none on a private one.
@@ -303,7 +303,7 @@ class EpisodeService:
         if board.is_private:
             return []
         found = [
-            Reference(title, input_class, self._walked(board.name, board.signature, agent))
+            Reference(title, input_class, self._walked(board.split, board.signature, agent))
             for agent, title, input_class in _references(board)
         ]
         return sorted(found, key=lambda each: each.scores[board.primary.key], reverse=True)
@@ -340,7 +340,7 @@ class EpisodeService:
         Empty for a reference agent, and if the file is missing or damaged.
         """
         try:
-            return self._headings(board.name, run.sha256, instr_id) if run.sha256 else ()
+            return self._headings(board.split, run.sha256, instr_id) if run.sha256 else ()
         except UploadsError:
             return ()
 
@@ -349,7 +349,7 @@ class EpisodeService:
 
         Disqualified ones do not count.
         """
-        chosen = with_public_episodes(board.name).where(~has_review("disqualified"))
+        chosen = with_public_episodes(board.split).where(~has_review("disqualified"))
         rows = session.scalars(chosen.limit(MOST_COMPARED))
         shown = [self._shown(row, board) for row in rows if row.upload_deleted_at is None]
         sign = -1 if board.primary.better == "higher" else 1
@@ -370,11 +370,11 @@ class EpisodeService:
         Their own submissions first, then those that everyone may see, each the newest first; then
         the reference agents. Raises UnreadableValueError if a row cannot be read.
         """
-        splits = [board.name for board in boards]
+        splits = [board.split for board in boards]
         own = newest_of_each(session, person, splits, MOST_LISTED) if person else {}
         public = public_episodes_of_each(session, splits, MOST_LISTED)
         return {
-            board.name: self._choices(board, own.get(board.name, ()), public[board.name])
+            board.split: self._choices(board, own.get(board.split, ()), public[board.split])
             for board in boards
         }
 
@@ -394,7 +394,7 @@ class EpisodeService:
         return self._submissions.view(session, self._submissions.transactions.clock())
 
     def _board(self, split: str) -> Board:
-        board = next((board for board in self.boards if board.name == split), None)
+        board = next((board for board in self.boards if board.split == split), None)
         if board is None:
             raise NotFoundError(
                 f"no episodes of {split!r} are shown here; those of private splits never leave "
@@ -494,7 +494,7 @@ def score_agent(context: Context, split: str, agent: str) -> EpisodeValues:
         records = [record for record in walked if record["instr_id"] in known]
     else:
         records = run_agent(agent, board.truth)
-    if board.split.track == "grounding":  # takes answers alone
+    if board.settings.track == "grounding":  # takes answers alone
         records = [{key: record[key] for key in ("instr_id", "predObjId")} for record in records]
     return EpisodeValues.of(board, board.score(board.read(json.dumps(records).encode())))
 

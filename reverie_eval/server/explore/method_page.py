@@ -24,7 +24,7 @@ from reverie_eval.server.http.callers import CallReading, Visitor
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import ScoringTurn
 from reverie_eval.server.intake.submissions import SubmissionService, publication, submission_of
-from reverie_eval.server.scoring.boards import Board, board_named
+from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.scoring.contexts import Context, Scoring
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.uploads import stored_upload
@@ -124,9 +124,9 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
     with visitor.reading() as reading:
         shown, has_episodes = _shown(reading, submission_id)
         server.get(SubmissionService).check_episodes(shown)
-        board = board_named(server.boards, shown.split)
+        board = find_board(server.boards, shown.split)
         ranking = _ranking(reading, board)
-        analysis = server.get(Analyses).kept(board.name, board.signature, shown.sha256)
+        analysis = server.get(Analyses).kept(board.split, board.signature, shown.sha256)
         return page(
             reading,
             "method-analysis.html",

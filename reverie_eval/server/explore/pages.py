@@ -252,7 +252,7 @@ def _episode_content(
         "levels": range(1, int(shown.storey.max()) + 2),
         "outcomes": BEST_OUTCOME_FIRST,
         "headline": [key for key in keys if key in browsing.board.task.headline],
-        "further": [key for key in keys if key not in browsing.board.task.headline],
+        "other_metrics": [key for key in keys if key not in browsing.board.task.headline],
         "filters": {field.name: getattr(selection, field.name) for field in fields(EpisodeFilter)},
     }
 

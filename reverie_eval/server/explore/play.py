@@ -69,11 +69,11 @@ class HumanWalk:
             If a step is not one of the ways on, or there are too many.
         """
         board = browsing.board
-        if board.split.track == "grounding":
-            raise NotFoundError(f"{board.name} scores answers alone; there are no walks")
+        if board.settings.track == "grounding":
+            raise NotFoundError(f"{board.split} scores answers alone; there are no walks")
         drawn = sample(board, seed, number)
         if len(drawn) < number:
-            raise NotFoundError(f"{board.name} has {len(drawn)} episodes")
+            raise NotFoundError(f"{board.split} has {len(drawn)} episodes")
         if len(steps) > MOST_STEPS:
             raise MalformedError(f"a walk has at most {MOST_STEPS} steps")
         environment = Environment(board.truth)

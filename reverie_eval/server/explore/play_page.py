@@ -128,7 +128,7 @@ def play(
 
 def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
     """Return what can be done from here: as links in two pictures, and as a list and a form."""
-    split, seen = walk.board.name, walk.seen
+    split, seen = walk.board.split, walk.seen
     ways = [
         WayLink(
             heading=float(np.rad2deg(way.heading)) % 360,

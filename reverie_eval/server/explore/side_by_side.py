@@ -148,10 +148,10 @@ class Comparing:
         if not found:
             return None, False
         made_of = board.signature, tuple(found)
-        known, beside = self._latest.get(board.name, (None, None))
+        known, beside = self._latest.get(board.split, (None, None))
         if beside is None or known != made_of:
             beside = SideBySide(board, [*found], [*found.values()], scans)
-            self._latest[board.name] = made_of, beside
+            self._latest[board.split] = made_of, beside
         return beside, False
 
     def score(self, board: Board, methods: Sequence[ShownMethod]) -> None:
@@ -169,7 +169,7 @@ class Comparing:
         key = _, signature, _ = _key(board, method)
         if self._walks.get(key) is None:
             try:
-                found = self._scoring.run(summarise_walks, board.name, method.sha256)
+                found = self._scoring.run(summarise_walks, board.split, method.sha256)
                 check_signature(board, signature)
             except (UploadsError, SubmissionError):
                 found = None
@@ -178,7 +178,7 @@ class Comparing:
 
 
 def _key(board: Board, method: ShownMethod) -> tuple[str, str, str]:
-    return board.name, board.signature, method.sha256
+    return board.split, board.signature, method.sha256
 
 
 def summarise_walks(context: Context, split: str, sha256: str) -> WalkOutcomes:

@@ -70,13 +70,13 @@ def show_submitting(visitor: Visitor, task: str = "") -> Response:
 def show_metrics(visitor: Visitor, task: str = "") -> Response:
     """Show what each metric of a task means."""
     shown = _task(visitor, task)
-    further = [shown.metric(key) for key in shown.metrics if key not in shown.headline]
+    other_metrics = [shown.metric(key) for key in shown.metrics if key not in shown.headline]
     return _page(
         visitor,
         "guide/metrics.html",
         task=shown,
         headline=shown.headline_metrics(CATALOGUE),
-        further=further,
+        other_metrics=other_metrics,
         most_compared=MOST_COMPARED,
     )
 

@@ -157,6 +157,6 @@ def _leaders(server: ServerState, session: Session) -> Mapping[str, Sequence[Lea
         )
         scale = Scale.of(rows, board.primary.key)
         found[board.task.title].append(
-            Leaders(board, ranking, schedules[board.name], rows, references, scale)
+            Leaders(board, ranking, schedules[board.split], rows, references, scale)
         )
     return found

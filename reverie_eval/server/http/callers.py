@@ -38,7 +38,7 @@ Given = ParamSpec("Given")
 Report = TypeVar("Report")
 
 SplitName = Annotated[str, Path(examples=["test"])]
-FurtherName = Annotated[str, Path(examples=["grounding"])]
+BoardName = Annotated[str, Path(examples=["grounding"])]
 TokenHint = Annotated[
     str,
     Path(

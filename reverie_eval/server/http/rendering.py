@@ -229,7 +229,7 @@ def _site(request: Request, reading: CallReading | None) -> Site:
     is_copy = request.app.state.is_copy
     has_real = not all(board.truth.is_demo for board in server.boards.values())
     boards = [
-        Place(name, f"/boards/{name}", has_real and board.truth.is_demo)
+        Place(name, f"/splits/{name}", has_real and board.truth.is_demo)
         for name, board in server.boards.items()
     ]
     explores = not is_copy and "explore" in request.app.state.rooms
@@ -438,13 +438,13 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
 def _fault(request: Request, reading: CallReading | None, problem: ProblemDocument) -> Response:
     ways_on = [Place("Home", "/")]
     # To the same leaderboard if only its query was invalid.
-    if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
-        split, further = (request.path_params.get(name, "") for name in ("split", "further"))
-        url = f"/boards/{quote(split)}" + (f"/also/{quote(further)}" if further else "")
+    if problem.code == MalformedError.code and request.url.path.startswith("/splits/"):
+        split, name = (request.path_params.get(name, "") for name in ("split", "board"))
+        url = f"/splits/{quote(split)}" + (f"/boards/{quote(name)}" if name else "")
         ways_on.insert(0, Place(f"Back to the {split} leaderboard", url))
     if problem.status == HTTPStatus.NOT_FOUND:
         names = state_of(request).boards
-        ways_on += [Place(f"{name} leaderboard", f"/boards/{quote(name)}") for name in names]
+        ways_on += [Place(f"{name} leaderboard", f"/splits/{quote(name)}") for name in names]
         ways_on += [Place("Your team's submissions", "/team"), Place("Guide", "/guide")]
     if problem.code == NotAllowedError.code:
         back = quote(_came_from(request))

@@ -82,7 +82,7 @@ def archive_of(session: Session, board: Board, uploads: Uploads, view: View) -> 
     """
     chosen = (
         select(Submission)
-        .where(Submission.split == board.name)
+        .where(Submission.split == board.split)
         .order_by(Submission.received_at, Submission.id)
         .execution_options(yield_per=AT_ONCE)
     )

@@ -17,7 +17,7 @@ from reverie_eval.server.errors import MalformedError, request_error
 from reverie_eval.server.intake.attempts import FAILURES
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import SubmissionService
-from reverie_eval.server.scoring.boards import board_named
+from reverie_eval.server.scoring.boards import find_board
 from reverie_eval.server.state import ServerState
 from reverie_eval.text import printable, time_text
 
@@ -51,7 +51,7 @@ class EmailedFiles:
         RequestError
             If the file is refused, as an upload would be; the error has the reply to the sender.
         """
-        board_named(self.intake.boards, file.split)
+        find_board(self.intake.boards, file.split)
         with self.intake.transactions.database.reading() as session:
             sender = person_named(session, file.person, file.team)
         if file.received_at > self.intake.transactions.clock():
@@ -104,8 +104,8 @@ def _reason(error: ReverieEvalError) -> str:
 
 def _result(accepted: Accepted, server: str) -> Iterator[str]:
     submission = accepted.submission
-    for further, table in result_tables(submission, server).items():
-        yield from [f"On the leaderboard {further}:"] if further else []
+    for name, table in result_tables(submission, server).items():
+        yield from [f"On the leaderboard {name}:"] if name else []
         yield table.to_text()
         yield ""
     to_publish = "answer this message if you want it on the leaderboard"
@@ -113,4 +113,4 @@ def _result(accepted: Accepted, server: str) -> Iterator[str]:
     yield from submission_lines(accepted, to_publish=to_publish, to_change=to_change)
     yield from quota_lines(accepted.quota, submission.split)
     yield ""
-    yield f"The signed {'receipts are' if submission.also else 'receipt is'} attached."
+    yield f"The signed {'receipts are' if submission.boards else 'receipt is'} attached."

@@ -36,7 +36,7 @@ from reverie_eval.server.intake.same_file import notify_of_same_file
 from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.messages.outbox import notify
-from reverie_eval.server.scoring.boards import Board, board_named
+from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.scoring.contexts import Context, Scoring, open_file
 from reverie_eval.server.scoring.rules import RulesInForce
 from reverie_eval.server.settings import Settings
@@ -128,7 +128,7 @@ class Intake:
         SubmissionError
             If it is rejected; lists all problems.
         """
-        board_named(self.boards, split)  # or there is no such split
+        find_board(self.boards, split)  # or there is no such split
         with self.scoring.hold() as runner:
             runner.run(open_file, packed, self._most_unpacked)
             notes = runner.run(check_file, split)
@@ -140,9 +140,9 @@ class Intake:
         """Return the submissions left to a person on these splits, or on all splits."""
         now = self.transactions.clock()
         usage = usage_of(session, person, now)
-        boards = [board_named(self.boards, split) for split in splits or self.boards]
+        boards = [find_board(self.boards, split) for split in splits or self.boards]
         return {
-            board.name: usage.of_split(board.name, board.split.effective_quota).state(now)
+            board.split: usage.of_split(board.split, board.settings.effective_quota).state(now)
             for board in boards
         }
 
@@ -181,7 +181,7 @@ class Intake:
         MalformedError
             If required information about the method is missing.
         """
-        board_named(self.boards, split)  # or there is no such split
+        find_board(self.boards, split)  # or there is no such split
         with self.attempts.recording(person, split, len(packed)) as upload:
             accepted = None
             while accepted is None:  # again if the ground truth was corrected meanwhile
@@ -195,7 +195,7 @@ class Intake:
                         size=file.size,
                         idempotency_key=key,
                         method=method.model_dump(mode="json"),
-                        also={},
+                        boards={},
                     )
                     found = self.find_earlier(row, person, method, organiser) or runner.run(
                         score_file, split, navigation_only=method.navigation_only
@@ -257,7 +257,7 @@ class Intake:
             earlier = self._earlier(session, row, person)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person, method)
-            if not all(each.measures_as(read.reports[each.further]) for each in board.all):
+            if not all(each.measures_as(read.reports[each.name]) for each in board.all):
                 return None
             usage = self._check_quota(session, row, person, board, in_the_past=bool(organiser))
             usage = usage.with_one_more(row.received_at)
@@ -265,9 +265,9 @@ class Intake:
             row.person = session.merge(person, load=False)
             row.team = row.person.team
             row.scored_at = transaction.now
-            for further, report in read.reports.items():
+            for name, report in read.reports.items():
                 receipt = self.transactions.signer.sign_result(row, report, quota)
-                store_result(row, further, BoardResult(report=report, receipt=receipt))
+                store_result(row, name, BoardResult(report=report, receipt=receipt))
             notify_of_same_file(transaction, row)  # the log's last entry is one that the row shows
             described = method.model_dump(mode="json", exclude_defaults=True)
             transaction.record(
@@ -303,7 +303,7 @@ class Intake:
         self, session: Session, row: Submission, board: Board, person: Person, method: Method
     ) -> Accepted:
         """Return the earlier result, and what a new description of the method says otherwise."""
-        quota = self.quotas(session, person, board.name)[board.name]
+        quota = self.quotas(session, person, board.split)[board.split]
         given = method.model_dump(mode="json", include=method.model_fields_set)
         ignored = [name for name, value in given.items() if row.method.get(name) != value]
         submission = self._worded(session, row)
@@ -319,20 +319,20 @@ class Intake:
         if notice.paused:
             raise NotOpenError(f"the organiser has paused submissions{why}")
         if schedule.paused:
-            raise NotOpenError(f"the organiser has paused submissions to {board.name}{why}")
+            raise NotOpenError(f"the organiser has paused submissions to {board.split}{why}")
 
     def _check_open(self, board: Board, schedule: Schedule, now: datetime) -> None:
         if not schedule.is_open(now):
             opens = schedule.opens_at(now)
             after = f"; the next phase opens {opens.isoformat()}" if opens else ""
-            raise NotOpenError(f"{board.name} accepts no submissions now{after}")
+            raise NotOpenError(f"{board.split} accepts no submissions now{after}")
 
     def _check_quota(
         self, session: Session, row: Submission, person: Person, board: Board, *, in_the_past: bool
     ) -> QuotaUsage:
         now = row.received_at
         usage = usage_of(session, person, now)
-        of_split = usage.of_split(board.name, board.split.effective_quota)
+        of_split = usage.of_split(board.split, board.settings.effective_quota)
         left = of_split.state(now)
         if not (of_split.had_room(now) if in_the_past else left.remaining):
             raise QuotaSpentError(left)

@@ -59,7 +59,7 @@ def show_submission(
             reading,
             "publication.html",
             shown=shown,
-            also=_further_boards(visitor, shown.split),
+            boards=_other_boards(visitor, shown.split),
             has_episodes=_has_episodes(visitor, shown),
         )
 
@@ -108,23 +108,23 @@ def _own_page(
         if is_mine
         else None,
         has_episodes=_has_episodes(visit, shown),
-        one_per_team=board is not None and board.split.one_per_team,
+        one_per_team=board is not None and board.settings.one_per_team,
         events=history(session, shown.id, server.settings.organiser),
         reviews=reviews,
         is_disqualified=is_disqualified(reviews),
         is_anonymous=is_anonymous(shown, reading.now),
         typed={**_texts(shown.method), **typed},
-        also=_further_boards(visit, shown.split),
+        boards=_other_boards(visit, shown.split),
         required=server.settings.required_metadata,
         done=done,
         ignored=[name for name in Method.model_fields if name in ignored],
     )
 
 
-def _further_boards(visit: Call, split: str) -> Mapping[str, Board]:
-    """Return the further leaderboards that a split has now."""
+def _other_boards(visit: Call, split: str) -> Mapping[str, Board]:
+    """Return the other leaderboards that a split has now."""
     board = visit.server.boards.get(split)
-    return {} if board is None else board.also
+    return {} if board is None else board.others
 
 
 def _has_episodes(visit: Call, shown: SubmissionReport | Publication) -> bool:

@@ -13,9 +13,9 @@ from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.schemas.service import (
     Accepted,
+    BoardRules,
     Checked,
     Envelope,
-    FurtherBoard,
     PhaseReport,
     QuotaReport,
     Schedule,
@@ -27,9 +27,9 @@ from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.http.callers import (
     Anybody,
+    BoardName,
     Call,
     Caller,
-    FurtherName,
     Organiser,
     Server,
     SplitName,
@@ -84,7 +84,7 @@ _CSV = (
     "instr_id,path_length,success,...,outcome,scan,...\n"
     "4774_267_1,12.5,1.0,...,correct,QUCTc6BB5sX,...\n"
 )
-_ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
+_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
 
 
 @router.get("", responses=problems("not-signed-in"))
@@ -116,12 +116,10 @@ def show_receipt(submission_id: SubmissionId, caller: Caller) -> Envelope:
     return show_submission(submission_id, caller).receipt
 
 
-@router.get("/{submission_id}/also/{further}/receipt", responses=_OF_ONE)
-def show_further_receipt(
-    submission_id: SubmissionId, further: FurtherName, caller: Caller
-) -> Envelope:
-    """Return the signed receipt of the result on a further leaderboard of the split."""
-    return result_on(further, show_submission(submission_id, caller)).receipt
+@router.get("/{submission_id}/boards/{board}/receipt", responses=_OF_ONE)
+def show_named_receipt(submission_id: SubmissionId, board: BoardName, caller: Caller) -> Envelope:
+    """Return the signed receipt of the result on another leaderboard of the split."""
+    return result_on(board, show_submission(submission_id, caller)).receipt
 
 
 @router.get(
@@ -222,7 +220,7 @@ def download_submissions(split: SplitName, organiser: Organiser) -> Response:
     return StreamingResponse(archive.pieces(), media_type="application/x-tar", headers=headers)
 
 
-@splits.get("", responses=problems("not-signed-in"), openapi_extra=_ALSO_FOR_ANYBODY)
+@splits.get("", responses=problems("not-signed-in"), openapi_extra=_FOR_ANYBODY)
 def list_splits(call: Anybody) -> list[SplitReport]:
     """List the splits, with your quota if you are signed in."""
     return _reports(call, call.server.boards.values())
@@ -231,7 +229,7 @@ def list_splits(call: Anybody) -> list[SplitReport]:
 @splits.get(
     "/{split}",
     responses=problems("not-signed-in", "not-found"),
-    openapi_extra=_ALSO_FOR_ANYBODY,
+    openapi_extra=_FOR_ANYBODY,
 )
 def show_split(split: SplitName, call: Anybody) -> SplitReport:
     """Show a split, with your quota if you are signed in."""
@@ -301,7 +299,7 @@ def validate(split: SplitName, person: Sender, upload: Received, server: Server)
 
 def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
     with call.reading() as reading:
-        names = [board.name for board in boards]
+        names = [board.split for board in boards]
         quotas = (
             call.server.get(Intake).quotas(reading.session, reading.caller, *names)
             if reading.caller
@@ -310,7 +308,7 @@ def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
         schedules = call.server.get(Schedules).in_effect(reading.session)
         notice = call.server.get(Notices).current(reading.session)
         return [
-            _report(board, schedules[board.name], notice, quotas.get(board.name), reading.now)
+            _report(board, schedules[board.split], notice, quotas.get(board.split), reading.now)
             for board in boards
         ]
 
@@ -324,24 +322,24 @@ def _report(
 ) -> SplitReport:
     phases = [PhaseReport(**dict(phase), is_open=phase.is_open(now)) for phase in schedule.phases]
     return SplitReport(
-        name=board.name,
+        name=board.split,
         task=board.task.name,
         episodes=len(board.truth.episodes.instr_ids),
         subset=board.truth.subset_digest,
         split_episodes=board.n_split,
-        visibility=board.split.visibility,
-        protocol=board.split.protocol,
-        track=board.split.track,
+        visibility=board.settings.visibility,
+        protocol=board.settings.protocol,
+        track=board.settings.track,
         dataset=board.truth.header.dataset,
         fingerprint=board.truth.fingerprint,
         public_fingerprint=board.public_fingerprint,
         phases=phases,
         release_scores=schedule.release_scores,
         paused=schedule.is_paused_on(paused_server=notice.paused),
-        one_per_team=board.split.one_per_team,
-        also={
-            name: FurtherBoard(protocol=each.split.protocol, track=each.split.track)
-            for name, each in board.also.items()
+        one_per_team=board.settings.one_per_team,
+        boards={
+            name: BoardRules(protocol=each.settings.protocol, track=each.settings.track)
+            for name, each in board.others.items()
         },
         quota=quota,
     )

@@ -38,7 +38,7 @@ from reverie_eval.server.boards.reviews import (
 )
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
-from reverie_eval.server.scoring.boards import Board, board_named
+from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.scoring.contexts import Context, EpisodeValues, Scoring, check_signature
 from reverie_eval.server.scoring.rules import RulesInForce
 from reverie_eval.server.state import ServerState
@@ -156,17 +156,17 @@ def record_inspection(transaction: Transaction, submission_id: str) -> None:
     transaction.record(INSPECTED, row, row.id)
 
 
-def result_on(further: str, submission: SubmissionReport) -> BoardResult:
-    """Return a submission's result on a further leaderboard.
+def result_on(name: str, submission: SubmissionReport) -> BoardResult:
+    """Return a submission's result on another leaderboard.
 
     Raises NotFoundError if it has none.
     """
-    if further not in submission.also:
+    if name not in submission.boards:
         raise NotFoundError(
-            f"{submission.id} has no result on a further leaderboard {further!r}; it has results "
-            f"on: {', '.join(submission.also) or 'none'}"
+            f"{submission.id} has no result on a leaderboard {name!r}; it has results "
+            f"on: {', '.join(submission.boards) or 'none'}"
         )
-    return submission.also[further]
+    return submission.boards[name]
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +188,8 @@ class Publication:
     reviews: Sequence[Review]
     earlier: Sequence[EarlierResult]
     """Empty while scores are held back."""
-    also: Mapping[str, BoardResult]
-    """The results on the further leaderboards of the split, by name."""
+    boards: Mapping[str, BoardResult]
+    """The results on the other leaderboards of the split, by name."""
 
 
 def publication(session: Session, submission_id: str, view: View) -> Publication:
@@ -217,7 +217,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         shows_episodes=row.shows_episodes or "baseline" in {each.verdict for each in reviews},
         reviews=reviews,
         earlier=[] if held_until else list(map(partial(read_stored, EarlierResult), row.earlier)),
-        also=view.also(row),
+        boards=view.boards(row),
     )
 
 
@@ -307,10 +307,10 @@ class SubmissionService:
         pieces = stored_pieces(self.uploads, submission.sha256)
         return chain([next(pieces)], pieces)
 
-    def episodes(self, submission: SubmissionReport, further: str = "") -> Scores:
+    def episodes(self, submission: SubmissionReport, name: str = "") -> Scores:
         """Return the scores of every episode, computed again from the upload.
 
-        They are scored under the rules of the split's own leaderboard, or of a further one that has
+        They are scored under the rules of the split's main leaderboard, or of another one that has
         the submission.
 
         Raises
@@ -319,27 +319,27 @@ class SubmissionService:
             For every submission to a private split; also if the file was deleted, or the ground
             truth or the protocol has changed since the submission was scored.
         """
-        self.check_episodes(submission, further)
-        board = board_named(self.boards, submission.split, further)
-        return self._scored(board.name, further, board.signature, submission.sha256)
+        self.check_episodes(submission, name)
+        board = find_board(self.boards, submission.split, name)
+        return self._scored(board.split, name, board.signature, submission.sha256)
 
-    def check_episodes(self, submission: SubmissionReport, further: str = "") -> None:
+    def check_episodes(self, submission: SubmissionReport, name: str = "") -> None:
         """Raise the NotFoundErrors of :meth:`episodes`."""
-        board = board_named(self.boards, submission.split, further)
+        board = find_board(self.boards, submission.split, name)
         _check_upload(submission)
         if board.is_private:
             raise NotFoundError("per-episode values of private splits are never released")
-        if not board.measures_as(submission.results[further].report):
+        if not board.measures_as(submission.results[name].report):
             raise NotFoundError(
                 f"the ground truth or protocol of {board.label} has changed since this submission; "
                 "see its signature"
             )
 
-    def _score_again(self, split: str, further: str, signature: str, sha256: str) -> Scores:
+    def _score_again(self, split: str, name: str, signature: str, sha256: str) -> Scores:
         """Score an upload again; a result is kept for the signature that it has."""
-        board = board_named(self.boards, split, further)
+        board = find_board(self.boards, split, name)
         check_signature(board, signature)
-        return self.scoring.run(score_episodes, split, further, sha256).scores(board)
+        return self.scoring.run(score_episodes, split, name, sha256).scores(board)
 
     def compare(self, board: Board, named: Mapping[str, SubmissionReport]) -> Comparison:
         """Compare results of a leaderboard on the same episodes, all others with the first.
@@ -352,15 +352,15 @@ class SubmissionService:
             If the split has a single target.
         """
         for each in named.values():
-            self.check_episodes(each, board.further)
+            self.check_episodes(each, board.name)
         files = tuple((name, each.sha256) for name, each in named.items())
-        return self._compared(board.name, board.further, board.signature, files)
+        return self._compared(board.split, board.name, board.signature, files)
 
     def _compare_again(
-        self, split: str, further: str, signature: str, files: tuple[tuple[str, str], ...]
+        self, split: str, name: str, signature: str, files: tuple[tuple[str, str], ...]
     ) -> Comparison:
         return Comparison.of(
-            {name: self._scored(split, further, signature, file) for name, file in files}
+            {key: self._scored(split, name, signature, file) for key, file in files}
         )
 
     def change(
@@ -401,16 +401,16 @@ class SubmissionService:
                 )
             results, before = results_of(row), _editable(row)
             if any(
-                results[further].report.signature != known.results[further].report.signature
-                for further in drawn
+                results[name].report.signature != known.results[name].report.signature
+                for name in drawn
             ):
                 raise ConflictError(
                     "this submission was scored again meanwhile, after a correction; try again"
                 )
-            for further, (intervals, _) in drawn.items():
-                report = results[further].report.model_copy(update={"intervals": intervals})
-                store_result(row, further, results[further].model_copy(update={"report": report}))
-            sums = {further: of_board for further, (_, of_board) in drawn.items()}
+            for name, (intervals, _) in drawn.items():
+                report = results[name].report.model_copy(update={"intervals": intervals})
+                store_result(row, name, results[name].model_copy(update={"report": report}))
+            sums = {name: of_board for name, (_, of_board) in drawn.items()}
             store_sums(transaction.session, row.id, sums)
             self._apply(change, row, now)
             details = difference(before, _editable(row))
@@ -448,7 +448,7 @@ class SubmissionService:
         """
         board = self.boards.get(row.split)
         is_shown = row.published_at is not None and (change.published or change.withdrawn is False)
-        if board is None or not board.split.one_per_team or not is_shown:
+        if board is None or not board.settings.one_per_team or not is_shown:
             return
         chosen = select(Submission).where(
             Submission.split == row.split,
@@ -481,37 +481,37 @@ class SubmissionService:
         This is done for open splits only. It takes longer than scoring, so it is only done for
         published submissions.
         """
-        own = board_named(self.boards, known.split)
+        own = find_board(self.boards, known.split)
         waiting = [
             board
             for board in own.all
-            if (result := known.results.get(board.further)) is not None
+            if (result := known.results.get(board.name)) is not None
             and result.report.intervals is None
             and board.measures_as(result.report)
         ]
         if own.is_private or known.upload_deleted_at is not None or not waiting:
             return {}
         return self.scoring.run(
-            draw_intervals, known.split, [board.further for board in waiting], known.sha256
+            draw_intervals, known.split, [board.name for board in waiting], known.sha256
         )
 
 
-def score_episodes(context: Context, split: str, further: str, sha256: str) -> EpisodeValues:
+def score_episodes(context: Context, split: str, name: str, sha256: str) -> EpisodeValues:
     """Score a stored upload, and return the values of each episode."""
-    board = board_named(context.boards, split, further)
+    board = find_board(context.boards, split, name)
     return EpisodeValues.of(board, board.score(board.read(stored_upload(context.uploads, sha256))))
 
 
 def draw_intervals(
-    context: Context, split: str, furthers: Sequence[str], sha256: str
+    context: Context, split: str, names: Sequence[str], sha256: str
 ) -> Mapping[str, tuple[IntervalReport, Sums]]:
     """Return intervals and cluster sums of a stored upload, by leaderboard that has intervals."""
     content = stored_upload(context.uploads, sha256)
-    boards = [board_named(context.boards, split, further) for further in furthers]
-    found = {board.further: board.scored(content, has_intervals=True) for board in boards}
+    boards = [find_board(context.boards, split, name) for name in names]
+    found = {board.name: board.scored(content, has_intervals=True) for board in boards}
     return {
-        further: (report.intervals, cluster_sums(scores))
-        for further, (report, scores) in found.items()
+        name: (report.intervals, cluster_sums(scores))
+        for name, (report, scores) in found.items()
         if report.intervals is not None and scores is not None
     }
 

@@ -117,11 +117,11 @@ def submit(member: Member, upload: PostedUpload) -> Response:
     server, person, typed = member.server, member.person(), upload.fields
     board = server.board(typed.get("split", ""))
     if typed.get("what") != "score":
-        report = server.get(Intake).validate(person, board.name, upload.packed)
+        report = server.get(Intake).validate(person, board.split, upload.packed)
         return draw(member, typed, report=report)
     method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
     accepted = server.get(Intake).submit(
-        person, board.name, upload.packed, method, key=None, arrived=upload.arrived
+        person, board.split, upload.packed, method, key=None, arrived=upload.arrived
     )
     exchange_of(member.request.scope).note(accepted)
     place = f"/submissions/{accepted.submission.id}"

@@ -102,7 +102,7 @@ def show_team(member: Member) -> Response:
     server = member.server
     with member.reading() as reading:
         team = team_of(reading.session, reading.person, MOST_SUBMISSIONS, View.of(reading))
-        left = [(each.board.name, each.quota) for each in split_quotas(server, reading)]
+        left = [(each.board.split, each.quota) for each in split_quotas(server, reading)]
         return page(
             reading,
             "team.html",

@@ -42,7 +42,7 @@ from reverie_eval.scoring import clusters_of, is_goal
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.integrity.traces import Trace, Traces
-from reverie_eval.server.scoring.boards import Board, board_named
+from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.scoring.contexts import Scoring
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
@@ -153,7 +153,7 @@ class EvidenceService:
         return evidence.report
 
     def _traces(self, split: str) -> Traces:
-        return Traces(board_named(self.boards, split), self.database, self.scoring)
+        return Traces(find_board(self.boards, split), self.database, self.scoring)
 
 
 def _sent_and_missing(
@@ -163,7 +163,7 @@ def _sent_and_missing(
 
     Raises NotFoundError if none is of the team.
     """
-    split = traces.board.name
+    split = traces.board.split
     marked = traces.marked(session, _submissions_to(split))
     sent = [(_Sent(*row), is_known) for row, is_known in marked]
     if team is not None and team not in {each.team for each, _ in sent}:

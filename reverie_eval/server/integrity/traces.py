@@ -115,7 +115,7 @@ class Trace:
 
         Boxes cannot be scored without their views.
         """
-        truth, track = board.truth, board.split.track
+        truth, track = board.truth, board.settings.track
         if metric == "rgs" and self.episodes["is_box"].any():
             return None
         stop = truth.require_solution().goal if track == "grounding" else self.episodes["stop"]
@@ -183,7 +183,7 @@ class Traces:
     def basis(self) -> str:
         """What the numbers in a trace depend on."""
         episodes = len(self.board.truth.episodes.instr_ids)  # protocols may leave some out
-        return f"{self.board.split.track}:{self.board.public_fingerprint}:{episodes}"
+        return f"{self.board.settings.track}:{self.board.public_fingerprint}:{episodes}"
 
     def marked(
         self, session: Session, submissions: Select[*tuple[Any, ...]]
@@ -200,7 +200,7 @@ class Traces:
             if len(contents) == most:
                 break
             try:
-                contents[sha256] = self.scoring.run(trace_of, self.board.name, sha256)
+                contents[sha256] = self.scoring.run(trace_of, self.board.split, sha256)
             except SubmissionError as error:
                 unreadable[sha256] = f"rejected: {error.problems[0]}"
             except UploadsError as error:
@@ -215,7 +215,7 @@ class Traces:
         """
         if not contents:
             return
-        known = {"split": self.board.name, "basis": self.basis}
+        known = {"split": self.board.split, "basis": self.basis}
         rows = [
             {**known, "sha256": sha256, "content": content} for sha256, content in contents.items()
         ]
@@ -255,4 +255,4 @@ class Traces:
         return submissions.outerjoin(Row, is_current)
 
     def _is_of(self, digests: Collection[str]) -> ColumnElement[bool]:
-        return and_(Row.split == self.board.name, Row.sha256.in_(digests))
+        return and_(Row.split == self.board.split, Row.sha256.in_(digests))

@@ -365,11 +365,13 @@ def _at_ground_truth(settings: Settings) -> Generator[Finding, None, Mapping[str
         return {}
     for name, board in boards.items():
         truth = board.truth
-        what = f"{name}: {truth.header.dataset}, {board.split.visibility}, {truth.fingerprint[:12]}"
+        what = (
+            f"{name}: {truth.header.dataset}, {board.settings.visibility}, {truth.fingerprint[:12]}"
+        )
         yield Finding("ground truth", "ok", what)
         episodes = len(truth.episodes.instr_ids)
-        if board.is_private and board.also:
-            yield Finding("ground truth", "note", _told_by_further(board, episodes))
+        if board.is_private and board.others:
+            yield Finding("ground truth", "note", _told_by_others(board, episodes))
         if board.is_private and episodes < _FEW_EPISODES and not truth.is_demo:
             message = (
                 f"{name} is private and has only {episodes} episodes: its scores reveal exact "
@@ -389,15 +391,15 @@ def _at_ground_truth(settings: Settings) -> Generator[Finding, None, Mapping[str
     return boards
 
 
-def _told_by_further(board: Board, episodes: int) -> str:
-    """Return a sentence on what further leaderboards of a private split reveal."""
+def _told_by_others(board: Board, episodes: int) -> str:
+    """Return a sentence on what other leaderboards of a private split reveal."""
     own, all_counts = (
         sum(metric.is_binary for each in boards for metric in each.headline)
         for boards in ([board], board.all)
     )
-    year = board.split.effective_quota.year
+    year = board.settings.effective_quota.year
     return (
-        f"{board.name} is private and has {count_text(len(board.also), 'further leaderboard')}: a "
+        f"{board.split} is private and has {count_text(len(board.others), 'other leaderboard')}: a "
         f"submission reveals up to {all_counts} counts of outcomes instead of {own}, so a year's "
         f"{count_text(year, 'submission')} reveal up to {year * all_counts:,} outcomes of "
         f"{episodes:,} episodes instead of {year * own:,} (documentation: Security)"
@@ -479,7 +481,7 @@ def _at_results(session: Session, boards: Mapping[str, Board], folder: Path) -> 
             yield from _at_exact_values(session, board)
         for board in leaderboards(boards):
             yield from _at_outdated(session, board, folder)
-        for board in filter(lambda board: board.split.one_per_team, boards.values()):
+        for board in filter(lambda board: board.settings.one_per_team, boards.values()):
             yield from _at_several(session, board)
     except REFUSALS:
         message = "some results cannot be read; run `reverie-eval server doctor`"
@@ -487,19 +489,19 @@ def _at_results(session: Session, boards: Mapping[str, Board], folder: Path) -> 
 
 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
-    kept = select(Submission.report, Submission.earlier, Submission.also)
+    kept = select(Submission.report, Submission.earlier, Submission.boards)
     exact = 0
-    for report, earlier, also in session.execute(
-        kept.where(Submission.split == board.name).execution_options(yield_per=AT_ONCE)
+    for report, earlier, boards in session.execute(
+        kept.where(Submission.split == board.split).execution_options(yield_per=AT_ONCE)
     ):
         results = [{"report": report}, *earlier]
-        for further in also.values():
-            results += [further, *further["earlier"]]
+        for result in boards.values():
+            results += [result, *result["earlier"]]
         reports = (read_stored(ScoreReport, result["report"]) for result in results)
         exact += not all(map(board.may_keep, reports))
     if exact:
         message = (
-            f"{board.name} is private, but exact values of {count_text(exact, 'result')} were "
+            f"{board.split} is private, but exact values of {count_text(exact, 'result')} were "
             "stored while it was open; open it again, and give the private split another name"
         )
         yield Finding("secrets", "fault", message)
@@ -507,12 +509,12 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
 
 def _at_several(session: Session, board: Board) -> Iterator[Finding]:
     """Look for teams with several results on a leaderboard that shows one of each."""
-    teams = select(Submission.team_id).where(Submission.split == board.name, IS_SHOWN)
+    teams = select(Submission.team_id).where(Submission.split == board.split, IS_SHOWN)
     several = teams.group_by(Submission.team_id).having(func.count() > 1)
     number = len(session.scalars(several).all())
     if number:
         message = (
-            f"{count_text(number, 'team')} with several published results on {board.name}, which "
+            f"{count_text(number, 'team')} with several published results on {board.split}, which "
             "shows one per team; these stay until the team publishes its next result or "
             "unpublishes them"
         )
@@ -526,11 +528,11 @@ def _at_outdated(session: Session, board: Board, folder: Path) -> Iterator[Findi
     sent, command = count_text(number, "submission"), f"reverie-eval server rescore {folder}"
     have = "has" if number == 1 else "have"
     message = (
-        f"{sent} to {board.name} {have} no result on {board.further} under the current ground "
-        f"truth and rules; score them with `{command} {board.name}`"
-        if board.further
-        else f"{sent} to {board.name} not ranked, because the ground truth or the rules have "
-        f"changed since; score them again with `{command} {board.name}`"
+        f"{sent} to {board.split} {have} no result on {board.name} under the current ground "
+        f"truth and rules; score them with `{command} {board.split}`"
+        if board.name
+        else f"{sent} to {board.split} not ranked, because the ground truth or the rules have "
+        f"changed since; score them again with `{command} {board.split}`"
     )
     yield Finding("results", "note", message)
 

@@ -46,7 +46,7 @@ from reverie_eval.server.boards.leaderboard import Ranking, Rankings
 from reverie_eval.server.jobs import Jobs
 from reverie_eval.server.messages.outbox import tell_fault
 from reverie_eval.server.operations.soundness import FileWatch, check_key, try_newest
-from reverie_eval.server.scoring.boards import Board, board_named, read_each
+from reverie_eval.server.scoring.boards import Board, find_board, read_each
 from reverie_eval.server.scoring.contexts import Context
 from reverie_eval.server.scoring.rules import rules_of
 from reverie_eval.server.settings import SettingsError
@@ -74,7 +74,7 @@ _NOBODY = -1
 _EMPTY: Mapping[str, Any] = {
     **dict.fromkeys(("split", "actor", "action", "row", "subject", "seal", "outcome"), ""),
     **dict.fromkeys(("size", "problems", "milliseconds"), 0),
-    **{name: {} for name in ("method", "report", "receipt", "also", "details")},
+    **{name: {} for name in ("method", "report", "receipt", "boards", "details")},
 }
 """Values of columns that do not matter here."""
 
@@ -181,9 +181,9 @@ class Health:
                 passed[name] = True
 
 
-def score_content(context: Context, split: str, further: str, content: bytes) -> ScoreReport:
+def score_content(context: Context, split: str, name: str, content: bytes) -> ScoreReport:
     """Score a JSON text on a leaderboard."""
-    return board_named(context.boards, split, further).scored(content).report
+    return find_board(context.boards, split, name).scored(content).report
 
 
 class Canary:
@@ -191,7 +191,7 @@ class Canary:
 
     def __init__(self, server: ServerState, board: Board) -> None:
         self._server = server
-        self._place = board.name, board.further
+        self._place = board.split, board.name
         self._content = lru_cache(1)(lambda _signature: self._walk())
 
     @property
@@ -225,7 +225,7 @@ class Canary:
             team="",
             sha256=_NO_DIGEST,
             received_at=self._server.clock(),
-            split=self._board.name,
+            split=self._board.split,
             signature=report.signature,
             scores=report.scores,
             quota=QuotaReport(remaining=0, next_at=None, seconds_to_next=0, windows=[]),

@@ -44,7 +44,7 @@ def inspect(
         if not board.measures_as(known.report):
             raise ConflictError(
                 f"{submission_id} was scored before the ground truth or the rules changed; "
-                f"run `reverie-eval server rescore {settings.folder} {board.name}` first"
+                f"run `reverie-eval server rescore {settings.folder} {board.split}` first"
             )
         reading = board.read(stored_upload(state.uploads, known.sha256))
         scores = board.score(reading)

@@ -181,10 +181,10 @@ def _sign_again(row: Submission, key_id: str, signer: Signer) -> int:
         number += 1
         return signer.sign_again(receipt)
 
-    for further, known in results_of(row).items():
+    for name, known in results_of(row).items():
         earlier = [
             each.model_copy(update={"receipt": signed(each.receipt)}) for each in known.earlier
         ]
         changed = {"receipt": signed(known.receipt), "earlier": earlier}
-        store_result(row, further, known.model_copy(update=changed))
+        store_result(row, name, known.model_copy(update=changed))
     return number

@@ -50,7 +50,7 @@ def preview(
 ) -> Sequence[ResultChange]:
     """Return how results would change if they were scored again; nothing is changed.
 
-    Those on the split's own leaderboard come first, then those on each further one.
+    Those on the split's main leaderboard come first, then those on each other one.
 
     If a bundle is given, it replaces the ground truth that the settings name.
 
@@ -128,7 +128,7 @@ def correct(
     # shows the earlier results.
     with opened_server(settings) as earlier, opened_server(corrected) as state:
         boards = state.board(split).all
-        outcomes: dict[str, dict[Job, Outcome]] = {board.further: {} for board in boards}
+        outcomes: dict[str, dict[Job, Outcome]] = {board.name: {} for board in boards}
         while True:
             with state.database.reading() as session:
                 missing = _missing(session, boards, outcomes)
@@ -136,7 +136,7 @@ def correct(
                 break
             for board, waiting in missing:
                 found = _score(state, board, waiting, jobs, progress)
-                outcomes[board.further] = _updated(outcomes[board.further], found)
+                outcomes[board.name] = _updated(outcomes[board.name], found)
         with (
             _replacement(settings, split, bundle) as replacement,
             earlier.transactions.begin(actor) as transaction,
@@ -144,19 +144,19 @@ def correct(
             # Uploads that came since the last look; there is hardly ever one.
             for board, waiting in _missing(transaction.session, boards, outcomes):
                 found = _score(state, board, waiting, 1, _quietly)
-                outcomes[board.further] = _updated(outcomes[board.further], found)
+                outcomes[board.name] = _updated(outcomes[board.name], found)
             in_force, before = rules_of(state.boards), rules_of(earlier.boards)
             append_rules(
                 transaction, in_force, {name: before[name] for name in different(in_force, before)}
             )
             for board in boards:
-                of_board = outcomes[board.further]
+                of_board = outcomes[board.name]
                 state.get(Rescoring).replace_at_once(transaction, board, reason, of_board)
             replacement.install()  # last, so that nobody finds it long before the new results
     changed: list[ResultChange] = []
     with opened_server(settings) as state, state.database.reading() as session:
         for board in state.board(split).all:
-            of_board = outcomes[board.further]
+            of_board = outcomes[board.name]
             named = _named(of_board)
             changed += changes(session, board, named, first_results=_first(of_board))
     return Correction(changed, replacement.aside)
@@ -167,7 +167,7 @@ def _missing(
 ) -> Sequence[tuple[Board, Sequence[Job]]]:
     """Return what is still to be scored on each leaderboard, if anything is."""
     found = [
-        (board, [job for job in outdated(session, board) if job not in outcomes[board.further]])
+        (board, [job for job in outdated(session, board) if job not in outcomes[board.name]])
         for board in boards
     ]
     return [(board, waiting) for board, waiting in found if waiting]
@@ -198,8 +198,8 @@ def _scoring(
 ) -> Iterator[Iterable[Outcome]]:
     """Score submissions in processes that each load the ground truth."""
     settings = state.settings
-    rules = settings.splits[board.name].model_dump_json()
-    source = _Source(settings.folder, settings.uploads, board.name, board.further, rules)
+    rules = settings.splits[board.split].model_dump_json()
+    source = _Source(settings.folder, settings.uploads, board.split, board.name, rules)
     processes = min(jobs, 1 + len(waiting) // FOR_ONE)
     with closing(map_in_processes(partial(_score_one, source), waiting, processes)) as outcomes:
         yield outcomes
@@ -226,13 +226,13 @@ class _Source(NamedTuple):
     folder: Path
     uploads: str
     split: str
-    further: str
+    name: str
     rules: str
     """The split's settings as JSON."""
 
 
 def _score_one(source: _Source, job: Job) -> Outcome:
-    return score_again(_context(source), source.split, source.further, job)
+    return score_again(_context(source), source.split, source.name, job)
 
 
 @cache

@@ -40,7 +40,7 @@ class FileWatch:
 
     def check_bundle(self, board: Board) -> None:
         """Raise an error if a split's ground truth is missing, or not the one that scores."""
-        path, scoring = self._settings.path(board.split.bundle), board.truth.fingerprint
+        path, scoring = self._settings.path(board.settings.bundle), board.truth.fingerprint
 
         def compare() -> None:
             if Bundle.load(path).header.fingerprint != scoring:

@@ -72,7 +72,7 @@ def export_codabench(settings: Settings, split: str, image: str, output: Path) -
         ):
             for name, content in contents.items():
                 archive.writestr(name, content)
-            archive.write(settings.path(board.split.bundle), f"{_REFERENCE}/bundle.npz")
+            archive.write(settings.path(board.settings.bundle), f"{_REFERENCE}/bundle.npz")
         return list(_left_out(board, schedule))
 
 
@@ -81,8 +81,8 @@ def _competition(
 ) -> Mapping[str, Any]:
     return {
         "version": 2,
-        "title": f"{state.settings.title}: {board.name}",
-        "description": f"{board.truth.task.title}, {board.name}",
+        "title": f"{state.settings.title}: {board.split}",
+        "description": f"{board.truth.task.title}, {board.split}",
         "image": _IMAGE,
         "terms": "pages/terms.md",
         "docker_image": image,
@@ -96,7 +96,7 @@ def _competition(
         "tasks": [
             {
                 "index": 0,
-                "name": board.name,
+                "name": board.split,
                 "description": board.signature,
                 "scoring_program": f"{_PROGRAM}/",
                 "reference_data": f"{_REFERENCE}/",
@@ -106,12 +106,12 @@ def _competition(
             {
                 "index": index,
                 "name": phase.name,
-                "description": f"Submissions to {board.name}",
+                "description": f"Submissions to {board.split}",
                 "start": _time(phase.opens or state.clock()),
                 **({"end": _time(phase.closes)} if phase.closes else {}),
                 "tasks": [0],
-                "max_submissions_per_day": board.split.effective_quota.day,
-                "max_submissions": board.split.effective_quota.year,
+                "max_submissions_per_day": board.settings.effective_quota.day,
+                "max_submissions": board.settings.effective_quota.year,
                 "execution_time_limit": _SECONDS_TO_SCORE,
                 "hide_prediction_output": True,
                 "hide_score_output": schedule.holds_scores_back,
@@ -123,7 +123,7 @@ def _competition(
                 "title": "Results",
                 "key": "main",
                 "submission_rule": "Add_And_Delete"
-                if board.split.one_per_team
+                if board.settings.one_per_team
                 else "Add_And_Delete_Multiple",
                 "hidden": schedule.holds_scores_back,
                 "primary_index": board.headline.index(board.primary),
@@ -144,9 +144,9 @@ def _competition(
 
 def _rules(board: Board) -> Mapping[str, Any]:
     return {
-        "split": board.name,
-        "protocol": board.split.protocol,
-        "track": board.split.track,
+        "split": board.split,
+        "protocol": board.settings.protocol,
+        "track": board.settings.track,
         "metrics": [metric.key for metric in board.headline],
     }
 
@@ -154,12 +154,12 @@ def _rules(board: Board) -> Mapping[str, Any]:
 def _overview(board: Board) -> str:
     task, episodes = board.truth.task, len(board.truth.episodes.instr_ids)
     rows = "\n".join(f"| {metric.heading} | {metric.definition} |" for metric in board.headline)
-    return f"""# {task.title}, {board.name}
+    return f"""# {task.title}, {board.split}
 
 {task.citation}
 
-Send a zip archive with one JSON file: the results of all {episodes:,} episodes of {board.name}.
-Check it first: `reverie-eval validate submit.json --split {board.name}` uses no submission. A file
+Send a zip archive with one JSON file: the results of all {episodes:,} episodes of {board.split}.
+Check it first: `reverie-eval validate submit.json --split {board.split}` uses no submission. A file
 with mistakes is rejected, and the output of the scoring program lists them.
 
 Scores have the signature `{board.signature}`.
@@ -181,13 +181,13 @@ file is kept by the platform and can be seen by the organisers.
 
 def _left_out(board: Board, schedule: Schedule) -> Iterator[str]:
     """Yield a sentence on each rule that a competition on Codabench does not have."""
-    quota = board.split.effective_quota
+    quota = board.settings.effective_quota
     yield f"the limit of {quota.month:,} submissions in 30 days"
     yield f"the window of 365 days: {quota.year:,} submissions are the limit of each phase"
     if schedule.holds_scores_back:
         yield "scores are hidden; show them yourself when the phase has ended"
-    if board.also:
-        yield f"the further leaderboards: {', '.join(board.also)}"
+    if board.others:
+        yield f"the other leaderboards: {', '.join(board.others)}"
 
 
 def _time(moment: datetime) -> str:

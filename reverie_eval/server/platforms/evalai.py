@@ -45,25 +45,25 @@ def export_evalai(settings: Settings) -> ChallengeConfig:
         with state.database.reading() as session:
             timetables = state.get(Schedules).read(session)
         boards = list(state.boards.values())
-        schedules = {board.name: timetables[board.name].latest for board in boards}
-        phases = [(board, phase) for board in boards for phase in schedules[board.name].phases]
+        schedules = {board.split: timetables[board.split].latest for board in boards}
+        phases = [(board, phase) for board in boards for phase in schedules[board.split].phases]
         document = {
             "remote_evaluation": True,
             "leaderboard": [_leaderboard(i, board) for i, board in enumerate(boards, 1)],
             "dataset_splits": [
-                {"id": i, "name": board.name, "codename": board.name}
+                {"id": i, "name": board.split, "codename": board.split}
                 for i, board in enumerate(boards, 1)
             ],
             "challenge_phases": [
-                _phase(i, board, phase, schedules[board.name], state.clock())
+                _phase(i, board, phase, schedules[board.split], state.clock())
                 for i, (board, phase) in enumerate(phases, 1)
             ],
             "challenge_phase_splits": [
-                _phase_split(i, 1 + boards.index(board), board, schedules[board.name])
+                _phase_split(i, 1 + boards.index(board), board, schedules[board.split])
                 for i, (board, _) in enumerate(phases, 1)
             ],
         }
-    left_out = [each for board in boards for each in _left_out(board, schedules[board.name])]
+    left_out = [each for board in boards for each in _left_out(board, schedules[board.split])]
     return ChallengeConfig(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), left_out)
 
 
@@ -87,16 +87,16 @@ def _leaderboard(number: int, board: Board) -> Mapping[str, Any]:
 def _phase(
     number: int, board: Board, phase: Phase, schedule: Schedule, now: datetime
 ) -> Mapping[str, Any]:
-    quota, closes = board.split.effective_quota, phase.closes or _NO_END
+    quota, closes = board.settings.effective_quota, phase.closes or _NO_END
     return {
         "id": number,
-        "name": f"{board.name}: {phase.name}",
+        "name": f"{board.split}: {phase.name}",
         "description": f"templates/challenge_phase_{number}_description.html",
-        "codename": f"{board.name}-{number}",
+        "codename": f"{board.split}-{number}",
         "leaderboard_public": not schedule.holds_scores_back,
         "is_public": True,
         "is_submission_public": False,
-        "is_restricted_to_select_one_submission": board.split.one_per_team,
+        "is_restricted_to_select_one_submission": board.settings.one_per_team,
         "start_date": _time(phase.opens or min(now, closes)),
         "end_date": _time(closes),
         "max_submissions_per_day": quota.day,
@@ -122,15 +122,15 @@ def _phase_split(phase: int, split: int, board: Board, schedule: Schedule) -> Ma
 
 def _left_out(board: Board, schedule: Schedule) -> Iterator[str]:
     """Yield a sentence on each of a split's rules that a challenge on EvalAI does not have."""
-    quota = board.split.effective_quota
+    quota = board.settings.effective_quota
     yield (
-        f"{board.name}: quotas for any 24 hours, 30 and 365 days; EvalAI counts by calendar day "
+        f"{board.split}: quotas for any 24 hours, 30 and 365 days; EvalAI counts by calendar day "
         f"and month, and allows {quota.year:,} submissions in each phase"
     )
     if schedule.holds_scores_back:
-        yield f"{board.name}: the date from which scores are shown; show them after the phase"
-    if board.also:
-        yield f"{board.name}: the further leaderboards {', '.join(board.also)}"
+        yield f"{board.split}: the date from which scores are shown; show them after the phase"
+    if board.others:
+        yield f"{board.split}: the other leaderboards {', '.join(board.others)}"
 
 
 def _time(moment: datetime) -> datetime:

@@ -165,7 +165,7 @@ class EvalAIWorker:
         """Fetch a submission's file and score it; return how it ends."""
         limits = self.state.settings.limits
         with self.state.database.reading() as session:
-            schedule = self.state.get(Schedules).of_split(session, board.name).latest
+            schedule = self.state.get(Schedules).of_split(session, board.split).latest
         try:
             packed = self.client.download(submission, limits.upload_mebibytes << 20)
             content = unpack(packed, limits.unpacked_mebibytes << 20)
@@ -184,7 +184,7 @@ def _scored(board: Board, content: bytes, *, is_shown: bool) -> End:
     report = board.scored(content).report
     scores = displayed_scores(report, [metric.key for metric in board.headline])
     result = {
-        "split": board.name,
+        "split": board.split,
         "show_to_participant": is_shown,
         "accuracies": {CATALOGUE[key].label: value for key, value in scores.items()},
     }

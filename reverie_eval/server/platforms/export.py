@@ -69,14 +69,14 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
             ranking = state.get(Rankings).with_details(
                 session, state.get(Rankings).ranking(session, board)
             )
-            told = corrections_of(session, [board])[board.name]
+            told = corrections_of(session, [board])[board.split]
             shown = json.loads(as_json(ranking, told, state.settings.organiser))
             boards.append({name: shown[name] for name in _BOARD})
             corrections += shown["corrections"]
             for row in (*shown["rows"], *shown["apart"]):
                 said = row.pop("reviews")
-                of = {"split": board.name, "submission_id": row["submission_id"]}
-                if not board.further:  # reviews are of submissions, and the same on all of them
+                of = {"split": board.split, "submission_id": row["submission_id"]}
+                if not board.name:  # reviews are of submissions, and the same on all of them
                     reviews += [of | review for review in said]
                 results.append(_flat(board, row))
     metrics = {key: "number" for key in CATALOGUE if any(key in row for row in results)}
@@ -96,7 +96,7 @@ def _flat(board: Board, row: dict[str, Any]) -> Row:
     }
     method["method"] = method.pop("name")
     row["rank_low"], row["rank_high"] = row.pop("rank_interval") or (None, None)
-    return {"split": board.name, "board": board.further, **row, **method, **scores, **bounds}
+    return {"split": board.split, "board": board.name, **row, **method, **scores, **bounds}
 
 
 _TEXT, _FLAG = "string", "boolean"
@@ -135,8 +135,8 @@ _CORRECTION = dict.fromkeys(("split", "board", "created_at", "reason", "signatur
 
 def _table(name: str, rows: Sequence[Row], columns: Mapping[str, str]) -> ExportedTable:
     """Return a table; any further columns of its rows, the bounds of intervals, are numbers."""
-    further = dict.fromkeys((key for row in rows for key in row if key not in columns), "number")
-    return ExportedTable(name, {**columns, **further}, rows)
+    bounds = dict.fromkeys((key for row in rows for key in row if key not in columns), "number")
+    return ExportedTable(name, {**columns, **bounds}, rows)
 
 
 def _write_csv(table: ExportedTable, path: Path) -> None:

@@ -259,8 +259,8 @@ def _address(url: str) -> str:
 def _name(address: str, media_type: str) -> str:
     """Return the file for an address; different addresses have different files.
 
-    >>> _name("/boards/val_unseen?metric=spl&columns=all", "text/html")
-    'boards/val_unseen,metric=spl,columns=all.html'
+    >>> _name("/splits/val_unseen?metric=spl&columns=all", "text/html")
+    'splits/val_unseen,metric=spl,columns=all.html'
     >>> _name("/", "text/html"), _name("/static/style.css?12ab", "text/css")
     ('index.html', 'static/style,12ab.css')
     """

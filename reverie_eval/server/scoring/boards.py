@@ -1,6 +1,6 @@
 """The splits that a server scores, with their ground truth in memory.
 
-A split has a leaderboard, and may have further ones, which rank the same submissions under other
+A split has a leaderboard, and may have others, which rank the same submissions under other
 rules. Each of them is a :class:`Board`.
 """
 
@@ -61,43 +61,43 @@ class Scored(NamedTuple):
 class Board:
     """A leaderboard: the settings and the ground truth of its split, and its own rules."""
 
-    name: str
+    split: str
     """The split's name on this server: ``test``, or ``r2r-test``."""
-    split: Split
+    settings: Split
     """The split's settings, with the protocol and the track of this leaderboard."""
     truth: GroundTruth
     """The ground truth, with the episodes and annotated paths that the protocol uses."""
     public_fingerprint: str
     """Fingerprint of the bundle without its solution, which participants may have."""
-    further: str = ""
-    """The name of a further leaderboard; empty for the split's own."""
-    also: Mapping[str, "Board"] = field(default_factory=dict)
-    """The further leaderboards of the split, by name; only the split's own one has them."""
-    own: "Board | None" = None
-    """The split's own leaderboard; None if it is this one."""
+    name: str = ""
+    """The name of the leaderboard; empty for the main one."""
+    others: Mapping[str, "Board"] = field(default_factory=dict)
+    """The other leaderboards of the split, by name; only the split's main one has them."""
+    main: "Board | None" = None
+    """The split's main leaderboard; None if it is this one."""
 
     @property
     def label(self) -> str:
-        """Its name for people: the split, or the split and the further leaderboard."""
-        return f"{self.name}, {self.further}" if self.further else self.name
+        """Its name for people: the split, or the split and the leaderboard."""
+        return f"{self.split}, {self.name}" if self.name else self.split
 
     @property
     def path(self) -> str:
-        """Its part of addresses: ``test`` or ``test/also/grounding``."""
-        own = quote(self.name, safe="")
-        return f"{own}/also/{self.further}" if self.further else own
+        """Its part of addresses: ``test`` or ``test/boards/grounding``."""
+        split = quote(self.split, safe="")
+        return f"{split}/boards/{self.name}" if self.name else split
 
     @property
     def all(self) -> Sequence["Board"]:
-        """The split's leaderboards, its own one first."""
-        return [self, *self.also.values()]
+        """The split's leaderboards, the main one first."""
+        return [self, *self.others.values()]
 
     @property
     def sample(self) -> str:
         """The name of the declared sample that it ranks; empty for the whole split."""
         if not self.truth.subset_digest:
             return ""
-        return self.name.removeprefix(f"{name_on_server(self.task.name, self.truth.split)}-")
+        return self.split.removeprefix(f"{name_on_server(self.task.name, self.truth.split)}-")
 
     @property
     def n_split(self) -> int:
@@ -117,13 +117,13 @@ class Board:
         """Its title where the benchmark must be named: ``REVERIE val unseen leaderboard``."""
         split = self.truth.split.replace("_", " ")
         of_sample = f", sample {self.sample}" if self.sample else ""
-        further = f": {self.further}" if self.further else ""
-        return f"{self.task.title} {split} leaderboard{of_sample}{further}"
+        named = f": {self.name}" if self.name else ""
+        return f"{self.task.title} {split} leaderboard{of_sample}{named}"
 
     @property
     def is_private(self) -> bool:
         """Whether only rounded means may leave the server."""
-        return self.split.visibility == "private"
+        return self.settings.visibility == "private"
 
     @property
     def task(self) -> Task:
@@ -133,17 +133,17 @@ class Board:
     @property
     def protocol(self) -> Protocol:
         """The protocol that scores."""
-        return self.task.protocol(self.split.protocol)
+        return self.task.protocol(self.settings.protocol)
 
     @property
     def signature(self) -> str:
         """Everything that scores depend on, under the current settings."""
-        return signature_of(self.truth, self.protocol, qualifier_of(self.split.track))
+        return signature_of(self.truth, self.protocol, qualifier_of(self.settings.track))
 
     @property
     def metrics(self) -> Sequence[str]:
         """The keys of the metrics that every submission with answers gets."""
-        return scored_metrics(self.protocol, self.split.track)
+        return scored_metrics(self.protocol, self.settings.track)
 
     @property
     def headline(self) -> Sequence[Metric]:
@@ -188,10 +188,10 @@ class Board:
 
     def _prepare(self, content: bytes, truth: GroundTruth) -> PreparedSubmission:
         check_value_count(content, MAX_VALUES)
-        answers_only = self.split.track == "grounding"
+        answers_only = self.settings.track == "grounding"
         predictions = parse_predictions(content, self.task, truth.graph, answers_only=answers_only)
         try:
-            prepared = PreparedSubmission.of(predictions, truth, self.split.track)
+            prepared = PreparedSubmission.of(predictions, truth, self.settings.track)
         except SubmissionError as error:
             raise SubmissionError([self._named_here(each) for each in error.problems]) from None
         # Every episode of the sample occurs once by now, so the others are not in it.
@@ -221,7 +221,7 @@ class Board:
         It is read again only for another track, or for other episodes or annotated paths.
         """
         return {
-            board.further: board.scored(
+            board.name: board.scored(
                 content, reading if board.reads_by == self.reads_by else None
             ).report
             for board in self.all
@@ -230,7 +230,7 @@ class Board:
     @property
     def reads_by(self) -> tuple[object, ...]:
         """What :meth:`read` depends on besides the split."""
-        return self.split.track, *self.protocol.basis
+        return self.settings.track, *self.protocol.basis
 
     def scored(
         self,
@@ -241,7 +241,7 @@ class Board:
     ) -> "Scored":
         """Score a submission's JSON text, which is read unless a reading is given.
 
-        On a further leaderboard, a file without the predictions that it scores gets a report
+        On another leaderboard, a file without the predictions that it scores gets a report
         without scores, whose note says why.
 
         Raises
@@ -252,9 +252,9 @@ class Board:
         try:
             reading = reading or self.read(content)
         except SubmissionError as error:
-            if self.own is None:
+            if self.main is None:
                 raise
-            self.own.read(content)
+            self.main.read(content)
             note = f"this file cannot be ranked here: {error.problems[0].message}"
             return Scored(self._without_scores(note), None)
         scores = self.score(reading)
@@ -267,7 +267,7 @@ class Board:
         return ScoreReport(
             signature=self.signature,
             split=self.truth.split,
-            protocol=self.split.protocol,
+            protocol=self.settings.protocol,
             dataset=self.truth.header.dataset,
             fingerprint=self.truth.fingerprint,
             version=__version__,
@@ -377,13 +377,13 @@ def _public_solution(boards: Mapping[str, Board], settings: Settings) -> Iterato
     for private in filter(lambda board: board.is_private, boards.values()):
         for other in boards.values():
             if not other.is_private and _have_same_solution(private, other):
-                path = settings.path(private.split.bundle)
+                path = settings.path(private.settings.bundle)
                 remedy = (
-                    f"{path}: has the solution of the open split {other.name}; compile the private "
-                    "annotations (`reverie-eval compile --annotations`), or do not open "
-                    f"{other.name}"
+                    f"{path}: has the solution of the open split {other.split}; compile the "
+                    "private annotations (`reverie-eval compile --annotations`), or do not open "
+                    f"{other.split}"
                 )
-                yield Problem("public-solution", f"splits.{private.name}.bundle", remedy)
+                yield Problem("public-solution", f"splits.{private.split}.bundle", remedy)
 
 
 def _have_same_solution(board: Board, other: Board) -> bool:
@@ -407,25 +407,23 @@ def tasks_of(boards: Mapping[str, Board]) -> Sequence[Task]:
 
 def leaderboards(boards: Mapping[str, Board]) -> Sequence[Board]:
     """Return the leaderboards of all splits."""
-    return [board for own in boards.values() for board in own.all]
+    return [board for main in boards.values() for board in main.all]
 
 
-def board_named(boards: Mapping[str, Board], split: str, further: str = "") -> Board:
-    """Return a leaderboard of a split, its own or a further one.
+def find_board(boards: Mapping[str, Board], split: str, name: str = "") -> Board:
+    """Return a leaderboard of a split, the main one or another.
 
     Raises NotFoundError if the split has no such leaderboard.
     """
     board = boards.get(split)
     if board is None:
         raise no_split(split, boards)
-    if not further:
+    if not name:
         return board
-    if further not in board.also:
-        known = ", ".join(board.also) or "none"
-        raise NotFoundError(
-            f"{split} has no further leaderboard {further!r}; its further leaderboards: {known}"
-        )
-    return board.also[further]
+    if name not in board.others:
+        known = ", ".join(board.others) or "none"
+        raise NotFoundError(f"{split} has no leaderboard {name!r}; its other leaderboards: {known}")
+    return board.others[name]
 
 
 def load_board(name: str, split: Split, path: Path) -> Board:
@@ -459,25 +457,25 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     public_fingerprint = bundle.public().header.fingerprint
     board = _board(name, split, replace(truth, origin=name), public_fingerprint)
     for each in board.all:
-        reason = why_not(each.protocol, each.truth, each.split.track)
+        reason = why_not(each.protocol, each.truth, each.settings.track)
         if reason:
-            raise GroundTruthError(f"also.{each.further}: {reason}" if each.further else reason)
+            raise GroundTruthError(f"boards.{each.name}: {reason}" if each.name else reason)
     return board
 
 
 def _board(name: str, split: Split, truth: GroundTruth, public_fingerprint: str) -> Board:
-    """Return a split's own leaderboard, which has the further ones."""
+    """Return a split's main leaderboard, which has the others."""
 
     def scored(split: Split) -> GroundTruth:
         return truth.scored_by(truth.task.protocol(split.protocol))
 
-    own = Board(name, split, scored(split), public_fingerprint)
-    also = {
-        further: replace(own, split=chosen, truth=scored(chosen), further=further, own=own)
-        for further in split.also
-        if (chosen := split.ranked_also(further))
+    main = Board(name, split, scored(split), public_fingerprint)
+    others = {
+        each: replace(main, settings=chosen, truth=scored(chosen), name=each, main=main)
+        for each in split.boards
+        if (chosen := split.ranked_on(each))
     }
-    return replace(own, also=MappingProxyType(also))
+    return replace(main, others=MappingProxyType(others))
 
 
 def read_each(

@@ -130,7 +130,7 @@ class _Here:
 def check_signature(board: Board, signature: str) -> None:
     """Raise BusyError if a leaderboard was corrected since it had this signature."""
     if board.signature != signature:
-        raise BusyError(SECONDS_TO_RETRY, f"the ground truth of {board.name} was just corrected")
+        raise BusyError(SECONDS_TO_RETRY, f"the ground truth of {board.split} was just corrected")
 
 
 class EpisodeValues(NamedTuple):

@@ -1,6 +1,6 @@
 """The results of a submission as they are stored: one on each leaderboard of its split.
 
-The split's own leaderboard has the name "". On a further leaderboard, a submission that was
+The split's main leaderboard has the name "". On another leaderboard, a submission that was
 received before the leaderboard was added has no result until it is scored again.
 """
 
@@ -14,45 +14,44 @@ from reverie_eval.server.store.tables import Attempt, Submission, read_stored
 
 
 def results_of(row: Submission) -> Mapping[str, BoardResult]:
-    """Return all results of a submission by leaderboard, that on the split's own one first."""
+    """Return all results of a submission by leaderboard, that on the split's main one first."""
     own = {"report": row.report, "receipt": row.receipt, "earlier": row.earlier}
     return {
-        further: read_stored(BoardResult, stored)
-        for further, stored in {"": own, **row.also}.items()
+        name: read_stored(BoardResult, stored) for name, stored in {"": own, **row.boards}.items()
     }
 
 
 def submission_report(row: Submission) -> SubmissionReport:
     """Return everything stored about a submission, including what its team may not see yet."""
-    also = dict(results_of(row))
-    own = also.pop("")
+    boards = dict(results_of(row))
+    own = boards.pop("")
     return row.as_report(
         SubmissionReport,
         team=row.team.name,
         person=row.person.name,
         method=read_stored(Method, row.method),
         **dict(own),
-        also=also,
+        boards=boards,
         scores_held_until=None,
     )
 
 
-def store_result(row: Submission, further: str, result: BoardResult) -> None:
+def store_result(row: Submission, name: str, result: BoardResult) -> None:
     """Store a submission's result on a leaderboard, in place of an earlier one."""
     stored = result.model_dump(mode="json")
-    if further:
-        row.also = {**row.also, further: stored}
+    if name:
+        row.boards = {**row.boards, name: stored}
     else:
         row.report, row.receipt = stored["report"], stored["receipt"]
         row.earlier = stored["earlier"]
 
 
-def stored_in_report(further: str, name: str) -> ColumnElement[str | None]:
+def stored_in_report(name: str, field: str) -> ColumnElement[str | None]:
     """Return a field of a leaderboard's reports for an SQL statement; NULL without a result."""
-    field: ColumnElement[str | None] = (
-        Submission.also[(further, "report", name)] if further else Submission.report[name]
+    found: ColumnElement[str | None] = (
+        Submission.boards[(name, "report", field)] if name else Submission.report[field]
     ).as_string()
-    return field
+    return found
 
 
 def attempt_report(attempt: Attempt) -> AttemptReport:

@@ -255,8 +255,8 @@ class Submission(Base):
     """When it was last scored again, after a correction."""
     earlier: Mapped[list[dict[str, Any]]] = mapped_column(default=list)
     """Its reports and receipts before that, the earliest first."""
-    also: Mapped[dict[str, Any]] = mapped_column(default=dict)
-    """On the split's further leaderboards, by name: report, receipt, and those before."""
+    boards: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    """On the split's other leaderboards, by name: report, receipt, and those before."""
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
@@ -294,7 +294,7 @@ class ClusterSums(Base):
 
     submission_id: Mapped[str] = mapped_column(ForeignKey("submission.id"), primary_key=True)
     board: Mapped[str] = mapped_column(String(64), primary_key=True)
-    """Empty for the split's own leaderboard, or the name of a further one."""
+    """Empty for the split's main leaderboard, or the name of another one."""
     sums: Mapped[dict[str, Any]]
     """A list of numbers by metric, in the order of the clusters' numbers."""
 
@@ -319,7 +319,7 @@ class Correction(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     split: Mapped[str] = mapped_column(String(64), index=True)
     board: Mapped[str] = mapped_column(String(40))
-    """A further leaderboard of the split; empty for its own one."""
+    """A leaderboard of the split; empty for the main one."""
     signature: Mapped[str] = mapped_column(String(500))
     """What scores depend on since."""
     reason: Mapped[str] = mapped_column(String(500))

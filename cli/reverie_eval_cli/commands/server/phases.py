@@ -198,7 +198,7 @@ def snapshot(*, folder: Folder, split: str, title: str) -> None:
     with folder.open() as state, state.transactions.begin(actor()) as transaction:
         taken = state.get(Snapshots).take(transaction, new)
     print(f"{split}: snapshot {taken.number}, {taken.title}, as of {minute(taken.as_of)} UTC")
-    print(f"it stays at /boards/{split}/snapshots/{taken.number}")
+    print(f"it stays at /splits/{split}/snapshots/{taken.number}")
 
 
 @click.group(cls=Group)

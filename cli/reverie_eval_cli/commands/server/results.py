@@ -204,7 +204,7 @@ def rescore(
     """Score submissions again after a correction.
 
     All submissions to SPLIT that were scored with other ground truth or rules than the current ones
-    are scored from their uploads; so are those without a result on a further leaderboard. Dates,
+    are scored from their uploads; so are those without a result on another leaderboard. Dates,
     quotas and reviews stay the same; the earlier results and receipts are kept. With --bundle, the
     ground truth and all results are replaced at once, also of servers that run. If it is
     interrupted, run it again.
@@ -250,9 +250,9 @@ def _print(changes: Sequence[ResultChange], task: Task) -> None:
     if not changes:
         note("there are no submissions")
     # They come leaderboard by leaderboard, as groupby needs them.
-    for further, group in groupby(changes, attrgetter("board")):
-        if further:
-            print(f"\n{further}")
+    for name, group in groupby(changes, attrgetter("board")):
+        if name:
+            print(f"\n{name}")
         _print_board(list(group), task)
 
 

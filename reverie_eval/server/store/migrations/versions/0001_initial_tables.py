@@ -246,7 +246,7 @@ def upgrade() -> None:
         sa.Column("receipt", sa.JSON(), nullable=False),
         sa.Column("rescored_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("earlier", sa.JSON(), nullable=False),
-        sa.Column("also", sa.JSON(), nullable=False),
+        sa.Column("boards", sa.JSON(), nullable=False),
         sa.Column("published_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("anonymous_until", sa.DateTime(timezone=True), nullable=True),

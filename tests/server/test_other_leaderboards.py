@@ -67,7 +67,7 @@ def shown(server: Serving, submission: dict[str, Any], who: str = OWNER) -> dict
 
 
 def board(server: Serving, name: str = "", split: str = OPEN) -> dict[str, Any]:
-    place = f"/also/{name}" if name else ""
+    place = f"/boards/{name}" if name else ""
     reply = server.ask(None, "GET", f"/splits/{split}{place}/leaderboard")
     assert reply.status_code == 200, reply.text
     found: dict[str, Any] = reply.json()
@@ -80,20 +80,20 @@ def test_one_upload_is_scored_by_the_rules_of_each(several: Serving) -> None:
     submission = sent(several, MEDIOCRE)
     after = several.ask(OWNER, "GET", f"/splits/{OPEN}").json()["quota"]["remaining"]
     assert (before - after, len(several.ask(OWNER, "GET", "/submissions").json())) == (1, 1)
-    also = submission["also"]
-    assert list(also) == [GROUNDING, STRICT]
+    others = submission["boards"]
+    assert list(others) == [GROUNDING, STRICT]
     assert submission["report"]["scores"]["rgs"] == 34 / 84
-    assert also[STRICT]["report"]["scores"]["rgs"] == 24 / 84
-    assert also[GROUNDING]["report"]["scores"] == {"rgs": 34 / 84}
-    assert [each["report"]["protocol"] for each in also.values()] == ["official-v1", "paper"]
-    assert "|track:grounding|" in also[GROUNDING]["report"]["signature"]
+    assert others[STRICT]["report"]["scores"]["rgs"] == 24 / 84
+    assert others[GROUNDING]["report"]["scores"] == {"rgs": 34 / 84}
+    assert [each["report"]["protocol"] for each in others.values()] == ["official-v1", "paper"]
+    assert "|track:grounding|" in others[GROUNDING]["report"]["signature"]
 
 
 def test_every_receipt_proves_its_own_result(several: Serving) -> None:
     submission = sent(several)
     own = receipt_in(submission["receipt"])
-    for name, result in submission["also"].items():
-        path = f"/submissions/{submission['id']}/also/{name}/receipt"
+    for name, result in submission["boards"].items():
+        path = f"/submissions/{submission['id']}/boards/{name}/receipt"
         envelope = Envelope.model_validate(several.ask(OWNER, "GET", path).json())
         verify(envelope, several.state.signer.public_pem)
         receipt = receipt_in(envelope)
@@ -103,7 +103,7 @@ def test_every_receipt_proves_its_own_result(several: Serving) -> None:
         )
         different = {"signature": own.signature, "scores": own.scores}
         assert receipt.model_copy(update=different) == own
-    missing = several.ask(OWNER, "GET", f"/submissions/{submission['id']}/also/none/receipt")
+    missing = several.ask(OWNER, "GET", f"/submissions/{submission['id']}/boards/none/receipt")
     assert (missing.status_code, "it has results on: grounding" in missing.text) == (404, True)
 
 
@@ -129,7 +129,7 @@ def test_a_file_without_answers_is_ranked_where_it_can_be(several: Serving) -> N
     for record in records:
         del record["predObjId"]
     submission = sent(several, json.dumps(records).encode(), navigation_only="true")
-    result = submission["also"][GROUNDING]
+    result = submission["boards"][GROUNDING]
     assert result["report"]["scores"] == {}
     (note,) = result["report"]["notes"]
     assert note.startswith("this file cannot be ranked here: no record has an answer")
@@ -143,21 +143,21 @@ def test_a_file_without_answers_is_ranked_where_it_can_be(several: Serving) -> N
     ] == []
 
 
-def test_pages_of_a_further_leaderboard(several: Serving) -> None:
+def test_pages_of_another_leaderboard(several: Serving) -> None:
     publish(several, sent(several))
-    own = several.client.get(f"/boards/{OPEN}").text
-    assert f'href="/boards/{OPEN}/also/{GROUNDING}"' in own
-    place = f"/boards/{OPEN}/also/{GROUNDING}"
+    own = several.client.get(f"/splits/{OPEN}").text
+    assert f'href="/splits/{OPEN}/boards/{GROUNDING}"' in own
+    place = f"/splits/{OPEN}/boards/{GROUNDING}"
     for part in ("", "?columns=all&metric=rgs", "/chart?x=rgs", "/latex", "/bibtex", "/feed.atom"):
         reply = several.client.get(f"{place}{part}")
         assert (reply.status_code, "65.48" in reply.text) == (200, part != "/bibtex"), part
     page = several.client.get(place).text
     assert f"{OPEN}, {GROUNDING} leaderboard" in page
-    assert f'href="/api/v1/splits/{OPEN}/also/{GROUNDING}/leaderboard.csv"' in page
+    assert f'href="/api/v1/splits/{OPEN}/boards/{GROUNDING}/leaderboard.csv"' in page
     assert "track:grounding" in several.client.get(f"{place}/latex").text
-    for path in (f"/boards/{OPEN}/also/none", f"/api/v1/splits/{OPEN}/also/none/leaderboard"):
+    for path in (f"/splits/{OPEN}/boards/none", f"/api/v1/splits/{OPEN}/boards/none/leaderboard"):
         reply = several.client.get(path)
-        assert (reply.status_code, "its further leaderboards: grounding, strict" in reply.text) == (
+        assert (reply.status_code, "its other leaderboards: grounding, strict" in reply.text) == (
             404,
             True,
         )
@@ -179,13 +179,13 @@ def test_private_results_are_rounded_and_held_back_on_all(
     submission = sent(server, submission_for(PRIVATE), split=PRIVATE)
     publish(server, submission)
     for each in (submission, shown(server, submission)):
-        for result in (each, *each["also"].values()):
+        for result in (each, *each["boards"].values()):
             assert result["report"]["scores"] == receipt_in(result["receipt"]).scores == {}
             verify(Envelope.model_validate(result["receipt"]), server.state.signer.public_pem)
     assert board(server, STRICT, PRIVATE)["rows"][0]["scores"] == {}
     server.clock.turn(days=200)
-    also = shown(server, submission)["also"]
-    for name, result in also.items():
+    others = shown(server, submission)["boards"]
+    for name, result in others.items():
         scores = result["report"]["scores"]
         assert scores, name
         assert scores == {
@@ -198,7 +198,7 @@ def test_private_results_are_rounded_and_held_back_on_all(
 
 
 def grown(server: Serving, folder: Path, open_server: OpenServer) -> Serving:
-    """Let two teams submit, and return the server with further leaderboards after that."""
+    """Let two teams submit, and return the server with other leaderboards after that."""
     publish(server, sent(server, MEDIOCRE))
     publish(server, sent(server, who=OTHER), OTHER)
     add_boards(folder, OPEN)
@@ -207,7 +207,7 @@ def grown(server: Serving, folder: Path, open_server: OpenServer) -> Serving:
 
 @pytest.fixture
 def added(server: Serving, folder: Path, open_server: OpenServer) -> Serving:
-    """Return a server that got further leaderboards after two teams had submitted."""
+    """Return a server that got other leaderboards after two teams had submitted."""
     return grown(server, folder, open_server)
 
 
@@ -239,7 +239,7 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(
         found = board(added, name)
         assert [row["rank"] for row in found["rows"]] == [1, 2]
         assert found["corrections"] == []
-        scores = fresh["also"][name]["report"]["scores"]
+        scores = fresh["boards"][name]["report"]["scores"]
         assert found["rows"][0]["scores"] == scores
         assert "rgs" in found["rows"][0]["intervals"]
     with added.state.database.reading() as session:
@@ -281,7 +281,7 @@ def test_a_change_of_rules_keeps_both_results(
     assert board(later)["corrections"] == []
     for submission in later.ask(ORGANISER, "GET", "/submissions").json():
         assert submission["earlier"] == []
-        (earlier,) = submission["also"][STRICT]["earlier"]
+        (earlier,) = submission["boards"][STRICT]["earlier"]
         assert earlier["report"]["protocol"] == "paper"
         verify(Envelope.model_validate(earlier["receipt"]), later.state.signer.public_pem)
         page = signed_in(later, ORGANISER).get(f"/submissions/{submission['id']}").text
@@ -304,7 +304,7 @@ def test_a_file_that_fits_no_longer_keeps_all_results(
         0,
         [submission["id"]],
     )
-    assert shown(later, submission)["also"] == submission["also"]
+    assert shown(later, submission)["boards"] == submission["boards"]
 
 
 def test_the_command_fills_and_prints_each_leaderboard(
@@ -327,11 +327,11 @@ def test_a_removed_leaderboard_leaves_results_to_their_teams(
     submission = sent(several)
     publish(several, submission)
     text = (folder / SETTINGS_FILE).read_text()
-    (folder / SETTINGS_FILE).write_text(text[: text.index("[splits.val_unseen.also")])
+    (folder / SETTINGS_FILE).write_text(text[: text.index("[splits.val_unseen.boards")])
     later = open_server(settings_of(folder), several.tokens)
-    assert shown(later, submission)["also"] == shown(several, submission)["also"]
+    assert shown(later, submission)["boards"] == shown(several, submission)["boards"]
     page = later.client.get(f"/submissions/{submission['id']}").text
-    assert "/also/" not in page
+    assert "/boards/" not in page
 
 
 # What has to know of all results.
@@ -402,7 +402,7 @@ def test_what_participants_type(folder: Path, run: Run, monkeypatch: pytest.Monk
         assert (ranking.status, "28.57" in ranking.out) == (0, True), ranking.err
         wrong = run("leaderboard", "--split", OPEN, "--board", "none")
     assert wrong.status == 2
-    assert "its further leaderboards: grounding, strict" in wrong.err
+    assert "its other leaderboards: grounding, strict" in wrong.err
     own, _, rest = done.out.partition(f"\n\n{GROUNDING}\n")
     grounding, _, strict = rest.partition(f"\n\n{STRICT}\n")
     assert ("40.48" in own, "40.48" in grounding, "28.57" in strict) == (True, True, True)
@@ -415,30 +415,30 @@ def test_what_participants_type(folder: Path, run: Run, monkeypatch: pytest.Monk
     ("rules", "said"),
     [
         pytest.param(
-            'also = { again = { track = "full" } }',
-            "also.again has the protocol and the track of the split",
+            'boards = { again = { track = "full" } }',
+            "boards.again has the protocol and the track of the split",
             id="the split's own rules",
         ),
         pytest.param(
-            'also = { one = { protocol = "hamt" }, two = { protocol = "duet" } }',
-            "also.two has the protocol and the track of also.one",
+            'boards = { one = { protocol = "hamt" }, two = { protocol = "duet" } }',
+            "boards.two has the protocol and the track of boards.one",
             id="the rules of another, by an alias",
         ),
         pytest.param(
-            'also = { one = { protocol = "dutch" } }', "unknown protocol 'dutch'", id="protocol"
+            'boards = { one = { protocol = "dutch" } }', "unknown protocol 'dutch'", id="protocol"
         ),
         pytest.param(
-            'also = { one = { track = "half" } }', "also.one.track: got 'half'", id="track"
+            'boards = { one = { track = "half" } }', "boards.one.track: got 'half'", id="track"
         ),
         pytest.param(
-            "also = { one = { rules = 1 } }", "also.one.rules: is not a setting", id="key"
+            "boards = { one = { rules = 1 } }", "boards.one.rules: is not a setting", id="key"
         ),
         pytest.param(
-            'also = { "A/B" = { track = "grounding" } }', "'A/B' must have up to 40", id="name"
+            'boards = { "A/B" = { track = "grounding" } }', "'A/B' must have up to 40", id="name"
         ),
         pytest.param(
-            'also = { one = { track = "grounding", protocol = "r2r-style" } }',
-            "also.one: r2r-style does not score grounding",
+            'boards = { one = { track = "grounding", protocol = "r2r-style" } }',
+            "boards.one: r2r-style does not score grounding",
             id="no score",
         ),
     ],
@@ -455,6 +455,6 @@ def test_the_check_says_what_a_private_split_gives_away(folder: Path) -> None:
     """By hand: SR, OSR and RGS; RGS in the grounding track; all three by the paper's rules."""
     add_boards(folder, PRIVATE)
     (note,) = [each.what for each in check_folder(folder) if each.kind == "note"]
-    assert "2 further leaderboards: a submission reveals up to 7 counts" in note
+    assert "2 other leaderboards: a submission reveals up to 7 counts" in note
     assert "a year's 40 submissions reveal up to 280 outcomes of" in note
     assert "instead of 120 (documentation: Security)" in note

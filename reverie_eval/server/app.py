@@ -25,7 +25,7 @@ from reverie_eval.server.http.rendering import STATIC, StaticPages, fault_page
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
 from reverie_eval.server.jobs import Jobs
-from reverie_eval.server.messages.outbox import tell_fault
+from reverie_eval.server.messages.queue import tell_fault
 from reverie_eval.server.operations import routes as monitoring
 from reverie_eval.server.operations.health import Health
 from reverie_eval.server.rooms import rooms

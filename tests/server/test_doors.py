@@ -75,7 +75,7 @@ def actions() -> Mapping[str, Path]:
     return {
         each.name: file
         for file in sorted(set(ROOMS) - {*DOORS["route"], *DOORS["page"]})
-        if file.parent not in ELSEWHERE or file.name == "rotation.py"
+        if file.parent not in ELSEWHERE or file == SERVER / "operations" / "keys.py"
         for each in functions(file)
         if not each.name.startswith("_")
         and any(

@@ -26,7 +26,7 @@ from reverie_eval.server.app import jobs_of
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.messages import smtp
 from reverie_eval.server.messages.delivery import SIGNATURE
-from reverie_eval.server.messages.outbox import LEASE, PATIENCE, claim, notify
+from reverie_eval.server.messages.queue import LEASE, PATIENCE, claim, notify
 from reverie_eval.server.messages.smtp import DeliveryError
 from reverie_eval.server.operations import health
 from reverie_eval.server.operations.doctor import examine
@@ -159,14 +159,14 @@ def deliver_now(server: Serving, **later: float) -> None:
     server.clock.now = now
 
 
-def outbox(server: Serving) -> list[Message]:
+def messages(server: Serving) -> list[Message]:
     with server.state.database.reading() as session:
         return list(session.scalars(select(Message).order_by(Message.id)))
 
 
 def test_without_channels_nothing_is_written(server: Serving) -> None:
     server.upload(OWNER)
-    assert outbox(server) == []
+    assert messages(server) == []
 
 
 def test_an_upload_is_told_by_mail_and_webhook_without_its_scores(
@@ -245,7 +245,7 @@ def test_a_transaction_that_fails_tells_nothing(telling: Open, hook: Hook) -> No
         now, log = server.clock(), server.state.audit_log
         transaction = Transaction(session, "test", now, log, server.state.settings.channels)
         notify(transaction, "phase-end", "test ended")
-    assert outbox(server) == []
+    assert messages(server) == []
 
 
 def test_a_dead_channel_is_tried_later_and_given_up_and_delays_no_other(
@@ -256,7 +256,7 @@ def test_a_dead_channel_is_tried_later_and_given_up_and_delays_no_other(
     for _ in range(40):
         deliver_now(server)
         server.clock.turn(hours=3)
-    mail, sent = outbox(server)
+    mail, sent = messages(server)
     assert sent.sent_at is not None
     assert hook.events() == ["submission"]
     assert "Connection refused" in mail.error
@@ -273,12 +273,12 @@ def test_a_webhook_that_refuses_is_asked_again(telling: Open, hook: Hook) -> Non
     hook.status = 500
     server.upload(OWNER)
     deliver_now(server)
-    assert outbox(server)[0].error == "webhook.url: 127.0.0.1 replied with status 500"
+    assert messages(server)[0].error == "webhook.url: 127.0.0.1 replied with status 500"
     hook.status = 200
     deliver_now(server)
     assert len(hook.requests) == 1  # not yet
     deliver_now(server, minutes=1)
-    assert outbox(server)[0].sent_at is not None
+    assert messages(server)[0].sent_at is not None
 
 
 def test_a_digest_is_one_mail_for_each_day(telling: Open, mailbox: tuple[Mailbox, int]) -> None:
@@ -488,7 +488,7 @@ def test_the_doctor_tells_of_faults(
     for upload in (folder / "uploads").rglob("*.gz"):
         upload.unlink()
     assert run("server", "doctor", str(folder)).status == 1
-    (mail, webhook) = outbox(server)
+    (mail, webhook) = messages(server)
     assert {mail.channel, webhook.channel} == {"mail", "webhook"}
     assert mail.text.startswith("server doctor found 1 fault: uploads: ")
 

@@ -22,7 +22,7 @@ from tests.support.flat_world import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "baa98a239c7c3c322900a0bc8085e144ef4832006502c01c2c82381f2ffdde22",
+    "0001_initial_tables.py": "31f599b5d6ccf43d4d400de0ca1fab35bf2de8a70f12668fe0a2c184e5f760fa",
 }
 RELEASED = ("0.1.0",)
 

@@ -25,7 +25,7 @@ from reverie_eval.server.accounts import people
 from reverie_eval.server.accounts.tokens import INVITATION_LIFETIME, create_token
 from reverie_eval.server.audit.transactions import Transaction, Transactions
 from reverie_eval.server.errors import ConflictError, NotAllowedError, NotFoundError
-from reverie_eval.server.messages.outbox import notify
+from reverie_eval.server.messages.queue import notify
 from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.tables import Decision, JoinRequest, name_key

@@ -21,7 +21,7 @@ from reverie_eval.schemas.organising import NewSchedule, ScheduleReport
 from reverie_eval.schemas.service import Phase, ReleaseScores, Schedule
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError, no_split
-from reverie_eval.server.messages.outbox import messages_of
+from reverie_eval.server.messages.queue import messages_of
 from reverie_eval.server.settings import Channel, PhasesError, Split
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Message, SetSchedule, Submission, read_stored

@@ -35,7 +35,7 @@ from reverie_eval.server.intake.quotas import QuotaUsage, usage_of
 from reverie_eval.server.intake.same_file import notify_of_same_file
 from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import Notices
-from reverie_eval.server.messages.outbox import notify
+from reverie_eval.server.messages.queue import notify
 from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.scoring.contexts import Context, Scoring, open_file
 from reverie_eval.server.scoring.rules import RulesInForce

@@ -7,7 +7,7 @@ from sqlalchemy import bindparam, select
 
 from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.messages.outbox import notify
+from reverie_eval.server.messages.queue import notify
 from reverie_eval.server.store.tables import IS_SHOWN, SAME_FILE, Submission, Team
 
 MOST_NAMED = 5

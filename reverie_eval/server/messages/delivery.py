@@ -11,7 +11,7 @@ import httpx
 import msgspec
 
 from reverie_eval.server.audit.transactions import Clock, utc_now
-from reverie_eval.server.messages.outbox import claim, is_any_due, settle, unsent_errors
+from reverie_eval.server.messages.queue import claim, is_any_due, settle, unsent_errors
 from reverie_eval.server.messages.smtp import SECONDS_TO_SEND, DeliveryError, send_letter
 from reverie_eval.server.settings import Mail, Settings, Webhook
 from reverie_eval.server.store.database import Database

@@ -5,7 +5,7 @@ from functools import partial
 
 from reverie_eval.server.jobs import SOON, Job
 from reverie_eval.server.messages.delivery import deliver
-from reverie_eval.server.messages.outbox import backlog_of
+from reverie_eval.server.messages.queue import backlog_of
 from reverie_eval.server.rooms import Room
 from reverie_eval.server.state import ServerState
 

@@ -33,7 +33,7 @@ from reverie_eval.server.audit.rows import (
     swapped_names,
 )
 from reverie_eval.server.corrections.snapshots import Snapshots
-from reverie_eval.server.messages.outbox import given_up, notify_of_fault
+from reverie_eval.server.messages.queue import given_up, notify_of_fault
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.checks import (
     NEWEST_UPLOAD,

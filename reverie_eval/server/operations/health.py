@@ -44,7 +44,7 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.server.boards.leaderboard import Ranking, Rankings
 from reverie_eval.server.jobs import Jobs
-from reverie_eval.server.messages.outbox import tell_fault
+from reverie_eval.server.messages.queue import tell_fault
 from reverie_eval.server.operations.soundness import FileWatch, check_key, try_newest
 from reverie_eval.server.scoring.boards import Board, find_board, read_each
 from reverie_eval.server.scoring.contexts import Context

@@ -302,7 +302,7 @@ class ClusterSums(Base):
 class Trace(Base):
     """What an upload predicts, in numbers; computed from it when needed, and again when lost."""
 
-    __tablename__ = "fingerprint"  # its name in 0.1.0
+    __tablename__ = "trace"
 
     split: Mapped[str] = mapped_column(String(64), primary_key=True)
     sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
@@ -488,7 +488,7 @@ class News(Base):
 class Message(Base):
     """A message to the organiser, until some time after it was sent."""
 
-    __tablename__ = "outbox"
+    __tablename__ = "message"
 
     id: Mapped[int] = mapped_column(primary_key=True)
     channel: Mapped[str] = mapped_column(String(16))

@@ -85,7 +85,7 @@ def upgrade() -> None:
     )
 
     op.create_table(
-        "outbox",
+        "message",
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("channel", sa.String(length=16), nullable=False),
         sa.Column("event", sa.String(length=32), nullable=False),
@@ -99,8 +99,8 @@ def upgrade() -> None:
         sa.Column("error", sa.String(length=500), nullable=False),
         sa.PrimaryKeyConstraint("id"),
     )
-    with op.batch_alter_table("outbox", schema=None) as batch_op:
-        batch_op.create_index(batch_op.f("ix_outbox_due_at"), ["due_at"], unique=False)
+    with op.batch_alter_table("message", schema=None) as batch_op:
+        batch_op.create_index(batch_op.f("ix_message_due_at"), ["due_at"], unique=False)
 
     op.create_table(
         "notice",
@@ -289,7 +289,7 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("submission_id", "board"),
     )
     op.create_table(
-        "fingerprint",
+        "trace",
         sa.Column("split", sa.String(length=64), nullable=False),
         sa.Column("sha256", sa.String(length=64), nullable=False),
         sa.Column("basis", sa.String(length=100), nullable=False),

@@ -1,4 +1,4 @@
-"""The rows of the outbox: whom an event is told, when, how often, and until when."""
+"""Messages to the organiser: whom an event is told, when, how often, and until when."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.boards.schedules import Schedules, notify_of_ends, untold_ends
-from reverie_eval.server.messages.outbox import (
+from reverie_eval.server.messages.queue import (
     claim,
     given_up,
     is_any_due,

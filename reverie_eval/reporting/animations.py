@@ -2,19 +2,28 @@
 
 import shutil
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BytesIO
-from itertools import chain, repeat
+from itertools import repeat
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from reverie_eval.analysis import Episode
-from reverie_eval.errors import MissingPartError, ProtocolError, naming_missing_parts
+from reverie_eval.errors import (
+    MissingPartError,
+    ProtocolError,
+    ReverieEvalError,
+    naming_missing_parts,
+)
 from reverie_eval.files import staged_file
 from reverie_eval.reporting.building_svg import SECONDS, BuildingPicture
 from reverie_eval.reporting.episode_figure import check_episodes, without_variables
 from reverie_eval.reporting.maps import EpisodeMap
+
+Progress: TypeAlias = Callable[[Sequence[float], str], Iterable[float]]
+"""Wraps the moments that are about to be drawn, and is given a description; may show progress."""
 
 _SUFFIXES = (".svg", ".gif", ".mp4")
 # Pictures in a second; the part of the time that the agents walk, as in `building.css`; pixels to a
@@ -33,7 +42,13 @@ def check_animation_name(file: Path) -> None:
         raise MissingPartError(f"{file}: MP4 needs the program ffmpeg; install it, or write .gif")
 
 
-def save_animation(episodes: Mapping[str, Episode], file: str | Path) -> None:
+def _no_progress(moments: Sequence[float], description: str) -> Iterable[float]:  # noqa: ARG001
+    return moments
+
+
+def save_animation(
+    episodes: Mapping[str, Episode], file: str | Path, progress: Progress = _no_progress
+) -> None:
     """Write the walk of one or two submissions through the building of an episode.
 
     It takes 8 seconds. SVG stands still for readers who do not want motion.
@@ -44,13 +59,15 @@ def save_animation(episodes: Mapping[str, Episode], file: str | Path) -> None:
         The same episode of one or two submissions, by their names.
     file : str or Path
         A file whose name ends in .svg, .gif or .mp4.
+    progress : callable, optional
+        Shows progress; called with the moments of the walk, in [0, 1], and a description.
 
     Raises
     ------
     ProtocolError
         If the file's name has another ending, or the episodes differ.
     ReverieEvalError
-        If what GIF or MP4 needs is not installed.
+        If what GIF or MP4 needs is not installed, or ffmpeg fails.
     """
     target = Path(file)
     check_animation_name(target)
@@ -60,12 +77,12 @@ def save_animation(episodes: Mapping[str, Episode], file: str | Path) -> None:
     if target.suffix == ".svg":
         data = picture.picture(plays=True).encode()
     else:
-        data = (_gif if target.suffix == ".gif" else _mp4)(_frames(picture))
+        data = (_gif if target.suffix == ".gif" else _mp4)(_frames(picture, progress))
     with staged_file(target) as staged:
         staged.write(data)
 
 
-def _frames(picture: BuildingPicture) -> Sequence[bytes]:
+def _frames(picture: BuildingPicture, progress: Progress) -> Sequence[bytes]:
     """Return PNGs of the walk; the last stands until the end."""
     with naming_missing_parts():
         import vl_convert
@@ -75,8 +92,8 @@ def _frames(picture: BuildingPicture) -> Sequence[bytes]:
         return vl_convert.svg_to_png(still, scale=_PIXELS)
 
     count = round(SECONDS * _RATE * _WALKING)
-    walking = map(png, np.linspace(0, 1, count).tolist())
-    return [*chain(walking, repeat(png(1.0), SECONDS * _RATE - count))]
+    walking = [png(share) for share in progress(np.linspace(0, 1, count).tolist(), "Drawing")]
+    return [*walking, *repeat(walking[-1], SECONDS * _RATE - count)]
 
 
 def _gif(frames: Sequence[bytes]) -> bytes:
@@ -93,7 +110,6 @@ def _gif(frames: Sequence[bytes]) -> bytes:
 
 
 def _mp4(frames: Sequence[bytes]) -> bytes:
-    # The index of an MP4 file is written last and placed first, which a pipe does not allow; those
     # A pipe does not allow the index of a whole MP4 file, which is written last but placed first;
     # each fragment has its own. Sizes must be even.
     command = ["ffmpeg", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(_RATE)]
@@ -103,5 +119,5 @@ def _mp4(frames: Sequence[bytes]) -> bytes:
         command, input=b"".join(frames), capture_output=True, check=False
     )
     if ended.returncode:
-        raise MissingPartError(f"ffmpeg failed: {ended.stderr.decode(errors='replace').strip()}")
+        raise ReverieEvalError(f"ffmpeg failed: {ended.stderr.decode(errors='replace').strip()}")
     return ended.stdout

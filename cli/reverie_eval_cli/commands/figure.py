@@ -10,7 +10,7 @@ from reverie_eval.submissions import find_runs
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.compare import find_methods
 from reverie_eval_cli.options import ScoringOptions
-from reverie_eval_cli.output import check_outputs, score_each
+from reverie_eval_cli.output import check_outputs, score_each, with_progress
 
 if TYPE_CHECKING:
     from reverie_eval.reporting.episode_figure import Columns
@@ -68,6 +68,6 @@ def figure(
     scored = score_each(files, scoring.evaluator(scoring.find()))
     episodes = {name: each.episode(episode) for name, each in zip(names, scored, strict=True)}
     if animate:
-        save_animation(episodes, output)
+        save_animation(episodes, output, with_progress)
         return
     save_figure(episodes, output, cast("Columns", int(columns)), legend=legend)

@@ -13,7 +13,7 @@ from reverie_eval.errors import Problem, SubmissionError
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.schemas.people import Rejection
 from reverie_eval.server.accounts.joining import reject_request
-from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.intake import attempts

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from reverie_eval.schemas.organising import NewMerge
-from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.boards import entries as entries_module
 from reverie_eval.server.boards.entries import BoardEntries, EntriesCache
 from reverie_eval.server.boards.reviews import PublishedReview, lift_review

@@ -8,9 +8,8 @@ import pytest
 from sqlalchemy import select
 
 from reverie_eval.schemas.organising import NewMerge, NewTeam
-from reverie_eval.server.accounts import merging
-from reverie_eval.server.accounts.merging import merge_teams
-from reverie_eval.server.accounts.people import person_named, rename_team, team_named
+from reverie_eval.server.accounts import people
+from reverie_eval.server.accounts.people import merge_teams, person_named, rename_team, team_named
 from reverie_eval.server.audit.rows import all_names_of_teams
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.store.tables import Submission, Team
@@ -133,7 +132,7 @@ def test_a_merge_is_logged_with_what_went_over(server: Serving) -> None:
 def test_of_very_many_that_went_over_the_log_has_number_and_digest(
     server: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(merging, "MOST_LISTED", 1)
+    monkeypatch.setattr(people, "MOST_LISTED", 1)
     ids = sorted(
         server.upload(OTHER, server.distinct()).json()["submission"]["id"] for _ in range(2)
     )

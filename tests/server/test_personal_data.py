@@ -17,7 +17,7 @@ from sqlalchemy import delete, select
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.schemas.people import Rejection
 from reverie_eval.server.accounts.joining import accept_request, reject_request
-from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.audit.log import entries
 from reverie_eval.server.audit.rows import mismatches, swapped_names

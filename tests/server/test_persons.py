@@ -9,8 +9,7 @@ from pydantic import ValidationError
 
 from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, PersonChange
 from reverie_eval.server.accounts import people
-from reverie_eval.server.accounts.merging import merge_teams
-from reverie_eval.server.accounts.people import change_person, person_named
+from reverie_eval.server.accounts.people import change_person, merge_teams, person_named
 from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.audit.log import audit_reports, entries, name_digest
 from reverie_eval.server.audit.transactions import Transaction

@@ -16,7 +16,7 @@ import time_machine
 from anyio.from_thread import BlockingPortal
 
 from reverie_eval.schemas.organising import NewMerge
-from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.audit.rows import all_names_of_teams
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.restore import restore_backup

@@ -19,7 +19,7 @@ from sqlalchemy import event
 from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewMerge
-from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.boards.entries import EntriesCache
 from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.boards.rank_intervals import RankIntervals

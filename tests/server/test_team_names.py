@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from reverie_eval.schemas.organising import NewMerge
-from reverie_eval.server.accounts.merging import merge_teams
+from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.store.tables import Team, name_key
 from tests.support.acting import add_team
 from tests.support.flat_world import Run

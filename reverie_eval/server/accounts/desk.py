@@ -22,7 +22,6 @@ from reverie_eval.schemas.people import NewPeopleImport, PersonInvitation, Rejec
 from reverie_eval.schemas.service import ProblemDocument, Role
 from reverie_eval.server.accounts import (
     joining,
-    merging,
     people,
     people_files,
     personal_data,
@@ -94,7 +93,7 @@ def merge_teams(desk: Desk, form: Posted) -> Response:
             "submissions of both. This cannot be undone."
         )
         return forms.ask(desk, typed, question=question, remark=remark, yes="Merge", back=PAGE)
-    desk.perform(merging.merge_teams, new)
+    desk.perform(people.merge_teams, new)
     return forms.done(PAGE, "merged")
 
 

@@ -29,7 +29,6 @@ from reverie_eval.schemas.service import (
 from reverie_eval.schemas.wire import EXAMPLE_KEY, LONGEST_NAME
 from reverie_eval.server.accounts import (
     joining,
-    merging,
     people,
     people_files,
     personal_data,
@@ -217,7 +216,7 @@ def add_team(new: schemas.NewTeam, organiser: Organiser) -> schemas.TeamReport:
 @organising.post("/teams/merge", responses=problems("not-found", "conflict"))
 def merge_teams(new: schemas.NewMerge, organiser: Organiser) -> schemas.MergeReport:
     """Merge two teams, as if they had always been one."""
-    return organiser.perform(merging.merge_teams, new)
+    return organiser.perform(people.merge_teams, new)
 
 
 @organising.patch("/teams/{name:path}", responses=problems("not-found", "conflict"))

@@ -6,11 +6,13 @@ A submission is received when the last byte of its upload has arrived, and the s
 at that time: scoring may end later.
 """
 
+import logging
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple, Self
+from urllib.parse import quote
 
 from sqlalchemy import and_, bindparam, or_, select
 from sqlalchemy.orm import Session
@@ -26,13 +28,13 @@ from reverie_eval.schemas.service import (
     Schedule,
     SubmissionReport,
 )
-from reverie_eval.server.audit.transactions import Actor, Transactions
+from reverie_eval.server.audit.log import SERVER
+from reverie_eval.server.audit.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.intake.attempts import Attempts, Handled
 from reverie_eval.server.intake.quotas import QuotaUsage, usage_of
-from reverie_eval.server.intake.same_file import notify_of_same_file
 from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.messages.queue import notify
@@ -42,11 +44,22 @@ from reverie_eval.server.scoring.rules import RulesInForce
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.results import store_result
-from reverie_eval.server.store.tables import SUBMITTED, Person, Submission
+from reverie_eval.server.store.tables import (
+    IS_SHOWN,
+    SAME_FILE,
+    SUBMITTED,
+    Person,
+    Submission,
+    Team,
+)
 from reverie_eval.server.store.uploads import Uploads, pack
 from reverie_eval.submissions import check_navigation_only
 
-# Built here, because building them takes longer than running them, which each upload does twice.
+MOST_NAMED = 5
+"""Teams that the notice of a file from several teams names, at most."""
+_LOGGER = logging.getLogger("reverie_eval.server")
+
+# Built here, because building them takes longer than running them, which each upload does.
 _IS_SAME_FILE = and_(
     Submission.team_id == bindparam("team"),
     Submission.repeat == "",
@@ -58,6 +71,17 @@ _IS_SAME_KEY = and_(
 )
 _SAME_FILE = select(Submission).where(_IS_SAME_FILE)
 _SAME_FILE_OR_KEY = select(Submission).where(or_(_IS_SAME_FILE, _IS_SAME_KEY))
+_SAME_FROM_OTHERS = (
+    select(Submission.id, Team.name, IS_SHOWN.label("is_shown"))
+    .join(Team, Submission.team_id == Team.id)
+    .where(
+        Submission.split == bindparam("split"),
+        Submission.sha256 == bindparam("sha256"),
+        Submission.team_id != bindparam("team"),
+    )
+    .order_by(IS_SHOWN.desc(), Submission.received_at, Submission.id)
+    .limit(MOST_NAMED)
+)
 
 
 class Read(NamedTuple):
@@ -338,3 +362,24 @@ class Intake:
             raise QuotaSpentError(left)
         usage.check_bytes(row.size, self.settings.limits.mebibytes_per_day, now)
         return of_split
+
+
+def notify_of_same_file(transaction: Transaction, new: Submission) -> None:
+    """Notify the organiser if another team has submitted the same file to the split.
+
+    The same file has the same bytes after unpacking. The same predictions in another file are left
+    to the report: an upload does not wait until they are compared with all others.
+    """
+    given = {"split": new.split, "sha256": new.sha256, "team": new.team.id}
+    others = transaction.session.execute(_SAME_FROM_OTHERS, given).all()
+    if not others:
+        return
+    same_as = [each.id for each in others]
+    # About the split, not the submission, whose history its team sees.
+    transaction.as_actor(SERVER).record(SAME_FILE, new, new.split, same_as=same_as)
+    names = ", ".join(f"{each.name}{' (published)' * each.is_shown}" for each in others)
+    whose = "other teams" if len(others) > 1 else "another team"
+    text = f"{new.team.name} submitted to {new.split} the file that {whose} had submitted: {names}"
+    notify(transaction, "same-file", text, f"/desk/evidence?split={quote(new.split)}")
+    about = {"split": new.split, "team": new.team.id, "submission": new.id, "same_as": same_as}
+    _LOGGER.warning("same file from two teams", extra={"fields": about})

@@ -269,7 +269,7 @@ def acting(
     FolderError
         If this version cannot use the database.
     ReceiptError
-        If the signing key, from which the audit log's key is derived, is not the one in use.
+        If the signing key is not the one in use.
     """
     with opened(settings) as database:
         snapshots = Snapshots(

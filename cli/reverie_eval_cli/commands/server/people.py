@@ -81,7 +81,7 @@ def merge(*, folder: Folder, name: str, into: str) -> None:
     Quotas count the submissions of both, as if the team INTO had always been one. This cannot be
     undone, except from a backup. Receipts keep the NAME under which they were signed.
     """
-    from reverie_eval.server.accounts.merging import merge_teams
+    from reverie_eval.server.accounts.people import merge_teams
 
     new = options.checked(NewMerge, team=name, into=into)
     with folder.acting() as transaction:

@@ -272,12 +272,16 @@ class TooLargeError(RequestError):
     status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
     code = "too-large"
     heading = "Too large"
-    example_arguments = (
-        (
-            "the upload is larger than 32 MiB; gzip it, and leave out fields other than instr_id, "
-            "trajectory and the answer"
-        ),
-    )
+    example_arguments = (32 << 20,)
+
+    def __init__(self, limit: int) -> None:
+        """Take the limit in bytes; only uploads may have a mebibyte or more."""
+        super().__init__(
+            f"the upload is larger than {limit >> 20} MiB; gzip it, and leave out fields other "
+            "than instr_id, trajectory and the answer"
+            if limit >> 20
+            else f"the request is larger than {limit >> 10} KiB"
+        )
 
 
 class TooSlowError(RequestError):

@@ -368,7 +368,7 @@ class BodyLimits(Middleware):
             message = await _in_time(receive, allowance, exchange.received)
             exchange.received += len(message.get("body", b""))
             if exchange.received > allowance.size:
-                raise TooLargeError(_too_large(allowance.size))
+                raise TooLargeError(allowance.size)
             is_whole = not message.get("more_body", False)
             return message
 
@@ -437,15 +437,6 @@ def _too_slow(allowance: Allowance, received: int) -> str:
         f"the upload is sent too slowly: {received:,} bytes in {seconds:.0f} seconds, but at least "
         f"{allowance.kibibytes_per_second:g} KiB a second are required; gzip it, or use a faster "
         "connection. No submission was used"
-    )
-
-
-def _too_large(size: int) -> str:
-    if size <= SMALL:
-        return f"the request is larger than {size >> 10} KiB"
-    return (
-        f"the upload is larger than {size >> 20} MiB; gzip it, and leave out fields other than "
-        "instr_id, trajectory and the answer"
     )
 
 

@@ -21,7 +21,7 @@ from reverie_eval_cli.options import grouped
 if TYPE_CHECKING:
     from reverie_eval.client import Client
     from reverie_eval.client.sending import Notice
-    from reverie_eval.schemas.service import Envelope, SubmissionReport
+    from reverie_eval.schemas.service import Envelope, ScoredSubmission
 
 
 @dataclass
@@ -130,7 +130,7 @@ def check_receipt_path(given: str | None, sha256: str, split: str) -> None:
             raise ReverieEvalError(f"{given} already exists; choose another file for the receipt")
 
 
-def keep_receipts(report: "SubmissionReport", given: str | None, submission: str) -> Sequence[Path]:
+def keep_receipts(report: "ScoredSubmission", given: str | None, submission: str) -> Sequence[Path]:
     """Write the receipts of a submission, unless they have been written before; return their paths.
 
     Those of other leaderboards are beside the first, with the leaderboard in their names.

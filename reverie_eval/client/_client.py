@@ -31,10 +31,10 @@ from reverie_eval.schemas.service import (
     Leaderboard,
     Me,
     Method,
+    ScoredSubmission,
     ServerReport,
     SplitReport,
     SubmissionChange,
-    SubmissionReport,
     Welcome,
 )
 from reverie_eval.submissions import Source, read_bytes
@@ -222,7 +222,7 @@ class Client:
             remedy = "send it again: it counts once, even if it arrived this time"
             raise UnreachableError(f"{error}; {remedy}") from error
 
-    def submissions(self) -> Iterator[SubmissionReport]:
+    def submissions(self) -> Iterator[ScoredSubmission]:
         """Iterate over the submissions of the caller's team, the newest first.
 
         An organiser gets those of all teams. They are fetched page by page.
@@ -230,18 +230,18 @@ class Client:
         query: Mapping[str, str] | None = {"limit": str(_PAGE)}
         while query is not None:
             response = self._sender.send(Call("GET", "/submissions", query=query))
-            yield from self._read(list[SubmissionReport], response)
+            yield from self._read(list[ScoredSubmission], response)
             following = response.links.get("next")
             query = following and dict(parse_qsl(urlsplit(following["url"]).query))
 
-    def change(self, submission_id: str, change: SubmissionChange) -> SubmissionReport:
+    def change(self, submission_id: str, change: SubmissionChange) -> ScoredSubmission:
         """Publish or withdraw a submission, or change the description of its method.
 
         Fields that are not set stay as they are: ``SubmissionChange(published=True)``.
         """
         body = change.model_dump_json(exclude_unset=True).encode()
         route = f"/submissions/{_quote(submission_id)}"
-        return self._send(SubmissionReport, Call("PATCH", route, body=body, headers=_JSON))
+        return self._send(ScoredSubmission, Call("PATCH", route, body=body, headers=_JSON))
 
     def accept(self, invitation: str) -> Welcome:
         """Exchange an invitation for a token, which is shown only once.

@@ -33,8 +33,8 @@ from reverie_eval.schemas.service import (
     LeaderboardRow,
     QuotaReport,
     Receipt,
+    ScoredSubmission,
     Snapshot,
-    SubmissionReport,
     WindowName,
 )
 from reverie_eval.scoring import task_of
@@ -258,7 +258,7 @@ def submission_table(report: ScoreReport, server: str) -> Table:
     )
 
 
-def result_tables(submission: SubmissionReport, server: str) -> Mapping[str, Table]:
+def result_tables(submission: ScoredSubmission, server: str) -> Mapping[str, Table]:
     """Return the scores on each leaderboard of the split by its name; empty while held back.
 
     The name of the split's own leaderboard is "".

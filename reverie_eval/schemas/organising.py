@@ -336,7 +336,7 @@ class NewCorrection(WireModel):
     announced, that correction is continued and keeps its reason."""
 
 
-class RescoringReport(WireModel):
+class CorrectionProgress(WireModel):
     """Which submissions were scored again."""
 
     split: SplitName

@@ -499,7 +499,7 @@ class BoardResult(WireModel):
     back."""
 
 
-class SubmissionReport(WireModel):
+class ScoredSubmission(WireModel):
     """A scored submission."""
 
     id: SubmissionId
@@ -545,7 +545,7 @@ class Checked(ValidationReport):
 class Accepted(WireModel):
     """The reply to an upload."""
 
-    submission: SubmissionReport
+    submission: ScoredSubmission
     quota: QuotaReport
     is_repeat: bool
     """Whether this file or Idempotency-Key was scored before; then no submission was used."""

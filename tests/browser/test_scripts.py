@@ -19,7 +19,7 @@ IS_BELOW = """each => {
 
 @pytest.mark.parametrize(
     ("path", "who"),
-    [("/submit", OWNER), ("/team", OWNER), ("/desk/uploads", ORGANISER), ("/desk", ORGANISER)],
+    [("/submit", OWNER), ("/team", OWNER), ("/desk/attempts", ORGANISER), ("/desk", ORGANISER)],
 )
 def test_the_viewer_s_own_time_is_beside_every_instant(
     path: str, who: str, site: Site, open_page: OpenPage

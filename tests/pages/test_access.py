@@ -84,7 +84,7 @@ GET  /guide/rules                   200        200       200       200       200
 GET  /guide/api                     200        200       200       200       200
 GET  /guide/privacy                 200        200       200       200       200
 GET  /desk                          sign-in    403       403       403       200
-GET  /desk/uploads                  sign-in    403       403       403       200
+GET  /desk/attempts                  sign-in    403       403       403       200
 GET  /desk/reviews                  sign-in    403       403       403       200
 POST /desk/reviews                  sign-in    403       403       403       303
 POST /desk/reviews/{review_id}/lift sign-in    403       403       403       303

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from reverie_eval import CATALOGUE
-from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.schemas.service import ScoredSubmission
 from reverie_eval.server.boards.charts import chart_of, front, progress_of, rank_chart, timeline_of
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import Ranking
@@ -171,7 +171,7 @@ def test_whatever_a_chart_draws(server: Serving) -> None:
 
 
 def test_whatever_a_team_s_chart_draws(server: Serving) -> None:
-    known = SubmissionReport.model_validate(server.upload(OWNER).json()["submission"])
+    known = ScoredSubmission.model_validate(server.upload(OWNER).json()["submission"])
     values = {"late": (3, 0.5), "early": (1, 0.25), "worse": (2, 0.125), "none": (0, None)}
     submissions = [
         known.model_copy(

@@ -49,7 +49,7 @@ YES = {"confirmed": "yes"}
 PAPER = "https://example.org/paper"
 PAGES = (
     "/desk",
-    "/desk/uploads",
+    "/desk/attempts",
     "/desk/reviews",
     "/desk/reported",
     "/desk/emailed-files",
@@ -170,14 +170,14 @@ def test_uploads_are_paged_and_chosen_by_outcome(desk: Visitor) -> None:
     for _ in range(forms.ENTRIES_ON_A_PAGE + 1):
         desk.server.upload(OWNER, BROKEN)
     sent(desk.server)
-    first = desk.get("/desk/uploads?outcome=submission-rejected")
+    first = desk.get("/desk/attempts?outcome=submission-rejected")
     assert first.text.count(">submission-rejected</span>") == forms.ENTRIES_ON_A_PAGE
     assert ">scored</span>" not in first.text
     (following,) = re.findall(r'rel="next" href="([^"]+)"', first.text)
-    second = desk.get(f"/desk/uploads{following.replace('&amp;', '&')}")
+    second = desk.get(f"/desk/attempts{following.replace('&amp;', '&')}")
     assert second.text.count(">submission-rejected</span>") == 1
     assert 'rel="next"' not in second.text
-    assert desk.get("/desk/uploads?outcome=nonsense").status_code == 200
+    assert desk.get("/desk/attempts?outcome=nonsense").status_code == 200
 
 
 def test_a_submission_is_verified_at_once(desk: Visitor) -> None:

@@ -13,7 +13,7 @@ from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Envelope, Phase
 from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.audit.transactions import utc_now
-from reverie_eval.server.corrections.rescoring import count_outdated
+from reverie_eval.server.corrections.corrections import count_outdated
 from reverie_eval.server.operations.checks import acting, check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.platforms.export import export
@@ -230,7 +230,7 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(
     before = board(added)
     corrections = signed_in(added, ORGANISER).get("/desk/corrections")
     assert "4 results to be scored again" in corrections.text
-    monkeypatch.setattr("reverie_eval.server.corrections.rescoring.AT_ONCE", 1)
+    monkeypatch.setattr("reverie_eval.server.corrections.corrections.AT_ONCE", 1)
     left = [rescored(added)["left"] for _ in range(4)]
     assert left == [3, 2, 1, 0]
     assert board(added) == before

@@ -22,7 +22,7 @@ from reverie_eval.server.boards.entries import EntriesCache, Row
 from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.boards.rank_intervals import RankInterval, RankIntervals
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.corrections.rescoring import Rescoring
+from reverie_eval.server.corrections.corrections import Corrections
 from reverie_eval.server.store.tables import ClusterSums
 from tests.support.entries import entered, entry, get, named, tables
 from tests.support.serving import (
@@ -194,7 +194,7 @@ def test_scoring_again_renews_what_ranks_are_compared_by(
     submission = leaderboard(three)[0]["submission_id"]
     again = open_server(adjusted(settings_of(folder), OPEN, protocol="paper"), three.tokens)
     new = NewCorrection(split=OPEN, reason="the paper's rules")
-    again.state.get(Rescoring).rescore(again.person(ORGANISER), new)
+    again.state.get(Corrections).rescore(again.person(ORGANISER), new)
     scores = evaluate(GOOD, split=OPEN, protocol="paper")
     with again.state.database.reading() as session:
         stored = session.get_one(ClusterSums, (submission, "")).sums

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import select
 
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.corrections.rescoring import outdated, score_again
+from reverie_eval.server.corrections.corrections import outdated, rescore_one
 from reverie_eval.server.intake.retention import Retention, Tidied
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
@@ -178,7 +178,7 @@ def test_everything_knows_that_the_file_is_gone(
     with corrected.state.database.reading() as session:
         (job,) = outdated(session, board)
     told = "its upload was deleted on 2026-04-01 (keep_uploads_days)"
-    assert corrected.state.scoring.run(score_again, board.split, "", job) == told
+    assert corrected.state.scoring.run(rescore_one, board.split, "", job) == told
 
 
 def test_without_a_number_of_days_nothing_is_deleted(server: Serving) -> None:

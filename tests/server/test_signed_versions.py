@@ -19,8 +19,8 @@ from reverie_eval.schemas.service import (
     LeaderboardRow,
     Phase,
     Receipt,
+    ScoredSubmission,
     Snapshot,
-    SubmissionReport,
 )
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.opening import open_server
@@ -313,9 +313,9 @@ def findings(folder: Path, check: str) -> list[tuple[str, str]]:
     return [(each.kind, each.what) for each in examine(folder) if each.check == check]
 
 
-def shown(server: Serving, submission: str) -> SubmissionReport:
+def shown(server: Serving, submission: str) -> ScoredSubmission:
     reply = server.ask(OWNER, "GET", f"/submissions/{submission}")
-    return SubmissionReport.model_validate(reply.json())
+    return ScoredSubmission.model_validate(reply.json())
 
 
 @pytest.mark.parametrize("change", READABLE_RECEIPTS)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from reverie_eval.schemas.service import EarlierResult, Method, SubmissionChange, SubmissionReport
+from reverie_eval.schemas.service import EarlierResult, Method, ScoredSubmission, SubmissionChange
 from reverie_eval.server.audit.log import audit_reports, entries
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.rank_intervals import cluster_sums
@@ -33,7 +33,7 @@ from reverie_eval.server.intake.submissions import (
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.state import Reading
 from reverie_eval.server.store.paging import Page
-from reverie_eval.server.store.results import results_of, store_result, submission_report
+from reverie_eval.server.store.results import results_of, scored_submission, store_result
 from reverie_eval.server.store.tables import ClusterSums, Submission
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
@@ -69,10 +69,10 @@ def change(server: Serving, submission: str, who: str = OWNER, **changes: object
     assert reply.status_code == 200, reply.text
 
 
-def known(server: Serving, submission: str) -> SubmissionReport:
+def known(server: Serving, submission: str) -> ScoredSubmission:
     """Return all that is stored of a submission."""
     with server.state.database.reading() as session:
-        return submission_report(session.get_one(Submission, submission))
+        return scored_submission(session.get_one(Submission, submission))
 
 
 def store(server: Serving, submission: str, **columns: object) -> None:

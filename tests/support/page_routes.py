@@ -103,7 +103,7 @@ EXAMPLES = (
     Example("/guide/api"),
     Example("/guide/privacy"),
     Example("/desk", ORGANISER),
-    Example("/desk/uploads", ORGANISER),
+    Example("/desk/attempts", ORGANISER),
     Example("/desk/reviews", ORGANISER),
     Example("/desk/reviews", ORGANISER, "?submission={wordy_id}"),
     Example("/desk/reported", ORGANISER),

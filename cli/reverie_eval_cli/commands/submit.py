@@ -28,7 +28,7 @@ from reverie_eval_cli.servers import (
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
-    from reverie_eval.schemas.service import Accepted, Method, SplitReport, SubmissionReport
+    from reverie_eval.schemas.service import Accepted, Method, ScoredSubmission, SplitReport
 
 _AGAIN = "send the same file again, which uses no submission,"
 
@@ -280,7 +280,7 @@ def _keep(accepted: "Accepted", receipt: str | None, submission: str) -> Sequenc
 
 
 def _asked(
-    before: "SubmissionReport", method: MethodOptions, submission: str, *, publish: bool, show: bool
+    before: "ScoredSubmission", method: MethodOptions, submission: str, *, publish: bool, show: bool
 ) -> Mapping[str, Any]:
     """Return the changes that the options ask for and the server does not have yet."""
     asked: dict[str, Any] = {}

@@ -17,7 +17,7 @@ from reverie_eval.reporting.history import (
     rank_svg,
     years_of,
 )
-from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.schemas.service import ScoredSubmission
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import Ranking
 from reverie_eval.server.scoring.boards import Board
@@ -131,7 +131,7 @@ def rank_chart(ranking: Ranking, title: str, is_own: Callable[[Entry], bool]) ->
 
 
 def progress_of(
-    submissions: Sequence[SubmissionReport], metric: Metric, now: datetime
+    submissions: Sequence[ScoredSubmission], metric: Metric, now: datetime
 ) -> Timeline | None:
     """Return a team's submissions to a split over time; None unless several have the metric."""
     shown = [

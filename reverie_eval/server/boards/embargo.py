@@ -12,14 +12,14 @@ from datetime import datetime
 from typing import Self, TypeVar
 
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import BoardResult, Receipt, SubmissionReport
+from reverie_eval.schemas.service import BoardResult, Receipt, ScoredSubmission
 from reverie_eval.server.audit.receipts import Signer, read_as
 from reverie_eval.server.boards.schedules import Schedules, Timetable
 from reverie_eval.server.state import Reading
-from reverie_eval.server.store.results import results_of, submission_report
+from reverie_eval.server.store.results import results_of, scored_submission
 from reverie_eval.server.store.tables import Submission, read_stored
 
-Result = TypeVar("Result", BoardResult, SubmissionReport)
+Result = TypeVar("Result", BoardResult, ScoredSubmission)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +49,9 @@ class View:
         known = read_stored(ScoreReport, row.report)
         return known if self.held_until(row) is None else without_scores(known)
 
-    def report(self, row: Submission) -> SubmissionReport:
+    def report(self, row: Submission) -> ScoredSubmission:
         """Return a submission as its team may see it."""
-        known, until = submission_report(row), self.held_until(row)
+        known, until = scored_submission(row), self.held_until(row)
         if until is None:
             return known
         held = {"boards": self.boards(row), "scores_held_until": until}

@@ -28,7 +28,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import ReportedMethod, Standing, SubmissionReport
+from reverie_eval.schemas.service import ReportedMethod, ScoredSubmission, Standing
 from reverie_eval.server.audit.log import last_recorded
 from reverie_eval.server.boards.reviews import PublishedReview, is_disqualified
 from reverie_eval.server.boards.schedules import Schedules, Timetable
@@ -102,7 +102,7 @@ class Entry:
         return f"{self.published_at:%Y-%m-%d}"
 
 
-def is_anonymous(result: Submission | SubmissionReport | Entry, now: datetime) -> bool:
+def is_anonymous(result: Submission | ScoredSubmission | Entry, now: datetime) -> bool:
     """Whether a published result still hides its team, which chose to be anonymous for a time."""
     return result.anonymous_until is not None and result.anonymous_until > now
 

@@ -12,8 +12,8 @@ from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewCorrection, NewSnapshot
 from reverie_eval.server.audit.log import list_entries, names_in
-from reverie_eval.server.corrections import rescoring
-from reverie_eval.server.corrections.rescoring import Rescoring
+from reverie_eval.server.corrections import corrections
+from reverie_eval.server.corrections.corrections import Corrections
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots
 from reverie_eval.server.http import desk as forms
 from reverie_eval.server.http.callers import Call, CallReading, Desk, Posted
@@ -59,7 +59,7 @@ def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.
     session, server = reading.session, desk.server
 
     def count(boards: Sequence[Board]) -> Sequence[int]:
-        return [*rescoring.count_outdated(session, boards).values()]
+        return [*corrections.count_outdated(session, boards).values()]
 
     boards, outdated = server.leaderboards, Counter[str]()
     counts = read_each(boards, count)
@@ -70,8 +70,8 @@ def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.
         "unread": [
             each.label for each, number in zip(boards, counts, strict=True) if number is None
         ],
-        "corrections": rescoring.list_corrections(session, forms.page_at(desk, "corrections")),
-        "at_once": rescoring.AT_ONCE,
+        "corrections": corrections.list_corrections(session, forms.page_at(desk, "corrections")),
+        "at_once": corrections.AT_ONCE,
     }
 
 
@@ -80,7 +80,7 @@ def rescore(desk: Desk, form: Posted, _: ScoringTurn) -> Response:
     """Score the next submissions to a split again."""
     typed = forms.typed_by(desk, form, draw_corrections)
     new = read_model(NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")})
-    report = desk.server.get(Rescoring).rescore(desk.person(), new)
+    report = desk.server.get(Corrections).rescore(desk.person(), new)
     outcome = "rejected" if report.rejected else "more" if report.left else "scored"
     return forms.done(CORRECTIONS, outcome)
 

@@ -9,7 +9,7 @@ from reverie_eval.server.audit.log import list_reports
 from reverie_eval.server.audit.receipts import read_as
 from reverie_eval.server.boards.leaderboard import csv_of
 from reverie_eval.server.boards.routes import LEADERBOARD_CSV
-from reverie_eval.server.corrections.rescoring import Rescoring
+from reverie_eval.server.corrections.corrections import Corrections
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots, snapshot_of
 from reverie_eval.server.http.callers import Organiser, Server, SplitName
 from reverie_eval.server.http.exchange import API
@@ -26,12 +26,12 @@ router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 @organising.post("/corrections", responses=problems("not-found", "conflict"))
 def rescore(
     new: schemas.NewCorrection, organiser: Organiser, _: ScoringTurn
-) -> schemas.RescoringReport:
+) -> schemas.CorrectionProgress:
     """Score some submissions again after a correction of the ground truth or the rules.
 
     Each request scores the next few; `left` says how many remain. `server rescore` scores all.
     """
-    return organiser.server.get(Rescoring).rescore(organiser.person(), new)
+    return organiser.server.get(Corrections).rescore(organiser.person(), new)
 
 
 @organising.post("/snapshots", status_code=201, responses=problems("not-found"))

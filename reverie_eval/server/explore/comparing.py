@@ -22,7 +22,7 @@ from reverie_eval.server.boards.leaderboard import Ranking, method_names
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.intake.submissions import SubmissionService, with_public_episodes
 from reverie_eval.server.scoring.boards import Board
-from reverie_eval.server.store.results import submission_report
+from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import Submission
 
 _COMPARED = 2
@@ -138,7 +138,7 @@ def _paired(
     """Compare results, by the names of their methods, on the same episodes."""
     chosen = select(Submission).where(Submission.id.in_(named.values()))
     chosen = chosen.options(joinedload(Submission.team), joinedload(Submission.person))
-    reports = {row.id: submission_report(row) for row in session.scalars(chosen)}
+    reports = {row.id: scored_submission(row) for row in session.scalars(chosen)}
     return submissions.compare(board, {name: reports[each] for name, each in named.items()})
 
 

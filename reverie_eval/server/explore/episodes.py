@@ -25,7 +25,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
 from reverie_eval.metrics import ABSTAINED, Metric
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import InputClass, Method, SubmissionReport
+from reverie_eval.schemas.service import InputClass, Method, ScoredSubmission
 from reverie_eval.scoring import (
     OUTCOME_METRICS,
     OUTCOMES,
@@ -56,7 +56,7 @@ from reverie_eval.server.scoring.boards import Board, load_board, tasks_of
 from reverie_eval.server.scoring.contexts import Context, EpisodeValues, Scoring, check_signature
 from reverie_eval.server.settings import Split
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.results import submission_report
+from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import Person, Submission, read_stored
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
 from reverie_eval.submissions import SubmissionColumns, read_headings
@@ -429,7 +429,7 @@ class EpisodeService:
         if chosen in AGENTS:
             return Run(_agent(chosen), self._walked(split, self._board(split).signature, chosen))
         if public is not None and (person is None or public.team_id != person.team_id):
-            report = submission_report(public)
+            report = scored_submission(public)
             return Run(self._public(public), self._submissions.episodes(report), report.sha256)
         if person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
@@ -476,7 +476,7 @@ def _demo_board(task: Task) -> Board | None:
     return load_board(name_on_server(task.name, "val_unseen"), split, bundle)
 
 
-def _own(found: Submission | SubmissionReport, team: str, method: str) -> Choice:
+def _own(found: Submission | ScoredSubmission, team: str, method: str) -> Choice:
     return Choice(found.id, method, team=team, at=found.received_at, status=found.status)
 
 

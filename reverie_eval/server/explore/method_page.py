@@ -11,7 +11,7 @@ from fastapi.responses import Response
 
 from reverie_eval.analysis import near_misses
 from reverie_eval.reporting import report_sections as sections
-from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.schemas.service import ScoredSubmission
 from reverie_eval.scoring import OUTCOMES, Scores
 from reverie_eval.server.boards.charts import rank_chart
 from reverie_eval.server.boards.embargo import View
@@ -148,7 +148,7 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
         )
 
 
-def _shown(reading: CallReading, submission_id: str) -> tuple[SubmissionReport, bool]:
+def _shown(reading: CallReading, submission_id: str) -> tuple[ScoredSubmission, bool]:
     """Return a submission, and whether the visitor may look at its episodes.
 
     It is published, or one of the visitor's team.

@@ -119,34 +119,34 @@ class Attempts:
     @contextmanager
     def recording(self, person: Person, split: str, size: int) -> Iterator[Handled]:
         """Record the outcome of the upload that is handled in the context, and how long it took."""
-        upload = Handled(person, split, size, time.perf_counter())
+        attempt = Handled(person, split, size, time.perf_counter())
         try:
-            yield upload
+            yield attempt
         except Exception as error:
             known = request_error(error)
-            upload.outcome = known.code if isinstance(known, FAILURES) else FaultError.code
-            upload.problems = len(known.problems) if isinstance(known, RejectedFileError) else 0
+            attempt.outcome = known.code if isinstance(known, FAILURES) else FaultError.code
+            attempt.problems = len(known.problems) if isinstance(known, RejectedFileError) else 0
             raise
         finally:
-            if not upload.is_recorded:
-                self._write(upload)
+            if not attempt.is_recorded:
+                self._write(attempt)
 
-    def record_with(self, session: Session, upload: Handled) -> None:
+    def record_with(self, session: Session, attempt: Handled) -> None:
         """Record an upload in the transaction that stores its submission, if possible.
 
         Raises SQLAlchemyError if the database cannot be reached: then nothing can be stored.
         """
         try:
             with session.begin_nested():
-                upload.add(session, self.clock())
+                attempt.add(session, self.clock())
         except SQLAlchemyError as error:
             if is_unreachable(error):
                 raise
 
-    def _write(self, upload: Handled) -> None:
+    def _write(self, attempt: Handled) -> None:
         try:
             with self.database.writing() as session:
-                upload.add(session, self.clock())
+                attempt.add(session, self.clock())
         except Exception:
             _LOGGER.exception("upload not recorded")
 

@@ -1,7 +1,7 @@
 """What the organiser does with submissions, by pages.
 
 ``/desk/reviews``: public reviews. ``/desk/emailed-files``: files that people sent by e-mail,
-submitted for them. ``/desk/quotas``: extra submissions for a team. ``/desk/uploads``: every upload
+submitted for them. ``/desk/quotas``: extra submissions for a team. ``/desk/attempts``: every upload
 with its outcome.
 """
 
@@ -32,7 +32,7 @@ from reverie_eval.server.intake import quotas
 from reverie_eval.server.intake.attempts import DAYS_KEPT, FAILURES, list_attempts
 from reverie_eval.server.intake.emailed_files import EmailedFiles
 from reverie_eval.server.intake.submit_page import NOTHING, check_form
-from reverie_eval.server.intake.uploads import Began, Upload, method_from, taken
+from reverie_eval.server.intake.uploads import Began, ReceivedFile, method_from, taken
 from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import Submission
 
@@ -130,16 +130,16 @@ def draw_files(
 
 async def posted_file(
     request: Request, desk: Desk, server: Server, runtime: Runtime, began: Began
-) -> AsyncIterator[Upload]:
+) -> AsyncIterator[ReceivedFile]:
     """Read the form when a place is free; after a problem, the input is kept."""
     organiser = await run_in_threadpool(desk.person)
-    async with taken(request, server, runtime, began, organiser) as upload:
-        check_form(desk, upload, draw_files)
+    async with taken(request, server, runtime, began, organiser) as file:
+        check_form(desk, file, draw_files)
         async with runtime.scoring.hold(organiser.team_id):
-            yield upload
+            yield file
 
 
-PostedFile = Annotated[Upload, Depends(posted_file, scope="function")]
+PostedFile = Annotated[ReceivedFile, Depends(posted_file, scope="function")]
 
 
 @router.get(EMAILED_FILES)
@@ -149,9 +149,9 @@ def show_form(desk: Desk) -> Response:
 
 
 @router.post(EMAILED_FILES)
-def submit_emailed_file(desk: Desk, upload: PostedFile) -> Response:
+def submit_emailed_file(desk: Desk, file: PostedFile) -> Response:
     """Submit a file for the person who sent it, and show the reply to them."""
-    typed = upload.fields
+    typed = file.fields
     if not typed.get("person"):
         raise MalformedError("choose the person who sent the file")
     with desk.reading() as reading:
@@ -160,10 +160,10 @@ def submit_emailed_file(desk: Desk, upload: PostedFile) -> Response:
     given |= {"team": sender.team.name, "person": sender.name, "publish": "publish" in typed}
     method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
     report = desk.server.get(EmailedFiles).submit(
-        desk.person(), read_model(EmailedFile, given), upload.filename, upload.packed, method
+        desk.person(), read_model(EmailedFile, given), file.filename, file.packed, method
     )
     exchange_of(desk.request.scope).note(report)
-    return draw_files(desk, typed, report=report, filename=upload.filename)
+    return draw_files(desk, typed, report=report, filename=file.filename)
 
 
 @forms.shown_at(router, QUOTAS, "quotas.html")
@@ -186,14 +186,14 @@ def grant(desk: Desk, form: Posted) -> Response:
     return forms.done(QUOTAS, "given")
 
 
-@router.get("/desk/uploads")
-def show_uploads(desk: Desk, cursor: forms.Cursor = None, outcome: forms.Sought = "") -> Response:
+@router.get("/desk/attempts")
+def show_attempts(desk: Desk, cursor: forms.Cursor = None, outcome: forms.Sought = "") -> Response:
     """List uploads, the latest first."""
     chosen = outcome if outcome in ALL_OUTCOMES else ""
     with desk.reading() as reading:
         return page(
             reading,
-            "desk/uploads.html",
+            "desk/attempts.html",
             attempts=list_attempts(reading.session, Page(forms.ENTRIES_ON_A_PAGE, cursor), chosen),
             is_first=cursor is None,
             outcome=chosen,

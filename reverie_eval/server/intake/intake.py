@@ -26,7 +26,7 @@ from reverie_eval.schemas.service import (
     Method,
     QuotaReport,
     Schedule,
-    SubmissionReport,
+    ScoredSubmission,
 )
 from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Actor, Transaction, Transactions
@@ -206,12 +206,12 @@ class Intake:
             If required information about the method is missing.
         """
         find_board(self.boards, split)  # or there is no such split
-        with self.attempts.recording(person, split, len(packed)) as upload:
+        with self.attempts.recording(person, split, len(packed)) as attempt:
             accepted = None
             while accepted is None:  # again if the ground truth was corrected meanwhile
                 with self.scoring.hold() as runner:
                     file = runner.run(open_file, packed, self._most_unpacked)
-                    upload.size = file.size
+                    attempt.size = file.size
                     row = Submission(
                         split=split,
                         sha256=file.sha256,
@@ -225,12 +225,12 @@ class Intake:
                         score_file, split, navigation_only=method.navigation_only
                     )
                 accepted = (
-                    self.store(row, found, upload, method, organiser)
+                    self.store(row, found, attempt, method, organiser)
                     if isinstance(found, Read)
                     else found
                 )
             if accepted.is_repeat:
-                upload.outcome = "repeat"
+                attempt.outcome = "repeat"
         return accepted
 
     @property
@@ -261,7 +261,7 @@ class Intake:
         self,
         row: Submission,
         read: Read,
-        upload: Handled,
+        attempt: Handled,
         method: Method,
         organiser: Actor | None,
     ) -> Accepted | None:
@@ -270,7 +270,7 @@ class Intake:
         Returns None if other rules than those that it was scored by are now in force.
         """
         row.id = secrets.token_hex(8)
-        person = upload.person
+        person = attempt.person
         with (
             self.uploads.staged(row.sha256, read.packed) as keep,
             self.transactions.begin(organiser or person) as transaction,
@@ -299,7 +299,7 @@ class Intake:
             )
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
             notify(transaction, "submission", said, f"/submissions/{row.id}")
-            self.attempts.record_with(session, upload)
+            self.attempts.record_with(session, attempt)
             keep()
             # The receipt has the quota of the time at which a file was received, also long ago.
             left = usage.state(transaction.now) if organiser else quota
@@ -333,7 +333,7 @@ class Intake:
         submission = self._worded(session, row)
         return Accepted(submission=submission, quota=quota, is_repeat=True, ignored=ignored)
 
-    def _worded(self, session: Session, row: Submission) -> SubmissionReport:
+    def _worded(self, session: Session, row: Submission) -> ScoredSubmission:
         transactions = self.transactions
         view = View(self.schedules.read(session), transactions.signer, transactions.clock())
         return view.report(row)

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
 from reverie_eval.receipts import read
-from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange, SubmissionReport
+from reverie_eval.schemas.service import Method, ProblemDocument, ScoredSubmission, SubmissionChange
 from reverie_eval.server.audit.log import history
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.entries import is_anonymous
@@ -127,7 +127,7 @@ def _other_boards(visit: Call, split: str) -> Mapping[str, Board]:
     return {} if board is None else board.others
 
 
-def _has_episodes(visit: Call, shown: SubmissionReport | Publication) -> bool:
+def _has_episodes(visit: Call, shown: ScoredSubmission | Publication) -> bool:
     """Whether episodes may be shown to somebody, and would be scored in the same way now."""
     board = visit.server.boards.get(shown.split)
     return board is not None and not board.is_private and board.measures_as(shown.report)
@@ -145,7 +145,7 @@ class LeaderboardStanding:
 
 
 def _standing(
-    server: ServerState, session: Session, board: Board, shown: SubmissionReport
+    server: ServerState, session: Session, board: Board, shown: ScoredSubmission
 ) -> LeaderboardStanding | None:
     """Compare a result that is not published with those that are; None if it cannot be ranked.
 

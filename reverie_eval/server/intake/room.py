@@ -30,7 +30,7 @@ ROOM = Room(
     pages=[submit_page.router, team_page.router, pages.router, desk.router],
     jobs=jobs,
     desk=[
-        Tab("Today", 2, "Uploads", "/desk/uploads"),
+        Tab("Today", 2, "Upload attempts", "/desk/attempts"),
         Tab("Results", 1, "Reviews", "/desk/reviews"),
         Tab("Results", 5, "E-mailed files", "/desk/emailed-files"),
         Tab("Participants", 2, "Quotas", "/desk/quotas"),

@@ -19,9 +19,9 @@ from reverie_eval.schemas.service import (
     PhaseReport,
     QuotaReport,
     Schedule,
+    ScoredSubmission,
     SplitReport,
     SubmissionChange,
-    SubmissionReport,
 )
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.schedules import Schedules
@@ -88,7 +88,7 @@ _FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
 
 
 @router.get("", responses=problems("not-signed-in"))
-def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
+def list_own(caller: Caller, paging: Paging) -> list[ScoredSubmission]:
     """List your team's submissions, the newest first; the organiser sees those of all teams."""
     with caller.reading() as reading:
         person, view = reading.person, View.of(reading)
@@ -96,7 +96,7 @@ def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
 
 
 @router.get("/{submission_id}", responses=_OF_ONE)
-def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionReport:
+def show_submission(submission_id: SubmissionId, caller: Caller) -> ScoredSubmission:
     """Show a submission of your team."""
     with caller.reading() as reading:
         return submission_of(reading.session, reading.person, submission_id, View.of(reading))
@@ -105,7 +105,7 @@ def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionRe
 @router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))
 def change_submission(
     submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringTurn
-) -> SubmissionReport:
+) -> ScoredSubmission:
     """Publish, withdraw or edit a submission, or hide your team's name until a date."""
     return caller.server.get(SubmissionService).change(caller.person(), submission_id, change)
 
@@ -162,18 +162,18 @@ def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringTur
     },
 )
 def submit_emailed_file(
-    request: Request, organiser: Organiser, upload: ReceivedByOrganiser, response: Response
+    request: Request, organiser: Organiser, file: ReceivedByOrganiser, response: Response
 ) -> schemas.EmailedFileReport:
     """Submit a file for the person who sent it, as if they had uploaded it when it was received.
 
     The reply has a text for that person; so does a problem document about a refused file.
     Describe the file and the method in the query, or in fields of the form.
     """
-    given = fields_of(request, upload)
+    given = fields_of(request, file)
     own = {name: given.pop(name) for name in schemas.EmailedFile.model_fields if name in given}
-    file, method = read_model(schemas.EmailedFile, own), method_from(given)
+    emailed, method = read_model(schemas.EmailedFile, own), method_from(given)
     report = organiser.server.get(EmailedFiles).submit(
-        organiser.person(), file, upload.filename, upload.packed, method
+        organiser.person(), emailed, file.filename, file.packed, method
     )
     exchange_of(request.scope).note(report)
     response.status_code = 200 if report.is_repeat else 201
@@ -265,7 +265,7 @@ def submit(
     counted: Counted,
     split: SplitName,
     person: Sender,
-    upload: Received,
+    file: Received,
     method: SentMethod,
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
     server: Server,
@@ -277,7 +277,7 @@ def submit(
     using the same Idempotency-Key, returns the first result with status 200 and uses no submission.
     """
     accepted = server.get(Intake).submit(
-        person, split, upload.packed, method, idempotency_key, arrived=upload.arrived
+        person, split, file.packed, method, idempotency_key, arrived=file.arrived
     )
     counted.note(accepted)
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
@@ -289,12 +289,12 @@ def submit(
     responses=problems(*OF_FILES),
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
-def validate(split: SplitName, person: Sender, upload: Received, server: Server) -> Checked:
+def validate(split: SplitName, person: Sender, file: Received, server: Server) -> Checked:
     """Check a file as for scoring; nothing is stored, and no submission is used.
 
     The solution is not used. The parameters are those of an upload; the method is ignored.
     """
-    return server.get(Intake).validate(person, split, upload.packed)
+    return server.get(Intake).validate(person, split, file.packed)
 
 
 def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:

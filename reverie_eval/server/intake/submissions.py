@@ -21,8 +21,8 @@ from reverie_eval.schemas.service import (
     EarlierResult,
     Method,
     MethodChange,
+    ScoredSubmission,
     SubmissionChange,
-    SubmissionReport,
 )
 from reverie_eval.scoring import Scores
 from reverie_eval.server.audit.log import INSPECTED
@@ -44,7 +44,7 @@ from reverie_eval.server.scoring.rules import RulesInForce
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.paging import Listed, Page, cut, wrong_cursor
-from reverie_eval.server.store.results import results_of, store_result, submission_report
+from reverie_eval.server.store.results import results_of, scored_submission, store_result
 from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission, read_stored
 from reverie_eval.server.store.uploads import Uploads, stored_pieces, stored_upload
 
@@ -58,7 +58,7 @@ _Order: TypeAlias = Callable[[type[Submission]], Iterable[SQLColumnExpression[An
 
 def list_submissions(
     session: Session, person: Person, page: Page, view: View
-) -> Listed[SubmissionReport]:
+) -> Listed[ScoredSubmission]:
     """List the submissions of a person's team, the newest first; the organiser sees all teams'.
 
     MalformedError if the cursor is invalid.
@@ -136,7 +136,7 @@ def all_submissions(
 
 def submission_of(
     session: Session, person: Person, submission_id: str, view: View
-) -> SubmissionReport:
+) -> ScoredSubmission:
     """Return a submission of a person's team; the organiser sees all teams'.
 
     Raises
@@ -156,7 +156,7 @@ def record_inspection(transaction: Transaction, submission_id: str) -> None:
     transaction.record(INSPECTED, row, row.id)
 
 
-def result_on(name: str, submission: SubmissionReport) -> BoardResult:
+def result_on(name: str, submission: ScoredSubmission) -> BoardResult:
     """Return a submission's result on another leaderboard.
 
     Raises NotFoundError if it has none.
@@ -293,7 +293,7 @@ class SubmissionService:
         """Return what may be seen at a moment."""
         return View(self.schedules.read(session), self.transactions.signer, now)
 
-    def file(self, submission: SubmissionReport) -> Iterator[bytes]:
+    def file(self, submission: ScoredSubmission) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces.
 
         Raises
@@ -307,7 +307,7 @@ class SubmissionService:
         pieces = stored_pieces(self.uploads, submission.sha256)
         return chain([next(pieces)], pieces)
 
-    def episodes(self, submission: SubmissionReport, name: str = "") -> Scores:
+    def episodes(self, submission: ScoredSubmission, name: str = "") -> Scores:
         """Return the scores of every episode, computed again from the upload.
 
         They are scored under the rules of the split's main leaderboard, or of another one that has
@@ -323,7 +323,7 @@ class SubmissionService:
         board = find_board(self.boards, submission.split, name)
         return self._scored(board.split, name, board.signature, submission.sha256)
 
-    def check_episodes(self, submission: SubmissionReport, name: str = "") -> None:
+    def check_episodes(self, submission: ScoredSubmission, name: str = "") -> None:
         """Raise the NotFoundErrors of :meth:`episodes`."""
         board = find_board(self.boards, submission.split, name)
         _check_upload(submission)
@@ -341,7 +341,7 @@ class SubmissionService:
         check_signature(board, signature)
         return self.scoring.run(score_episodes, split, name, sha256).scores(board)
 
-    def compare(self, board: Board, named: Mapping[str, SubmissionReport]) -> Comparison:
+    def compare(self, board: Board, named: Mapping[str, ScoredSubmission]) -> Comparison:
         """Compare results of a leaderboard on the same episodes, all others with the first.
 
         Raises
@@ -369,7 +369,7 @@ class SubmissionService:
         submission_id: str,
         change: SubmissionChange,
         organiser: Actor | None = None,
-    ) -> SubmissionReport:
+    ) -> ScoredSubmission:
         """Publish, withdraw or edit a submission, or hide its team until a date.
 
         An ``organiser`` may do this for a person.
@@ -386,7 +386,7 @@ class SubmissionService:
         """
         with self.transactions.database.reading() as session:
             self.rules.follow(session)
-            known = submission_report(_row_of(session, person, submission_id))
+            known = scored_submission(_row_of(session, person, submission_id))
             if not change.model_fields_set:
                 view = self.view(session, self.transactions.clock())
                 return submission_of(session, person, submission_id, view)
@@ -475,7 +475,7 @@ class SubmissionService:
             )
         return method
 
-    def _intervals(self, known: SubmissionReport) -> Mapping[str, tuple[IntervalReport, Sums]]:
+    def _intervals(self, known: ScoredSubmission) -> Mapping[str, tuple[IntervalReport, Sums]]:
         """Compute missing intervals, and the sums by which ranks are compared, by leaderboard.
 
         This is done for open splits only. It takes longer than scoring, so it is only done for
@@ -528,7 +528,7 @@ def _editable(row: Submission) -> Mapping[str, Any]:
     return {**state.model_dump(mode="json"), "method": method}
 
 
-def _check_upload(submission: SubmissionReport) -> None:
+def _check_upload(submission: ScoredSubmission) -> None:
     if submission.upload_deleted_at is not None:
         day = f"{submission.upload_deleted_at:%Y-%m-%d}"
         raise NotFoundError(

@@ -26,7 +26,7 @@ from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.identity import Sessions
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.team_page import split_quotas
-from reverie_eval.server.intake.uploads import Began, Upload, method_from, taken
+from reverie_eval.server.intake.uploads import Began, ReceivedFile, method_from, taken
 
 router = APIRouter()
 OK = 200
@@ -61,7 +61,7 @@ def draw_fault(member: Call, typed: Mapping[str, str], problem: ProblemDocument)
 
 def check_form(
     call: Call,
-    upload: Upload,
+    file: ReceivedFile,
     draw_fault: Callable[[Call, Mapping[str, str], ProblemDocument], Response],
 ) -> None:
     """Check that one of this server's pages sent a form, with a file; it shows further problems.
@@ -75,30 +75,30 @@ def check_form(
     """
     # First, so that a form of an earlier session keeps what was typed: no other site can send a
     # request of this session.
-    show_faults_with(call.request, partial(draw_fault, call, upload.fields))
+    show_faults_with(call.request, partial(draw_fault, call, file.fields))
     call.server.get(Sessions).check_csrf_token(
-        call.session_id or "", upload.fields.get("csrf_token", "")
+        call.session_id or "", file.fields.get("csrf_token", "")
     )
-    if not upload.filename:
+    if not file.filename:
         raise MalformedError("choose a file first")
 
 
-async def posted_upload(
+async def posted_file(
     request: Request, member: Member, server: Server, runtime: Runtime, began: Began
-) -> AsyncIterator[Upload]:
+) -> AsyncIterator[ReceivedFile]:
     """Read the form when a place is free; after a problem, the input is kept."""
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = ""
     person = await run_in_threadpool(member.person)
-    async with taken(request, server, runtime, began, person) as upload:
-        is_to_be_scored = upload.fields.get("what") == "score"
-        exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
-        check_form(member, upload, draw_fault)
+    async with taken(request, server, runtime, began, person) as file:
+        is_to_be_scored = file.fields.get("what") == "score"
+        exchange.uploaded_to = file.fields.get("split", "") if is_to_be_scored else None
+        check_form(member, file, draw_fault)
         async with runtime.scoring.hold(person.team_id):
-            yield upload
+            yield file
 
 
-PostedUpload = Annotated[Upload, Depends(posted_upload, scope="function")]
+PostedFile = Annotated[ReceivedFile, Depends(posted_file, scope="function")]
 
 
 @router.get("/submit")
@@ -112,16 +112,16 @@ def show_submit(
 
 
 @router.post("/submit")
-def submit(member: Member, upload: PostedUpload) -> Response:
+def submit(member: Member, file: PostedFile) -> Response:
     """Check a file, or score it and redirect to its page."""
-    server, person, typed = member.server, member.person(), upload.fields
+    server, person, typed = member.server, member.person(), file.fields
     board = server.board(typed.get("split", ""))
     if typed.get("what") != "score":
-        report = server.get(Intake).validate(person, board.split, upload.packed)
+        report = server.get(Intake).validate(person, board.split, file.packed)
         return draw(member, typed, report=report)
     method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
     accepted = server.get(Intake).submit(
-        person, board.split, upload.packed, method, key=None, arrived=upload.arrived
+        person, board.split, file.packed, method, key=None, arrived=file.arrived
     )
     exchange_of(member.request.scope).note(accepted)
     place = f"/submissions/{accepted.submission.id}"

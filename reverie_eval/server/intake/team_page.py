@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.history import Timeline
 from reverie_eval.reporting.service import known_task
-from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
+from reverie_eval.schemas.service import QuotaReport, Schedule, ScoredSubmission
 from reverie_eval.server.boards.charts import progress_of
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.schedules import Schedules
@@ -36,7 +36,7 @@ class TeamView:
     """What people see of their own team."""
 
     people: Sequence[Person]
-    submissions: Sequence[SubmissionReport]
+    submissions: Sequence[ScoredSubmission]
     """The latest, the newest first."""
     submitted: int
     """The number of all submissions."""
@@ -78,10 +78,10 @@ class TaskSubmissions:
     """The title of the task; empty if it is not installed any more."""
     columns: Sequence[Metric]
     primary: str
-    submissions: Sequence[SubmissionReport]
+    submissions: Sequence[ScoredSubmission]
 
 
-def _by_task(submissions: Sequence[SubmissionReport]) -> Sequence[TaskSubmissions]:
+def _by_task(submissions: Sequence[ScoredSubmission]) -> Sequence[TaskSubmissions]:
     """Group submissions by their tasks, in the order of the latest one to each."""
     groups = defaultdict(list)
     for each in submissions:

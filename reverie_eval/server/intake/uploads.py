@@ -91,8 +91,8 @@ OF_UPLOADS = (*OF_FILES, "not-open", "conflict", "quota-spent", "bytes-spent")
 """The problems of files that are checked, and of those that are scored."""
 
 
-class Upload(NamedTuple):
-    """A received upload."""
+class ReceivedFile(NamedTuple):
+    """A file that is being submitted, as it came in a request."""
 
     packed: bytes
     arrived: datetime
@@ -103,7 +103,7 @@ class Upload(NamedTuple):
     """Empty for a form in which no file was chosen."""
 
 
-async def receive(request: Request, limits: Limits, clock: Clock) -> Upload:
+async def receive(request: Request, limits: Limits, clock: Clock) -> ReceivedFile:
     """Read an upload, and record the time at which its last byte arrived.
 
     Raises
@@ -120,12 +120,12 @@ async def receive(request: Request, limits: Limits, clock: Clock) -> Upload:
     body = await request.body()
     arrived = clock()
     if not is_form:
-        return Upload(body, arrived, {})
+        return ReceivedFile(body, arrived, {})
     texts, files = await run_in_threadpool(parse_form, request.headers, body)
     if "file" not in files:
         raise MalformedError("the form has no file; send the result file in the field `file`")
     content, filename = files["file"]
-    return Upload(content, arrived, texts, filename)
+    return ReceivedFile(content, arrived, texts, filename)
 
 
 def parse_form(
@@ -207,7 +207,7 @@ Sender = Annotated[Person, Depends(sender)]
 @asynccontextmanager
 async def taken(
     request: Request, server: ServerState, runtime: RuntimeState, began: datetime, person: Person
-) -> AsyncIterator[Upload]:
+) -> AsyncIterator[ReceivedFile]:
     """Read a person's upload as soon as there is room for it, and hold its place.
 
     An upload is not read while it waits for a place, so its arrival is dated back by that time: a
@@ -217,14 +217,14 @@ async def taken(
     exchange.team = person.team_id
     async with runtime.uploads.hold(person.team_id):
         waited = max(server.clock() - began, timedelta())
-        upload = await receive(request, server.settings.limits, server.clock)
-        exchange.split = fields_of(request, upload).get("split", "")
-        yield upload._replace(arrived=upload.arrived - waited)
+        file = await receive(request, server.settings.limits, server.clock)
+        exchange.split = fields_of(request, file).get("split", "")
+        yield file._replace(arrived=file.arrived - waited)
 
 
 async def received(
     request: Request, server: Server, runtime: Runtime, began: Began, person: Sender
-) -> AsyncIterator[Upload]:
+) -> AsyncIterator[ReceivedFile]:
     """Read the upload when the sender is known and a place is free, and wait for a process.
 
     From here on, every problem document includes the submissions left.
@@ -238,42 +238,42 @@ async def received(
     if split in server.boards:
         exchange_of(request.scope).quota = quota_left
     async with (
-        taken(request, server, runtime, began, person) as upload,
+        taken(request, server, runtime, began, person) as file,
         runtime.scoring.hold(person.team_id),
     ):
-        yield upload
+        yield file
 
 
 # Place and process are released before the reply is sent, so slow readers do not hold them.
-Received = Annotated[Upload, Depends(received, scope="function")]
+Received = Annotated[ReceivedFile, Depends(received, scope="function")]
 
 
 async def received_by_organiser(
     request: Request, organiser: Organiser, server: Server, runtime: Runtime, began: Began
-) -> AsyncIterator[Upload]:
+) -> AsyncIterator[ReceivedFile]:
     """Read a file that an organiser submits for a person."""
     person = await run_in_threadpool(organiser.person)
     async with (
-        taken(request, server, runtime, began, person) as upload,
+        taken(request, server, runtime, began, person) as file,
         runtime.scoring.hold(person.team_id),
     ):
-        yield upload
+        yield file
 
 
-ReceivedByOrganiser = Annotated[Upload, Depends(received_by_organiser, scope="function")]
+ReceivedByOrganiser = Annotated[ReceivedFile, Depends(received_by_organiser, scope="function")]
 
 
-async def method_of(request: Request, upload: Received) -> Method:
+async def method_of(request: Request, file: Received) -> Method:
     """Return the description of the method."""
-    return method_from(fields_of(request, upload))
+    return method_from(fields_of(request, file))
 
 
 SentMethod = Annotated[Method, Depends(method_of)]
 
 
-def fields_of(request: Request, upload: Upload) -> dict[str, Any]:
+def fields_of(request: Request, file: ReceivedFile) -> dict[str, Any]:
     """Return what describes an upload; the form takes precedence over the query."""
-    given = {**request.query_params, **upload.fields}
+    given = {**request.query_params, **file.fields}
     return {name: value for name, value in given.items() if name != "file"}
 
 

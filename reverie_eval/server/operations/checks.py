@@ -22,7 +22,7 @@ from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.receipts import KeyMissingError, load_key, public_pem_of
 from reverie_eval.server.audit.transactions import Transaction, Transactions, utc_now
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.corrections.rescoring import count_outdated
+from reverie_eval.server.corrections.corrections import count_outdated
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.soundness import try_newest

@@ -20,9 +20,9 @@ from reverie_eval.schemas.service import (
     Envelope,
     KeyReport,
     Receipt,
+    ScoredSubmission,
     Snapshot,
     SnapshotEntry,
-    SubmissionReport,
 )
 from reverie_eval.server.audit.keys import list_keys
 from reverie_eval.server.audit.log import AuditLog
@@ -47,7 +47,7 @@ from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
-from reverie_eval.server.store.results import submission_report
+from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
@@ -120,16 +120,16 @@ def _at_submissions(session: Session, state: ServerState, track: Track) -> Itera
     yield from receipts.sum_up()
 
 
-def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, SubmissionReport | None]]:
+def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, ScoredSubmission | None]]:
     """Read submissions, in one query if all can be read; None for each that cannot."""
     chosen = select(Submission).where(Submission.id.in_(names))
     try:
         rows = {row.id: row for row in session.scalars(chosen)}
-        yield from [(name, submission_report(rows[name])) for name in names]
+        yield from [(name, scored_submission(rows[name])) for name in names]
     except (KeyError, *REFUSALS):  # those without a team or a person are not found
         for name in names:
             try:
-                yield name, submission_report(session.get_one(Submission, name))
+                yield name, scored_submission(session.get_one(Submission, name))
             except REFUSALS:
                 yield name, None
 
@@ -202,7 +202,7 @@ class _Reports:
         self._without_board: Counter[str] = Counter()
         self._current = 0
 
-    def check(self, submission: SubmissionReport) -> Iterator[Finding]:
+    def check(self, submission: ScoredSubmission) -> Iterator[Finding]:
         board = self._boards.get(submission.split)
         for result in submission.results.values():
             fingerprint = result.report.fingerprint
@@ -236,7 +236,7 @@ class _Receipts:
         self._sound = 0
         self._unread = 0
 
-    def check(self, submission: SubmissionReport) -> Iterator[Finding]:
+    def check(self, submission: ScoredSubmission) -> Iterator[Finding]:
         """Check the receipts of all results that a submission has had."""
         for current in submission.results.values():
             yield from self._check_one(submission, current)
@@ -244,7 +244,7 @@ class _Receipts:
                 yield from self._check_one(submission, earlier)
 
     def _check_one(
-        self, submission: SubmissionReport, result: BoardResult | EarlierResult
+        self, submission: ScoredSubmission, result: BoardResult | EarlierResult
     ) -> Iterator[Finding]:
         trouble = ""
         try:
@@ -288,7 +288,7 @@ def _not_compared(what: str) -> str:
 
 def _matches_row(
     said: Content,
-    kept: SubmissionReport,
+    kept: ScoredSubmission,
     result: BoardResult | EarlierResult,
     names: Collection[str],
 ) -> bool:

@@ -4,20 +4,20 @@ Values of single episodes of a private split are never sent over the network. He
 a user who can read the ground truth anyway, and the audit log records it.
 """
 
-from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.schemas.service import ScoredSubmission
 from reverie_eval.scoring import Scores
 from reverie_eval.server.boards.reviews import any_submission
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.intake.submissions import record_inspection
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.settings import Settings
-from reverie_eval.server.store.results import submission_report
+from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.uploads import stored_upload
 
 
 def inspect(
     settings: Settings, submission_id: str, *, actor: str
-) -> tuple[SubmissionReport, Scores]:
+) -> tuple[ScoredSubmission, Scores]:
     """Return a submission, and the value of every episode, scored again from its upload.
 
     Raises
@@ -39,7 +39,7 @@ def inspect(
                     f"the file of {submission_id} was deleted on {row.upload_deleted_at:%Y-%m-%d}, "
                     "because it was old and not published"
                 )
-            known = submission_report(row)
+            known = scored_submission(row)
         board = state.board(known.split)
         if not board.measures_as(known.report):
             raise ConflictError(

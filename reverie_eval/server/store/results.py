@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from sqlalchemy import ColumnElement
 
 from reverie_eval.schemas.organising import AttemptReport
-from reverie_eval.schemas.service import BoardResult, Method, SubmissionReport
+from reverie_eval.schemas.service import BoardResult, Method, ScoredSubmission
 from reverie_eval.server.store.tables import Attempt, Submission, read_stored
 
 
@@ -21,12 +21,12 @@ def results_of(row: Submission) -> Mapping[str, BoardResult]:
     }
 
 
-def submission_report(row: Submission) -> SubmissionReport:
+def scored_submission(row: Submission) -> ScoredSubmission:
     """Return everything stored about a submission, including what its team may not see yet."""
     boards = dict(results_of(row))
     own = boards.pop("")
     return row.as_report(
-        SubmissionReport,
+        ScoredSubmission,
         team=row.team.name,
         person=row.person.name,
         method=read_stored(Method, row.method),

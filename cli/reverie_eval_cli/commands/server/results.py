@@ -35,7 +35,7 @@ from reverie_eval_cli.output import note, with_progress
 from reverie_eval_cli.servers import keep_receipts
 
 if TYPE_CHECKING:
-    from reverie_eval.server.corrections.rescoring import Job, Outcome
+    from reverie_eval.server.corrections.corrections import Job, Outcome
     from reverie_eval.server.store.tables import Submission
 
 
@@ -213,23 +213,23 @@ def rescore(
 
     Exit status: 0 all were scored, 1 some cannot be scored again, 2 usage or system error.
     """
-    from reverie_eval.server.operations import rescoring
+    from reverie_eval.server.operations import corrections
 
     if reason is None and not dry_run:
         raise click.UsageError("give a --reason, or --dry-run to change nothing")
     settings, jobs = folder.settings, jobs or os.cpu_count() or 1
     # A preview needs no reason, because nothing is shown to anyone.
     if reason is None or dry_run:
-        changes = rescoring.preview(settings, split, bundle, jobs=jobs, progress=_progress)
+        changes = corrections.preview(settings, split, bundle, jobs=jobs, progress=_progress)
     else:
         new = options.checked(NewCorrection, split=split, reason=reason)
         if bundle is not None:
-            changes, earlier = rescoring.correct(
+            changes, earlier = corrections.replace_ground_truth(
                 settings, split, bundle, new.reason, actor=actor(), jobs=jobs, progress=_progress
             )
             note(f"servers that run use the new ground truth; the earlier one is now {earlier}")
         else:
-            changes = rescoring.rescore(
+            changes = corrections.rescore(
                 settings, split, new.reason, actor=actor(), jobs=jobs, progress=_progress
             )
     _print(changes, settings.tasks[split])

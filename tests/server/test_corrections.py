@@ -22,21 +22,21 @@ from reverie_eval.schemas.service import EarlierResult, Envelope, Phase
 from reverie_eval.server.audit.log import audit_reports, entries
 from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.boards.rank_intervals import cluster_sums
-from reverie_eval.server.corrections.rescoring import (
+from reverie_eval.server.corrections.corrections import (
+    Corrections,
     Job,
     Outcome,
     Rescored,
-    Rescoring,
     changes,
     count_outdated,
     list_corrections,
     outdated,
-    score_again,
+    rescore_one,
 )
 from reverie_eval.server.corrections.snapshots import Closing, Snapshots
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import SubmissionService
-from reverie_eval.server.operations import rescoring
+from reverie_eval.server.operations import corrections
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.scoring.rules import append_rules, record_rules, rules_of
@@ -222,7 +222,7 @@ def test_nothing_is_left_to_score_again(corrected: Serving) -> None:
 
 def scoring_again(server: Serving, split: str) -> Callable[[Job], Outcome]:
     """Return what scores a submission to a split again."""
-    return lambda job: server.state.scoring.run(score_again, split, "", job)
+    return lambda job: server.state.scoring.run(rescore_one, split, "", job)
 
 
 def test_a_run_goes_on_where_another_was_interrupted(corrected: Serving) -> None:
@@ -231,7 +231,7 @@ def test_a_run_goes_on_where_another_was_interrupted(corrected: Serving) -> None
     with state.database.reading() as session:
         jobs = outdated(session, place)
     outcomes = map(scoring_again(corrected, OPEN), jobs)
-    running = state.get(Rescoring).replace_results(ORGANISER, place, WHY, jobs, outcomes)
+    running = state.get(Corrections).replace_results(ORGANISER, place, WHY, jobs, outcomes)
     assert len(list(islice(running, 1))) == 1
     report = rescored(corrected, reason="another reason")
     assert (report["scored"], report["left"]) == (1, 0)
@@ -247,13 +247,13 @@ def test_two_runs_at_once_replace_each_result_once(corrected: Serving) -> None:
         jobs = outdated(session, place)
     outcomes = list(map(scoring_again(corrected, OPEN), jobs))
     for _ in range(2):
-        list(state.get(Rescoring).replace_results(ORGANISER, place, WHY, jobs, outcomes))
+        list(state.get(Corrections).replace_results(ORGANISER, place, WHY, jobs, outcomes))
     submissions = corrected.ask(ORGANISER, "GET", "/submissions").json()
     assert [len(each["earlier"]) for each in submissions] == [1, 1]
 
 
 def test_a_few_at_a_time(corrected: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reverie_eval.server.corrections.rescoring.AT_ONCE", 1)
+    monkeypatch.setattr("reverie_eval.server.corrections.corrections.AT_ONCE", 1)
     reports = [rescored(corrected) for _ in range(2)]
     assert [(report["scored"], report["left"]) for report in reports] == [(1, 1), (1, 0)]
 
@@ -628,7 +628,7 @@ def test_what_a_correction_changes_is_told_with_ranks_and_reasons(server: Servin
 def test_the_command_previews_and_then_corrects(
     server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rescoring, "FOR_ONE", 1)  # so that two are enough for two processes
+    monkeypatch.setattr(corrections, "FOR_ONE", 1)  # so that two are enough for two processes
     first, second = agents(2)
     best = sent(server, OWNER, first)
     sent(server, OTHER, second)
@@ -756,7 +756,7 @@ def test_an_upload_that_comes_while_others_are_scored_again_is_not_forgotten(
     first, second, third = agents(3)
     sent(server, OWNER, first)
     late = iter([second, third])
-    real = rescoring._score  # noqa: SLF001
+    real = corrections._score  # noqa: SLF001
 
     def interrupted(*given: Any) -> Any:
         found = real(*given)
@@ -765,7 +765,7 @@ def test_an_upload_that_comes_while_others_are_scored_again_is_not_forgotten(
             break
         return found
 
-    monkeypatch.setattr(rescoring, "_score", interrupted)
+    monkeypatch.setattr(corrections, "_score", interrupted)
     new = corrects(run, folder).header.fingerprint
     submissions = server.ask(ORGANISER, "GET", "/submissions").json()
     assert [each["report"]["fingerprint"] for each in submissions] == [new] * 3
@@ -781,7 +781,7 @@ def test_a_correction_that_fails_changes_nothing(
     def fail(*_: object) -> None:
         raise ReverieEvalError("there is no power")
 
-    monkeypatch.setattr(rescoring, "append_rules", fail)
+    monkeypatch.setattr(corrections, "append_rules", fail)
     words = ["server", "rescore", str(folder), OPEN, "--bundle", str(correct(folder))]
     done = run(*words, "--reason", WHY)
     assert (done.status, "there is no power" in done.err) == (2, True)
@@ -825,14 +825,14 @@ def test_a_submission_that_is_published_while_others_are_scored_again_gets_inter
     server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = f"/submissions/{server.upload(OWNER).json()['submission']['id']}"
-    real = rescoring._score  # noqa: SLF001
+    real = corrections._score  # noqa: SLF001
 
     def interrupted(*given: Any) -> Any:
         found = real(*given)
         assert server.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
         return found
 
-    monkeypatch.setattr(rescoring, "_score", interrupted)
+    monkeypatch.setattr(corrections, "_score", interrupted)
     new = corrects(run, folder).header.fingerprint
     report = server.ask(OWNER, "GET", path).json()["report"]
     assert (report["fingerprint"], bool(report["intervals"])) == (new, True)
@@ -848,7 +848,7 @@ def test_the_new_ground_truth_comes_last_and_the_earlier_one_stays_private(
     place.chmod(0o600)
     found: list[bytes] = []
     copied: list[int] = []
-    real_replace, real_copy = Rescoring.replace_at_once, shutil.copyfileobj
+    real_replace, real_copy = Corrections.replace_at_once, shutil.copyfileobj
 
     def watched(*given: Any) -> None:
         real_replace(*given)
@@ -858,7 +858,7 @@ def test_the_new_ground_truth_comes_last_and_the_earlier_one_stays_private(
         real_copy(source, target)
         copied.append(os.fstat(target.fileno()).st_mode & 0o077)
 
-    monkeypatch.setattr(Rescoring, "replace_at_once", watched)
+    monkeypatch.setattr(Corrections, "replace_at_once", watched)
     monkeypatch.setattr(shutil, "copyfileobj", watch_copy)
     corrects(run, folder)
     assert found == [before]
@@ -874,14 +874,14 @@ def test_a_phase_that_ends_during_a_correction_has_a_snapshot_of_the_earlier_res
     earlier = server.state.boards[OPEN].signature
     end = datetime.now(UTC).replace(microsecond=0)
     ended: list[Closing] = []
-    real_score, real_due = rescoring._score, Snapshots.due  # noqa: SLF001
+    real_score, real_due = corrections._score, Snapshots.due  # noqa: SLF001
 
     def score(*given: Any) -> Any:
         found = real_score(*given)
         ended.append(Closing(OPEN, "spring", end))
         return found
 
-    monkeypatch.setattr(rescoring, "_score", score)
+    monkeypatch.setattr(corrections, "_score", score)
     monkeypatch.setattr(Snapshots, "due", lambda *given: ended or real_due(*given))
     corrects(run, folder)
     snapshot = server.client.get(f"/api/v1/splits/{OPEN}/snapshots/1").json()

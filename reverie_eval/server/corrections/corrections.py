@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import Metric
-from reverie_eval.schemas.organising import NewCorrection, RescoringReport, ResultChange
+from reverie_eval.schemas.organising import CorrectionProgress, NewCorrection, ResultChange
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult, Receipt
 from reverie_eval.server.audit.receipts import read_as
@@ -65,7 +65,7 @@ Outcome: TypeAlias = Rescored | str
 """The result of scoring again, or why a submission cannot be scored again."""
 
 
-def score_again(context: Context, split: str, name: str, job: Job) -> Outcome:
+def rescore_one(context: Context, split: str, name: str, job: Job) -> Outcome:
     """Score a submission again on a leaderboard, or return why that cannot be done."""
     if job.upload_deleted_at is not None:
         return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
@@ -82,7 +82,7 @@ def score_again(context: Context, split: str, name: str, job: Job) -> Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Rescoring:
+class Corrections:
     """Scores the submissions of splits again."""
 
     boards: Mapping[str, Board]
@@ -94,7 +94,7 @@ class Rescoring:
         """Return the service of a server."""
         return cls(server.boards, server.scoring, server.transactions)
 
-    def rescore(self, actor: Actor, new: NewCorrection) -> RescoringReport:
+    def rescore(self, actor: Actor, new: NewCorrection) -> CorrectionProgress:
         """Score the next submissions that were scored with other ground truth or rules, or not yet.
 
         Raises
@@ -128,12 +128,12 @@ class Rescoring:
                 scored += 1
             if scored == AT_ONCE:
                 break
-        return RescoringReport(
+        return CorrectionProgress(
             split=new.split, signature=main.signature, scored=scored, rejected=rejected, left=left
         )
 
     def _score_again(self, board: Board, job: Job) -> Outcome:
-        return self.scoring.run(score_again, board.split, board.name, job)
+        return self.scoring.run(rescore_one, board.split, board.name, job)
 
     def replace_results(
         self,

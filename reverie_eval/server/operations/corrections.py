@@ -14,13 +14,13 @@ from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.processes import map_in_processes
 from reverie_eval.schemas.organising import ResultChange
-from reverie_eval.server.corrections.rescoring import (
+from reverie_eval.server.corrections.corrections import (
+    Corrections,
     Job,
     Outcome,
-    Rescoring,
     changes,
     outdated,
-    score_again,
+    rescore_one,
 )
 from reverie_eval.server.errors import no_split
 from reverie_eval.server.operations.checks import opened_server
@@ -37,7 +37,7 @@ FOR_ONE = 100
 """Submissions for each process: starting one takes as long as scoring about 80 of val_unseen."""
 
 
-class Correction(NamedTuple):
+class Replaced(NamedTuple):
     """How results changed when ground truth was replaced."""
 
     changes: Sequence[ResultChange]
@@ -89,7 +89,7 @@ def rescore(
         for board in state.board(split).all:
             waiting = _outdated(state, board)
             with _scoring(state, board, waiting, jobs) as outcomes:
-                replaced = state.get(Rescoring).replace_results(
+                replaced = state.get(Corrections).replace_results(
                     actor, board, reason, waiting, outcomes
                 )
                 scored = dict(progress(replaced, len(waiting)))
@@ -98,7 +98,7 @@ def rescore(
     return found
 
 
-def correct(
+def replace_ground_truth(
     settings: Settings,
     split: str,
     bundle: Path,
@@ -107,7 +107,7 @@ def correct(
     actor: str,
     jobs: int,
     progress: Progress,
-) -> Correction:
+) -> Replaced:
     """Replace a split's ground truth, and with it all results, at once.
 
     Submissions are scored while servers still use the earlier ground truth. Then one transaction
@@ -151,7 +151,7 @@ def correct(
             )
             for board in boards:
                 of_board = outcomes[board.name]
-                state.get(Rescoring).replace_at_once(transaction, board, reason, of_board)
+                state.get(Corrections).replace_at_once(transaction, board, reason, of_board)
             replacement.install()  # last, so that nobody finds it long before the new results
     changed: list[ResultChange] = []
     with opened_server(settings) as state, state.database.reading() as session:
@@ -159,7 +159,7 @@ def correct(
             of_board = outcomes[board.name]
             named = _named(of_board)
             changed += changes(session, board, named, first_results=_first(of_board))
-    return Correction(changed, replacement.aside)
+    return Replaced(changed, replacement.aside)
 
 
 def _missing(
@@ -232,7 +232,7 @@ class _Source(NamedTuple):
 
 
 def _score_one(source: _Source, job: Job) -> Outcome:
-    return score_again(_context(source), source.split, source.name, job)
+    return rescore_one(_context(source), source.split, source.name, job)
 
 
 @cache

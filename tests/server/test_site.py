@@ -124,7 +124,9 @@ def lab(
 def fill(server: Serving) -> None:
     """Publish and hide results, review, correct and refuse."""
     method = {"name": "Open <walker>", "paper": PAPER, "description": "It walks & stops."}
-    first = entered(server, {"success": 0.5, "rgs": 0.5, "rgspl": 0.25}, method=method)
+    scores = {"success": 0.5, "oracle_success": 0.75, "rgs": 0.5, "rgspl": 0.25}
+    first = entered(server, scores, method=method)
+    server.ask(OWNER, "PATCH", f"/submissions/{first}", json={"shows_episodes": True})
     scores = {"success": 0.75, "rgs": 0.75, "rgspl": 0.125}
     anonymous = "2100-01-01T00:00:00Z"
     entered(server, scores, OTHER, method={"name": "Nameless"}, anonymous_until=anonymous)
@@ -186,8 +188,22 @@ def test_every_public_page_is_in_it(lab: Lab) -> None:
         assert f"splits/{OPEN},{query}.html" in names
     assert {"api/v1/keys.json", "api/v1/openapi.json", "feed.atom"} <= names
     assert f"splits/{OPEN}/snapshots/1.html" in names
-    assert len([name for name in names if name.startswith("submissions/")]) == 3
-    assert not [name for name in names if re.match(r"sign-in|submit|team\.|episodes|desk", name)]
+    assert len([name for name in names if re.match(r"submissions/\w+\.html", name)]) == 3
+    assert not [name for name in names if re.match(r"sign-in|submit|team\.|play|desk", name)]
+
+
+def test_analyses_and_their_near_misses_are_in_it(lab: Lab) -> None:
+    pages = {name: content.decode() for name, content in lab.files.items() if "html" in name}
+    assert "1 method whose episodes" in pages[f"episodes/{OPEN}.html"]
+    walks = [name for name in pages if re.match(rf"episodes/{OPEN},scan=", name)]
+    assert walks
+    assert all("Where walks end" in pages[name] for name in walks)
+    analyses = [page for name, page in pages.items() if name.endswith("/analysis.html")]
+    assert sorted("Near misses" in page for page in analyses) == [False, True]
+    shown = next(page for page in analyses if "Near misses" in page)
+    near = re.findall(rf'"\.\./\.\./(episodes/{OPEN}/\w+,submission=\w+\.html)"', shown)
+    assert len(near) > 3
+    assert all("Step by step" in pages[name] for name in near)
 
 
 @pytest.mark.parametrize("name", ["index.html", f"splits/{OPEN}.html", "guide/metrics.html"])

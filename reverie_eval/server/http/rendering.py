@@ -232,7 +232,7 @@ def _site(request: Request, reading: CallReading | None) -> Site:
         Place(name, f"/splits/{name}", has_real and board.truth.is_demo)
         for name, board in server.boards.items()
     ]
-    explores = not is_copy and "explore" in request.app.state.rooms
+    explores = "explore" in request.app.state.rooms
     episodes = [Place("Episodes", "/episodes")] if explores else []
     # Anyone may look for the way in: who is not signed in is led to how to get an account.
     submit = [] if is_copy else [Place("Submit", "/submit")]

@@ -83,6 +83,8 @@ class RestoreReport:
 def unpacked(archive: Path) -> Iterator[tuple[Settings, Manifest, Iterator[Row]]]:
     """Unpack a backup temporarily; yield its settings, its manifest and its rows.
 
+    Its uploads are in the folder of the settings.
+
     Raises
     ------
     BackupError
@@ -91,8 +93,10 @@ def unpacked(archive: Path) -> Iterator[tuple[Settings, Manifest, Iterator[Row]]
     with archive.open("rb"), TemporaryDirectory(prefix="reverie-eval-") as temporary:
         folder, extras = Path(temporary, "folder"), Path(temporary, "extras")
         manifest = _unpack(archive, folder, extras)
+        settings = _of_archive(load_settings(folder), manifest).model_copy(update=_OWN)
+        _keep_uploads(settings, extras / UPLOADS)
         with (extras / DATABASE).open(encoding="utf-8") as lines:
-            yield _of_archive(load_settings(folder), manifest), manifest, map(json.loads, lines)
+            yield settings, manifest, map(json.loads, lines)
 
 
 def restore_backup(archive: Path, folder: Path) -> RestoreReport:

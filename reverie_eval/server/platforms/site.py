@@ -1,8 +1,9 @@
 """A server's public pages as files that need no server: to publish, to keep, to cite.
 
-The pages are the application's own. It runs on a copy of the rows at one moment, without a network,
+The pages are the application's own. It runs on a copy of the rows at one moment, in this process,
 and a visitor who is not signed in follows every link from the first page. So the files can contain
-only what everybody may see, and a new public page is in them without a change here.
+only what everybody may see, and a new public page is in them without a change here. Of thousands of
+pages of episodes, they have what other pages name, such as near misses, and those of buildings.
 """
 
 import asyncio
@@ -22,7 +23,7 @@ from sqlalchemy import func, select
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import replacing_folder
-from reverie_eval.server.app import create_app
+from reverie_eval.server.app import create_app, jobs_of
 from reverie_eval.server.audit.transactions import utc_now
 from reverie_eval.server.http.rendering import links_of, with_links
 from reverie_eval.server.opening import open_server
@@ -38,8 +39,9 @@ from reverie_eval.version import __version__
 _SOFTWARE = "reverie-eval"
 _ORIGIN = "http://copy.invalid"
 """The address that the application appears to have; the name cannot exist (RFC 6761)."""
-_LEFT_OUT = ("/episodes", "/play")
-"""Thousands of pages about the dataset, not about results."""
+_EPISODES = "/episodes/"
+_OVERVIEW = re.compile(r"/episodes/[^/?]+(\?scan=[^&]+)?")
+"""A split, and a building."""
 _EXAMPLE = "/submissions/ID"
 """Not a page: scripts replace the id."""
 _UNLIMITED = 1 << 31
@@ -124,8 +126,8 @@ def _copied(source: Path, date: datetime | None) -> Iterator[ServerState]:
         TemporaryDirectory(prefix="reverie-eval-") as folder,
     ):
         limits = original.limits.model_copy(update={"requests_per_minute": _UNLIMITED})
-        own = {"database": f"sqlite:///{folder}/server.db", "uploads": f"{folder}/uploads"}
-        settings = original.model_copy(update={**own, "limits": limits})
+        own = {"database": f"sqlite:///{folder}/server.db", "limits": limits}
+        settings = original.model_copy(update=own)
         with database_errors(), closing(Database(settings.database_url)) as database:
             load(database, revision, rows)
             moment = _moment(database, date, made_at).replace(microsecond=0)
@@ -184,7 +186,9 @@ async def _visit(state: ServerState, folder: Path) -> Mapping[str, _Visited]:
     app = create_app(state)
     app.state.is_copy = True
     prefix = state.settings.path_prefix
-    left_out = tuple(prefix + path for path in _LEFT_OUT)
+    for job in jobs_of(state).jobs:
+        if job.seconds is None:  # what pages do without until it is computed
+            job.work()
     waiting = [f"{prefix}/"]
     found: dict[str, _Visited | None] = {prefix + _EXAMPLE: None}
     async with httpx.AsyncClient(
@@ -192,7 +196,7 @@ async def _visit(state: ServerState, folder: Path) -> Mapping[str, _Visited]:
     ) as visitor:
         while waiting:
             address = waiting.pop()
-            if address in found or address.startswith(left_out):
+            if address in found:
                 continue
             reply = await visitor.get(address)
             if reply.is_error:
@@ -214,8 +218,16 @@ async def _visit(state: ServerState, folder: Path) -> Mapping[str, _Visited]:
             file.write_bytes(reply.content)
             links = links_of(reply.text) if is_page else ()
             urls = (_resolved(visited, link) for link in links)
-            waiting += (_address(url) for url in urls if url.startswith(f"{_ORIGIN}/"))
+            linked = (_address(url) for url in urls if url.startswith(f"{_ORIGIN}/"))
+            waiting += (each for each in linked if _is_followed(address, each, prefix))
     return {address: visited for address, visited in found.items() if visited is not None}
+
+
+def _is_followed(page: str, link: str, prefix: str) -> bool:
+    """Whether a link is in the copy: episodes do not lead to each other."""
+    path = link.removeprefix(prefix)
+    leads_on = page.startswith(prefix + _EPISODES) and path.startswith(_EPISODES)
+    return not leads_on or _OVERVIEW.fullmatch(path) is not None
 
 
 def _link_files(found: Mapping[str, _Visited], prefix: str, folder: Path) -> None:

@@ -391,7 +391,7 @@ class EpisodeService:
         return [*theirs, *others, *map(_agent, AGENTS)]
 
     def _view(self, session: Session) -> View:
-        return self._submissions.view(session, self._submissions.transactions.clock())
+        return self._submissions.view(session, self._submissions.server.clock())
 
     def _board(self, split: str) -> Board:
         board = next((board for board in self.boards if board.split == split), None)
@@ -440,7 +440,7 @@ class EpisodeService:
         return Run(choice, self._submissions.episodes(report), report.sha256)
 
     def _public(self, row: Submission) -> Choice:
-        team = public_team(row, self._submissions.transactions.clock())
+        team = public_team(row, self._submissions.server.clock())
         return Choice(row.id, _name_of_method(row), "public", team, row.published_at)
 
 

@@ -17,7 +17,6 @@ from reverie_eval.server.errors import MalformedError, request_error
 from reverie_eval.server.intake.attempts import FAILURES
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import SubmissionService
-from reverie_eval.server.scoring.boards import find_board
 from reverie_eval.server.state import ServerState
 from reverie_eval.text import printable, time_text
 
@@ -26,13 +25,12 @@ from reverie_eval.text import printable, time_text
 class EmailedFiles:
     """Submits files for the people who sent them."""
 
-    intake: Intake
-    submissions: SubmissionService
+    server: ServerState
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
         """Return the service of a server."""
-        return cls(server.get(Intake), server.get(SubmissionService))
+        return cls(server)
 
     def submit(
         self, organiser: Actor, file: EmailedFile, filename: str, packed: bytes, method: Method
@@ -51,10 +49,10 @@ class EmailedFiles:
         RequestError
             If the file is refused, as an upload would be; the error has the reply to the sender.
         """
-        find_board(self.intake.boards, file.split)
-        with self.intake.transactions.database.reading() as session:
+        self.server.board(file.split)  # or there is no such split
+        with self.server.database.reading() as session:
             sender = person_named(session, file.person, file.team)
-        if file.received_at > self.intake.transactions.clock():
+        if file.received_at > self.server.clock():
             raise MalformedError(
                 f"the file was received at {time_text(file.received_at)}, which is in the future; "
                 "give the time at which the e-mail arrived"
@@ -62,7 +60,7 @@ class EmailedFiles:
         named = f"file {printable(filename)}" if filename else "file"
         about = f"Your {named}, received {time_text(file.received_at)}, was"
         try:
-            accepted = self.intake.submit(
+            accepted = self.server.get(Intake).submit(
                 sender,
                 file.split,
                 packed,
@@ -84,10 +82,12 @@ class EmailedFiles:
         # A withdrawn submission stays withdrawn until its team restores it.
         if file.publish and accepted.submission.status == "unpublished":
             change = SubmissionChange(published=True)
-            published = self.submissions.change(sender, accepted.submission.id, change, organiser)
+            published = self.server.get(SubmissionService).change(
+                sender, accepted.submission.id, change, organiser
+            )
             accepted = accepted.model_copy(update={"submission": published})
         reply = _letter(
-            file, f"{about} scored on {file.split}.", *_result(accepted, self.intake.settings.title)
+            file, f"{about} scored on {file.split}.", *_result(accepted, self.server.settings.title)
         )
         return EmailedFileReport(**dict(accepted), reply=reply)
 

@@ -29,7 +29,7 @@ from reverie_eval.schemas.service import (
     ScoredSubmission,
 )
 from reverie_eval.server.audit.log import SERVER
-from reverie_eval.server.audit.transactions import Actor, Transaction, Transactions
+from reverie_eval.server.audit.transactions import Actor, Transaction
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
@@ -38,11 +38,9 @@ from reverie_eval.server.intake.quotas import QuotaUsage, usage_of
 from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.messages.queue import notify
-from reverie_eval.server.scoring.boards import Board, find_board
-from reverie_eval.server.scoring.contexts import Context, Scoring, open_file
-from reverie_eval.server.scoring.rules import RulesInForce
-from reverie_eval.server.settings import Settings
-from reverie_eval.server.state import ServerState
+from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.scoring.contexts import Context, open_file
+from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.results import store_result
 from reverie_eval.server.store.tables import (
     IS_SHOWN,
@@ -52,7 +50,7 @@ from reverie_eval.server.store.tables import (
     Submission,
     Team,
 )
-from reverie_eval.server.store.uploads import Uploads, pack
+from reverie_eval.server.store.uploads import pack
 from reverie_eval.submissions import check_navigation_only
 
 MOST_NAMED = 5
@@ -119,30 +117,13 @@ class Intake:
     writes to it after.
     """
 
-    boards: Mapping[str, Board]
-    uploads: Uploads
-    scoring: Scoring
-    rules: RulesInForce
-    transactions: Transactions
-    notices: Notices
+    server: ServerState
     attempts: Attempts
-    schedules: Schedules
-    settings: Settings
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
         """Return the intake of a server."""
-        return cls(
-            server.boards,
-            server.uploads,
-            server.scoring,
-            server.rules,
-            server.transactions,
-            server.get(Notices),
-            Attempts(server.database, server.clock),
-            server.get(Schedules),
-            server.settings,
-        )
+        return cls(server, Attempts(server.database, server.clock))
 
     def validate(self, person: Person, split: str, packed: bytes) -> Checked:
         """Unpack and check a submission without the solution; it is not stored or counted.
@@ -152,19 +133,19 @@ class Intake:
         SubmissionError
             If it is rejected; lists all problems.
         """
-        find_board(self.boards, split)  # or there is no such split
-        with self.scoring.hold() as runner:
+        self.server.board(split)  # or there is no such split
+        with self.server.scoring.hold() as runner:
             runner.run(open_file, packed, self._most_unpacked)
             notes = runner.run(check_file, split)
-        with self.transactions.database.reading() as session:
+        with self.server.database.reading() as session:
             quota = self.quotas(session, person, split)[split]
         return Checked(split=split, valid=True, notes=notes, quota=quota)
 
     def quotas(self, session: Session, person: Person, *splits: str) -> Mapping[str, QuotaReport]:
         """Return the submissions left to a person on these splits, or on all splits."""
-        now = self.transactions.clock()
+        now = self.server.clock()
         usage = usage_of(session, person, now)
-        boards = [find_board(self.boards, split) for split in splits or self.boards]
+        boards = [self.server.board(split) for split in splits or self.server.boards]
         return {
             board.split: usage.of_split(board.split, board.settings.effective_quota).state(now)
             for board in boards
@@ -205,11 +186,11 @@ class Intake:
         MalformedError
             If required information about the method is missing.
         """
-        find_board(self.boards, split)  # or there is no such split
+        self.server.board(split)  # or there is no such split
         with self.attempts.recording(person, split, len(packed)) as attempt:
             accepted = None
             while accepted is None:  # again if the ground truth was corrected meanwhile
-                with self.scoring.hold() as runner:
+                with self.server.scoring.hold() as runner:
                     file = runner.run(open_file, packed, self._most_unpacked)
                     attempt.size = file.size
                     row = Submission(
@@ -235,7 +216,7 @@ class Intake:
 
     @property
     def _most_unpacked(self) -> int:
-        return self.settings.limits.unpacked_mebibytes << 20
+        return self.server.settings.limits.unpacked_mebibytes << 20
 
     def find_earlier(
         self, row: Submission, person: Person, method: Method, organiser: Actor | None
@@ -244,15 +225,16 @@ class Intake:
 
         Otherwise the new one may be scored; raises the errors of :meth:`submit` if not.
         """
-        board = self.boards[row.split]
-        with self.transactions.database.reading() as session:
+        board = self.server.boards[row.split]
+        with self.server.database.reading() as session:
             earlier = self._earlier(session, row, person)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person, method)
-            check_metadata(method, self.settings.required_metadata)
-            schedule = self.schedules.of_split(session, row.split).at(row.received_at)
+            check_metadata(method, self.server.settings.required_metadata)
+            schedule = self.server.get(Schedules).of_split(session, row.split).at(row.received_at)
             if not organiser:
-                self._check_paused(self.notices.current(session, row.received_at), board, schedule)
+                notice = self.server.get(Notices).current(session, row.received_at)
+                self._check_paused(notice, board, schedule)
             self._check_open(board, schedule, row.received_at)
             self._check_quota(session, row, person, board, in_the_past=bool(organiser))
         return None
@@ -272,12 +254,12 @@ class Intake:
         row.id = secrets.token_hex(8)
         person = attempt.person
         with (
-            self.uploads.staged(row.sha256, read.packed) as keep,
-            self.transactions.begin(organiser or person) as transaction,
+            self.server.uploads.staged(row.sha256, read.packed) as keep,
+            self.server.transactions.begin(organiser or person) as transaction,
         ):
             session = transaction.session
-            self.rules.check(session, row.split)
-            board = self.boards[row.split]
+            self.server.rules.check(session, row.split)
+            board = self.server.boards[row.split]
             earlier = self._earlier(session, row, person)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person, method)
@@ -290,7 +272,7 @@ class Intake:
             row.team = row.person.team
             row.scored_at = transaction.now
             for name, report in read.reports.items():
-                receipt = self.transactions.signer.sign_result(row, report, quota)
+                receipt = self.server.signer.sign_result(row, report, quota)
                 store_result(row, name, BoardResult(report=report, receipt=receipt))
             notify_of_same_file(transaction, row)  # the log's last entry is one that the row shows
             described = method.model_dump(mode="json", exclude_defaults=True)
@@ -334,9 +316,8 @@ class Intake:
         return Accepted(submission=submission, quota=quota, is_repeat=True, ignored=ignored)
 
     def _worded(self, session: Session, row: Submission) -> ScoredSubmission:
-        transactions = self.transactions
-        view = View(self.schedules.read(session), transactions.signer, transactions.clock())
-        return view.report(row)
+        reading = Reading(self.server, session, self.server.clock())
+        return View.of(reading).report(row)
 
     def _check_paused(self, notice: NoticeReport, board: Board, schedule: Schedule) -> None:
         why = f": {notice.banner}" if notice.banner else ""
@@ -360,7 +341,7 @@ class Intake:
         left = of_split.state(now)
         if not (of_split.had_room(now) if in_the_past else left.remaining):
             raise QuotaSpentError(left)
-        usage.check_bytes(row.size, self.settings.limits.mebibytes_per_day, now)
+        usage.check_bytes(row.size, self.server.settings.limits.mebibytes_per_day, now)
         return of_split
 
 

@@ -26,7 +26,7 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.scoring import Scores
 from reverie_eval.server.audit.log import INSPECTED
-from reverie_eval.server.audit.transactions import Actor, Transaction, Transactions, difference
+from reverie_eval.server.audit.transactions import Actor, Transaction, difference
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.entries import is_anonymous
 from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
@@ -36,17 +36,15 @@ from reverie_eval.server.boards.reviews import (
     is_disqualified,
     standing_reviews,
 )
-from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.scoring.boards import Board, find_board
-from reverie_eval.server.scoring.contexts import Context, EpisodeValues, Scoring, check_signature
-from reverie_eval.server.scoring.rules import RulesInForce
-from reverie_eval.server.state import ServerState
+from reverie_eval.server.scoring.contexts import Context, EpisodeValues, check_signature
+from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.store.results import results_of, scored_submission, store_result
 from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission, read_stored
-from reverie_eval.server.store.uploads import Uploads, stored_pieces, stored_upload
+from reverie_eval.server.store.uploads import stored_pieces, stored_upload
 
 RECENT = 8
 """Submissions whose episodes are cached, because people look at one episode after the other."""
@@ -263,26 +261,12 @@ def check_metadata(method: Method, required: Collection[str]) -> None:
 class SubmissionService:
     """Access to submissions that needs more than the database: files, episodes and changes."""
 
-    boards: Mapping[str, Board]
-    uploads: Uploads
-    scoring: Scoring
-    rules: RulesInForce
-    transactions: Transactions
-    schedules: Schedules
-    required_metadata: Collection[str]
+    server: ServerState
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
         """Return the service of a server."""
-        return cls(
-            server.boards,
-            server.uploads,
-            server.scoring,
-            server.rules,
-            server.transactions,
-            server.get(Schedules),
-            server.settings.required_metadata,
-        )
+        return cls(server)
 
     def __post_init__(self) -> None:
         """Create the caches of scores and comparisons."""
@@ -291,7 +275,7 @@ class SubmissionService:
 
     def view(self, session: Session, now: datetime) -> View:
         """Return what may be seen at a moment."""
-        return View(self.schedules.read(session), self.transactions.signer, now)
+        return View.of(Reading(self.server, session, now))
 
     def file(self, submission: ScoredSubmission) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces.
@@ -304,7 +288,7 @@ class SubmissionService:
             If the stored file is missing or damaged, at the latest after the last piece.
         """
         _check_upload(submission)
-        pieces = stored_pieces(self.uploads, submission.sha256)
+        pieces = stored_pieces(self.server.uploads, submission.sha256)
         return chain([next(pieces)], pieces)
 
     def episodes(self, submission: ScoredSubmission, name: str = "") -> Scores:
@@ -320,12 +304,12 @@ class SubmissionService:
             truth or the protocol has changed since the submission was scored.
         """
         self.check_episodes(submission, name)
-        board = find_board(self.boards, submission.split, name)
+        board = self.server.board(submission.split, name)
         return self._scored(board.split, name, board.signature, submission.sha256)
 
     def check_episodes(self, submission: ScoredSubmission, name: str = "") -> None:
         """Raise the NotFoundErrors of :meth:`episodes`."""
-        board = find_board(self.boards, submission.split, name)
+        board = self.server.board(submission.split, name)
         _check_upload(submission)
         if board.is_private:
             raise NotFoundError("per-episode values of private splits are never released")
@@ -337,9 +321,9 @@ class SubmissionService:
 
     def _score_again(self, split: str, name: str, signature: str, sha256: str) -> Scores:
         """Score an upload again; a result is kept for the signature that it has."""
-        board = find_board(self.boards, split, name)
+        board = self.server.board(split, name)
         check_signature(board, signature)
-        return self.scoring.run(score_episodes, split, name, sha256).scores(board)
+        return self.server.scoring.run(score_episodes, split, name, sha256).scores(board)
 
     def compare(self, board: Board, named: Mapping[str, ScoredSubmission]) -> Comparison:
         """Compare results of a leaderboard on the same episodes, all others with the first.
@@ -384,14 +368,14 @@ class SubmissionService:
         MalformedError
             If required information about the method would be missing.
         """
-        with self.transactions.database.reading() as session:
-            self.rules.follow(session)
+        with self.server.database.reading() as session:
+            self.server.rules.follow(session)
             known = scored_submission(_row_of(session, person, submission_id))
             if not change.model_fields_set:
-                view = self.view(session, self.transactions.clock())
+                view = self.view(session, self.server.clock())
                 return submission_of(session, person, submission_id, view)
         drawn = self._intervals(known) if change.published else {}
-        with self.transactions.begin(organiser or person) as transaction:
+        with self.server.transactions.begin(organiser or person) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             is_removed = change.withdrawn or change.published is False
             if is_removed and is_disqualified(standing_reviews(transaction.session, row.id)):
@@ -434,7 +418,7 @@ class SubmissionService:
             raise ConflictError("a withdrawn submission cannot be published; restore it first")
 
     def _may_show(self, row: Submission, *, wanted: bool) -> bool:
-        board = self.boards.get(row.split)
+        board = self.server.boards.get(row.split)
         if wanted and (board is None or board.is_private):
             raise ConflictError("episodes of private splits are never shown to anyone")
         return wanted
@@ -446,7 +430,7 @@ class SubmissionService:
 
         A disqualified one stays.
         """
-        board = self.boards.get(row.split)
+        board = self.server.boards.get(row.split)
         is_shown = row.published_at is not None and (change.published or change.withdrawn is False)
         if board is None or not board.settings.one_per_team or not is_shown:
             return
@@ -466,7 +450,7 @@ class SubmissionService:
     def _edited(self, row: Submission, change: MethodChange) -> Method:
         edited = change.model_dump(mode="json", exclude_unset=True)
         method = read_stored(Method, {**row.method, **edited})
-        check_metadata(method, self.required_metadata)
+        check_metadata(method, self.server.settings.required_metadata)
         # A file with answers may be declared so, or not be declared.
         if bool(method.navigation_only) is not bool(row.method["navigation_only"]):
             raise ConflictError(
@@ -481,7 +465,7 @@ class SubmissionService:
         This is done for open splits only. It takes longer than scoring, so it is only done for
         published submissions.
         """
-        own = find_board(self.boards, known.split)
+        own = self.server.board(known.split)
         waiting = [
             board
             for board in own.all
@@ -491,7 +475,7 @@ class SubmissionService:
         ]
         if own.is_private or known.upload_deleted_at is not None or not waiting:
             return {}
-        return self.scoring.run(
+        return self.server.scoring.run(
             draw_intervals, known.split, [board.name for board in waiting], known.sha256
         )
 

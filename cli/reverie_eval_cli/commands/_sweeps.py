@@ -3,7 +3,6 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -13,14 +12,12 @@ from reverie_eval.files import staged_file
 from reverie_eval.reporting.figures import check_figure_name, check_matplotlib
 from reverie_eval.reporting.sweeps import selection_printout, sweep_printout
 from reverie_eval.scoring import score_files
+from reverie_eval_cli.commands._wanted import Wanted
 from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import failure_line, note, with_progress
 
-if TYPE_CHECKING:
-    from reverie_eval_cli.commands.score import Wanted
 
-
-def print_sweep(wanted: "Wanted") -> int:
+def print_sweep(wanted: Wanted) -> int:
     """Print a row for each checkpoint or setting, and the best; return the exit status."""
     sweep = _score_and_draw(wanted, _pattern(wanted), wanted.scoring)
     if sweep:
@@ -28,7 +25,7 @@ def print_sweep(wanted: "Wanted") -> int:
     return 1 if sweep.failures else 0
 
 
-def select_and_report(wanted: "Wanted") -> int:
+def select_and_report(wanted: Wanted) -> int:
     """Print the rows of the split to select on, and the best of them on the other."""
     pattern, select = _pattern(wanted), str(wanted.select)
     if f"{{{SPLIT_FIELD}}}" not in pattern:
@@ -53,14 +50,14 @@ def select_and_report(wanted: "Wanted") -> int:
     return 1 if sweep.failures or best.failures else 0
 
 
-def _pattern(wanted: "Wanted") -> str:
+def _pattern(wanted: Wanted) -> str:
     pattern, *others = wanted.submissions
     if others:
         raise click.UsageError("give the pattern of a sweep alone, in quotes")
     return pattern
 
 
-def _score_and_draw(wanted: "Wanted", pattern: str, scoring: ScoringOptions) -> Sweep:
+def _score_and_draw(wanted: Wanted, pattern: str, scoring: ScoringOptions) -> Sweep:
     """Score the files of a pattern, and draw the curve if one is wanted."""
     if wanted.curve:  # before any time is spent on files that cannot be drawn
         check_figure_name(wanted.curve)
@@ -76,7 +73,7 @@ def _score_and_draw(wanted: "Wanted", pattern: str, scoring: ScoringOptions) -> 
     return sweep
 
 
-def _score(wanted: "Wanted", pattern: str, scoring: ScoringOptions) -> Sweep:
+def _score(wanted: Wanted, pattern: str, scoring: ScoringOptions) -> Sweep:
     """Score the files of a pattern, and say why others have no scores."""
     files = sweep_files(pattern, scoring.split)
     evaluator = scoring.evaluator(scoring.find(wanted.episodes_from))

@@ -5,17 +5,15 @@ The words choose one of eight ways to score, each a function below; ``_way_of`` 
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import click
 
 from reverie_eval import (
-    Evaluator,
     GroundTruth,
     ScoredFiles,
     Scores,
@@ -32,11 +30,10 @@ from reverie_eval.reporting.scores import (
     scores_printout,
     write_episodes,
 )
-from reverie_eval.reporting.tables import FORMATS, Printout, metric_cells
+from reverie_eval.reporting.tables import FORMATS, metric_cells
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     TABLE_KEYS,
-    Clustering,
     score_files,
     scored_metrics,
 )
@@ -50,7 +47,7 @@ from reverie_eval.submissions import (
 )
 from reverie_eval.tasks import DEFAULT_TASK, find_task
 from reverie_eval_cli import options
-from reverie_eval_cli.options import ScoringOptions
+from reverie_eval_cli.commands._wanted import Wanted
 from reverie_eval_cli.output import (
     check_outputs,
     failure_line,
@@ -58,11 +55,9 @@ from reverie_eval_cli.output import (
     note,
     open_output,
     score_each,
-    show_printout,
     with_progress,
 )
 
-_ALL = options.ALL_PROTOCOLS
 _REVERIE = find_task(DEFAULT_TASK)
 # The metrics of formats that have more than the table has.
 _KEYS = dict.fromkeys(("csv", "json"), frozenset(CATALOGUE))
@@ -74,69 +69,6 @@ _WATCH_WIDTH = 7
 _MANY = 20
 _INTERVALS = frozenset({"--ci", "--cluster", "--confidence"})
 _PRINTING = frozenset({"--format", "--output"})
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What the words after ``score`` say."""
-
-    submissions: Sequence[str]
-    scoring: ScoringOptions
-    episodes_from: Path | None
-    diagnosed: bool
-    ci: bool
-    cluster: Clustering | None
-    confidence: float | None
-    select: str | None
-    curve: str | None
-    watch: bool
-    jobs: int | None
-    layout: str
-    output: str | None
-    episodes: str | None
-    run: Path | None
-
-    @property
-    def given(self) -> Iterator[str]:
-        """The given options that only some of the ways take."""
-        values = {
-            "--diagnose": self.diagnosed,
-            "--ci": self.ci,
-            "--cluster": self.cluster,
-            "--confidence": self.confidence,
-            "--episodes": self.episodes,
-            "--format": self.layout != FORMATS[0],
-            "--output": self.output,
-            "--run": self.run,
-            "--select": self.select,
-            "--curve": self.curve,
-            f"--protocol {_ALL}": self.scoring.protocol == _ALL,
-        }
-        return (option for option, value in values.items() if value)
-
-    # Read once: ways that need both truth and evaluator share it.
-    @cached_property
-    def truth(self) -> GroundTruth:
-        """The ground truth of the chosen episodes."""
-        return self.scoring.find(self.episodes_from)
-
-    @cached_property
-    def evaluator(self) -> Evaluator:
-        """What scores by the chosen protocol."""
-        return self.scoring.evaluator(self.truth)
-
-    @property
-    def file(self) -> str | None:
-        """The only file that is to be scored; None if there are several, or runs of a method."""
-        # A folder or a pattern is a ranking even if it has one file, so that its output has one
-        # form.
-        first, *others = self.submissions
-        is_one = not others and not find_runs(first) and find_files([first]) == [first]
-        return first if is_one else None
-
-    def show(self, printout: Printout) -> None:
-        """Print a result in the chosen format."""
-        show_printout(printout, self.layout, self.output)
 
 
 @click.command()
@@ -152,7 +84,7 @@ class Wanted:
             shell_complete=options.complete_protocol,
             help=f"The rules to score by: {', '.join(each.name for each in _REVERIE.protocols)}; "
             f"{', '.join(f'{alias} (= {name})' for alias, name in _REVERIE.aliases.items())}; "
-            f"or {_ALL} of them.",
+            f"or {options.ALL_PROTOCOLS} of them.",
         ),
         options.split_named("--split", "--report"),
     ),
@@ -235,7 +167,7 @@ def _way_of(wanted: Wanted) -> "_Way":
         return _RANKING
     if wanted.diagnosed:
         return _DIAGNOSIS
-    return _ALL_PROTOCOLS if wanted.scoring.protocol == _ALL else _FILE
+    return _ALL_PROTOCOLS if wanted.scoring.protocol == options.ALL_PROTOCOLS else _FILE
 
 
 # One file.
@@ -389,10 +321,9 @@ class _Way(NamedTuple):
 
 
 _OF_A_FILE = _INTERVALS | _PRINTING | {"--episodes", "--run"}
+_ALL = f"--protocol {options.ALL_PROTOCOLS}"
 _FILE = _Way("a single file", score_file, _OF_A_FILE)
-_ALL_PROTOCOLS = _Way(
-    f"--protocol {_ALL}", score_by_all_protocols, _OF_A_FILE | {f"--protocol {_ALL}"}
-)
+_ALL_PROTOCOLS = _Way(_ALL, score_by_all_protocols, _OF_A_FILE | {_ALL})
 _DIAGNOSIS = _Way("--diagnose", diagnose_file, _OF_A_FILE | {"--diagnose"})
 _RANKING = _Way(
     "several files; `reverie-eval compare` compares them with intervals", rank_files, _PRINTING

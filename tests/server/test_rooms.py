@@ -1,12 +1,20 @@
-"""Rooms of the server that nothing else needs can be left out."""
+"""The rooms of the server: the way of an upload through them, and those that can be left out."""
 
+import inspect
+import pkgutil
+import re
 import subprocess
 import sys
+import threading
 from collections.abc import Collection
 from pathlib import Path
 
+from starlette.testclient import TestClient
+
 import reverie_eval
-from tests.support.serving import OPEN
+from reverie_eval.server.app import create_app
+from tests.conftest import REPOSITORY
+from tests.support.serving import GOOD, OPEN, OWNER, Serving
 
 LEFT_OUT = {"explore", "integrity", "platforms"}
 START = f"""
@@ -60,3 +68,26 @@ def test_a_server_starts_without_rooms_that_nothing_needs(tmp_path: Path) -> Non
         f"/play/{OPEN} 404",
         "/desk 200 False True",
     ], done.stderr
+
+
+def test_an_upload_takes_the_steps_of_the_page(server: Serving) -> None:
+    """Those between the request and the reply, in the loop's thread and in those that it starts."""
+    page = (REPOSITORY / "docs" / "explanation" / "architecture.md").read_text("utf-8")
+    way = page.partition("### The way of an upload")[2].partition("\n## ")[0]
+    steps = re.findall(r"^\| \d \| `([\w.]+)` \|", way, re.MULTILINE)
+    assert len(steps) == 7
+    codes = [
+        inspect.unwrap(pkgutil.resolve_name(f"reverie_eval.{step}")).__code__ for step in steps
+    ]
+    called: dict[object, None] = {}
+    threading.setprofile(lambda frame, *_: called.setdefault(frame.f_code))
+    try:
+        reply = TestClient(create_app(server.state)).post(
+            f"/api/v1/splits/{OPEN}/submissions?name=Walker",
+            content=GOOD,
+            headers={"Authorization": f"Bearer {server.tokens[OWNER]}"},
+        )
+    finally:
+        threading.setprofile(None)
+    assert reply.status_code == 201, reply.text
+    assert [code for code in called if code in codes] == codes

@@ -294,6 +294,8 @@ class NewImport(WireModel):
     split: SplitName
     source: Source = Field(examples=[_PAPER])
     """The source of rows that do not name one: a text or a link."""
+    date: ReportedDate = None
+    """The date of rows that do not name one; null if unknown."""
     dataset: Dataset = ""
     """The dataset version of rows that do not name one."""
     rates: Rates = "percent"

@@ -285,10 +285,12 @@ def test_a_reported_result_is_changed_in_place(desk: Visitor) -> None:
 
 
 def test_a_pasted_table_is_looked_at_before_it_is_imported(desk: Visitor) -> None:
-    text = f"team,SR,date\n{MARKUP},59.64,01/2026\nBlue,6,2025\nBlue,6,2025\n"
+    text = f"team,SR,date\n{MARKUP},59.64,01/2026\nBlue,6,2025\nBlue,6,2025\nRed,7,\n"
     form = {"split": OPEN, "source": "An old leaderboard", "rates": "percent", "text": text}
+    form["date"] = "06/2020"
     asked = sending(desk, "/desk/reported/import", **form)
     assert f"{MARKUP} {MARKUP} 2026-01 SR 59.64" in said(asked)
+    assert "Red Red 2020-06 SR 7.00" in said(asked)
     assert "Line 4 repeats line 3." in said(asked)
     assert MARKUP not in asked.text
     with desk.server.state.database.reading() as session:
@@ -298,7 +300,7 @@ def test_a_pasted_table_is_looked_at_before_it_is_imported(desk: Visitor) -> Non
     assert "Imported. Method" in words
     assert f"{MARKUP} {MARKUP} {OPEN} SR 59.64 2026-01" in words
     again = said(sending(desk, "/desk/reported/import", **form))
-    assert f"Add 0 results to {OPEN}? The file has 3 results, of which 3 are on" in again
+    assert f"Add 0 results to {OPEN}? The file has 4 results, of which 4 are on" in again
 
 
 def test_problems_of_a_pasted_table_are_shown_beside_it(desk: Visitor) -> None:

@@ -429,6 +429,14 @@ def imported(transaction: Transaction, text: str, **more: Any) -> ImportReport:
     return import_reported(transaction, new, TASKS)
 
 
+def test_rows_without_a_date_have_that_of_the_import(sqlite: Database) -> None:
+    text = json.dumps({"columns": ["SR"], "methods": {"Walker": {OPEN: [5.0]}}})
+    with acting(sqlite) as transaction:
+        table = imported(transaction, "team,SR,date\nA,5,2021\nB,6,\n", date="06/2020").added
+        paper = imported(transaction, text, date="2020-06-14").added
+    assert [each.date for each in (*table, *paper)] == ["2021", "2020-06", "2020-06-14"]
+
+
 def test_the_problems_of_a_file_have_their_kind_and_their_row(sqlite: Database) -> None:
     text = (
         "team,SR,date,code\n"

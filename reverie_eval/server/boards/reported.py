@@ -263,7 +263,7 @@ def _checked(row: FileRow, new: NewImport) -> tuple[NewReported | None, Sequence
         "split": new.split,
         "source": about.pop("source", new.source),
         "dataset": about.pop("dataset", new.dataset),
-        "date": about.pop("date", None),
+        "date": about.pop("date", new.date),
         "team": name if team is None else team,
         "scores": row.scores,
         "method": {"name": _name_of(row), **_marks(row, new), **about},

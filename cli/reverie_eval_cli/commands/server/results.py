@@ -286,6 +286,12 @@ def _print_board(changes: Sequence[ResultChange], task: Task) -> None:
     help="Where the results are from: a link or a text; a row of the file may name another.",
 )
 @click.option(
+    "--date",
+    metavar="DATE",
+    help="When they were published, such as 2020-06; a row of the file may name another.  "
+    "[default: not known]",
+)
+@click.option(
     "--dataset-version",
     default="",
     metavar="NAME",
@@ -318,6 +324,7 @@ def import_results(
     file: Path,
     split: str,
     source: str,
+    date: str | None,
     dataset_version: str,
     rates: Rates,
     human: Sequence[str],
@@ -337,6 +344,7 @@ def import_results(
         NewImport,
         split=split,
         source=source,
+        date=date,
         dataset=dataset_version,
         rates=rates,
         text=read_text(file),

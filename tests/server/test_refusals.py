@@ -5,14 +5,17 @@ import socket
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import pytest
 
 from reverie_eval.ground_truth import Bundle
+from reverie_eval_cli.main import program
+from tests.conftest import SAMPLES
 from tests.support.flat_world import Run
 from tests.support.processes import Laptop
 
@@ -109,48 +112,117 @@ def test_a_server_refuses_to_start_and_says_why(
     assert [remedy for remedy in told if remedy not in served.err] == []
 
 
-def backup_of(folder: Path) -> Path:
-    """Return where every command's backup would be."""
-    return folder.with_name(f"{folder.name}.tar.gz")
+EVERY_COMMAND = """
+upgrade {}
+team add {} Blue
+team list {}
+team merge {} Blue Red
+team rename {} Blue Red
+team revoke {} Blue
+person add {} Ada --team Blue
+person delete {} Ada --yes
+person edit {} Ada --name Bea
+person export {} Ada
+person import {} {file}
+person list {}
+person revoke {} Ada
+request accept {} 1
+request list {}
+request reject {} 1
+token add {} Ada
+token invite {} Ada
+token list {}
+token revoke {} rv_12345
+grant {} Blue test 1 --reason why
+submit {} {file} --split test --team Blue --person Ada --received 2026-01-01T00:00:00Z
+submissions {}
+inspect {} 0123456789abcdef
+evidence {} test
+review add {} 0123456789abcdef verified --reason why
+review lift {} 1
+review list {}
+rescore {} test --reason why
+phase close {} test
+phase pause {} test
+phase reset {} test
+phase resume {} test
+phase set {} test always
+phase show {}
+news add {} Welcome
+news banner {} Welcome
+news list {}
+news remove {} 1
+snapshot {} test --title First
+import {} {file} --split test --source paper
+reported edit {} 1 team=Blue
+reported list {}
+reported remove {} 1
+export codabench {} --split test --image image -o {}.out
+export evalai {} -o {}.out
+export site {} -o {}.out
+export submissions {} test -o {}.out
+export tables {} -o {}.out
+evalai-worker {}
+doctor {}
+doctor --quick {}
+audit {}
+key list {}
+key revoke {} 0123456789abcdef --since 2026-01-01T00:00:00Z --reason why
+key rotate {}
+backup {} -o {}.out
+""".strip().splitlines()
+WITHOUT_A_DATABASE = {"init", "restore", "notify"}
+"""The first two make one, and the last sends a message as the settings say."""
 
 
-EVERY_COMMAND = [
-    "doctor --quick {}",
-    "doctor {}",
-    "upgrade {}",
-    "audit {}",
-    "backup {0} -o {0}.tar.gz",
-    "team add {} Blue",
-    "team list {}",
-    "person add {} Ada --team Blue",
-    "person list {}",
-    "token add {} Ada",
-    "token list {}",
-    "token revoke {} rv_12345",
-    "team revoke {} Blue",
-    "person revoke {} Ada",
-    "token invite {} Ada",
-    "grant {} Blue test 1 --reason why",
-]
+def words_of(row: str, folder: Path) -> Sequence[str]:
+    file = SAMPLES / "good.json"
+    return row.replace("{}", str(folder)).replace("{file}", str(file)).split()
 
 
-@pytest.mark.parametrize("command", EVERY_COMMAND)
+def commands_below(command: click.Command, *words: str) -> Iterator[str]:
+    """Yield the words of each command, as one text."""
+    if not isinstance(command, click.Group):
+        yield " ".join(words)
+        return
+    context = click.Context(command)
+    for name in command.list_commands(context):
+        below = command.get_command(context, name)
+        assert below is not None
+        yield from commands_below(below, *words, name)
+
+
+def test_every_command_is_tried() -> None:
+    """A new one has no door to its action before it has a row here."""
+    context = click.Context(program)
+    server = program.get_command(context, "server")
+    assert server is not None
+    tried = {row.partition(" {")[0].removesuffix(" --quick") for row in EVERY_COMMAND}
+    assert tried | WITHOUT_A_DATABASE == set(commands_below(server))
+
+
+LATER, REMOVED, DAMAGED = (
+    (later_database, "install the latest reverie-eval"),
+    (shutil.rmtree, "reverie-eval server init"),
+    (damaged_database, "file is not a database"),
+)
+
+
 @pytest.mark.parametrize(
-    ("trouble", "told"),
+    ("command", "trouble", "told"),
     [
-        pytest.param(shutil.rmtree, "reverie-eval server init", id="no folder"),
-        pytest.param(damaged_database, "file is not a database", id="damaged database"),
-        pytest.param(later_database, "install the latest reverie-eval", id="later version"),
+        *((command, *LATER) for command in EVERY_COMMAND),
+        *((command, *trouble) for command in EVERY_COMMAND[::9] for trouble in (REMOVED, DAMAGED)),
     ],
 )
 def test_every_command_says_what_keeps_it(
     command: str, trouble: Callable[[Path], object], told: str, folder: Path, run: Run
 ) -> None:
     trouble(folder)
-    outcome = run("server", *command.format(folder).split())
+    outcome = run("server", *words_of(command, folder))
     assert outcome.status in (1, 2)
     assert told in outcome.out + outcome.err
-    assert not backup_of(folder).exists()
+    assert not folder.with_name(f"{folder.name}.out").exists()
 
 
 def test_a_locked_database_is_named(lab: str, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -228,8 +300,8 @@ def test_a_database_s_password_is_never_shown(
     secret = "correct-horse"
     address = f"postgresql+psycopg://someone:{secret}@127.0.0.1:1/none"
     monkeypatch.setenv("REVERIE_EVAL_DATABASE", address)
-    for command in EVERY_COMMAND:
-        outcome = run("server", *command.format(folder).split())
+    for command in EVERY_COMMAND[::9]:
+        outcome = run("server", *words_of(command, folder))
         assert outcome.status in (1, 2)
         assert secret not in outcome.out + outcome.err
 

@@ -15,11 +15,10 @@ from PIL import Image
 from playwright.sync_api import ViewportSize
 
 from reverie_eval import evaluate
-from reverie_eval.reporting.answer_svg import ANSWER_STYLE, answer_svg
+from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import AnswerView
-from reverie_eval.reporting.map_svg import map_svg
+from reverie_eval.reporting.building_svg import BUILDING_STYLE, BuildingPicture
 from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.reporting.resources import text_of
 from tests.support.browser import browsing, chromium_path
 
 EPISODE = "1196_0_0"
@@ -44,8 +43,9 @@ def page() -> str:
     """Return the picture as HTML: the task in words, an instruction, its path and its target."""
     episode = evaluate(SUBMISSION, split="val_unseen").episode(EPISODE)
     view = AnswerView.at_stop(episode)
-    path = map_svg(EpisodeMap.of({"": episode}).without_routes())
-    style = f"{text_of('shared/map.css')}{ANSWER_STYLE}{STYLE}"
+    walk = EpisodeMap.of({"": episode}).along_path()
+    path = BuildingPicture(walk, episode.target_object).svg()
+    style = f"{BUILDING_STYLE}{STYLE}"
     # Without the panorama below the view, which would be too small to read.
     target = re.sub(r'viewBox="0 0 400 \d+"', 'viewBox="0 0 400 300"', answer_svg(view), count=1)
     return (

@@ -4,7 +4,7 @@ Each level that the episode visits is a sheet in parallel projection, the lowest
 floors of rooms, low walls with gaps for doors, furniture as solids, stairs. The walk may play.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from html import escape
 from itertools import groupby, pairwise
@@ -17,7 +17,7 @@ from reverie_eval.geometry import door_spans, floors_of, sides_of
 from reverie_eval.reporting.answer_svg import ANSWER_STYLE
 from reverie_eval.reporting.drawing import element, line_data, path, path_data
 from reverie_eval.reporting.map_layout import Mark, put_name, text_box
-from reverie_eval.reporting.map_svg import MAP_STYLE, draw_mark
+from reverie_eval.reporting.map_marks import MAP_STYLE, draw_mark
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.resources import text_of
 
@@ -61,21 +61,21 @@ class BuildingPicture:
         self._target = target
         turn = np.array([(np.cos(_TURN), np.sin(_TURN)), (-np.sin(_TURN), np.cos(_TURN))])
         self._axes = turn @ self._building.solids.axes
-        self._levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
+        self.levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
         self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
-        corners = {level: self._flat(self._ground(level)) for level in self._levels}
+        corners = {level: self._flat(self._ground(level)) for level in self.levels}
         spread = np.vstack(list(corners.values()))
         low, high = spread[:, 0].min(), spread[:, 0].max()
         tall = sum(np.ptp(each[:, 1]) + _WALL for each in corners.values())
         self._key = [route for route in episode_map.routes if route.name]
         text = _LINE * len(self._key)
         free = _HIGHEST - 2 * _MARGIN - _GAP * (len(corners) - 1) - text
-        self._scale = min((WIDTH - 2 * _MARGIN) / (high - low), free / tall)
-        self._left = float((low + high) / 2 - WIDTH / 2 / self._scale)
+        self.scale = min((WIDTH - 2 * _MARGIN) / (high - low), free / tall)
+        self._left = float((low + high) / 2 - WIDTH / 2 / self.scale)
         self._top, bottom = {}, float(_MARGIN)
         for level, each in corners.items():
-            self._top[level] = bottom - self._scale * (each[:, 1].min() - _WALL)
-            bottom += self._scale * (np.ptp(each[:, 1]) + _WALL) + _GAP
+            self._top[level] = bottom - self.scale * (each[:, 1].min() - _WALL)
+            bottom += self.scale * (np.ptp(each[:, 1]) + _WALL) + _GAP
         self.height = bottom - _GAP + _MARGIN + text
         """In units of the page."""
 
@@ -99,11 +99,12 @@ class BuildingPicture:
     def shapes(self, *, plays: bool = False, share: float = 1.0) -> str:
         """Draw what the picture consists of."""
         ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
-        return f"{ground}{self._drawn}{''.join(self._walks(share, plays=plays))}{self._named}"
+        return f"{ground}{self.floors}{''.join(self._walks(share, plays=plays))}{self._named}"
 
     @cached_property
-    def _drawn(self) -> str:
-        return "".join(shape for level in self._levels for shape in self._level(level))
+    def floors(self) -> str:
+        """The levels with their furniture and titles, without a walk."""
+        return "".join(shape for level in self.levels for shape in self._level(level))
 
     @cached_property
     def _named(self) -> str:
@@ -202,7 +203,7 @@ class BuildingPicture:
         """Return where the target is; None if it is not marked, or not on these levels."""
         solids = self._building.solids
         rows = np.flatnonzero(solids.object_id == self._target)
-        if not len(rows) or int(solids.storey[rows[0]]) not in self._levels:
+        if not len(rows) or int(solids.storey[rows[0]]) not in self.levels:
             return None
         return self._page(solids.centre[rows[0], :2], int(solids.storey[rows[0]]))
 
@@ -223,8 +224,8 @@ class BuildingPicture:
         ]
         if (spot := self._target_point()) is not None:
             taken.append(spot + np.array([(-8, -26), (8, 2)]))
-        taken += [text_box(self._title(level)) for level in self._levels]
-        rooms = [room for level in self._levels for room in self._building.rooms_on(level)]
+        taken += self.taken
+        rooms = [room for level in self.levels for room in self._building.rooms_on(level)]
         for room in sorted(rooms, key=lambda each: -each.area):
             outlines = [self._page(its, room.storey) for its in room.outlines]
             drawn, size = room._replace(outlines=outlines), (WIDTH, self.height)
@@ -233,6 +234,17 @@ class BuildingPicture:
                 yield mark
 
     # Projection.
+
+    @property
+    def taken(self) -> Sequence[FloatArray]:
+        """Boxes, shape (2, 2), of the titles of levels."""
+        return [text_box(self._title(level)) for level in self.levels]
+
+    def points(self, position: FloatArray, storey: int) -> FloatArray:
+        """Return where positions are: on the floor of their storey; beside the page without it."""
+        if storey not in self.levels:
+            return np.full((*position.shape[:-1], 2), -WIDTH)
+        return self._page(position[..., :2], storey)
 
     def _ground(self, level: int) -> FloatArray:
         """Return the points that a level takes up: corners of rooms, and viewpoints."""
@@ -250,7 +262,7 @@ class BuildingPicture:
 
     def _placed(self, flat: FloatArray, level: int) -> FloatArray:
         """Put projected points where their level is on the page."""
-        return np.asarray(self._scale * (flat - (self._left, 0)) + (0, self._top[level]))
+        return np.asarray(self.scale * (flat - (self._left, 0)) + (0, self._top[level]))
 
 
 def _flattened(across: FloatArray, away: FloatArray, up: FloatArray | float) -> FloatArray:

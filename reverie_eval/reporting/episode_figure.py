@@ -12,12 +12,14 @@ from typing import Literal, NamedTuple
 from reverie_eval.analysis import Episode
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.files import staged_file
-from reverie_eval.reporting.answer_svg import ANSWER_STYLE, answer_class, answer_shapes
+from reverie_eval.reporting.answer_svg import answer_class, answer_shapes
 from reverie_eval.reporting.answers import AnswerView
+from reverie_eval.reporting.building_svg import BUILDING_STYLE
 from reverie_eval.reporting.drawing import text_at
 from reverie_eval.reporting.figures import check_figure_name
-from reverie_eval.reporting.map_layout import HEIGHT, WIDTH
-from reverie_eval.reporting.map_svg import MAP_STYLE, map_shapes, sign_shapes
+from reverie_eval.reporting.map_layout import WIDTH
+from reverie_eval.reporting.map_marks import sign_shapes
+from reverie_eval.reporting.map_svg import map_shapes
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.resources import text_of
 
@@ -104,7 +106,7 @@ def figure_svg(episodes: Mapping[str, Episode], columns: Columns, *, legend: boo
         shapes += [_key_line(line, left, top + _LINE * i) for i, line in enumerate(lines)]
         bottom = max(bottom, top + _LINE * len(lines))
     inches = _INCHES[columns]
-    style = without_variables(MAP_STYLE + ANSWER_STYLE + text_of("figure.css"))
+    style = without_variables(BUILDING_STYLE + text_of("figure.css"))
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" role="img" class="figure" '
         f'width="{inches}in" height="{inches * bottom / width:.3f}in" '
@@ -143,7 +145,7 @@ def _converter(suffix: str) -> Callable[[str], bytes]:
 
 
 def _panels(episodes: Mapping[str, Episode], episode_map: EpisodeMap) -> Iterator[_Panel]:
-    yield _Panel(f"Map, {episode_map.storeys}", "episode-map", map_shapes(episode_map), HEIGHT)
+    yield _Panel(f"Map, {episode_map.storeys}", *map_shapes(episode_map))
     views = [(name, AnswerView.at_stop(episode)) for name, episode in episodes.items()]
     if not any(shown.shows_target for _, shown in views):
         first, *_ = episodes.values()

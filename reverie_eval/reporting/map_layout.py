@@ -1,14 +1,14 @@
 """What is on a map and where: layers of lines and marks, for whatever draws them.
 
 Points are in units of the page, to the right and down. The class of a line says how it looks, in
-the words of the style sheet: ``route off-level route-1``.
+the words of the style sheet: ``route climb route-1``.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, groupby
+from itertools import groupby
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from typing_extensions import Self
@@ -29,7 +29,7 @@ KEY_CLASSES: Mapping[SignKind, str] = MappingProxyType(
         "sight": "sight",
         "jump": "route jump",
         "annotated": "annotated",
-        "off-level": "route off-level",
+        "climb": "route climb",
         "elsewhere": "viewpoint elsewhere",
         "plan": "wall",
     }
@@ -68,7 +68,7 @@ _NO_LINES: Mapping[str, Sequence[FloatArray]] = MappingProxyType({})
 class Mark(NamedTuple):
     """A sign at a point."""
 
-    kind: Literal["start", "goal", "end", "stop", "stairs", "left of", "right of", "name"]
+    kind: Literal["start", "goal", "end", "stop", "left of", "right of", "name"]
     """The last three are texts: beside a viewpoint, where they end or begin at the point, and in
     the middle of a room."""
     point: FloatArray
@@ -94,66 +94,80 @@ class Piece(NamedTuple):
     """The storey of whose plan it is a part; None for what belongs to viewpoints."""
 
 
+class Projection(Protocol):
+    """Where things of a building are on a page."""
+
+    @property
+    def scale(self) -> float:
+        """Units of the page per metre, from left to right."""
+
+    @property
+    def height(self) -> float:
+        """Height of the page, in its units."""
+
+    @property
+    def taken(self) -> Sequence[FloatArray]:
+        """Boxes, shape (2, 2), of what is on the page whatever is drawn on it."""
+
+    def points(self, position: FloatArray, storey: int) -> FloatArray:
+        """Return where positions of a storey, metres with x and y first, are: shape (..., 2)."""
+
+
 class Layout:
     """A map on its page."""
 
-    def __init__(self, episode_map: EpisodeMap) -> None:
-        self.frame = Frame.around(episode_map.position[episode_map.visited])
-        self._map = episode_map
-        self._point = self.frame.points(episode_map.position)
+    def __init__(self, episode_map: EpisodeMap, floors: Projection | None = None) -> None:
+        """Lay out a map, seen from above, or on floors that are drawn already."""
+        around = episode_map.position[episode_map.visited]
+        self.frame: Projection = Frame.around(around) if floors is None else floors
+        self._map, self._floors = episode_map, floors
+        self._point = np.empty((len(episode_map.position), 2))
+        for storey in np.unique(episode_map.storey).tolist():
+            on = episode_map.storey == storey
+            self._point[on] = self.frame.points(episode_map.position[on], storey)
         self._is_elsewhere = episode_map.is_elsewhere
-        size = np.array([WIDTH, HEIGHT])
-        far = np.abs(self._point - size / 2) / size
+        self._size = np.array([WIDTH, self.frame.height])
+        far = np.abs(self._point - self._size / 2) / self._size
         self._in_sight: BoolArray = (far < _SIGHT).all(axis=1)
 
     def layers(self) -> Sequence[Iterator[Piece]]:
         """Return the pieces of each layer, the lowest first."""
         return [
             self._edges(),
-            self._rooms_off_level(),
             self._annotated_path(),
             self._viewpoints(),
             self._goals(),
             self._sights(),
             *map(self._legs, self._map.routes),
             self._ends(),
-            self._stairs(),
             self._labels(),
         ]
 
     def plan(self, storey: int) -> Iterator[Piece]:
-        """Yield the plan of a storey as far as it is on the page: rooms, doors, stairs."""
-        return plan_of(self._map.building, storey, self.frame)
-
-    def _rooms_off_level(self) -> Iterator[Piece]:
-        """Outline the rooms of the episode on other storeys than that of the plan."""
-        visited = self._map.visited
-        row_in = dict(zip(self._map.building.room[visited].tolist(), visited.tolist(), strict=True))
-        for index, room in enumerate(self._map.building.rooms):
-            if index in row_in and room.storey != self._map.start_storey:
-                closed = [np.vstack([corners, corners[:1]]) for corners in room.outlines]
-                lines = {"wall off-level": list(map(self.frame.points, closed))}
-                yield Piece([row_in[index]], lines)
+        """Yield the plan of a storey as far as it is on the page; none on floors, which have it."""
+        if self._floors is None:
+            yield from plan_of(self._map.building, storey, self.frame)
 
     def room_names(self, storey: int) -> Iterator[Piece]:
         """Yield the names of rooms, each where no route, mark or other text is."""
         taken = [*self._occupied(storey)]
         for room in sorted(self._map.building.rooms_on(storey), key=lambda each: -each.area):
-            drawn = room._replace(outlines=list(map(self.frame.points, room.outlines)))
-            mark = put_name(drawn, taken, (WIDTH, HEIGHT)) if room.name else None
+            outlines = [self.frame.points(corners, storey) for corners in room.outlines]
+            drawn = room._replace(outlines=outlines)
+            mark = put_name(drawn, taken, (WIDTH, self.frame.height)) if room.name else None
             if mark:
                 taken.append(text_box(mark))
                 yield Piece([], mark=mark, storey=storey)
 
     def _occupied(self, storey: int) -> Iterator[FloatArray]:
         """Yield the boxes, shape (2, 2), of treads, marks, texts, and pieces of routes."""
-        bar = self.frame.bar_metres * self.frame.scale
-        yield np.array([[0.0, HEIGHT - 30.0], [14.0 + bar, float(HEIGHT)]])
-        for piece in chain(self._stairs(), self._labels()):
+        yield from self.frame.taken
+        for piece in self._labels():
             if piece.mark:
                 yield text_box(piece.mark)
         sights = [its for piece in self._sights() for (its,) in piece.lines.values()]
-        treads = [self.frame.points(each.ends) for each in self._map.building.treads_on(storey)]
+        steps = self._map.building.treads_on(storey)
+        treads = [self.frame.points(each.ends, storey) for each in steps]
         for points in (*sights, *treads):
             yield np.stack([points.min(axis=0), points.max(axis=0)])
         yield from map(self._around, self._map.visited.tolist())
@@ -170,6 +184,8 @@ class Layout:
 
     def is_faint(self, piece: Piece) -> bool:
         """Whether a piece is on a storey without a viewpoint of the episode, or of its plan."""
+        if self._floors is not None:
+            return False
         if piece.storey is not None:
             return piece.storey != self._map.start_storey
         return bool(self._is_elsewhere[piece.viewpoints].any())
@@ -189,7 +205,9 @@ class Layout:
         return {kind: found[kind] for kind in sorted(found, key=lambda it: "elsewhere" not in it)}
 
     def _edges(self) -> Iterator[Piece]:
-        """Draw the edges between the same storeys as one piece."""
+        """Draw the edges between the same storeys as one piece; none on floors, which they hide."""
+        if self._floors is not None:
+            return
         edges = self._map.edges[self._in_sight[self._map.edges].any(axis=1)]
         storeys = np.sort(self._map.storey[edges], axis=1)
         for pair in np.unique(storeys, axis=0):
@@ -201,8 +219,8 @@ class Layout:
         for _, same in groupby(self._map.annotated_legs.tolist(), key=self._map.levels):
             first, *others = same
             rows = first + [end for _, end in others]
-            off_level = " off-level" if self._map.is_off_level(np.array([first]))[0] else ""
-            yield Piece(first, {f"annotated{off_level}": [self._point[rows]]})
+            climb = " climb" if self._map.is_climb(np.array([first]))[0] else ""
+            yield Piece(first, {f"annotated{climb}": [self._point[rows]]})
 
     def _viewpoints(self) -> Iterator[Piece]:
         for row in np.flatnonzero(self._in_sight).tolist():
@@ -218,7 +236,10 @@ class Layout:
         """Draw the views of the answers as sectors around the stops."""
         for route in self._map.routes:
             if route.sight is not None:
-                outline = self._stop_point(route) + sector(route.sight)
+                metres = sector(route.sight) * (1, -1) / self.frame.scale
+                here = self._map.position[route.stop, :2] + metres
+                outline = self.frame.points(here, int(self._map.storey[route.stop]))
+                outline = outline + self._stop_point(route) - self._point[route.stop]
                 yield Piece([route.stop], {f"sight route-{route.number}": [outline]})
 
     def _legs(self, route: Route) -> Iterator[Piece]:
@@ -227,15 +248,15 @@ class Layout:
         if len(route.viewpoint) > MOST_POSES:
             cut = np.append(route.viewpoint[: MOST_POSES - 1], route.stop)
             shown = replace(route, viewpoint=cut)
-        lanes, is_jump = self.frame.lanes(self._map, shown), self._map.is_jump(shown).tolist()
-        off_level = self._map.is_off_level(shown.legs).tolist()
         number = route.number
-        for leg, (ends, arrow) in enumerate(zip(lanes, arrows(lanes), strict=True)):
+        sides, is_jump = lanes(self._point[shown.legs], number), self._map.is_jump(shown).tolist()
+        is_climb = self._map.is_climb(shown.legs).tolist()
+        for leg, (ends, arrow) in enumerate(zip(sides, arrows(sides), strict=True)):
             # Lanes of legs in different directions do not meet: the line also goes from one to the
             # next.
             goes_on = leg > 0 and not is_jump[leg - 1] and not is_jump[leg]
-            way_of = " jump" if is_jump[leg] else " off-level" if off_level[leg] else ""
-            way = np.vstack([lanes[leg - 1][1:], ends]) if goes_on else ends
+            way_of = " jump" if is_jump[leg] else " climb" if is_climb[leg] else ""
+            way = np.vstack([sides[leg - 1][1:], ends]) if goes_on else ends
             lines = {f"route{way_of} route-{number}": [way]}
             if arrow is not None:
                 lines[f"arrow route-{number}"] = [arrow]
@@ -251,31 +272,13 @@ class Layout:
             mark = Mark("stop", self._stop_point(route), route.number)
             yield self._at(route.stop, mark, f"stop{whose}")
 
-    def _stairs(self) -> Iterator[Piece]:
-        """Mark the stairs of the episode, which it has if it is on several levels."""
-        taken: list[FloatArray] = []
-        for stairs in self._map.stairs.tolist():
-            levels = "-".join(map(str, self._map.levels(stairs)))
-            mark = Mark("stairs", self._point[stairs].mean(axis=0), text=levels)
-            # Stairs of several moves are named once.
-            yield Piece(stairs, mark=mark if _is_free(mark, taken) else mark._replace(text=""))
-            taken.append(text_box(mark))
-
     def _labels(self) -> Iterator[Piece]:
-        """Yield the numbers of logged steps, and the levels of the ends if they differ."""
-        labels: dict[int, list[str]] = {}
-        if len(self._map.routes) == 1:  # the numbers of two agents would cover each other
-            for row, steps in self._map.routes[0].steps.items():
-                labels[row] = list(map(str, steps))
-        if self._map.leaves_level:
-            stops = (route.stop for route in self._map.routes)
-            for row in dict.fromkeys([self._map.start, self._map.path_end, *stops]):
-                (level,) = self._map.levels([row])
-                labels.setdefault(row, []).append(f"level {level}")
-        taken = [text_box(piece.mark) for piece in self._stairs() if piece.mark]
-        taken += [self._around(row) for row in self._map.goal_viewpoints.tolist()]
-        for row, texts in labels.items():
-            mark = self._label(row, ", ".join(texts), taken)
+        """Yield the numbers of logged steps."""
+        if len(self._map.routes) != 1:  # those of two agents would cover each other
+            return
+        taken = [self._around(row) for row in self._map.goal_viewpoints.tolist()]
+        for row, steps in self._map.routes[0].steps.items():
+            mark = self._label(row, ", ".join(map(str, steps)), taken)
             taken.append(text_box(mark))
             yield Piece([row], mark=mark)
 
@@ -324,20 +327,21 @@ class Frame:
         scale = WIDTH / metres
         return cls(float(x - metres / 2), float(y + HEIGHT / scale / 2), scale)
 
-    def points(self, position: FloatArray) -> FloatArray:
-        """Return where positions, in metres with x and y first, are on the page: shape (..., 2)."""
+    @property
+    def height(self) -> float:
+        """Height of a map, in units of the page."""
+        return HEIGHT
+
+    @property
+    def taken(self) -> Sequence[FloatArray]:
+        """The box of the scale."""
+        bar = self.bar_metres * self.scale
+        return [np.array([[0.0, HEIGHT - 30.0], [14.0 + bar, float(HEIGHT)]])]
+
+    def points(self, position: FloatArray, storey: int = 0) -> FloatArray:  # noqa: ARG002
+        """Return where positions are on the page, whatever their storey."""
         x, y = position[..., 0] - self.left, self.top - position[..., 1]
         return self.scale * np.stack([x, y], axis=-1)
-
-    def lanes(self, episode_map: EpisodeMap, route: Route) -> FloatArray:
-        """Return the ends of a route's legs, shape (n_legs, 2, 2), moved aside for other routes."""
-        ends = self.points(episode_map.position[route.legs])
-        along = ends[:, 1] - ends[:, 0]
-        # Between viewpoints one above the other, a leg has no length on the page.
-        length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
-        # A quarter turn clockwise, as y grows downwards.
-        to_the_right = np.stack([-along[:, 1], along[:, 0]], axis=-1) / length
-        return ends + _LANE * (route.number - 0.5) * to_the_right[:, None]
 
     @property
     def bar_metres(self) -> int:
@@ -351,17 +355,27 @@ class Frame:
         return length
 
 
-def plan_of(building: Building, storey: int, frame: Frame) -> Iterator[Piece]:
+def lanes(ends: FloatArray, number: int) -> FloatArray:
+    """Move the legs of a route, shape (n_legs, 2, 2), aside for those of other routes."""
+    along = ends[:, 1] - ends[:, 0]
+    # Between viewpoints one above the other, a leg has no length on the page.
+    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
+    # A quarter turn clockwise, as y grows downwards.
+    to_the_right = np.stack([-along[:, 1], along[:, 0]], axis=-1) / length
+    return np.asarray(ends + _LANE * (number - 0.5) * to_the_right[:, None])
+
+
+def plan_of(building: Building, storey: int, frame: Projection) -> Iterator[Piece]:
     """Yield the plan of a storey as far as it is on the page: rooms, doors, stairs."""
     size = np.array([WIDTH, HEIGHT])
     for room in building.rooms_on(storey):
-        outlines = [frame.points(corners) for corners in room.outlines]
+        outlines = [frame.points(corners, storey) for corners in room.outlines]
         corners = np.vstack(outlines)
         if ((corners.max(axis=0) > 0) & (corners.min(axis=0) < size)).all():
             kind = room.name.partition(" ")[0]
             yield Piece([], {f"room {kind}".strip(): outlines}, storey=storey)
     for kind, lines in (("door", building.doors_on(storey)), ("tread", building.treads_on(storey))):
-        ends = [frame.points(line.ends) for line in lines]
+        ends = [frame.points(line.ends, storey) for line in lines]
         near = [its for its in ends if ((its > 0) & (its < size)).any()]
         if near:
             yield Piece([], {kind: near}, storey=storey)
@@ -418,9 +432,7 @@ def text_box(mark: Mark) -> FloatArray:
     """Return the corners, shape (2, 2), of the text of a mark, about as large as it is."""
     width, height = _LETTER * (len(mark.text), 1)
     share = {"left of": 1.0, "right of": 0.0}.get(mark.kind, 0.5)
-    # The text of stairs is above them.
-    bottom = mark.point[1] - (8 if mark.kind == "stairs" else 0)
-    corner = np.array([mark.point[0] - share * width, bottom - _ASCENT])
+    corner = np.array([mark.point[0] - share * width, mark.point[1] - _ASCENT])
     return np.stack([corner, corner + np.array([width, height])])
 
 

@@ -5,10 +5,10 @@ apart and says where each belongs: ``data-levels`` are its storeys, ``data-leg``
 route, ``data-viewpoint`` the viewpoint. Without a script it shows what the still map shows.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from html import escape
 from itertools import chain
-from types import MappingProxyType
 
 import numpy as np
 
@@ -16,64 +16,34 @@ from reverie_eval.analysis import Episode, Gallery
 from reverie_eval.arrays import FloatArray
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import answer_views
-from reverie_eval.reporting.drawing import element, line_data, path, path_data, text_at
-from reverie_eval.reporting.map_layout import (
-    HEIGHT,
-    KEY_CLASSES,
-    WIDTH,
-    Frame,
-    Layout,
-    Mark,
-    Piece,
-)
-from reverie_eval.reporting.maps import EpisodeMap, Sign, SignKind
+from reverie_eval.reporting.building_svg import BUILDING_STYLE, BuildingPicture
+from reverie_eval.reporting.drawing import path, path_data
+from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, Layout, Mark, Piece
+from reverie_eval.reporting.map_marks import MAP_STYLE, draw_mark, sign_shapes
+from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.replay import replay_html
-from reverie_eval.reporting.resources import text_of
 from reverie_eval.text import count_text
-
-MAP_STYLE = text_of("shared/map.css")
-"""The style sheet for pages with maps and their keys; :func:`map_picture` includes it."""
-_STAR = np.array(
-    [
-        (radius * np.sin(turn), -radius * np.cos(turn))
-        for turn, radius in zip(np.arange(10) * np.pi / 5, [7.5, 3.2] * 5, strict=True)
-    ]
-)
-_STAIRS = np.array([(-6, 5), (-6, 2), (-2, 2), (-2, -1), (2, -1), (2, -4), (6, -4)])
-_RADIUS = {"start": 5.5, "goal": 7.0}
-# Path data of the signs in a key that are lines.
-_KEY_LINES: Mapping[SignKind, str] = MappingProxyType(
-    {
-        "sight": "M8 8L34 0V16z",
-        "jump": "M4 8H36",
-        "annotated": "M6 8H34",
-        "off-level": "M4 8H36",
-        "elsewhere": "M12 8h0M28 8h0",
-        "plan": "M4 13V3H16M26 3H36V13",
-    }
-)
 
 
 def map_svg(episode_map: EpisodeMap) -> str:
-    """Draw a still map for a page that includes ``MAP_STYLE``."""
+    """Draw a still map for a page that includes ``BUILDING_STYLE``."""
     return _Drawing(episode_map).still()
 
 
 def map_picture(episode_map: EpisodeMap) -> str:
     """Draw a still map that includes its style sheet, for a file or any page."""
-    # A page has the style sheet once; a file has to bring its own.
-    own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{MAP_STYLE}</style>"
-    return _Drawing(episode_map).still(*own)
+    return _Drawing(episode_map).still(has_style=True)
 
 
 def interactive_map_svg(episode_map: EpisodeMap) -> str:
-    """Draw an interactive map for a page that includes ``MAP_STYLE``."""
+    """Draw an interactive map for a page that includes ``BUILDING_STYLE``."""
     return _Drawing(episode_map).interactive()
 
 
-def map_shapes(episode_map: EpisodeMap) -> str:
-    """Draw what a still map consists of, for a picture with other things beside it."""
-    return _Drawing(episode_map).shapes()
+def map_shapes(episode_map: EpisodeMap) -> tuple[str, str, float]:
+    """Draw what a still map consists of, and return it after its class and before its height."""
+    drawing = _Drawing(episode_map)
+    return drawing.kind, drawing.shapes(), drawing.height
 
 
 def visited_svg(position: FloatArray) -> str:
@@ -95,7 +65,7 @@ def visited_svg(position: FloatArray) -> str:
     number = count_text(len(np.unique(position, axis=0)), "viewpoint")
     return (
         f'<svg class="episode-map" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
-        f"<title>The walk so far: {number}</title>{_on_ground(shapes, frame)}</svg>"
+        f"<title>The walk so far: {number}</title>{_on_scale(shapes, frame)}</svg>"
     )
 
 
@@ -141,26 +111,37 @@ def gallery_html(gallery: Gallery) -> str:
 
 
 class _Drawing:
+    """A map from above; if the episode is on several levels, on the stacked floors of each."""
+
     def __init__(self, episode_map: EpisodeMap) -> None:
         self._map = episode_map
-        self._layout = Layout(episode_map)
+        # The key beside a map names the routes.
+        unnamed = [replace(route, name="") for route in episode_map.routes]
+        self._building = (
+            BuildingPicture(replace(episode_map, routes=unnamed))
+            if episode_map.leaves_level
+            else None
+        )
+        self._layout = Layout(episode_map, self._building)
+        self.kind = "episode-map building" if self._building else "episode-map"
+        self.height = self._layout.frame.height
 
-    def still(self, attributes: str = "", style: str = "") -> str:
-        return self._svg("episode-map", self.shapes(), attributes, style)
+    def still(self, *, has_style: bool = False) -> str:
+        return self._svg(self.kind, self.shapes(), has_style=has_style)
 
     def shapes(self) -> str:
         edges, *others = self._layout.layers()
-        storey = self._map.start_storey
-        plan, names = self._layout.plan(storey), self._layout.room_names(storey)
-        layers = map(list, (plan, edges, names, *others))
-        shapes = (shape for layer in layers for shape in self._joined(layer))
-        return _on_ground(shapes, self._layout.frame)
+        storeys = self._building.levels if self._building else [self._map.start_storey]
+        plans, names = (
+            chain.from_iterable(map(layer, storeys))
+            for layer in (self._layout.plan, self._layout.room_names)
+        )
+        layers = map(list, (plans, edges, names, *others))
+        return self._on_ground(shape for layer in layers for shape in self._joined(layer))
 
     def interactive(self) -> str:
-        edges, rooms, annotated, *others = (
-            map(self._apart, layer) for layer in self._layout.layers()
-        )
-        storeys = range(int(self._map.storey.max()) + 1)
+        edges, annotated, *others = (map(self._apart, layer) for layer in self._layout.layers())
+        storeys = self._building.levels if self._building else range(self._map.storey.max() + 1)
         plans, names = (
             map(self._apart, chain.from_iterable(map(layer, storeys)))
             for layer in (self._layout.plan, self._layout.room_names)
@@ -169,20 +150,31 @@ class _Drawing:
             *plans,
             *edges,
             *names,
-            *rooms,
             '<g class="annotation" opacity="0.3">',  # as a group: not darker where pieces meet
             *annotated,
             "</g>",
             *chain.from_iterable(others),
         ]
-        return self._svg("episode-map walkable", _on_ground(shapes, self._layout.frame))
+        return self._svg(f"{self.kind} walkable", self._on_ground(shapes))
 
-    def _svg(self, kind: str, shapes: str, attributes: str = "", style: str = "") -> str:
+    def _svg(self, kind: str, shapes: str, *, has_style: bool = False) -> str:
+        # A page has the style sheet once; a file has to bring its own.
+        attributes = ' xmlns="http://www.w3.org/2000/svg"' if has_style else ""
+        sheet = BUILDING_STYLE if self._building else MAP_STYLE
+        style = f"<style>{sheet}</style>" if has_style else ""
+        size = f'viewBox="0 0 {WIDTH} {self.height:.0f}"'
         return (
-            f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {HEIGHT}"{attributes}>'
+            f'<svg class="{kind}" role="img" {size}{attributes}>'
             f"<title>{escape(f'Map of episode {self._map.instr_id}')}</title>"
             f"<desc>{escape(self._map.description)}</desc>{style}{shapes}</svg>"
         )
+
+    def _on_ground(self, shapes: Iterable[str]) -> str:
+        if isinstance(self._layout.frame, Frame):
+            return _on_scale(shapes, self._layout.frame)
+        floors = self._building.floors if self._building else ""
+        ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
+        return f"{ground}{floors}{''.join(shapes)}"
 
     def _joined(self, layer: Sequence[Piece]) -> Iterator[str]:
         """Draw the pieces of a layer as few elements."""
@@ -207,7 +199,7 @@ class _Drawing:
         return f'<g data-levels="{levels}"{about}{faint}>{"".join(shapes)}</g>'
 
 
-def _on_ground(shapes: Iterable[str], frame: Frame) -> str:
+def _on_scale(shapes: Iterable[str], frame: Frame) -> str:
     """Lay shapes on the ground, with the scale above both."""
     metres = frame.bar_metres
     return (
@@ -215,43 +207,3 @@ def _on_ground(shapes: Iterable[str], frame: Frame) -> str:
         f'<path class="scale" d="M10 {HEIGHT - 14}v4h{metres * frame.scale:.1f}v-4"/>'
         f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text>'
     )
-
-
-def sign_shapes(sign: Sign) -> str:
-    """Draw a sign for a key, 40 units wide and 16 high."""
-    middle = np.array([20.0, 8.0])
-    match sign.kind:
-        case "stop":
-            line = path(f"route route-{sign.route}", "M2 8H30")
-            return line + draw_mark(Mark("stop", np.array([33.0, 8.0]), sign.route))
-        case "start" | "goal" | "end" | "stairs":
-            return draw_mark(Mark(sign.kind, middle))
-        case _:
-            return path(KEY_CLASSES[sign.kind], _KEY_LINES[sign.kind])
-
-
-def draw_mark(mark: Mark, title: str = "") -> str:
-    """Draw a mark, with a tooltip if it has a title."""
-    x, y = mark.point
-    match mark.kind:
-        case "start" | "goal":
-            radius = _RADIUS[mark.kind]
-            shape = f'class="{mark.kind}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"'
-            return element("circle", shape, title)
-        case "end":
-            return path("end", f"{line_data(_STAR + mark.point)}z", title)
-        case "stop":
-            corner = f'x="{x - 4.5:.1f}" y="{y - 4.5:.1f}" width="9" height="9"'
-            return element("rect", f'class="stop route-{mark.route}" {corner}', title)
-        case "stairs":
-            shape = path("stairs", line_data(mark.point + _STAIRS))
-            return shape + (_label(x, y - 8, mark.text, "middle") if mark.text else "")
-        case "name":
-            return text_at(x, y, mark.text, 'class="room-name" text-anchor="middle"')
-        case "left of" | "right of":
-            return _label(x, y, mark.text, "end" if mark.kind == "left of" else "")
-
-
-def _label(x: float, y: float, text: str, anchor: str) -> str:
-    attribute = f' text-anchor="{anchor}"' if anchor else ""
-    return text_at(x, y, text, f'class="level"{attribute}')

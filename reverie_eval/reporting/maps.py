@@ -16,7 +16,7 @@ from reverie_eval.reporting.buildings import building_of
 from reverie_eval.text import count_text
 
 _JUMP, _GOAL_VIEWPOINT = "jump between unconnected viewpoints", "goal viewpoint"
-_OFF_LEVEL = "on another level than the start"
+_CLIMB = "to another level"
 _ELSEWHERE = "on a level that the episode does not reach"
 _PLAN = "walls and doors, inferred from where objects are"
 
@@ -28,8 +28,7 @@ SignKind = Literal[
     "annotated",
     "end",
     "goal",
-    "off-level",
-    "stairs",
+    "climb",
     "elsewhere",
     "plan",
 ]
@@ -225,9 +224,8 @@ class EpisodeMap:
             Sign("annotated", "annotated path"): len(self.annotated_legs) > 0,
             Sign("end", "end of the annotated path"): True,
             Sign("goal", f"{_GOAL_VIEWPOINT} (success)"): len(self.goal_viewpoints) > 0,
-            Sign("off-level", _OFF_LEVEL): any(self.is_off_level(each).any() for each in legs),
-            Sign("stairs", "stairs, with the levels at their ends"): len(self.stairs) > 0,
-            Sign("elsewhere", _ELSEWHERE): bool(self.is_elsewhere.any()),
+            Sign("climb", _CLIMB): any(self.is_climb(each).any() for each in legs),
+            Sign("elsewhere", _ELSEWHERE): not self.leaves_level and bool(self.is_elsewhere.any()),
             Sign("plan", _PLAN): len(self.building.rooms_on(self.start_storey)) > 0,
         }
         return [
@@ -245,18 +243,9 @@ class EpisodeMap:
         """Whether the episode has viewpoints on several storeys."""
         return len(self.levels(self.visited)) > 1
 
-    def is_off_level(self, legs: IntArray) -> BoolArray:
-        """Shape (n_legs,): whether an end of a leg is not on the storey of the start."""
-        off_level: BoolArray = (self.storey[legs] != self.storey[self.start]).any(axis=1)
-        return off_level
-
-    @property
-    def stairs(self) -> IntArray:
-        """Shape (n_stairs, 2): the edges of the episode that lead to another storey, each once."""
-        walked = [route.legs[~self.is_jump(route)] for route in self.routes]
-        legs = np.unique(np.sort(np.vstack([self.annotated_legs, *walked]), axis=1), axis=0)
-        is_climb: BoolArray = np.diff(self.storey[legs], axis=1)[:, 0] != 0
-        return legs[is_climb]
+    def is_climb(self, legs: IntArray) -> BoolArray:
+        """Shape (n_legs,): whether the ends of a leg are on two storeys."""
+        return np.asarray(np.diff(self.storey[legs], axis=1)[:, 0] != 0)
 
     def level_note(self, route: Route) -> str:
         """Say on which storeys the agent stops and the path ends; empty if it is the same."""

@@ -20,10 +20,11 @@ from reverie_eval.analysis import (
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting import report_sections as sections
-from reverie_eval.reporting.answer_svg import ANSWER_STYLE, answer_svg
+from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import answer_views
+from reverie_eval.reporting.building_svg import BUILDING_STYLE
 from reverie_eval.reporting.comparisons import comparison_table, procedures, sentences
-from reverie_eval.reporting.map_svg import MAP_STYLE, map_key, map_svg
+from reverie_eval.reporting.map_svg import map_key, map_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.replay import replay_html
 from reverie_eval.reporting.resources import as_markup, text_of
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 _TEMPLATE = "report.html.jinja"
-_STYLES = text_of("report.css"), text_of("shared/charts.css"), MAP_STYLE, ANSWER_STYLE
+_STYLES = text_of("report.css"), text_of("shared/charts.css"), BUILDING_STYLE
 # Rows of a breakdown that are shown; the others are folded.
 _SHOWN_GROUPS = 10
 _LISTED_CHANGES = 50

@@ -35,9 +35,10 @@ def pieces(svg: str, kind: str) -> list[ET.Element]:
 def test_every_piece_says_which_storeys_it_is_on(scores: rv.Scores) -> None:
     svg = interactive_map_svg(map_of(scores, "1_3_0"))
     levels = {g.get("data-viewpoint"): g.get("data-levels") for g in pieces(svg, "viewpoint")}
+    alone = interactive_map_svg(map_of(scores, "1_3_1"))
     below, above = ("cellar", "rack", "shelf"), ("stairs", "hall", "room", "porch")
     assert levels == dict.fromkeys(below, "1") | dict.fromkeys(above, "2")
-    edges = {g.get("data-levels"): g[0].get("d", "").count("M") for g in pieces(svg, "edge")}
+    edges = {g.get("data-levels"): g[0].get("d", "").count("M") for g in pieces(alone, "edge")}
     assert edges == {"1": 2, "1 2": 1, "2": 3}
     assert [g.get("data-levels") for g in pieces(svg, "route")] == ["2", "1 2"]
     assert [g.get("data-levels") for g in pieces(svg, "annotated")] == ["2"]
@@ -109,7 +110,7 @@ def test_what_was_annotated_alone(scores: rv.Scores) -> None:
 def test_it_shows_what_the_plain_map_shows(scores: rv.Scores) -> None:
     episode_map = map_of(scores, "1_3_0")
     plain, walkable = (ET.fromstring(draw(episode_map)) for draw in (map_svg, interactive_map_svg))
-    for kind in ("start", "end", "goal", "stop", "scale"):
+    for kind in ("start", "end", "goal", "stop", "level"):
         one, other = (
             [
                 (each.tag, each.get("d"), each.get("cx"), each.get("x"), each.findtext("title"))

@@ -11,14 +11,9 @@ import pytest
 import reverie_eval as rv
 from reverie_eval.geometry import Building, Line, Room
 from reverie_eval.reporting.buildings import building_of
-from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, Layout, arrows, sector
-from reverie_eval.reporting.map_svg import (
-    MAP_STYLE,
-    interactive_map_svg,
-    map_key,
-    map_picture,
-    map_svg,
-)
+from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, Layout, arrows, lanes, sector
+from reverie_eval.reporting.map_marks import MAP_STYLE
+from reverie_eval.reporting.map_svg import interactive_map_svg, map_key, map_picture, map_svg
 from reverie_eval.reporting.maps import EpisodeMap, Step
 from tests.conftest import SAMPLES
 from tests.support.home_world import LAMP, OTHER_WALKS, WALKS, home_scores
@@ -125,7 +120,8 @@ def test_going_and_coming_are_two_lines(scores: rv.Scores) -> None:
     """The agent goes south and back: to its right is west, then east."""
     episode_map = map_of(scores, "2_4_0")
     frame = Frame.around(episode_map.position[episode_map.visited])
-    going, coming = frame.lanes(episode_map, episode_map.routes[0])
+    (route,) = episode_map.routes
+    going, coming = lanes(frame.points(episode_map.position[route.legs]), route.number)
     assert going[0][0] == going[1][0] < coming[0][0] == coming[1][0]
     assert going[0][1] < going[1][1]
 
@@ -253,35 +249,31 @@ def test_a_notebook_shows_the_map_and_a_caption(tmp_path: Path) -> None:
 # Levels.
 
 
-def test_a_route_that_changes_levels_says_so(other: rv.Scores) -> None:
+def test_a_route_that_changes_levels_is_drawn_on_stacked_floors(other: rv.Scores) -> None:
     """The agent goes downstairs and stops in the cellar, the path ends above."""
     episode_map = map_of(other, "1_3_0")
     svg = map_svg(episode_map)
     legs = {each.get("class"): each.get("d", "").count("L") for each in elements(svg, "route")}
-    assert legs == {"route route-1": 1, "route off-level route-1": 2}  # joined to the leg before
-    (down,) = episode_map.stairs
-    assert sorted(named(episode_map, down)) == ["shelf", "stairs"]
-    assert len(list(elements(svg, "stairs"))) == 1
-    assert [each.text for each in elements(svg, "level")] == [
-        "1-2",
-        "level 2",
-        "level 2",
-        "level 1",
-    ]
+    assert legs == {"route route-1": 1, "route climb route-1": 2}  # joined to the leg before
+    above, below = elements(svg, "level")
+    assert (above.text, below.text) == ("level 2", "level 1")
+    (start,), (stop,) = elements(svg, "start"), elements(svg, "stop")
+    heights = [float(each.get(name, "")) for each, name in ((start, "cy"), (stop, "y"))]
+    assert heights[0] < float(above.get("y", "")) < heights[1] < float(below.get("y", ""))
+    assert not list(elements(svg, "edge"))  # floors and walls say where one can go
     assert episode_map.level_notes == ["stopped on level 1, the path ends on level 2"]
 
 
-def test_one_level_has_no_marks_of_levels(scores: rv.Scores) -> None:
+def test_one_level_is_seen_from_above(scores: rv.Scores) -> None:
     episode_map = map_of(scores, "2_4_0")
     svg = map_svg(episode_map)
-    assert not [kind for kind in ("off-level", "stairs", "level") if list(elements(svg, kind))]
+    assert not [kind for kind in ("climb", "solids", "level") if list(elements(svg, kind))]
     assert episode_map.level_notes == [""]
 
 
-def test_a_jump_to_another_level_is_not_stairs(tmp_path: Path) -> None:
+def test_a_jump_to_another_level_is_a_jump(tmp_path: Path) -> None:
     walks = {**WALKS, "1_3_0": (["hall", "rack"], LAMP)}
     episode_map = map_of(home_scores(tmp_path, walks), "1_3_0")
-    assert not len(episode_map.stairs)
     assert [each.get("class") for each in elements(map_svg(episode_map), "route")] == [
         "route jump route-1"
     ]
@@ -300,7 +292,7 @@ def test_a_key_explains_what_is_on_the_map(instr_id: str, kinds: str, scores: rv
 
 def test_a_key_of_levels(other: rv.Scores) -> None:
     kinds = {sign.kind for sign in map_of(other, "1_3_0").signs}
-    assert {"off-level", "stairs"} <= kinds
+    assert "climb" in kinds
     assert not {"elsewhere", "jump", "sight"} & kinds
 
 
@@ -433,17 +425,20 @@ def test_the_plan_is_that_of_the_start(scores: rv.Scores) -> None:
     (kitchen,) = elements(svg, "room")
     corners = [tuple(map(float, each.split())) for each in kitchen.get("d", "")[1:-1].split("L")]
     assert kitchen.get("class") == "room kitchen"
-    assert corners == [tuple(corner.round(1)) for corner in Layout(episode_map).frame.points(FLOOR)]
+    assert corners == [
+        tuple(corner.round(1)) for corner in Layout(episode_map).frame.points(FLOOR, 1)
+    ]
     assert [each.get("d", "").count("L") for each in elements(svg, "door")] == [1]
     assert [each.text for each in elements(svg, "room-name")] == ["kitchen"]
     assert "plan" in {sign.kind for sign in episode_map.signs}
     assert not list(elements(svg, "wall"))
 
 
-def test_a_room_on_another_level_is_outlined(other: rv.Scores) -> None:
+def test_the_plans_of_all_visited_levels_are_stacked(other: rv.Scores) -> None:
     svg = map_svg(furnished(map_of(other, "1_3_0")))
-    assert [each.get("class") for each in elements(svg, "room")] == ["room kitchen"]
-    assert [each.get("class") for each in elements(svg, "wall")] == ["wall off-level"]
+    kinds = [each.get("class") for each in elements(svg, "room")]
+    assert kinds == ["room kitchen", "room bedroom"]
+    assert [each.text for each in elements(svg, "room-name")] == ["kitchen", "bedroom"]
 
 
 def test_names_of_rooms_cover_nothing(scores: rv.Scores) -> None:
@@ -452,10 +447,11 @@ def test_names_of_rooms_cover_nothing(scores: rv.Scores) -> None:
     layout = Layout(episode_map)
     (name,) = layout.room_names(1)
     assert name.mark
-    low, high = layout.frame.points(FLOOR).min(axis=0), layout.frame.points(FLOOR).max(axis=0)
+    drawn = layout.frame.points(FLOOR, 1)
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
     assert (low < name.mark.point).all()
     assert (name.mark.point < high).all()
-    route = layout.frame.points(episode_map.position[episode_map.routes[0].viewpoint])
+    route = layout.frame.points(episode_map.position[episode_map.routes[0].viewpoint], 1)
     assert abs(name.mark.point[0] - route[0, 0]) > 20  # half of the word
     narrow = [Room("kitchen", 1, [FLOOR * (0.1, 1.0) + (9.0, 0.0)], 10.0)]
     tight = replace(episode_map, building=replace(episode_map.building, rooms=narrow))

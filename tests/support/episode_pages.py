@@ -64,7 +64,7 @@ def linked(reply: httpx.Response, way: str) -> str | None:
 
 def picture(reply: httpx.Response) -> ET.Element:
     """Return the map on a page."""
-    found = re.search(r'<svg class="episode-map walkable".*?</svg>', reply.text, re.DOTALL)
+    found = re.search(r'<svg class="episode-map[^"]* walkable".*?</svg>', reply.text, re.DOTALL)
     assert found
     return ET.fromstring(found[0])
 

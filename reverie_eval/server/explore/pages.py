@@ -249,7 +249,8 @@ def _episode_content(
         "solvers": browsing.methods and browsing.methods.solvers(browsing.row(instr_id)),
         "most_solvers": MOST_SOLVERS,
         "goals": _goals(episode, shown),
-        "levels": range(1, int(shown.storey.max()) + 2),
+        # Where the episode is on several, all of them are drawn.
+        "levels": () if shown.leaves_level else range(1, int(shown.storey.max()) + 2),
         "outcomes": BEST_OUTCOME_FIRST,
         "headline": [key for key in keys if key in browsing.board.task.headline],
         "other_metrics": [key for key in keys if key not in browsing.board.task.headline],

@@ -351,8 +351,9 @@ class EpisodeMap:
         """What the map shows, for readers who cannot see it."""
         steps = count_text(len(self.annotated_path) - 1, "step")
         goals = count_text(len(self.goal_viewpoints), "goal viewpoint")
+        seen = "on stacked floors" if self.leaves_level else "seen from above"
         sentences = [
-            f"Scan {self.scan}, {self.storeys}, seen from above.",
+            f"Scan {self.scan}, {self.storeys}, {seen}.",
             f"The annotated path has {steps}, the episode {goals}.",
         ]
         for route in self.routes:

@@ -37,9 +37,9 @@ _LEAST_SPREAD, _PENALTY = 0.6, 9.0
 _FEWEST, _MOST = 3, 250
 # The room of a viewpoint: metres that tell near objects, and the area whose room counts half.
 _AT_HAND, _NEAR, _LARGE = 0.5, 1.5, 50.0
-# Stairs: the least climb of an edge, its slopes, the least climb of all edges that meet, and metres
-# from tread to tread.
-_CLIMB, _SLOPES, FLIGHT, _TREAD = 0.4, (0.25, 2.5), 1.0, 0.19
+# Stairs: the least climb of an edge, its slopes, the least climb of edges that lead on from each
+# other, metres up from tread to tread, and the least metres between treads of two edges.
+_CLIMB, _SLOPES, _FLIGHT, _TREAD, _APART = 0.4, (0.25, 2.5), 1.0, 0.19, 0.3
 # Metres between a door and its wall, at most.
 _IN_WALL = 0.05
 
@@ -411,10 +411,44 @@ def _ways_of_rooms(between: IntArray, count: int) -> IntArray:
 
 
 def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator[Line]:
-    """Yield treads where the graph climbs."""
-    along = position[edges[:, 1]] - position[edges[:, 0]]
-    climb, run = np.abs(along[:, 2]), np.hypot(along[:, 0], along[:, 1])
+    """Yield treads where the graph climbs; a building of one storey has no stairs."""
+    if not storey.any():
+        return
+    flights = _flights(position, edges)
+    drawn: list[tuple[int, FloatArray]] = []
+    for start, end in flights:
+        step = position[end, :2] - position[start, :2]
+        aside = np.array([-step[1], step[0]]) / np.hypot(*step) * DOOR_WIDTH / 2
+        count = max(2, round(float(position[end, 2] - position[start, 2]) / _TREAD))
+        new = []
+        for share in (np.arange(count) + 0.5) / count:
+            at = position[start, :2] + share * step
+            for level in sorted({int(storey[start]), int(storey[end])}):
+                near = (np.hypot(*(at - its)) for on, its in drawn if on == level)
+                if min(near, default=np.inf) >= _APART:
+                    new.append((level, at))
+                    yield Line(level, np.stack([at - aside, at + aside]))
+        drawn += new
+
+
+def _flights(position: FloatArray, edges: IntArray) -> Sequence[tuple[int, int]]:
+    """Return the steep edges that are the way up, from below, the shortest first.
+
+    Those that lead higher along further ones, or from lower, have to climb the height of a flight
+    in all: cameras on one floor stand at several heights too.
+    """
+    height = position[:, 2]
+    is_up = height[edges[:, 1]] >= height[edges[:, 0]]
+    ways = np.where(is_up[:, None], edges, edges[:, ::-1])
+    along = position[ways[:, 1]] - position[ways[:, 0]]
+    climb, run = along[:, 2], np.hypot(along[:, 0], along[:, 1])
     is_steep = (climb > _CLIMB) & (climb >= _SLOPES[0] * run) & (climb <= _SLOPES[1] * run)
+    ways, run = ways[is_steep], run[is_steep]
+    top, bottom = height.copy(), height.copy()
+    for start, end in ways[np.argsort(-height[ways[:, 0]], kind="stable")].tolist():
+        top[start] = max(top[start], top[end])
+    for start, end in ways[np.argsort(height[ways[:, 1]], kind="stable")].tolist():
+        bottom[end] = min(bottom[end], bottom[start])
     parent = list(range(len(position)))
 
     def root(row: int) -> int:
@@ -423,21 +457,10 @@ def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator
         return row
 
     flights = []
-    rows = np.flatnonzero(is_steep)
-    for edge in rows[np.argsort(run[rows], kind="stable")].tolist():
-        start, end = map(root, edges[edge].tolist())
-        if start != end:  # a way that the shorter edges do not give yet
-            parent[end] = start
-            flights.append(edge)
-    roots = np.array([root(row) for row in range(len(position))])
-    for edge in flights:
-        heights = position[roots == roots[edges[edge, 0]], 2]
-        if heights.max() - heights.min() < FLIGHT:
-            continue
-        count = max(2, round(float(climb[edge]) / _TREAD))
-        step = along[edge, :2]
-        aside = np.array([-step[1], step[0]]) / run[edge] * DOOR_WIDTH / 2
-        for share in (np.arange(count) + 0.5) / count:
-            at = position[edges[edge, 0], :2] + share * step
-            for level in np.unique(storey[edges[edge]]).tolist():
-                yield Line(level, np.stack([at - aside, at + aside]))
+    for start, end in ways[np.argsort(run, kind="stable")].tolist():
+        first, last = root(start), root(end)
+        # Only a way that the shorter edges do not give yet.
+        if first != last and top[end] - bottom[start] >= _FLIGHT:
+            parent[last] = first
+            flights.append((start, end))
+    return flights

@@ -4,7 +4,7 @@ The walls are those of the viewpoint's room. Solids of objects that are seen fro
 fitted to their boxes; the others of the room are where its other viewpoints see them.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -78,8 +78,11 @@ class RoomView:
         is_unseen[rows] = False
         self._unseen = solids.take(is_unseen)
 
-    def faces(self, last: Collection[int] = ()) -> Sequence[Face]:
-        """Return what the view shows, the farthest first, and objects of ``last`` after all."""
+    def faces(self, last: Sequence[int] = ()) -> Sequence[Face]:
+        """Return what the view shows, the farthest first, and objects of ``last`` after all.
+
+        These are in their order: nothing hides the last of them.
+        """
         return [*self._shell(), *self._objects(last)]
 
     # The room.
@@ -141,12 +144,13 @@ class RoomView:
 
     # Objects.
 
-    def _objects(self, last: Collection[int]) -> Iterator[Face]:
+    def _objects(self, last: Sequence[int]) -> Iterator[Face]:
         """Yield the faces of solids, those of the same object next to each other."""
         away = [np.linalg.norm(its.centre - self._camera, axis=1) for its in self._groups]
         away[1] = np.minimum(away[1], self._in_front_of(away[1]))
+        rank = {object_id: index for index, object_id in enumerate(last, 1)}
         found = [
-            (faces[0].object_id in last, -float(distance[row]), faces)
+            (rank.get(faces[0].object_id, 0), -float(distance[row]), faces)
             for its, distance in zip(self._groups, away, strict=True)
             for row, faces in self._faces_of(its)
         ]

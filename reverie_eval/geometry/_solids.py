@@ -26,8 +26,8 @@ CAMERA_HEIGHT = 1.5
 _STANDS = 0.5
 # Metres of the thinnest and the largest side of an object.
 _LEAST, _MOST = 0.03, 4.0
-# Half the thickness of what hangs on a wall, metres.
-_THIN = 0.03
+# Half the thickness of what hangs on a wall, and half the width of a room at least, metres.
+_THIN, _ROOM = 0.03, 0.45
 # Iterations that fit a solid to a box, by how much each may change a side, and the least depth.
 _FITS, _CHANGE, _NEAR = 6, 2.0, 0.15
 
@@ -101,7 +101,7 @@ def parts_of(kind: Kind) -> Sequence[Part]:
     made_of = kind.material
     whole: Part = (made_of, (-1, -1, -1), (1, 1, 1))
     frame: Material = "wood" if made_of == "glass" else made_of
-    pane: Material = "glass" if made_of == "wood" else made_of
+    pane: Material = "white" if made_of == "wood" else made_of
     arms = [(made_of, (x - 0.1, -1, -0.2), (x + 0.1, 1, 0.35)) for x in (-0.9, 0.9)]
     forms: Mapping[Form, Sequence[Part]] = {
         "table": [
@@ -173,8 +173,8 @@ class Solids:
         """Make solids of objects that look so wide and high, shape (n, 2), metres.
 
         ``bounds`` of shape (n, 2, 2) has the low and the high corner of each object's room along
-        the axes: backs are at the nearest wall. ``floors`` has the height of each storey. What is
-        near the floor stands on it.
+        the axes: solids are within, with their backs at the nearest wall. ``floors`` has the height
+        of each storey. What is near the floor stands on it.
         """
         flat = centre[:, :2] @ axes.T
         to_walls = np.hstack([bounds[:, 1] - flat, flat - bounds[:, 0]])
@@ -186,13 +186,20 @@ class Solids:
         half = np.stack([across, across, high], axis=1)
         rows = np.arange(len(half))
         half[rows, back % 2] = np.where(is_board, _THIN, across * depth)
+        # What is outside of its room was seen too badly to say where it is.
+        is_inside = (to_walls >= 0).all(axis=1, keepdims=True)
+        middle, reach = bounds.mean(axis=1), np.maximum((bounds[:, 1] - bounds[:, 0]) / 2, _ROOM)
+        half[:, :2] = np.where(is_inside, np.minimum(half[:, :2], reach), half[:, :2])
+        within = middle + np.clip(flat - middle, half[:, :2] - reach, reach - half[:, :2])
+        flat = np.where(is_inside, within, flat)
         floor = floors[storey]
         bottom, top = centre[:, 2] - high, centre[:, 2] + high
         stands = (bottom - floor < _STANDS * 2 * high) & (top > floor + _LEAST)
         bottom = np.where(stands, floor, bottom)
         half[:, 2] = np.maximum(top - bottom, _LEAST) / 2
-        middle = np.column_stack([centre[:, :2], (bottom + np.maximum(top, bottom + _LEAST)) / 2])
-        return cls(object_id, names, storey, room, middle, half, back, axes)
+        up = (bottom + np.maximum(top, bottom + _LEAST)) / 2
+        centre = np.column_stack([flat @ axes, up])
+        return cls(object_id, names, storey, room, centre, half, back, axes)
 
     @property
     def frame(self) -> FloatArray:

@@ -5,7 +5,7 @@ photographs, the view shows a drawn room with solids, and the panorama an empty 
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from itertools import groupby
 from operator import itemgetter
@@ -43,13 +43,13 @@ _DEGREE = WIDTH / 360
 # Degrees above and below the horizon that views show.
 _HIGHEST = 60
 _STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
-_TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
+_TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN, _ROLE_LINE = 16, 13, 25, 13
 # Metres from the floor to a camera, about.
 _EYES = 1.5
 # Degrees between the lines of the grid.
 _STEP = 30
 # Width of a letter in a label by its role, in units of the page.
-_LETTER: Mapping[str, float] = MappingProxyType({"other": 6.4, "target": 8.3, "answer": 8.3})
+_LETTER: Mapping[str, float] = MappingProxyType({"other": 6.9, "target": 8.3, "answer": 8.3})
 # Height of a line of labels, in units of the page.
 _LINE = 15.0
 # Baselines of the highest and the lowest label, in units of the page.
@@ -232,7 +232,7 @@ def _outlined(shown: AnswerView) -> Iterator[tuple[Role, VisibleObject]]:
 # The view.
 
 
-def room_shapes(room_view: RoomView, last: Collection[int] = ()) -> str:
+def room_shapes(room_view: RoomView, last: Sequence[int] = ()) -> str:
     """Draw a room and its solids; the objects of ``last`` are not hidden behind others."""
     shapes = (
         path(kind, "".join(line_data(_SCALE * it) + "z" for face in same for it in face.outlines))
@@ -253,7 +253,7 @@ def _view(shown: AnswerView, view: int) -> Iterator[str]:
     photograph = shown.skybox.view(view) if shown.skybox else ""
     headings = list(_meridians(view, horizon))
     if shown.room_view and not photograph:
-        important = [each.object_id for each in (shown.target, shown.predicted) if each]
+        important = [each.object_id for each in (shown.predicted, shown.target) if each]
         yield room_shapes(shown.room_view, important)
     else:
         yield _background(photograph, HEIGHT, horizon)
@@ -378,8 +378,7 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
     yield f'<svg width="{WIDTH}" height="{_STRIP_HEIGHT:.1f}">'
     for role, span, title in spans:
         yield from _on_panorama(role, span, middle, title)
-    for role, span, _ in spans:
-        yield from _role_label(role, span, middle)
+    yield from _role_labels([(role, span) for role, span, _ in spans if role != "other"], middle)
     if shown.view is not None:
         yield _frame(shown.view, middle)
     yield "</svg>"
@@ -415,15 +414,25 @@ def _on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[
             yield _rect(role, np.array([left + shift, top, right - left, height]), title)
 
 
-def _role_label(role: Role, span: Span, middle: float) -> Iterator[str]:
-    """Name the target above its position in the panorama, and the answer below."""
-    if role == "other":
-        return
-    x, _ = _position(np.array([span.middle, 0.0]), middle)
-    above, below = (_HIGHEST - span.high) * _DEGREE - 3, (_HIGHEST - span.low) * _DEGREE + 11
-    y = max(above, 10) if role == "target" else min(below, _STRIP_HEIGHT - 3)
-    x = min(max(x, _ROLE_MARGIN), WIDTH - _ROLE_MARGIN)
-    yield _text(f"label role {role}", x, y, role)
+def _role_labels(spans: Sequence[tuple[Role, Span]], middle: float) -> Iterator[str]:
+    """Name the target above its position in the panorama, and the answer below; never over another.
+
+    What would be over another is nearer to the middle.
+    """
+    taken: list[tuple[float, float]] = []
+    for role, span in spans:
+        x, _ = _position(np.array([span.middle, 0.0]), middle)
+        above, below = (_HIGHEST - span.high) * _DEGREE - 3, (_HIGHEST - span.low) * _DEGREE + 11
+        y = max(above, 10) if role == "target" else min(below, _STRIP_HEIGHT - 3)
+        x = min(max(x, _ROLE_MARGIN), WIDTH - _ROLE_MARGIN)
+        step = 1 if y < _STRIP_HEIGHT / 2 else -1
+        while any(
+            abs(x - its_x) < 2 * _ROLE_MARGIN and abs(y - its_y) < _ROLE_LINE
+            for its_x, its_y in taken
+        ):
+            y += step
+        taken.append((x, y))
+        yield _text(f"label role {role}", x, y, role)
 
 
 def _position(angles: FloatArray, middle: float) -> FloatArray:

@@ -39,6 +39,8 @@ _FLATTENED = 0.6
 _SMALL, _HANGS = 0.35, 0.9
 # Units of the page between the walk and a name.
 _CLEAR = 7
+# Metres: the width of the floor beneath a way that leads through no room.
+_WAY = 1.2
 _FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
 """From what is drawn to the eye: to the right, away and up."""
 
@@ -120,6 +122,9 @@ class BuildingPicture:
     # Levels.
 
     def _level(self, level: int) -> Iterator[str]:
+        ways = [self._page(each, level) for each in self._ways_outside(level)]
+        if ways:
+            yield path("room way", path_data("room", ways))
         for room in self._building.rooms_on(level):
             kind = f"room {room.name.partition(' ')[0]}".strip()
             yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))
@@ -133,6 +138,29 @@ class BuildingPicture:
         )
         yield f'<g class="solids">{"".join(joined)}</g>'
         yield draw_mark(self._title(level))
+
+    def _ways_outside(self, level: int) -> Iterator[FloatArray]:
+        """Yield the floor beneath the edges and viewpoints that no room contains."""
+        on_level = self._map.storey == level
+        here = self._map.position[:, :2]
+        is_outside = on_level.copy()
+        for room in self._building.rooms_on(level):
+            is_outside &= ~room.contains(here)
+        edges = self._map.edges
+        is_way = on_level[edges].all(axis=1) & is_outside[edges].any(axis=1)
+        alone = np.repeat(np.flatnonzero(is_outside)[:, None], 2, axis=1)
+        for start, end in here[np.vstack([edges[is_way], alone])]:
+            along = end - start
+            along = along / np.hypot(*along) if along.any() else self._axes[0]
+            ahead, aside = _WAY / 2 * along, _WAY / 2 * np.array([-along[1], along[0]])
+            yield np.array(
+                [
+                    start - ahead - aside,
+                    end + ahead - aside,
+                    end + ahead + aside,
+                    start - ahead + aside,
+                ]
+            )
 
     def _title(self, level: int) -> Mark:
         bottom = self._page(self._ground(level), level)[:, 1].max()

@@ -130,18 +130,32 @@ def test_stairs_between_two_storeys() -> None:
 
 
 @pytest.mark.parametrize(
-    ("there", "treads"),
+    ("climb", "run", "treads"),
     [
-        pytest.param((2.0, 0.0, 1.2), 6, id="stairs"),
-        pytest.param((2.0, 0.0, 0.9), 0, id="a step"),
-        pytest.param((5.0, 0.0, 1.2), 0, id="a ramp"),
-        pytest.param((0.4, 0.0, 1.2), 0, id="a ladder"),
+        pytest.param([0, 1.2], 2.0, 6, id="stairs"),
+        pytest.param([0, 0.6, 1.2], 1.0, 6, id="in two parts"),
+        pytest.param([0, 0.95], 2.0, 0, id="a step"),
+        pytest.param([0, 0.6, 0.15, 0.75, 0.3, 0.9, 0.45, 1.05], 0.5, 0, id="up and down"),
+        pytest.param([0, 1.2], 5.0, 0, id="a ramp"),
+        pytest.param([0, 1.2], 0.4, 0, id="a ladder"),
     ],
 )
-def test_stairs_climb(there: tuple[float, float, float], treads: int) -> None:
-    position = np.array([(0.0, 0.0, 0.0), there])
+def test_stairs_climb(climb: list[float], run: float, treads: int) -> None:
+    """Viewpoints in a row, in a building of two storeys; there are no stairs in one of one."""
+    row = [(run * index, 0.0, height) for index, height in enumerate(climb)]
+    position = np.array([*row, (-1.0, 0.0, 0.0), (9.0, 9.0, 5.0), (9.0, 8.0, 5.0)])
+    edges = np.column_stack([np.arange(len(row) - 1), np.arange(1, len(row))])
     nothing = seen_from(position, [], np.zeros((0, 3)), [], known=True)
-    assert len(model_building(position, np.array([[0, 1]]), nothing).treads) == treads
+    assert len(model_building(position, edges, nothing).treads) == treads
+    assert not model_building(position[: len(row)], edges, nothing).treads
+
+
+def test_stairs_that_fan_out_are_drawn_once() -> None:
+    """The second way up, to a place 0.2 m beside the first, has no treads of its own."""
+    position = np.array([(0, 0, 0), (-1, 0, 0), (4, 0, 3), (4.1, 0.2, 3)], dtype=float)
+    nothing = seen_from(position, [], np.zeros((0, 3)), [], known=True)
+    treads = model_building(position, np.array([[0, 2], [0, 3]]), nothing).treads
+    assert len(treads) == 2 * 16
 
 
 def test_where_objects_are_without_their_distances() -> None:

@@ -72,6 +72,28 @@ def test_sizes_of_solids(
     assert thing.centre[0] == pytest.approx([*centre[:2], middle])
 
 
+@pytest.mark.parametrize(
+    ("centre", "expected"),
+    [
+        pytest.param((1.9, 0.0), (1.75, 0.0), id="through a wall"),
+        pytest.param((0.0, -1.8), (0.0, -1.75), id="through another"),
+        pytest.param((2.5, 0.0), (2.5, 0.0), id="in another room"),
+    ],
+)
+def test_solids_are_within_their_room(
+    centre: tuple[float, float], expected: tuple[float, float]
+) -> None:
+    """A couch is a metre wide and half as deep, and has its back to the wall."""
+    assert solids(["couch"], [(*centre, 0.5)]).centre[0, :2] == pytest.approx(expected)
+
+
+def test_solids_are_no_larger_than_their_room() -> None:
+    wide = solids(["box"], [(1.0, 0.0, 1.5)], size=3.9)
+    assert wide.half[0, :2] == pytest.approx((1.95, 1.95))
+    assert wide.centre[0, :2] == pytest.approx((0.05, 0.0))
+    assert solids(["box"], [(0.5, 0.0, 1.5)], size=5.0).half[0, :2] == pytest.approx((2, 2))
+
+
 def test_backs_are_at_the_nearest_wall() -> None:
     """The back of a chair is the highest of its boxes; walls to the east, north, west, south."""
     around = [(1.5, 0, 1), (0, 1.5, 1), (-1.5, 0, 1), (0, -1.5, 1)]
@@ -128,6 +150,12 @@ def order(seen: Seen = NOTHING, last: Sequence[int] = ()) -> list[int]:
 def test_the_nearest_is_drawn_last() -> None:
     assert order() == [1, 2, 0]
     assert order(last=[1]) == [2, 0, 1]
+
+
+def test_nothing_hides_the_last_of_what_is_drawn_last() -> None:
+    """Object 0 is in front of object 1, but an answer does not hide the target."""
+    assert order(last=[0, 1]) == [2, 0, 1]
+    assert order(last=[1, 0]) == [2, 1, 0]
 
 
 def test_what_is_within_another_box_is_in_front_of_it() -> None:

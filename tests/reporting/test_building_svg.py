@@ -97,6 +97,9 @@ def test_objects_without_a_room_are_left_out(episode: Episode) -> None:
     )
     svg = BuildingPicture(replace(whole, building=bare)).svg()
     assert not of_class(svg, "wood")
+    # There is a floor beneath its ways, and beneath none in a room.
+    assert len(of_class(svg, "way")) == 1
+    assert not of_class(BuildingPicture(whole).svg(), "way")
     assert len(of_class(svg, "route-1")) == len(of_class(BuildingPicture(whole).svg(), "route-1"))
 
 

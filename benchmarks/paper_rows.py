@@ -74,22 +74,27 @@ POINTERS = (
     Row("CM-Erase", "cm-erase", reads="names, boxes"),
 )
 LAN_ONLY = "directions; at the stop, "
+SELF_MONITOR = Row("SelfMonitor", "self-monitor", "greedy")
+FAST = SELF_MONITOR._replace(title="FAST-Short", walk="fast")
 NAVIGATORS = (
     Row("R2R-TF", "r2r-tf", "greedy"),
     Row("R2R-SF", "r2r-sf", "greedy"),
     Row("RCM", "rcm", "greedy"),
-    Row("SelfMonitor", "self-monitor", "greedy"),
-    Row("FAST-Short", "self-monitor", "fast"),
+    SELF_MONITOR,
+    FAST,
     Row("FAST-Lan-Only", "fast-lan-only", "fast", f"{LAN_ONLY}names, boxes", f"{LAN_ONLY}pictures"),
     Row("Interactive Navigator-Pointer", "interactive", "fast"),
 )
-FAST = NAVIGATORS[4]
-ABLATIONS = (
-    FAST,
+MISLED = (
     FAST._replace(title="with another episode's instruction", bundles="others"),
     FAST._replace(title="without instruction", bundles="silent"),
     FAST._replace(title="with the names of other objects of the building", bundles="shuffled"),
-    FAST._replace(title="with log-probabilities in its queue", walk="likeliest"),
+)
+LIKELIEST = FAST._replace(title="with log-probabilities in its queue", walk="likeliest")
+ABLATIONS = (
+    FAST,
+    *MISLED,
+    LIKELIEST,
     FAST._replace(title="trained without names", without=("names", "matches")),
     FAST._replace(title="trained without matches of names", without=("matches",)),
     FAST._replace(title="trained without geometry", without=("geometry",)),
@@ -112,13 +117,13 @@ DRAWN = {
     "rgspl": "and answers (RGSPL)",
 }
 """Metrics of the picture, and what they mean."""
-WALKED = (NAVIGATORS[3], FAST, ABLATIONS[4])
+WALKED = (SELF_MONITOR, FAST, LIKELIEST)
 DRAWN_ROWS = {
     "one network walks greedily, as FAST-Short, and by log-probabilities": ("o-", BLUE, WALKED),
     "FAST-Short with another instruction, with none, and with other names": (
         "X",
         VERMILION,
-        ABLATIONS[1:4],
+        MISLED,
     ),
     "other rows on names": ("s", GREY, [row for row in NAVIGATORS if row not in WALKED]),
 }

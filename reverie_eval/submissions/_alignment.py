@@ -49,7 +49,7 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> SubmissionColu
         _episode_problems(looked, ground_truth),
         _trajectory_problems(predictions, episode, viewpoint, whole),
     )
-    return replace(predictions, viewpoint=viewpoint).take(_in_order(episode, rows))
+    return replace(predictions, viewpoint=viewpoint).take(_in_order(episode, whole, rows))
 
 
 def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> SubmissionColumns:
@@ -70,7 +70,7 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> S
     # A public bundle has no goals; the starts serve as well to check the answers.
     solution = ground_truth.solution
     stop = ground_truth.episodes.start if solution is None else solution.goal
-    in_order = predictions.take(_in_order(episode, rows))
+    in_order = predictions.take(_in_order(episode, whole, rows))
     return replace(in_order, viewpoint=stop, offsets=np.arange(len(stop) + 1))
 
 
@@ -228,11 +228,12 @@ def _raise_problems(*groups: Iterable[Problem]) -> None:
         raise SubmissionError(found)
 
 
-def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
+def _in_order(episode: IntArray, whole: GroundTruth, rows: IntArray | None) -> IntArray:
     """Return the records in the order of the ground truth, those of some episodes alone."""
-    # Every episode that is scored occurs once by now, so this order is the alignment.
-    order = np.argsort(episode)
-    return order if rows is None else order[np.isin(episode[order], rows)]
+    # Every episode that is scored occurs once by now, and no other one more than once.
+    record = np.empty(len(whole.episodes.instr_ids), dtype=np.int64)
+    record[episode] = np.arange(len(episode))
+    return record if rows is None else record[rows]
 
 
 def _episodes_and_viewpoints(
@@ -341,14 +342,18 @@ def _trajectory_problems(
     graph = ground_truth.graph
     # An unknown viewpoint or episode has index -1, which numpy takes for the last one: whatever is
     # looked up for it below is masked out again.
+    start, length = ground_truth.episodes.start[episode], np.diff(predictions.offsets)
+    is_wrong = graph.component[viewpoint] != np.repeat(graph.component[start], length)
+    is_wrong |= viewpoint == _UNKNOWN
+    first = predictions.offsets[:-1][length > 0]
+    is_wrong[first] |= viewpoint[first] != start[length > 0]
+    if not is_wrong.any():
+        return  # nearly always: the record of each pose is needed for problems alone
     record = row_of(predictions.offsets)
-    start = ground_truth.episodes.start[episode][record]
-    is_wrong = (graph.component[viewpoint] != graph.component[start]) | (viewpoint == _UNKNOWN)
-    first = predictions.offsets[:-1][np.diff(predictions.offsets) > 0]
-    is_wrong[first] |= viewpoint[first] != start[first]
     for pose in np.flatnonzero(is_wrong & (episode[record] != _UNKNOWN)).tolist():
         if predictions.viewpoint_id(pose) is not None:  # None was reported while reading
-            yield _pose_problem(predictions, pose, int(viewpoint[pose]), int(start[pose]), graph)
+            begin = int(start[record[pose]])
+            yield _pose_problem(predictions, pose, int(viewpoint[pose]), begin, graph)
 
 
 def _pose_problem(

@@ -15,7 +15,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
-from itertools import chain, count, repeat
+from itertools import chain, repeat
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
@@ -25,11 +25,13 @@ from msgspec import Raw
 
 from reverie_eval.arrays import (
     LARGEST_OBJECT_ID,
+    Array,
     BoolArray,
     FloatArray,
     IntArray,
     last_of,
     offsets_of,
+    take_rows,
 )
 from reverie_eval.geometry import HEIGHT, WIDTH, view_angles
 from reverie_eval.ground_truth import ID_LENGTH, ViewpointTable
@@ -73,7 +75,7 @@ _INTEGERS = frozenset({int, np.int64, np.int32})
 
 # Bytes that are read at once. The arrays of so many stay in the processor's cache, and memory is
 # used again: the time for each episode and the memory do not grow with the file.
-_PIECE = 1 << 19
+_PIECE = 3 << 18
 _SPACE = rb"[ \t\r\n]*"
 _FIRST_FIELD = re.compile(rb'%b\[%b\{%b("[^"\\]*")' % ((_SPACE,) * 3))
 _MOST_FIELDS = 100
@@ -86,8 +88,8 @@ _BOX_FIELDS = (BOX, VIEW, IMAGE_SIZE)
 _ANY_BOX = (0.0, 0.0, 1.0, 1.0)
 _NO_BOX = (np.nan,) * 4
 
-# All that viewpoint ids, numbers and the space between them consist of.
-_WITHOUT_MARKS = b"0123456789abcdefE+-. \t\r\n"
+# All that viewpoint ids, numbers and the space between them consist of; exponents have an "e".
+_WITHOUT_MARKS = b"0123456789abcdef+-. \t\r\n"
 _QUOTE, _COMMA, _OPEN, _CLOSE, _COLON, _BLANK, _MINUS, _E = b'",[]: -e'
 _ZERO = np.uint8(ord("0"))
 # Behind the last trajectory. In so many bytes behind an id, heading and elevation are looked for.
@@ -110,12 +112,14 @@ class _Records(NamedTuple):
 
     text: bytes
     """A list of them, as JSON."""
+    n_colons: int
+    """How many of them it has if it is the whole document."""
     differences: Mapping[str, int]
     keys: Sequence[str] = ()
     """Their keys, if they have any."""
     instr_ids: Sequence[str] = ()
     """Their ids, if they are the trajectories of items."""
-    locations: Sequence[RecordLocation] | None = None
+    locate: Callable[[int], RecordLocation] | None = None
 
 
 class _Form(NamedTuple):
@@ -166,6 +170,8 @@ class _Part(NamedTuple):
     box: FloatArray
     """Shape (n_records, 7): a box, its image's size and its view, NaN for none. Without the field,
     shape (n_records, 0)."""
+    n_colons: IntArray
+    """Shape (1,): the colons of what was decoded."""
     walks: _Walks
 
 
@@ -202,20 +208,19 @@ _decode_numbers = msgspec.json.Decoder(list[float]).decode
 
 
 def _find_records(content: bytes, task: Task) -> _Records:
+    n_colons = _count_colons(content)
     first = content[:1] if content[:1] in (b"[", b"{") else content.lstrip()[:1]
     if first == b"[":
-        return _split_items(content) if task.has_items else _Records(content, {})
+        return _split_items(content) if task.has_items else _Records(content, n_colons, {})
     _require(first == b"{" and not task.has_items)
     try:
         keyed = _decode_keyed(content)
     except msgspec.DecodeError:  # which ends at the second of several lines
-        return _Records(_list_of(_decode_lines(content)), {})
-    text = _list_of(keyed.values())
-    # Where a key comes twice, the parser drops a value, and with it at least one colon.
-    _require(len(keyed) + _count_colons(text) == _count_colons(content))
+        return _Records(_list_of(_decode_lines(content)), n_colons, {})
     # Fields are keys in a table of columns.
     _require(RECORD_FIELDS.isdisjoint(keyed))
-    return _Records(text, {"keyed": len(keyed)}, keys=list(keyed))
+    count = len(keyed)
+    return _Records(_list_of(keyed.values()), n_colons - count, {"keyed": count}, list(keyed))
 
 
 def _split_items(content: bytes) -> _Records:
@@ -227,7 +232,6 @@ def _split_items(content: bytes) -> _Records:
         _list_of(each if it else _list_of([each]) for each, it in zip(texts, is_list, strict=True))
     )
     text = _list_of(chain.from_iterable(trajectories))
-    _require(2 * len(items) + _count_colons(text) == _count_colons(content))
     seen: Counter[str] = Counter()
     instr_ids, locations = [], []
     for row, (item, parts) in enumerate(zip(items, trajectories, strict=True)):
@@ -237,12 +241,16 @@ def _split_items(content: bytes) -> _Records:
             instr_ids.append(f"{name}{ITEM_MARK}{seen[name]}")
             locations.append(RecordLocation(row, trajectory=index))
             seen[name] += 1
-    return _Records(text, {"single trajectories": is_list.count(False)}, (), instr_ids, locations)
+    n_colons = _count_colons(content) - 2 * len(items)
+    differences = {"single trajectories": is_list.count(False)}
+    return _Records(text, n_colons, differences, (), instr_ids, locations.__getitem__)
 
 
 def _count_colons(text: bytes) -> int:
     # Five times as fast as `bytes.count`.
-    return int(np.count_nonzero(np.frombuffer(text, np.uint8) == _COLON))
+    letters = np.frombuffer(text, np.uint8)
+    pieces = (letters[begin : begin + _PIECE] for begin in range(0, len(text), _PIECE))
+    return sum(int(np.count_nonzero(piece == _COLON)) for piece in pieces)
 
 
 def _list_of(texts: Iterable[Any]) -> bytes:
@@ -274,7 +282,10 @@ def _read(
     log = ReadingLog()
     exact_angles = exact_angles or form.has_boxes
     read = partial(_read_piece, form, task, viewpoints, log, exact_angles=exact_angles)
-    part = _Part(*map(_join, zip(*map(read, _pieces(text, between)), strict=True)))
+    parts = map(read, map(form.decode, _pieces(text, between)))
+    part = _Part(*map(_join, zip(*parts, strict=True)))
+    # Where a field or a key comes twice, the parser drops a value, and with it at least one colon.
+    _require(records.n_colons == part.n_colons.sum())
     walks = part.walks
     has_degrees = look_like_degrees(walks.stop_angles)
     if has_degrees and not exact_angles:
@@ -296,11 +307,9 @@ def _read(
     if not answers_only:
         _note_elements(walks, log)
     pose_locations, continues_hop = _pose_locations(walks)
-    locations = records.locations
+    locate = records.locate
     if keys:
-        id_key = form.id_key or task.id_field.name
-        # By `map`, which takes half as long as a loop.
-        locations = list(map(RecordLocation, count(), keys, repeat(None), repeat(id_key)))
+        locate = partial(_locate_key, keys, form.id_key or task.id_field.name)
     predictions = Predictions(
         instr_ids=instr_ids,
         viewpoint=walks.viewpoint,
@@ -313,7 +322,7 @@ def _read(
         boxes=boxes,
         is_navigation_only=not has_answers,
         point=part.point if task.has_items else None,
-        locations=locations,
+        locate=locate,
         pose_locations=pose_locations,
         continues_hop=continues_hop,
         read_as=log.read_as(),
@@ -327,6 +336,10 @@ def _read(
         ),
     )
     return predictions.without_trajectories() if answers_only else predictions
+
+
+def _locate_key(keys: Sequence[str], id_key: str, row: int) -> RecordLocation:
+    return RecordLocation(row, keys[row], id_key=id_key)
 
 
 def _join(columns: Sequence[Any]) -> Any:
@@ -394,32 +407,33 @@ def _read_piece(
     task: Task,
     viewpoints: ViewpointTable,
     log: ReadingLog,
-    text: bytes,
+    records: list[Any],
     *,
     exact_angles: bool,
 ) -> _Part:
-    records = form.decode(text)
+    n_records = len(records)
     columns = {name: list(map(attrgetter(it), records)) for name, it in form.fields.items()}
+    walks_text = b"".join([*columns.pop(form.walk_key), _MARGIN])
+    # Or the piece that they were decoded from would be kept while trajectories are read.
+    records.clear()
     others = b",".join(chain.from_iterable(columns[name] for name in form.other_keys))
     # The parser does not look into texts and numbers that it skips.
     others.decode()
     _require(not _has_long_number(others))
-    # Where a field comes twice, it drops a value, and with it at least one colon.
-    n_colons = len(records) * len(columns) + others.count(b":")
-    _require(_count_colons(text) == n_colons)
+    n_colons = np.array([n_records * len(form.fields) + others.count(b":")])
     instr_ids = columns[form.id_key] if form.id_key else ()
     if task.has_numbers:
         instr_ids = list(map(str, instr_ids))
-    point = box = np.empty((len(records), 0))
+    point = box = np.empty((n_records, 0))
     if task.has_items:
         point = _read_points([columns[key] for key in POINT_KEYS], log)
     given = {key: columns[key] for key in form.answer_keys}
     if form.has_boxes:
         box = _read_boxes(columns)
         given[BOX.name] = [each and _ANY_BOX for each in columns[BOX.name]]
-    answers = _read_answers(given, len(records), log)
-    walks = _read_walks(columns[form.walk_key], viewpoints, exact_angles=exact_angles)
-    return _Part(instr_ids, *answers, point, box, walks)
+    answers = _read_answers(given, n_records, log)
+    walks = _read_walks(walks_text, n_records, viewpoints, exact_angles=exact_angles)
+    return _Part(instr_ids, *answers, point, box, n_colons, walks)
 
 
 def _has_long_number(text: bytes) -> bool:
@@ -508,10 +522,11 @@ def _read_points(columns: Sequence[list[Any]], log: ReadingLog) -> FloatArray:
 # Trajectories.
 
 
-def _read_walks(texts: Sequence[Raw], viewpoints: ViewpointTable, *, exact_angles: bool) -> _Walks:
+def _read_walks(
+    text: bytes, n_records: int, viewpoints: ViewpointTable, *, exact_angles: bool
+) -> _Walks:
     """Read trajectories from their JSON text."""
-    text = b"".join([*texts, _MARGIN])
-    n_elements, n_viewpoints, n_numbers = _read_marks(text, len(texts))
+    n_elements, n_viewpoints, n_numbers = _read_marks(text, n_records)
     length = np.add.reduceat(n_viewpoints, offsets_of(n_elements)[:-1])
     _require(length.min() > 0 and n_elements.max() <= MAX_POSES)
     letters = np.frombuffer(text, np.uint8)
@@ -522,18 +537,21 @@ def _read_walks(texts: Sequence[Raw], viewpoints: ViewpointTable, *, exact_angle
     viewpoint = viewpoints.find(ids)
     if viewpoint is None:
         raise _Declined
-    stop_angles = np.full((len(texts), 2), np.nan)
+    stop_angles = np.full((n_records, 2), np.nan)
     if n_numbers.max() > 0:
         _check_numbers(text, begin, np.count_nonzero(ids.view(np.uint8) == _E))
-        last = end[last_of(offsets_of(length))]
+        offsets = offsets_of(length)
+        last = end[last_of(offsets)]
         if exact_angles:
-            stop_angles = _read_angles(text, last)
+            until = np.append(begin[offsets[1:-1]] - 1, len(text))
+            count = n_numbers[last_of(offsets_of(n_elements))]
+            stop_angles = _read_angles(letters, last + 1, until, count)
         else:
             stop_angles[:] = np.where(_are_within_turn(text, last), 0, np.inf)[:, None]
     return _Walks(stop_angles, viewpoint, length, n_elements, n_viewpoints, n_numbers)
 
 
-def _read_marks(text: bytes, n_texts: int) -> tuple[IntArray, IntArray, IntArray]:
+def _read_marks(text: bytes, n_records: int) -> tuple[IntArray, IntArray, IntArray]:
     """Return the elements of each trajectory, and the viewpoints and numbers of each element.
 
     All of an element shows in the marks but its numbers, which show in the commas between.
@@ -543,7 +561,7 @@ def _read_marks(text: bytes, n_texts: int) -> tuple[IntArray, IntArray, IntArray
     is_open, is_close = marks == _OPEN, marks == _CLOSE
     # In JSON, a list that follows another without a comma is that of the next trajectory.
     ends = np.flatnonzero(is_close[:-1] & is_open[1:])
-    _require(len(ends) + 1 == n_texts and written[:1] == b"[" and written[-1:] == b"]")
+    _require(len(ends) + 1 == n_records and written[:1] == b"[" and written[-1:] == b"]")
     last, first = np.append(ends, len(marks) - 1), np.append(0, ends + 1)
     unit = _UNIT.match(written, 1)
     if unit is not None:
@@ -561,10 +579,10 @@ def _read_marks(text: bytes, n_texts: int) -> tuple[IntArray, IntArray, IntArray
     _require((closes[:-1] < opens[1:]).all())
     spans = closes - opens
     # A comma or the end is behind every element, and a beginning before the first.
-    _require(len(marks) == (spans + 2).sum() + n_texts)
+    _require(len(marks) == (spans + 2).sum() + n_records)
     is_quote = marks == _QUOTE
     n_commas = np.count_nonzero(marks == _COMMA)
-    _require(len(marks) == np.count_nonzero(is_quote) + n_commas + 2 * (len(opens) + n_texts))
+    _require(len(marks) == np.count_nonzero(is_quote) + n_commas + 2 * (len(opens) + n_records))
     quotes_before = np.cumsum(is_quote, dtype=np.int32)
     n_viewpoints = (quotes_before[closes] - quotes_before[opens]) // 2
     n_numbers = spans - 3 * n_viewpoints
@@ -585,7 +603,6 @@ def _check_numbers(text: bytes, begin: IntArray, n_letters: int | np.integer[Any
     letters = np.frombuffer(text, np.uint8)
     is_e = letters == _E
     n_exponents = np.count_nonzero(is_e) - n_letters
-    _require(b"E" not in text)
     if n_exponents:
         # A negative exponent makes a number smaller; ids have no minus sign.
         _require(n_exponents == np.count_nonzero(is_e[:-1] & (letters[1:] == _MINUS)))
@@ -607,15 +624,14 @@ def _are_within_turn(text: bytes, end: IntArray) -> BoolArray:
     return np.asarray(is_within_turn | (letters[end + 1] == _CLOSE))
 
 
-def _read_angles(text: bytes, end: IntArray) -> FloatArray:
-    """Return the angles behind each viewpoint that ends there; NaN where there are none."""
-    letters = np.frombuffer(text, np.uint8)
-    closes = np.flatnonzero(letters == _CLOSE)
-    offsets = offsets_of(closes[np.searchsorted(closes, end)] - end - 1)
-    # What is behind each begins with a comma if it is numbers.
-    behind = letters[np.arange(offsets[-1]) + np.repeat(end + 1 - offsets[:-1], np.diff(offsets))]
-    count = np.diff(offsets_of(behind == _COMMA)[offsets])
-    numbers = np.array(_decode_numbers(b"[0%b,0,0]" % behind.tobytes()))
+def _read_angles(letters: Array, begin: IntArray, end: IntArray, count: IntArray) -> FloatArray:
+    """Return the first two of so many numbers between each beginning and end; NaN for none.
+
+    Brackets are there too, and a comma before each number. A further one makes the text invalid.
+    """
+    between = take_rows(np.arange(0, 2 * len(begin), 2), np.column_stack([begin, end]).ravel())
+    text = letters[between].tobytes().translate(None, b"[]")
+    numbers = np.array(_decode_numbers(b"[0%b,0,0]" % text))
     first = offsets_of(count)[:-1] + 1
     angles = np.column_stack([numbers[first], numbers[first + 1]])
     angles[count == 0] = np.nan

@@ -5,10 +5,11 @@ the annotated objects that the agent sees, whichever of them is the target.
 """
 
 from collections.abc import Iterator
+from operator import itemgetter
 
 import numpy as np
 
-from reverie_eval.arrays import FloatArray, IntArray, last_of
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of
 from reverie_eval.geometry import HEIGHT, N_HEADINGS, N_VIEWS, WIDTH, snap
 from reverie_eval.ground_truth import CandidateBoxes, GroundTruth
 from reverie_eval.metrics import ABSTAINED, box_match
@@ -155,37 +156,37 @@ def reading_hints(
     sample = np.unique(np.linspace(0, len(boxes.row) - 1, _SAMPLE).astype(np.int64))
     boxes, viewpoint = boxes.take(sample), viewpoint[sample]
     xywh, view = boxes.uncut_xywh, snap(boxes.camera)
-    pairs = annotated.pair_with_all(viewpoint, view)
-    as_given = _share_of_fits(xywh, pairs, annotated)
     views = _other_views(view)
     if np.isfinite(boxes.stop_angles).all():
         views["boxes in the view of the last pose"] = snap(boxes.stop_angles)
-    readings = {
-        **{what: _share_of_fits(other, pairs, annotated) for what, other in _other_boxes(xywh)},
-        **{
-            what: _share_of_fits(xywh, annotated.pair_with_all(viewpoint, other), annotated)
-            for what, other in views.items()
-        },
-    }
-    what = max(readings, key=lambda each: readings[each])
-    if readings[what] > max(MOST, as_given + _BETTER):
+    readings = [
+        ("", xywh, view),
+        *((what, other, view) for what, other in _other_boxes(xywh)),
+        *((what, xywh, other) for what, other in views.items()),
+    ]
+    names, boxes_of, views_of = zip(*readings, strict=True)
+    pairs = annotated.pair_with_all(np.tile(viewpoint, len(names)), np.concatenate(views_of))
+    fits = _fits(np.concatenate(boxes_of), pairs, annotated).reshape(len(names), -1)
+    as_given, *others = fits.mean(axis=1).tolist()
+    share, what = max(zip(others, names[1:], strict=True), key=itemgetter(0))
+    if share > max(MOST, as_given + _BETTER):
         yield (
             f"{100 * as_given:.0f} % of the boxes fit an annotated object; read as {what}, "
-            f"{100 * readings[what]:.0f} % would; predBox is [x, y, width, height] in the image of "
+            f"{100 * share:.0f} % would; predBox is [x, y, width, height] in the image of "
             "predView"
         )
 
 
-def _share_of_fits(
+def _fits(
     xywh: FloatArray, pairs: tuple[IntArray, IntArray], annotated: CandidateBoxes
-) -> float:
-    """Return the share of boxes that would be correct for some object that they are paired with."""
+) -> BoolArray:
+    """Whether each box fits some object that it is paired with."""
     index, row = pairs
     # Corners read as [x, y, width, height], or the other way round, may give sides below 0.
     has_area = np.logical_and(*(xywh[:, 2:] > 0).T)[index]
     index, row = index[has_area], row[has_area]
     fits = box_match(xywh[index], annotated.xywh[row])
-    return float((np.bincount(index, weights=fits, minlength=len(xywh)) > 0).mean())
+    return np.bincount(index, weights=fits, minlength=len(xywh)) > 0
 
 
 def _other_boxes(xywh: FloatArray) -> Iterator[tuple[str, FloatArray]]:

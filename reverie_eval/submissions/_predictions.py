@@ -1,6 +1,6 @@
 """What reading a submission gives: its content as columns, and a log of what it found to say."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias, TypeVar
 
@@ -138,17 +138,16 @@ class SubmissionColumns:
 
     def take(self, rows: IntArray) -> "SubmissionColumns":
         """Return some of the rows, in the given order."""
-        new_row = np.full(len(self.predicted_object), -1)  # of rows that are left out
-        new_row[rows] = np.arange(len(rows))
-        boxes = replace(self.boxes, row=new_row[self.boxes.row])
-        n_left_out = np.count_nonzero(boxes.row < 0)
+        box = np.full(len(self.predicted_object), -1)  # of rows without one
+        box[self.boxes.row] = np.arange(len(self.boxes.row))
+        has_box = np.flatnonzero(box[rows] >= 0)
         return SubmissionColumns(
             viewpoint=self.viewpoint[take_rows(rows, self.offsets)],
             offsets=offsets_of(np.diff(self.offsets)[rows]),
             predicted_object=self.predicted_object[rows],
             answer_is_text=self.answer_is_text[rows],
             has_leading_zeros=self.has_leading_zeros[rows],
-            boxes=boxes.take(np.argsort(boxes.row)[n_left_out:]),
+            boxes=replace(self.boxes.take(box[rows[has_box]]), row=has_box),
             is_navigation_only=self.is_navigation_only,
             point=None if self.point is None else self.point[rows],
         )
@@ -187,8 +186,8 @@ class Predictions(SubmissionColumns):
     """The viewpoint ids, each once, that ``viewpoint`` indexes; None if one could not be read."""
     has_degrees: bool
     """Whether most angles look like degrees."""
-    locations: Sequence[RecordLocation] | None = None
-    """The location of each record in the file."""
+    locate: Callable[[int], RecordLocation] | None = None
+    """Returns the location of a record in the file, by its row; None for a list of records."""
     pose_locations: Sequence[PoseLocation] | IntArray | None = None
     """The location of each pose in its trajectory, or an array with -1 for what it lacks."""
     continues_hop: BoolArray | None = None
@@ -220,9 +219,9 @@ class Predictions(SubmissionColumns):
 
     def location(self, record: int) -> RecordLocation:
         """Return the location of a record in the file."""
-        if self.locations is None:
+        if self.locate is None:
             return RecordLocation(record, id_key=self.signs.id_key)
-        return self.locations[record]
+        return self.locate(record)
 
     def pose_location(self, record: int, pose: int) -> PoseLocation:
         """Return the location of a pose in its trajectory.

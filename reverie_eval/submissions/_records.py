@@ -333,7 +333,7 @@ def read_carefully(
         has_degrees=look_like_degrees(stop_angles),
         answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
         has_leading_zeros=np.array([a.has_leading_zeros for a in answers], dtype=np.bool_),
-        locations=[record.location for record in records],
+        locate=[record.location for record in records].__getitem__,
         pose_locations=list(chain.from_iterable(walk.locations for walk in walks)),
         continues_hop=np.fromiter(
             chain.from_iterable(walk.continues_hop for walk in walks), np.bool_

@@ -365,7 +365,7 @@ def test_hops_by_the_fast_reader() -> None:
         pytest.param(boxed(predBox="[1e308, 2, 1e308, 4]"), True, id="box outside"),
         pytest.param(boxed(trajectory=f"[[{A}]]"), False, id="box without a camera"),
         pytest.param(boxed(trajectory=f"[[{A}, 1, 1.6]]"), False, id="box from upside down"),
-        pytest.param(boxed(trajectory=f"[[{A}, 90, 1.5, 7], []]"), True, id="box, empty hop"),
+        pytest.param(boxed(trajectory=f"[[{A}, 90, 1.5, 7], []]"), False, id="box, empty hop"),
         pytest.param(f'{RIGHT_RECORD[:-1]}, "predObjId": 3}}', False, id="a field twice"),
         pytest.param(f'{RIGHT_RECORD[:-1]}, "pred\\u004fbjId": 3}}', False, id="twice, escaped"),
     ],

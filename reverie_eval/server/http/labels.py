@@ -5,10 +5,8 @@ what the field is called there, so the labels are read from the rendered page.
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from html import escape, unescape
-from html.parser import HTMLParser
 
 from markupsafe import Markup
 
@@ -21,9 +19,17 @@ _IN_ROWS = re.compile(r"(\w+)\.([0-9]+)(?:\.(\w+))?")
 _OF_ROW = re.compile(r".*-[0-9]+")
 """The name of a control for a field in one of several rows: ``closes-1``."""
 _OPTIONAL = " (optional)"
-_EMPTY = frozenset({"br", "hr", "img", "input", "link", "meta"})
-"""Elements without an end tag."""
-_CONTROLS = frozenset({"input", "select", "textarea"})
+# The pages are our own, so what labels their fields is always written in these ways.
+_PART = re.compile(
+    r"<form\b(?P<form>[^>]*)>"
+    r"|<legend\b[^>]*>(?P<legend>.*?)</legend>"
+    r'|<label for="(?P<id>[^"]*)"[^>]*>(?P<label>.*?)</label>'
+    r"|<(?:input|select|textarea)\b(?P<control>[^>]*)>",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(r'([\w-]+)="([^"]*)"')
+_HINT = re.compile(r'<span class="hint".*?</span>', re.DOTALL)
+_TAG = re.compile(r"<[^>]*>")
 _WORDS: Mapping[str, str] = {"email": "e-mail"}
 
 
@@ -80,97 +86,36 @@ def labels_of(html: str, path: str) -> Mapping[str, str]:
     >>> labels_of('<form action="/x"><label for="a">E-mail</label><input id="a" name="b">', "/x")
     {'b': 'E-mail'}
     """
-    reader = _FormReader(path)
-    reader.feed(html)
-    reader.close()
-    named = ((control.name, reader.label(control)) for control in reader.controls)
-    return {name: label for name, label in named if label}
+    texts: dict[str, str] = {}
+    controls: list[tuple[Mapping[str, str], str]] = []
+    legend, is_sent_there = "", False
+    for part in _PART.finditer(html):
+        match part.lastgroup:
+            case "form":
+                action = dict(_ATTRIBUTE.findall(part["form"])).get("action", path)
+                is_sent_there = action.partition("?")[0] == path
+            case "legend":
+                legend = _text(part["legend"])
+            case "label":
+                texts[part["id"]] = _text(part["label"])
+            case "control" if is_sent_there:
+                controls.append((dict(_ATTRIBUTE.findall(part["control"])), legend))
+    named = (
+        (control.get("name", ""), _label(control, texts.get(control.get("id", ""), ""), group))
+        for control, group in controls
+        if control.get("type") != "hidden"
+    )
+    return {name: label for name, label in named if name and label}
 
 
-@dataclass
-class _Element:
-    tag: str
-    attributes: Mapping[str, str | None]
-    text: str = ""
-    legend: str = ""
+def _label(control: Mapping[str, str], own: str, group: str) -> str:
+    """Return a control's label: that of its group for one choice out of several, or before it."""
+    if control.get("type") == "radio":
+        return group
+    is_in_row = _OF_ROW.fullmatch(control.get("name", ""))
+    return f"{group}, {own[:1].lower()}{own[1:]}" if is_in_row else own
 
 
-@dataclass
-class _Control:
-    name: str
-    id: str
-    is_radio: bool
-    groups: Sequence[_Element] = field(repr=False)
-    """The groups around it, the innermost first."""
-
-
-class _FormReader(HTMLParser):
-    """Collects the controls of the forms that are sent to a path, and all that may label them."""
-
-    def __init__(self, path: str) -> None:
-        super().__init__()
-        self.controls: list[_Control] = []
-        self._path = path
-        self._open: list[_Element] = []
-        self._texts: dict[str, str] = {}
-        """Labels by the id of their control, and texts by their own id."""
-
-    def label(self, control: _Control) -> str:
-        """Return a control's label: that of the group for one choice out of several."""
-        own = self._texts.get(control.id, "")
-        group = self._group_name(control.groups[0]) if control.groups else ""
-        if control.is_radio:
-            return group
-        return f"{group}, {own[:1].lower()}{own[1:]}" if _OF_ROW.fullmatch(control.name) else own
-
-    def _group_name(self, group: _Element) -> str:
-        return self._texts.get(group.attributes.get("aria-labelledby") or "", group.legend)
-
-    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
-        """Remember an element that is open, and a control."""
-        element = _Element(tag, dict(attrs))
-        if tag in _CONTROLS and self._is_here():
-            self._add(element)
-        if tag not in _EMPTY:
-            self._open.append(element)
-
-    def handle_data(self, data: str) -> None:
-        """Add text to the elements that it is in, unless it is a hint."""
-        if not any(each.attributes.get("class") == "hint" for each in self._open):
-            for element in self._open:
-                element.text += data
-
-    def handle_endtag(self, tag: str) -> None:
-        """Keep the text of an element that ends."""
-        if tag in _EMPTY:
-            return
-        while self._open:
-            element = self._open.pop()
-            self._keep(element, " ".join(element.text.split()).removesuffix(_OPTIONAL))
-            if element.tag == tag:
-                return
-
-    def _keep(self, element: _Element, text: str) -> None:
-        if element.tag == "legend" and self._open:
-            self._open[-1].legend = text
-        of = element.attributes.get("for" if element.tag == "label" else "id")
-        if of and element.tag not in _CONTROLS:
-            self._texts[of] = text
-
-    def _add(self, element: _Element) -> None:
-        groups = [
-            each
-            for each in reversed(self._open)
-            if each.tag == "fieldset" or each.attributes.get("role") == "radiogroup"
-        ]
-        name, kind = element.attributes.get("name"), element.attributes.get("type")
-        if name and kind != "hidden":
-            id = element.attributes.get("id") or ""  # noqa: A001
-            self.controls.append(_Control(name, id, kind == "radio", groups))
-
-    def _is_here(self) -> bool:
-        return any(
-            each.tag == "form"
-            and (each.attributes.get("action") or self._path).partition("?")[0] == self._path
-            for each in self._open
-        )
+def _text(html: str) -> str:
+    """Return the text of a label or a legend, without its hint."""
+    return " ".join(unescape(_TAG.sub("", _HINT.sub("", html))).split()).removesuffix(_OPTIONAL)

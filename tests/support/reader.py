@@ -6,6 +6,7 @@ from typing import NamedTuple
 from playwright.sync_api import Page, expect
 
 from tests.support.demo_site import OPEN
+from tests.support.waiting import wait_until
 
 
 class Learnt(NamedTuple):
@@ -29,11 +30,28 @@ def read(page: Page, url: str, history: str) -> Learnt:
     told = re.search(r"best \w+ ([\d.]+) % \((.*?)\)(?:, human ([\d.]+))?,", line.inner_text())
     assert told, line.inner_text()
     best, _, human = told.groups()
+    _see_what_is_hard(page)
     failure = _see_why_the_leader_fails(page)
     _play(page)
     _compare(page)
     far = None if human is None else float(human)
     return Learnt(told[2], float(best), far, failure, _find(page, history, "2021"))
+
+
+def _see_what_is_hard(page: Page) -> None:
+    """Open a split's episodes, and come again while its methods are being compared."""
+    page.get_by_role("link", name="Episodes", exact=True).first.click()
+    page.locator(f"a[href$='/episodes/{OPEN}']").first.click()
+    reload = page.get_by_role("link", name="Reload this page")
+
+    def is_compared() -> bool:
+        if reload.count():
+            reload.click()
+        return page.get_by_role("heading", name="Difficulty").count() > 0
+
+    wait_until(is_compared)
+    page.get_by_role("region", name="Buildings, the hardest first").locator("a").first.click()
+    expect(page.get_by_role("heading", name="Where walks end in")).to_be_visible()
 
 
 def _see_why_the_leader_fails(page: Page) -> str:

@@ -182,8 +182,7 @@ def view_rooms(found: Sequence[Scan], buildings: Mapping[str, Building]) -> Sequ
     seconds, overlaps = [], []
     for scan in found:
         for row, objects in enumerate(scan.objects):
-            views = np.concatenate([[12], *(each.view for each in objects)]).astype(np.int64)
-            view = int(np.bincount(views).argmax())
+            view = fullest_view(objects)
             seen = seen_in(view, objects)
             begin = process_time()
             room_view = RoomView(buildings[scan.name], scan.position, row, view, seen)
@@ -199,6 +198,13 @@ def view_rooms(found: Sequence[Scan], buildings: Mapping[str, Building]) -> Sequ
         ("view, ms", 1000 * float(np.median(seconds)), 50.0),
         ("1 - IoU of solid and box", 1 - float(np.median(overlap)), 0.3),
     ]
+
+
+def fullest_view(objects: Sequence[VisibleObject]) -> int:
+    """Return the view with the most boxes; to the north if there are none."""
+    if not objects:
+        return 12
+    return int(np.bincount(np.concatenate([each.view for each in objects])).argmax())
 
 
 def overlaps_of(room_view: RoomView, camera: FloatArray, seen: Seen) -> FloatArray:

@@ -40,6 +40,8 @@ _AT_HAND, _NEAR, _LARGE = 0.5, 1.5, 50.0
 # Stairs: the least climb of an edge, its slopes, the least climb of edges that lead on from each
 # other, metres up from tread to tread, and the least metres between treads of two edges.
 _CLIMB, _SLOPES, _FLIGHT, _TREAD, _APART = 0.4, (0.25, 2.5), 1.0, 0.19, 0.3
+# The part of a flight that is not seen from the storey above.
+_BELOW = 0.5
 # Metres between a door and its wall, at most.
 _IN_WALL = 0.05
 
@@ -411,7 +413,10 @@ def _ways_of_rooms(between: IntArray, count: int) -> IntArray:
 
 
 def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator[Line]:
-    """Yield treads where the graph climbs; a building of one storey has no stairs."""
+    """Yield treads where the graph climbs; a building of one storey has no stairs.
+
+    They stand on the storey where they begin, and their upper half is seen on that above.
+    """
     if not storey.any():
         return
     flights = _flights(position, edges)
@@ -423,7 +428,9 @@ def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator
         new = []
         for share in (np.arange(count) + 0.5) / count:
             at = position[start, :2] + share * step
-            for level in sorted({int(storey[start]), int(storey[end])}):
+            for level in sorted(
+                {int(storey[start]), int(storey[end if share > _BELOW else start])}
+            ):
                 near = (np.hypot(*(at - its)) for on, its in drawn if on == level)
                 if min(near, default=np.inf) >= _APART:
                     new.append((level, at))

@@ -1,7 +1,8 @@
 """Views of rooms: what a room looks like in a view, as flat faces from the farthest to the nearest.
 
 The walls are those of the viewpoint's room. Solids of objects that are seen from the viewpoint are
-fitted to their boxes; the others of the room are where its other viewpoints see them.
+fitted to their boxes; the others of the room are where its other viewpoints see them, if they are
+far enough to have no box here.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,6 +25,8 @@ from reverie_eval.geometry._views import (
 
 # Metres: from a camera to the ceiling, of a door, of a frame, of a skirting board.
 _CEILING, _DOOR_HEIGHT, _FRAME, _SKIRTING = 1.1, 2.05, 0.08, 0.1
+# Released boxes are of what is visible within so many metres: what is nearer, and has none, is not.
+_LISTED = 2.0
 # Metres around a viewpoint that stands in no room, at least.
 _AROUND = 1.5
 _MIN_DEPTH = 0.05
@@ -76,6 +79,7 @@ class RoomView:
         """The solids of the objects that are seen, in their order."""
         is_unseen = (solids.room == self._room) & (self._room >= 0)
         is_unseen[rows] = False
+        is_unseen &= np.linalg.norm(solids.centre - self._camera, axis=1) > _LISTED
         self._unseen = solids.take(is_unseen)
 
     def faces(self, last: Sequence[int] = ()) -> Sequence[Face]:

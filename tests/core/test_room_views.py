@@ -141,8 +141,8 @@ def test_a_viewpoint_outside_of_rooms_has_walls_around_it() -> None:
 
 
 def order(seen: Seen = NOTHING, last: Sequence[int] = ()) -> list[int]:
-    """Return the order in which three boxes, 1.2, 1.8 and 1.5 m away, are drawn."""
-    things = solids(["box"] * 3, [(0, 1.2, 1.5), (0.5, 1.8, 1.5), (-0.5, 1.5, 1.5)], size=0.3)
+    """Return the order in which three boxes, 2.2, 2.8 and 2.5 m away, are drawn."""
+    things = solids(["box"] * 3, [(0, 2.2, 1.5), (0.5, 2.8, 1.5), (-0.5, 2.5, 1.5)], size=0.3)
     drawn = [face.object_id for face in look(NORTH, things, seen, last) if face.object_id >= 0]
     return list(dict.fromkeys(drawn))
 
@@ -164,11 +164,13 @@ def test_what_is_within_another_box_is_in_front_of_it() -> None:
     assert order(Seen(np.array([0, 1]), np.array([NORTH, NORTH]), boxes)) == [2, 0, 1]
 
 
-def test_what_is_behind_is_not_drawn() -> None:
-    assert {face.object_id for face in look(NORTH, solids(["box"], [(0, -1.5, 1.5)]))} == {-1}
+@pytest.mark.parametrize(("away", "is_drawn"), [(-2.5, False), (2.0, False), (2.01, True)])
+def test_what_is_behind_or_near_without_a_box_is_not_drawn(away: float, is_drawn: bool) -> None:  # noqa: FBT001
+    faces = look(NORTH, solids(["box"], [(0, away, 1.5)]))
+    assert (0 in {face.object_id for face in faces}) == is_drawn
 
 
 def test_only_sides_that_face_the_camera_are_drawn() -> None:
     """A low box in front of the camera shows its top and its near side."""
-    faces = look(NORTH, solids(["box"], [(0, 1.5, 0.5)]))
+    faces = look(NORTH, solids(["box"], [(0, 2.5, 0.5)]))
     assert sorted(each.kind for each in faces if each.object_id == 0) == ["wood lit", "wood top"]

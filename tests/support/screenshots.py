@@ -4,13 +4,23 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from random import Random
 from string import Formatter
 from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
+from urllib.parse import quote
 
 from playwright.sync_api import Browser
 
+from benchmarks.buildings import fullest_view, plan_picture, scans
+from fixtures.published import published_folder, unpack_dataset
 from fixtures.servers import make_folder
+from reverie_eval.dataset import DatasetFiles
+from reverie_eval.dataset._dataset import read_dataset
+from reverie_eval.dataset._reader import no_progress
+from reverie_eval.geometry import RoomView, model_building
+from reverie_eval.reporting.answer_svg import answer_picture
+from reverie_eval.reporting.answers import AnswerView, seen_in
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.settings import load_settings
 from tests.support.browser import (
@@ -31,6 +41,9 @@ from tests.support.page_routes import EXAMPLES, Example
 from tests.support.reader import read
 from tests.support.serving import PRIVATE, populate, running
 
+_ROOMS = 20
+_SHEET = """body { display: grid; grid-template-columns: repeat(5, 1fr); gap: 10px; margin: 10px }
+figure { margin: 0 } img { width: 100% }"""
 Scheme = Literal["light", "dark"]
 Medium = Literal["screen", "print"]
 
@@ -70,7 +83,8 @@ def main(folder: Path, *only: str) -> int:
     ``contact-<server>-<screen>-<scheme>.png`` shows those of a server and a screen.
 
     Of pages whose name holds one of the words, if there are any. On the server of real size, a
-    reader first does what readers want to do there.
+    reader first does what readers want to do there. The word ``drawings`` asks for the plans of all
+    published buildings and views of twenty rooms, on ``contact-plans.png`` and ``-views.png``.
     """
     chromium = chromium_path()
     if chromium is None:
@@ -79,6 +93,10 @@ def main(folder: Path, *only: str) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     wanted = [each for each in EXAMPLES if not only or any(word in each.name for word in only)]
     with TemporaryDirectory() as temporary, browsing(chromium) as browser:
+        if not only or "drawings" in only:
+            _draw_buildings(browser, folder, Path(temporary) / "dataset")
+        if only == ("drawings",):
+            return 0
         with demo_site(Path(temporary) / "crowded") as site:
             _take_all(browser, crowd(site), wanted, folder, "crowded")
         with _empty_site(Path(temporary) / "empty") as site:
@@ -128,6 +146,39 @@ def _take_all(
                     path = folder / f"{example.name}.{kind}.{name}.{scheme}.png"
                     page.screenshot(path=path, full_page=True)
             context.close()
+
+
+def _draw_buildings(browser: Browser, folder: Path, dataset: Path) -> None:
+    """Show what is drawn of the published buildings, if they are here."""
+    published = published_folder()
+    if published is None:
+        return
+    read = read_dataset(DatasetFiles.find(unpack_dataset(published, dataset)), no_progress)
+    graph = read.graphs.ground_truth()
+    found = [*scans(graph, read.boxes)]
+    buildings = {each.name: model_building(each.position, each.edges, each.seen) for each in found}
+    plans = {each.name: plan_picture(graph, each, buildings[each.name]).picture() for each in found}
+    random = Random(1)
+    views = {}
+    for scan in random.sample(found, _ROOMS):
+        row = random.choice([row for row, its in enumerate(scan.objects) if its])
+        objects = scan.objects[row]
+        view = fullest_view(objects)
+        seen = seen_in(view, objects)
+        room_view = RoomView(buildings[scan.name], scan.position, row, view, seen)
+        views[f"{scan.name} {row} {view}"] = answer_picture(
+            AnswerView("", objects, None, None, None, "", view, "the stop", "", None, room_view)
+        )
+    # The larger sheet comes last: after it, Chromium takes no other picture.
+    for name, drawn in (("views", views), ("plans", plans)):
+        page = browser.new_page(viewport={"width": 2000, "height": 900})
+        shown = "".join(
+            f'<figure><img src="data:image/svg+xml,{quote(each)}">{title}</figure>'
+            for title, each in drawn.items()
+        )
+        page.set_content(f"<style>{_SHEET}</style>{shown}")
+        page.screenshot(path=folder / f"contact-{name}.png", full_page=True)
+        page.close()
 
 
 def _write_index(folder: Path, browser: Browser) -> None:

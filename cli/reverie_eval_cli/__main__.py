@@ -13,6 +13,9 @@ def run() -> NoReturn:
     live longer; ``serve`` turns the collector on again.
     """
     gc.disable()
+    # OpenBLAS, which numpy loads, starts a thread for each processor. Each would wait for work in a
+    # busy loop first, for longer than scoring takes, also in processes that this one starts.
+    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     from reverie_eval_cli.main import main
 
     os._exit(main())

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, IntArray
-from reverie_eval.geometry._buildings import Building, door_spans
+from reverie_eval.geometry._buildings import Building, Line, door_spans
 from reverie_eval.geometry._polygons import clip_at_depth
 from reverie_eval.geometry._solids import CAMERA_HEIGHT, SIDES, Solids, kind_of, sides_of
 from reverie_eval.geometry._views import (
@@ -27,8 +27,9 @@ from reverie_eval.geometry._views import (
 _CEILING, _DOOR_HEIGHT, _FRAME, _SKIRTING = 1.1, 2.05, 0.08, 0.1
 # Released boxes are of what is visible within so many metres: what is nearer, and has none, is not.
 _LISTED = 2.0
-# Metres around a viewpoint that stands in no room, at least.
-_AROUND = 1.5
+# Metres around a viewpoint that stands in no room, and from any other to a wall, at least: where no
+# object is, walls are guessed, and nobody sees a room in a wall that fills the view.
+_AROUND, _FREE = 1.5, 1.2
 _MIN_DEPTH = 0.05
 # A side faces an axis if the cosine of the angle between them is larger.
 _HALF = 0.5
@@ -96,7 +97,7 @@ class RoomView:
         """The walls around the camera: of its room, or around what is seen."""
         here = self._camera[None, :2]
         if self._room >= 0 and self._building.rooms[self._room].contains(here)[0]:
-            return self._building.rooms[self._room].outlines
+            return [self._kept_off(each) for each in self._building.rooms[self._room].outlines]
         axes = self._building.solids.axes
         points = self._around @ axes.T
         (left, bottom), (right, top) = (
@@ -104,6 +105,24 @@ class RoomView:
             np.maximum(points.max(axis=0), points[0] + _AROUND),
         )
         return [np.array([(left, bottom), (right, bottom), (right, top), (left, top)]) @ axes]
+
+    def _kept_off(self, points: FloatArray, along: Sequence[int] = (0, 1)) -> FloatArray:
+        """Move points away from the camera, along some axes of the building, if they are near."""
+        axes = self._building.solids.axes
+        off = (points - self._camera[:2]) @ axes.T
+        for axis in along:
+            away = np.maximum(np.abs(off[:, axis]), _FREE)
+            off[:, axis] = np.where(off[:, axis] < 0, -away, away)
+        return np.asarray(self._camera[:2] + off @ axes)
+
+    def _doors(self) -> Sequence[Line]:
+        """Return the doors of the storey, in walls that are far enough from the camera."""
+        axes = self._building.solids.axes
+        doors = []
+        for door in self._building.doors_on(self._storey):
+            across = int(np.abs(axes @ (door.ends[1] - door.ends[0])).argmin())
+            doors.append(door._replace(ends=self._kept_off(door.ends, [across])))
+        return doors
 
     def _shell(self) -> Iterator[Face]:
         """Yield floor, ceiling, walls and doors."""
@@ -122,7 +141,7 @@ class RoomView:
             for wall in zip(each, np.roll(each, -1, axis=0), strict=True)
             if _is_left(self._camera[:2], *wall)
         ]
-        doors = self._building.doors_on(self._storey)
+        doors = self._doors()
         for start, end in sorted(walls, key=lambda it: -_distance(self._camera[:2], *it)):
             length = np.linalg.norm(end - start)
             along = (end - start) / length

@@ -41,7 +41,13 @@ def solids(names: Sequence[str], centre: Sequence[tuple[float, ...]], size: floa
     )
 
 
-def look(view: int, things: Solids, seen: Seen = NOTHING, last: Sequence[int] = ()) -> list[Face]:
+def look(
+    view: int,
+    things: Solids,
+    seen: Seen = NOTHING,
+    last: Sequence[int] = (),
+    camera: np.ndarray = CAMERA,
+) -> list[Face]:
     """Look from the middle of the room, which has a door in its northern wall."""
     building = Building(
         storey=np.zeros(1, int),
@@ -51,7 +57,7 @@ def look(view: int, things: Solids, seen: Seen = NOTHING, last: Sequence[int] = 
         treads=[],
         solids=things,
     )
-    return list(RoomView(building, CAMERA, 0, view, seen).faces(last))
+    return list(RoomView(building, camera, 0, view, seen).faces(last))
 
 
 @pytest.mark.parametrize(
@@ -131,6 +137,14 @@ def test_walls_of_a_view() -> None:
     assert np.ptp(door, axis=0) == pytest.approx([207.85, 426.08], abs=0.01)
     assert door[:, 0].mean() == pytest.approx(320)
     assert "opening" not in {face.kind for face in look(EAST, solids([], []))}
+
+
+def test_no_wall_fills_the_view() -> None:
+    """A wall 0.3 m away is drawn at 1.2 m, with its door: 1 m is 346 pixels there."""
+    near = look(NORTH, solids([], []), camera=np.array([(0.0, 1.7, 1.5)]))
+    faces = {face.kind: face.outlines[0] for face in near}
+    assert faces["wall lit"][:, 1].max() == pytest.approx(240 + 519.62, abs=0.01)
+    assert np.ptp(faces["opening"][:, 0]) == pytest.approx(346.41, abs=0.01)
 
 
 def test_a_viewpoint_outside_of_rooms_has_walls_around_it() -> None:

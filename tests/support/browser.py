@@ -1,7 +1,6 @@
 """A real Chromium before a real server, and an ear on all that the browser complains of."""
 
 import json
-import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -118,14 +117,10 @@ OpenPage = Callable[..., Page]
 
 
 def await_chart(page: Page, name: str) -> Locator:
-    """Wait until a chart is drawn, and return its canvas.
-
-    Chart.js gives the canvas a style as it takes it. ``page.wait_for_function`` would not do: the
-    pages' content security policy forbids what it does from the second look on.
-    """
-    canvas = page.locator(f"#{name}")
-    expect(canvas).to_have_attribute("style", re.compile("display"))
-    return canvas
+    """Wait until a chart is drawn, and return it."""
+    chart = page.locator(f"#{name}")
+    expect(chart.locator(".axis-x")).to_have_count(1)
+    return chart
 
 
 @pytest.fixture(scope="session")

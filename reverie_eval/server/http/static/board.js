@@ -1,190 +1,120 @@
 // The chart of a board: one metric against another. A copy of the board that is read without a server
 // has its data in the page. The table has all the numbers; points have tooltips and link to their submissions.
 
-function colours() {
-  const style = getComputedStyle(document.documentElement);
-  const of = (name) => style.getPropertyValue(name).trim();
-  return {
-    ink: of("--ink"), quiet: of("--quiet"), line: of("--line"),
-    accent: of("--accent"), paper: of("--paper"),
-  };
+const SVG = "http://www.w3.org/2000/svg";
+const LEFT = 46, RIGHT = 12, TOP = 10, BOTTOM = 44;
+const LETTER = 6.2, LINE = 13; // the size of names, in pixels
+const MOST_NAMES = 12;
+const MANY = 500; // points, which are smaller then
+const section = document.getElementById("charts");
+const chart = document.getElementById("against");
+let shown;
+
+function element(name, attributes, parent, text) {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  if (text !== undefined) made.textContent = text;
+  parent.append(made);
+  return made;
 }
 
-const short = (name) => (name.length > 36 ? `${name.slice(0, 35)}\u2026` : name);
+const short = (name, most) => (name.length > most ? `${name.slice(0, most - 1)}\u2026` : name);
 
-// If the smallest value is close to 0, padding below it would show negative numbers.
-const startsNearZero = (values) => Math.min(...values) < 0.1 * Math.max(...values);
-
-// If the largest value is close to the maximum, padding above it would show impossible numbers.
-const endsAtAll = (values, most) => most !== null && Math.max(...values) > 0.9 * most;
-
-function axis(title, paint, more = {}) {
-  return {
-    type: "linear",
-    title: { display: true, text: title, color: paint.ink },
-    grid: { color: paint.line },
-    border: { color: paint.quiet },
-    ...more,
-    ticks: { color: paint.quiet, maxRotation: 0, ...more.ticks },
-  };
+// An axis with ticks at round numbers; nothing is shown that the metric cannot be, below 0 or above its most.
+function axisOf(values, { most }, start, end) {
+  const [lowest, highest] = [Math.min(...values), Math.max(...values)];
+  const margin = 0.06 * (highest - lowest) || 1;
+  const low = lowest < 0.1 * highest ? Math.min(lowest, 0) : lowest - margin;
+  const high = most !== null && highest > 0.9 * most ? most : highest + margin;
+  const rough = (high - low) / Math.max(2, Math.abs(end - start) / 60);
+  const digit = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((times) => times * digit).find((each) => each >= rough);
+  const ticks = [];
+  for (let tick = Math.ceil(low / step - 1e-9) * step; tick <= high + 1e-9 * step; tick += step) ticks.push(Number(tick.toPrecision(6)));
+  return { ticks, at: (value) => start + (end - start) * (value - low) / (high - low) };
 }
 
-function valueAxis({ heading, most }, values, paint) {
-  const max = endsAtAll(values, most) ? most : undefined;
-  return axis(heading, paint, { grace: "6%", beginAtZero: startsNearZero(values), max });
+// Without a result that has both metrics, the page says so instead.
+function draw() {
+  if (!shown) return;
+  const { points, front, reported, lines } = shown;
+  chart.setAttribute("aria-label", `Chart: ${shown.y.name} against ${shown.x.name}; the table has the numbers`);
+  const isEmpty = points.y.length + reported.y.length === 0;
+  chart.closest("figure").classList.toggle("empty", isEmpty);
+  chart.replaceChildren();
+  if (isEmpty) return;
+  const { width, height } = chart.getBoundingClientRect();
+  chart.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  const x = axisOf([...points.x, ...reported.x], shown.x, LEFT, width - RIGHT);
+  const y = axisOf([...points.y, ...reported.y, ...lines.map((line) => line.y)], shown.y, height - BOTTOM, TOP);
+  drawAxes(x, y, width, height);
+  for (const { name, y: value } of lines) {
+    element("path", { class: "count", d: `M${LEFT} ${y.at(value)}H${width - RIGHT}` }, chart);
+    element("text", { class: "tick", x: LEFT + 4, y: y.at(value) - 4 }, chart, `${name} ${value.toFixed(2)}`);
+  }
+  const onFront = new Set(front);
+  const rest = points.x.map((_, index) => index).filter((index) => !onFront.has(index));
+  const of = (from) => (index) => ({ from, index, x: x.at(from.x[index]), y: y.at(from.y[index]) });
+  const best = front.map(of(points)), others = rest.map(of(points));
+  if (best.length > 1) element("path", { class: "front-line", d: `M${best.map((it) => `${it.x} ${it.y}`).join("L")}` }, chart);
+  const scale = points.x.length > MANY ? 0.4 : 1;
+  drawPoints("reported", reported.x.map((_, index) => of(reported)(index)), 3 * scale);
+  drawPoints("rest", others, 4 * scale);
+  drawPoints("front", best, 5);
+  drawNames([...best, ...others], width);
 }
 
-function drawing(canvas, datasets, axes, label, points, plugins = []) {
-  const paint = colours();
-  return new Chart(canvas, {
-    type: "scatter",
-    data: { datasets },
-    plugins,
-    options: {
-      animation: false,
-      clip: 8, // points on the edge are drawn whole
-      interaction: { mode: "nearest", intersect: true },
-      maintainAspectRatio: false,
-      scales: axes,
-      plugins: {
-        legend: { display: false },
-        tooltip: {
-          backgroundColor: paint.ink, titleColor: paint.paper, bodyColor: paint.paper,
-          displayColors: false,
-          callbacks: { title: () => "", label: (item) => label(item.raw) },
-        },
-      },
-      onHover: (event, found) => { event.native.target.classList.toggle("leads", found.length > 0); },
-      onClick: (event, found, chart) => {
-        if (found.length === 0) return;
-        const { datasetIndex, index } = found[0];
-        const { place, from = points } = chart.data.datasets[datasetIndex].data[index];
-        const submission = from.submission[place];
-        if (submission !== null) location.href = chart.canvas.closest("section").dataset.submission.replace("ID", submission);
-      },
-    },
-  });
+function drawAxes(x, y, width, height) {
+  const axes = { x: element("g", { class: "axis-x" }, chart), y: element("g", { class: "axis-y" }, chart) };
+  for (const tick of x.ticks) {
+    element("path", { class: "axis", d: `M${x.at(tick)} ${TOP}V${height - BOTTOM}` }, axes.x);
+    element("text", { class: "tick", x: x.at(tick), y: height - BOTTOM + 16, "text-anchor": "middle" }, axes.x, tick);
+  }
+  for (const tick of y.ticks) {
+    element("path", { class: "axis", d: `M${LEFT} ${y.at(tick)}H${width - RIGHT}` }, axes.y);
+    element("text", { class: "tick", x: LEFT - 6, y: y.at(tick) + 4, "text-anchor": "end" }, axes.y, tick);
+  }
+  const middle = (TOP + height - BOTTOM) / 2;
+  element("text", { class: "title", x: (LEFT + width - RIGHT) / 2, y: height - 8, "text-anchor": "middle" }, axes.x, shown.x.heading);
+  element("text", { class: "title", transform: `translate(12 ${middle}) rotate(-90)`, "text-anchor": "middle" }, axes.y, shown.y.heading);
+}
+
+function drawPoints(kind, all, radius) {
+  const group = element("g", { class: kind }, chart);
+  for (const { from, index, x, y } of all) {
+    const submission = from.submission[index];
+    const href = section.dataset.submission.replace("ID", submission);
+    const parent = submission === null ? group : element("a", { href, tabindex: -1 }, group); // the table has links for keys
+    const rank = from.rank[index] === null ? "" : `${from.rank[index]}. `;
+    const told = [
+      `${rank}${short(from.method[index], 36)}`, short(from.team[index], 36),
+      `${shown.y.heading}: ${from.y[index].toFixed(2)}, ${shown.x.heading}: ${from.x[index].toFixed(2)}`,
+    ];
+    element("title", {}, element("circle", { cx: x, cy: y, r: radius }, parent), told.join("\n"));
+  }
+}
+
+// Names of points, of the front first, as far as there is room for them between the points.
+function drawNames(all, width) {
+  const taken = all.map(({ x, y }) => ({ left: x - 4, right: x + 4, top: y - 4, bottom: y + 4 }));
+  const most = taken.length + MOST_NAMES;
+  for (const { from, index, x, y } of all) {
+    const name = short(from.method[index], 16);
+    const long = LETTER * name.length;
+    const isLeft = x + 7 + long > width - RIGHT;
+    const left = isLeft ? x - 7 - long : x + 7;
+    const box = { left, right: left + long, top: y - LINE / 2, bottom: y + LINE / 2 };
+    const overlap = (other) => box.left < other.right && other.left < box.right && box.top < other.bottom && other.top < box.bottom;
+    if (taken.length === most || left < LEFT || taken.some(overlap)) continue;
+    taken.push(box);
+    element("text", { class: "name", x: isLeft ? x - 7 : left, y: y + 4, "text-anchor": isLeft ? "end" : "start" }, chart, name);
+  }
 }
 
 // Shows the chart, or a message that it could not be loaded.
 function reveal(isDrawn) {
   section.querySelector(".drawn").hidden = !isDrawn;
   section.querySelector(".fault").hidden = isDrawn;
-}
-
-// Prepares the section for drawing, and redraws it when the theme changes; returns whether it worked.
-function prepare() {
-  const isReady = typeof Chart === "function"; // a separate file, which may have failed to load
-  reveal(isReady);
-  if (isReady) {
-    Chart.defaults.font.family = getComputedStyle(document.body).fontFamily;
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
-  }
-  return isReady;
-}
-
-const section = document.getElementById("charts");
-const charts = [];
-const MOST_NAMES = 12;
-const SMALL = "11px system-ui, sans-serif";
-
-function named(points, place) {
-  const rank = points.rank[place] === null ? "" : `${points.rank[place]}. `;
-  return [`${rank}${short(points.method[place])}`, short(points.team[place])];
-}
-
-const at = (from) => (place) => ({ x: from.x[place], y: from.y[place], place, from });
-
-function drawAgainst(canvas, data) {
-  const paint = colours();
-  const { points, front, reported, lines } = data;
-  const onFront = new Set(front);
-  const rest = points.x.map((_, place) => place).filter((place) => !onFront.has(place));
-  const many = points.x.length > 500;
-  const datasets = [
-    { data: front.map(at(points)), showLine: true, borderColor: paint.accent, borderDash: [5, 4], borderWidth: 1.5, backgroundColor: paint.accent, pointRadius: 5, pointHoverRadius: 7 },
-    { data: rest.map(at(points)), backgroundColor: "transparent", borderColor: paint.ink, borderWidth: 1.5, pointRadius: many ? 1.5 : 4, pointHoverRadius: 6 },
-    { data: reported.x.map((_, place) => at(reported)(place)), backgroundColor: paint.line, borderColor: paint.quiet, borderWidth: 1, pointRadius: many ? 1 : 3, pointHoverRadius: 5 },
-  ];
-  const across = [...points.x, ...reported.x];
-  const up = [...points.y, ...reported.y, ...lines.map((line) => line.y)];
-  const axes = { x: valueAxis(data.x, across, paint), y: valueAxis(data.y, up, paint) };
-  axes.y.suggestedMin = Math.min(...up);
-  axes.y.suggestedMax = Math.max(...up);
-  const label = (raw) => [...named(raw.from, raw.place), `${data.y.heading}: ${raw.y.toFixed(2)}, ${data.x.heading}: ${raw.x.toFixed(2)}`];
-  return drawing(canvas, datasets, axes, label, points, [linesAcross(lines, paint), namesBeside(points, paint)]);
-}
-
-// Values to compare with, as lines with their names.
-function linesAcross(lines, paint) {
-  return {
-    id: "lines",
-    beforeDatasetsDraw({ ctx, chartArea, scales }) {
-      ctx.save();
-      ctx.font = SMALL;
-      ctx.fillStyle = paint.quiet;
-      ctx.strokeStyle = paint.quiet;
-      ctx.setLineDash([2, 3]);
-      for (const { name, y } of lines) {
-        const height = scales.y.getPixelForValue(y);
-        ctx.beginPath();
-        ctx.moveTo(chartArea.left, height);
-        ctx.lineTo(chartArea.right, height);
-        ctx.stroke();
-        ctx.fillText(`${name} ${y.toFixed(2)}`, chartArea.left + 4, height - 4);
-      }
-      ctx.restore();
-    },
-  };
-}
-
-// Names of points, of the front first, as far as there is room for them between the points.
-function namesBeside(points, paint) {
-  return {
-    id: "names",
-    afterDatasetsDraw(chart) {
-      const { ctx, chartArea } = chart;
-      const circles = chart.data.datasets.flatMap((_, set) => chart.getDatasetMeta(set).data);
-      const taken = circles.map(({ x, y }) => ({ left: x - 4, right: x + 4, top: y - 4, bottom: y + 4 }));
-      const most = taken.length + MOST_NAMES;
-      ctx.save();
-      ctx.font = SMALL;
-      ctx.fillStyle = paint.ink;
-      for (const set of [0, 1]) {
-        chart.getDatasetMeta(set).data.forEach((element, index) => {
-          const name = points.method[chart.data.datasets[set].data[index].place];
-          const text = name.length > 16 ? `${name.slice(0, 15)}\u2026` : name;
-          const width = ctx.measureText(text).width;
-          const left = element.x + 7 + width > chartArea.right ? element.x - 7 - width : element.x + 7;
-          const box = { left, right: left + width, top: element.y - 9, bottom: element.y + 4 };
-          if (taken.length === most || left < chartArea.left || taken.some((other) => overlap(box, other))) return;
-          taken.push(box);
-          ctx.fillText(text, left, element.y + 1);
-        });
-      }
-      ctx.restore();
-    },
-  };
-}
-
-function overlap(one, other) {
-  return one.left < other.right && other.left < one.right && one.top < other.bottom && other.top < one.bottom;
-}
-
-let shown;
-
-function drawIn(name, words, isEmpty, how) {
-  const canvas = document.getElementById(name);
-  canvas.setAttribute("aria-label", `Chart: ${words}; the table has the numbers`);
-  canvas.closest("figure").classList.toggle("empty", isEmpty);
-  if (!isEmpty) charts.push(how(canvas, shown));
-}
-
-function draw() {
-  while (charts.length > 0) charts.pop().destroy();
-  if (!shown) return;
-  const { points, reported } = shown;
-  drawIn("against", `${shown.y.name} against ${shown.x.name}`, points.y.length + reported.y.length === 0, drawAgainst);
 }
 
 let underWay;
@@ -214,13 +144,15 @@ function keep({ name, value }) {
     return changed;
   };
   history.replaceState(null, "", withAxis(location.href));
-  for (const link of document.querySelectorAll("main a[href]:not([href^='#'])")) {
+  for (const link of document.querySelectorAll("main a[href]:not([href^='#'], .chart a)")) {
     if (link.href.startsWith(location.origin + location.pathname)) link.href = withAxis(link.href);
   }
   for (const field of document.querySelectorAll(`.filters [name=${name}]`)) field.value = value;
 }
 
-if (section && prepare()) {
+if (section) {
+  reveal(true);
+  new ResizeObserver(draw).observe(chart.parentElement);
   for (const select of section.querySelectorAll("select")) {
     select.addEventListener("change", () => {
       keep(select);

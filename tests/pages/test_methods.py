@@ -180,6 +180,15 @@ def test_what_a_result_consists_of(server: Serving) -> None:
     assert "1 of 2" in page.text, "the rank over time"
 
 
+def test_one_sees_where_one_s_result_fails_before_it_is_published(server: Serving) -> None:
+    identity = server.upload(OWNER, GOOD.read_bytes()).json()["submission"]["id"]
+    visitor, page = signed_in(server, OWNER), f"/submissions/{identity}"
+    scores, _, _ = visitor.get(page).text.partition('id="publish"')
+    assert f'href="{page}/analysis"' in scores
+    assert "Near misses" in visitor.get(f"{page}/analysis").text
+    assert server.client.get(f"{page}/analysis").status_code == 404
+
+
 def test_who_sees_near_misses(server: Serving) -> None:
     """Those who may look at the episodes: the team, the organiser, for a baseline everyone.
 

@@ -124,7 +124,7 @@ class BuildingPicture:
     def _level(self, level: int) -> Iterator[str]:
         ways = [self._page(each, level) for each in self._ways_outside(level)]
         if ways:
-            yield path("room way", path_data("room", ways))
+            yield path("way", path_data("way", ways))
         for room in self._building.rooms_on(level):
             kind = f"room {room.name.partition(' ')[0]}".strip()
             yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))

@@ -66,7 +66,7 @@ def picture() -> Image.Image:
         furnish(folder)
         with running(folder, **UNLIMITED) as (_, url):
             page = browser.new_context(viewport=SIZE).new_page()
-            page.goto(f"{url}/boards/val_unseen", wait_until="networkidle")
+            page.goto(f"{url}/splits/val_unseen", wait_until="networkidle")
             taken = Image.open(io.BytesIO(page.locator("table").first.screenshot()))
     return taken.convert("RGB").quantize(COLOURS)
 

@@ -50,4 +50,4 @@ def test_who_gets_an_invitation_is_led_to_the_public_address(public: Serving) ->
 
 
 def test_without_a_setting_it_is_what_the_server_listens_at(server: Serving) -> None:
-    assert "http://server/boards/" in server.client.get(f"/boards/{OPEN}/latex", headers=EVIL).text
+    assert "http://server/splits/" in server.client.get(f"/splits/{OPEN}/latex", headers=EVIL).text

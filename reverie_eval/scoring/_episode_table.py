@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -32,16 +32,13 @@ def scored_metrics(
     has_answers: bool = True,
 ) -> Sequence[str]:
     """Return the keys of the metrics that a protocol scores, in CATALOGUE order."""
-    available = {
-        **dict.fromkeys(get_args(Need), False),
-        **dict.fromkeys(protocol.measures, True),
+    given: Mapping[Need, bool] = {
         "trajectory": track == "full",
         "answer": has_answers and protocol.grounding != "not scored",
         "box": has_boxes,
     }
-    return tuple(
-        key for key, metric in CATALOGUE.items() if all(available[need] for need in metric.needs)
-    )
+    available = protocol.measures.union(need for need, is_given in given.items() if is_given)
+    return tuple(key for key, metric in CATALOGUE.items() if metric.needs <= available)
 
 
 def qualifier_of(track: Track) -> str:

@@ -84,7 +84,7 @@ _PLAIN_NAME = re.compile(r'[^"\\:\x00-\x1f]+')
 _LONG_NUMBER = 2048
 
 _BOX_FIELDS = (BOX, VIEW, IMAGE_SIZE)
-# In the place of each box where it only counts that there is one.
+# In the place of a box where it only counts that there is one.
 _ANY_BOX = (0.0, 0.0, 1.0, 1.0)
 _NO_BOX = (np.nan,) * 4
 
@@ -430,7 +430,7 @@ def _read_piece(
     given = {key: columns[key] for key in form.answer_keys}
     if form.has_boxes:
         box = _read_boxes(columns)
-        given[BOX.name] = [each and _ANY_BOX for each in columns[BOX.name]]
+        given[BOX.name] = [each and True for each in columns[BOX.name]]
     answers = _read_answers(given, n_records, log)
     walks = _read_walks(walks_text, n_records, viewpoints, exact_angles=exact_angles)
     return _Part(instr_ids, *answers, point, box, n_colons, walks)
@@ -471,8 +471,10 @@ def _read_answer(
 ) -> tuple[Answer, Sequence[tuple[str, int]]]:
     """Return the answer in these fields, and how often each difference occurs in it."""
     log = ReadingLog()
-    # Any view serves: what is in a box is read with all other boxes.
-    record = {VIEW.name: 0, **dict(zip(keys, values, strict=True))}
+    record = dict(zip(keys, values, strict=True))
+    if record.get(BOX.name):
+        # Any box and view serve: what is in them is read with all others.
+        record |= {BOX.name: _ANY_BOX, VIEW.name: 0}
     answer = read_answer(RecordLocation(0), record, None, log)
     _require(not log.all_problems())
     return answer, [(key, times) for key, times in log.differences.items() if times]

@@ -134,10 +134,10 @@ def box_hints(boxes: BoxAnswers) -> Iterator[str]:
             "most boxes reach beyond the image; predBox is [x, y, width, height], not two "
             "corners, in an image of 640 x 480 unless predImageSize says otherwise"
         )
-    views = set(snap(boxes.camera).tolist())
-    if len(boxes.row) >= ENOUGH_BOXES and len(views) == 1:
+    view = snap(boxes.camera)
+    if len(boxes.row) >= ENOUGH_BOXES and (view == view[0]).all():
         yield (
-            f"all {len(boxes.row):,} boxes are in view {views.pop()}; predView is the view that "
+            f"all {len(boxes.row):,} boxes are in view {view[0]}; predView is the view that "
             "the box is in, and without it the last pose has to look there"
         )
 

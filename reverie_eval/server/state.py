@@ -17,7 +17,7 @@ from reverie_eval.server.audit.keys import current_key, open_key
 from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.audit.transactions import Clock, Transactions
-from reverie_eval.server.scoring.boards import Board, Boards, find_board, leaderboards, tasks_of
+from reverie_eval.server.scoring.boards import Board, Boards, all_boards, find_board, tasks_of
 from reverie_eval.server.scoring.contexts import Scoring, ScoringHere
 from reverie_eval.server.scoring.rules import RulesInForce
 from reverie_eval.server.settings import Settings, SettingsError
@@ -90,9 +90,9 @@ class ServerState:
         return find_board(self.boards, split, name)
 
     @property
-    def leaderboards(self) -> Sequence[Board]:
+    def all_boards(self) -> Sequence[Board]:
         """The leaderboards of all splits."""
-        return leaderboards(self.boards)
+        return all_boards(self.boards)
 
     @property
     def tasks(self) -> Sequence[Task]:

@@ -441,7 +441,7 @@ def count_outdated_on(server: Serving, name: str) -> int:
     with server.state.database.reading() as session:
         board = own.others[name] if name else own
         alone = count_outdated(session, [board])[board.path]
-        assert count_outdated(session, server.state.leaderboards)[board.path] == alone
+        assert count_outdated(session, server.state.all_boards)[board.path] == alone
         return alone
 
 

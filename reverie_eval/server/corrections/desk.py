@@ -61,7 +61,7 @@ def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.
     def count(boards: Sequence[Board]) -> Sequence[int]:
         return [*corrections.count_outdated(session, boards).values()]
 
-    boards, outdated = server.leaderboards, Counter[str]()
+    boards, outdated = server.all_boards, Counter[str]()
     counts = read_each(boards, count)
     for board, number in zip(boards, counts, strict=True):
         outdated[board.split] += number or 0

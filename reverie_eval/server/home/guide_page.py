@@ -86,7 +86,7 @@ def show_metrics(visitor: Visitor, task: str = "") -> Response:
 def show_protocols(visitor: Visitor, task: str = "") -> Response:
     """Show the rules of a task's published evaluators."""
     shown = _task(visitor, task)
-    boards = [board for board in visitor.server.leaderboards if board.task is shown]
+    boards = [board for board in visitor.server.all_boards if board.task is shown]
     aliases = {
         protocol.name: [alias for alias, name in shown.aliases.items() if name == protocol.name]
         for protocol in shown.protocols

@@ -26,7 +26,7 @@ from reverie_eval.server.corrections.corrections import count_outdated
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.soundness import try_newest
-from reverie_eval.server.scoring.boards import Board, leaderboards, load_boards
+from reverie_eval.server.scoring.boards import Board, all_boards, load_boards
 from reverie_eval.server.scoring.rules import LastRules, different, rules_of
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -479,7 +479,7 @@ def _at_results(session: Session, boards: Mapping[str, Board], folder: Path) -> 
     try:
         for board in filter(lambda board: board.is_private, boards.values()):
             yield from _at_exact_values(session, board)
-        for board in leaderboards(boards):
+        for board in all_boards(boards):
             yield from _at_outdated(session, board, folder)
         for board in filter(lambda board: board.settings.one_per_team, boards.values()):
             yield from _at_several(session, board)

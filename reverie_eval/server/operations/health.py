@@ -126,7 +126,7 @@ class Health:
             "same rules as other servers": partial(_compare_rules, server),
             **{
                 f"scoring of {board.label}": Canary(server, board).score
-                for board in server.leaderboards
+                for board in server.all_boards
             },
             **{
                 f"ground truth of {name}": partial(_compare_bundle, server, files, name)
@@ -240,7 +240,7 @@ def _read_leaderboards(server: ServerState) -> None:
 
     Raises UnsoundError, which names the leaderboards that cannot be read.
     """
-    boards = server.leaderboards
+    boards = server.all_boards
     try:
         with server.database.reading() as session:
 

@@ -140,7 +140,7 @@ def verify_backup(archive: Path) -> None:
             settings = _of_archive(load_settings(folder), manifest).model_copy(update=_OWN)
             _fill(settings, manifest, extras)
             with opened_server(settings) as state, state.database.reading() as session:
-                for board in state.leaderboards:
+                for board in state.all_boards:
                     state.get(Rankings).ranking(session, board)
         except BackupError:
             raise

@@ -65,7 +65,7 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
     reviews: list[Row] = []
     corrections: list[Row] = []
     with state.database.reading() as session:
-        for board in state.leaderboards:
+        for board in state.all_boards:
             ranking = state.get(Rankings).with_details(
                 session, state.get(Rankings).ranking(session, board)
             )

@@ -405,7 +405,7 @@ def tasks_of(boards: Mapping[str, Board]) -> Sequence[Task]:
     return [named[name] for name in sorted(named, key=lambda name: name != DEFAULT_TASK)]
 
 
-def leaderboards(boards: Mapping[str, Board]) -> Sequence[Board]:
+def all_boards(boards: Mapping[str, Board]) -> Sequence[Board]:
     """Return the leaderboards of all splits."""
     return [board for main in boards.values() for board in main.all]
 

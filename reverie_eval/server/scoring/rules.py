@@ -19,7 +19,7 @@ from reverie_eval.server.errors import BusyError
 from reverie_eval.server.scoring.boards import (
     Board,
     Boards,
-    leaderboards,
+    all_boards,
     load_boards,
     without_version,
 )
@@ -32,7 +32,7 @@ _LOGGER = logging.getLogger("reverie_eval.server")
 
 def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
     """Return what scores depend on, by leaderboard; a protocol is that of every version."""
-    return {board.label: without_version(board.signature) for board in leaderboards(boards)}
+    return {board.label: without_version(board.signature) for board in all_boards(boards)}
 
 
 def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:

@@ -50,6 +50,8 @@ _ASIDE = 6.0
 _Side = Literal["left of", "right of"]
 _BESIDE: Mapping[_Side, float] = MappingProxyType({"left of": -10.0, "right of": 10.0})
 _LABEL_LINES = (0, 13, -13, 26, -26)
+# Units between a name and the sides of the page, at least: some fonts are wider.
+_SIDE = 4.0
 # Size of a letter of a label, and the part of it that is above the baseline.
 _LETTER, _ASCENT = np.array([6.8, 13.0]), 10.5
 # Half of the size of the largest mark.
@@ -409,7 +411,8 @@ def put_name(room: Room, taken: Sequence[FloatArray], size: tuple[float, float])
     not cover.
     """
     corners = np.vstack(room.outlines)
-    low, high = np.maximum(corners.min(axis=0), 0), np.minimum(corners.max(axis=0), size)
+    low = np.maximum(corners.min(axis=0), _SIDE)
+    high = np.minimum(corners.max(axis=0), np.array(size) - _SIDE)
     steps = [np.arange(low[axis] + 4, high[axis], 4.0) for axis in (0, 1)]
     points = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
     box = text_box(Mark("name", np.zeros(2), text=room.name))

@@ -10,6 +10,7 @@ import reverie_eval as rv
 from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import AnswerView
 from reverie_eval.reporting.building_svg import BUILDING_STYLE, BuildingPicture
+from reverie_eval.reporting.map_svg import map_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from tests.conftest import SAMPLES
 
@@ -78,14 +79,14 @@ def unreadable(
 
 @pytest.fixture(scope="module")
 def drawings() -> Sequence[str]:
-    """Draw the building and the answer of every twelfth episode."""
+    """Draw the building, the map and the answer of every twelfth episode."""
     scores = rv.evaluate(SAMPLES / "mediocre.json", split="val_unseen")
     drawn = []
     for instr_id in scores.instr_ids[::12]:
         episode = scores.episode(instr_id)
         named = EpisodeMap.of({"Ours": episode, "A baseline": episode})
         drawn.append(BuildingPicture(named, episode.target_object).svg())
-        drawn.append(answer_svg(AnswerView.at_stop(episode)))
+        drawn += [map_svg(named), answer_svg(AnswerView.at_stop(episode))]
     return drawn
 
 

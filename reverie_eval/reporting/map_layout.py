@@ -207,12 +207,14 @@ class Layout:
         return {kind: found[kind] for kind in sorted(found, key=lambda it: "elsewhere" not in it)}
 
     def _edges(self) -> Iterator[Piece]:
-        """Draw the edges between the same storeys as one piece; none on floors, which they hide."""
-        if self._floors is not None:
+        """Draw the edges between the same storeys as one piece, where no walls say where to go."""
+        if self._map.building.rooms_on(self._map.start_storey):
             return
         edges = self._map.edges[self._in_sight[self._map.edges].any(axis=1)]
         storeys = np.sort(self._map.storey[edges], axis=1)
         for pair in np.unique(storeys, axis=0):
+            if self._floors is not None and pair[0] != pair[1]:
+                continue
             same = edges[(storeys == pair).all(axis=1)]
             yield Piece(same[0].tolist(), {"edge": list(self._point[same])})
 

@@ -24,6 +24,7 @@ from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.platforms.site import export_site
 from reverie_eval.server.settings import SETTINGS_FILE
 from reverie_eval.server.store.dump import dump
+from reverie_eval.server.store.tables import Submission
 from reverie_eval.version import __version__
 from tests.support.acting import NOON, review
 from tests.support.crawling import links_of
@@ -372,6 +373,19 @@ def test_a_backup_alone_gives_the_same_files(lab: Lab, tmp_path: Path) -> None:
     export_site(lab.folder, earlier, made_at)
     assert contents(earlier) == contents(tmp_path / "of backup")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["of backup", "of folder"]
+
+
+def test_a_damaged_file_leaves_out_its_analysis_alone(lab: Lab, tmp_path: Path) -> None:
+    folder, submission_id = tmp_path / "server", first_submission(lab)
+    shutil.copytree(lab.folder, folder)
+    with lab.server.state.database.reading() as session:
+        digest = session.get_one(Submission, submission_id).sha256
+    (file,) = folder.rglob(f"{digest}*")
+    file.write_bytes(b"")
+    export_site(folder, tmp_path / "site", DATE)
+    missing = lab.files.keys() - contents(tmp_path / "site").keys()
+    assert f"submissions/{submission_id}/analysis.html" in missing
+    assert not [name for name in missing if not re.match(r"submissions/|episodes/", name)]
 
 
 @pytest.mark.parametrize("kind", ["a folder with something else", "a file"])

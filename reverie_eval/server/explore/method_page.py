@@ -27,7 +27,7 @@ from reverie_eval.server.intake.submissions import SubmissionService, publicatio
 from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.scoring.contexts import Context, Scoring
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.uploads import stored_upload
+from reverie_eval.server.store.uploads import UploadsError, stored_upload
 
 router = APIRouter()
 
@@ -126,7 +126,11 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
         server.get(SubmissionService).check_episodes(shown)
         board = find_board(server.boards, shown.split)
         ranking = _ranking(reading, board)
-        analysis = server.get(Analyses).kept(board.split, board.signature, shown.sha256)
+        try:
+            analysis = server.get(Analyses).kept(board.split, board.signature, shown.sha256)
+        except UploadsError:
+            message = "its stored file is missing or damaged; the organiser is told"
+            raise NotFoundError(message) from None
         return page(
             reading,
             "method-analysis.html",

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
+from http import HTTPStatus
 from os.path import relpath
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -199,6 +200,9 @@ async def _visit(state: ServerState, folder: Path) -> Mapping[str, _Visited]:
             if address in found:
                 continue
             reply = await visitor.get(address)
+            if reply.status_code == HTTPStatus.NOT_FOUND:  # a result whose file is damaged
+                found[address] = None
+                continue
             if reply.is_error:
                 raise ReverieEvalError(
                     f"the page {address} has an error (status {reply.status_code}); examine the "

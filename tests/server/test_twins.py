@@ -140,7 +140,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
         for split in (PRIVATE, OPEN) if "{split}" in route else (PRIVATE,):
             yield route.format(
                 split=split,
-                name=STRICT,
+                board=STRICT,
                 submission_id=submission_id,
                 instr_id=instr_id,
                 result_id=1,

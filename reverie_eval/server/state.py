@@ -104,4 +104,5 @@ def signer_of(settings: Settings, database: Database) -> Signer:
     """Return what signs a server's receipts; raises the errors of :func:`open_key`."""
     with database.reading() as session:
         current = current_key(session)
-    return Signer(open_key(settings.path(settings.signing_key), current), settings.title)
+    key_id = None if current is None else current.key_id
+    return Signer(open_key(settings.path(settings.signing_key), key_id), settings.title)

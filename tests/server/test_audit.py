@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from sqlalchemy import select
+from sqlalchemy import select, text
 
 from reverie_eval.receipts import public_key_of
 from reverie_eval.schemas.organising import KeyRevocation, NewTeam
@@ -17,12 +17,14 @@ from reverie_eval.server.audit.log import (
     AuditLog,
     audit_reports,
     entries,
+    entry_digest,
     history,
     list_entries,
     list_reports,
 )
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.audit.rows import mismatches, swapped_names
+from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.operations.keys import replace_key, revoke_key
 from reverie_eval.server.store.database import Database, count_rows
 from reverie_eval.server.store.paging import Page
@@ -233,6 +235,81 @@ def test_who_has_no_key_or_an_old_one_adds_nothing(database: Database) -> None:
                 "signing key replaced", blue, "Blue", public_key=LAST.public_pem, lost=True
             )
         assert list(log.broken_links(session)) == [4, 5, 6, 7]
+
+
+# What somebody without a key does to the log of three keys, and where the chain is broken then.
+TAMPERINGS = [
+    pytest.param(
+        "UPDATE audit SET subject = x'69b71d79f821' WHERE id = 4", [4], id="bytes of base64"
+    ),
+    pytest.param("UPDATE audit SET seal = x'00' WHERE id = 4", [4], id="bytes for a seal"),
+    pytest.param("UPDATE audit SET digest = x'00' WHERE id = 6", [6], id="bytes for a digest"),
+    pytest.param(
+        """UPDATE audit SET details = '{"a": "\\ud800"}' WHERE id = 4""", [4], id="no text"
+    ),
+    pytest.param("UPDATE audit SET details = 'null' WHERE id = 4", [4], id="no details"),
+    pytest.param("UPDATE audit SET id = -1, actor = 'Eve' WHERE id = 1", [-1], id="no number"),
+    pytest.param("UPDATE audit SET id = -id WHERE id IN (1, 2)", [-2, -1, 3], id="another order"),
+    pytest.param("UPDATE audit SET id = 9 WHERE id = 4", [5, 9], id="a later place"),
+    pytest.param(
+        "INSERT INTO audit SELECT 7, at, actor, action, row, subject, details, previous, "
+        "digest || ' ', seal FROM audit WHERE id = 6",
+        [7],
+        id="the last again",
+    ),
+    pytest.param(
+        "UPDATE audit SET details = json_set(details, '$.public_key', (SELECT public_key FROM "
+        "signing_key WHERE id = 3)) WHERE id = 3",
+        [1, 2, 3],
+        id="another key before",
+    ),
+    pytest.param("DELETE FROM audit WHERE id = 3", [1, 2, 4], id="no end of a key"),
+    pytest.param("DELETE FROM audit WHERE id >= 3", [1, 2], id="no later key"),
+    pytest.param("DELETE FROM audit WHERE id >= 1", [], id="no entry"),
+    pytest.param("DELETE FROM signing_key WHERE id < 3", [], id="no earlier key"),
+]
+
+
+@pytest.mark.parametrize(("statement", "broken"), TAMPERINGS)
+def test_who_has_no_key_changes_nothing_unnoticed(
+    statement: str, broken: list[int], database: Database
+) -> None:
+    with acting(database) as transaction:
+        add_later_entries(transaction)
+        transaction.session.execute(text(statement))
+        transaction.session.expire_all()
+        assert list(AuditLog(LAST).broken_links(transaction.session)) == broken
+        assert broken or [*mismatches(transaction.session)]
+
+
+@pytest.mark.parametrize(
+    ("old", "own", "next_link"),
+    [
+        pytest.param(AUDIT_LOG.signer, [1, 2], 3, id="the first key"),
+        pytest.param(NEXT, [3, 4], 5, id="the second key"),
+    ],
+)
+def test_who_has_an_old_key_cannot_rewrite_its_time(
+    old: Signer, own: list[int], next_link: int, database: Database
+) -> None:
+    with acting(database) as transaction:
+        add_later_entries(transaction)
+        session = transaction.session
+        for entry in entries(session, AuditEntry.id.in_(own)):
+            entry.actor = "Eve"
+            earlier = session.get(AuditEntry, entry.id - 1)
+            entry.previous = earlier.digest if earlier else NO_ENTRY_BEFORE
+            entry.digest = entry_digest(entry)
+            entry.seal = old.seal(entry.digest)
+        assert list(AuditLog(LAST).broken_links(session)) == [next_link]
+
+
+def add_later_entries(transaction: Transaction) -> None:
+    """Add the entries 3 and 4 of the second key, 5 and 6 of the third."""
+    for key in (NEXT, LAST):
+        replace_key(transaction, key, "the yearly change")
+        transaction = replace(transaction, audit_log=AuditLog(key))
+        transaction.record("did", team_named(transaction.session, "Blue"), "abcdefgh")
 
 
 def test_an_action_that_no_row_shows_needs_no_row(database: Database) -> None:

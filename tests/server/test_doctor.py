@@ -241,13 +241,13 @@ DAMAGES = [
     pytest.param(
         sql("DELETE FROM audit WHERE id = 2"),
         "audit log",
-        "1 entry cannot be verified (3): changed, made with a key that is missing, or after",
+        "1 entry cannot be verified (3): changed, not signed with the key that was in use, or",
         id="audit entry removed",
     ),
     pytest.param(
         sql("DELETE FROM audit WHERE id = 1"),
         "audit log",
-        "1 entry cannot be verified (2): changed, made with a key that is missing, or after",
+        "1 entry cannot be verified (2): changed, not signed with the key that was in use, or",
         id="first audit entry removed",
     ),
     pytest.param(

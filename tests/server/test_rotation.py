@@ -113,7 +113,7 @@ def test_a_new_key_that_is_not_in_use_stays_beside_it(
     row = SigningKey(key_id=new_key(path))
     other(pending)
     assert file_of_key(path, row.key_id) == path
-    assert Signer(open_key(path, row), "").key_id == row.key_id
+    assert Signer(open_key(path, row.key_id), "").key_id == row.key_id
     assert pending.exists()
     assert Signer(open_key(path, None), "").key_id == row.key_id
 
@@ -123,10 +123,10 @@ def test_a_rotation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
     old, row = new_key(path), SigningKey(key_id=new_key(pending))
     assert file_of_key(path, None) == path
     assert file_of_key(path, row.key_id) == pending
-    assert Signer(open_key(path, row), "").key_id == row.key_id
+    assert Signer(open_key(path, row.key_id), "").key_id == row.key_id
     assert not pending.exists()
     with pytest.raises(ReceiptError) as refused:
-        open_key(path, SigningKey(key_id=old))
+        open_key(path, old)
     assert str(refused.value) == (
         f"{path} is key {row.key_id}, but the database says that {old} is in use: copy its file "
         "here, from the machine on which the key was rotated or from a backup; or, if it was "
@@ -147,7 +147,7 @@ def test_a_rotation_that_another_process_finishes_is_finished(
         file.unlink()
 
     monkeypatch.setattr(Path, "replace", be_second)
-    assert Signer(open_key(path, row), "").key_id == row.key_id
+    assert Signer(open_key(path, row.key_id), "").key_id == row.key_id
     assert file_of_key(path, row.key_id) == path
 
 

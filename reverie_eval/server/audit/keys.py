@@ -56,15 +56,15 @@ def new_row(signer: Signer, now: datetime) -> SigningKey:
     return SigningKey(key_id=signer.key_id, public_key=signer.public_pem, valid_from=now, reason="")
 
 
-def open_key(path: Path, current: SigningKey | None) -> Ed25519PrivateKey:
-    """Read the private key in use, and finish a rotation that was interrupted.
+def open_key(path: Path, key_id: str | None) -> Ed25519PrivateKey:
+    """Read the private key with an id, or the first one, and finish a rotation to it.
 
     Raises
     ------
     ReceiptError
         If there is no usable key, other users can read it, or another key is in use.
     """
-    file = file_of_key(path, None if current is None else current.key_id)
+    file = file_of_key(path, key_id)
     key = load_key(file)
     if file != path:
         with suppress(FileNotFoundError):  # another process has done it meanwhile

@@ -19,6 +19,7 @@ them does: see :mod:`~reverie_eval.server.audit.rows`.
 """
 
 import hashlib
+import math
 import re
 import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -116,10 +117,10 @@ class AuditLog:
             if _is_sealed(entry, current):
                 keys.append((entry.id, current))
                 current = public_key_of(entry.details["public_key"])
-        return [*keys, (0, current)]
+        return [*keys, (-math.inf, current)]
 
 
-_Keys: TypeAlias = Sequence[tuple[int, Ed25519PublicKey]]
+_Keys: TypeAlias = Sequence[tuple[float, Ed25519PublicKey]]
 
 
 def _is_genuine(entry: AuditEntry, keys: _Keys) -> bool:
@@ -128,13 +129,11 @@ def _is_genuine(entry: AuditEntry, keys: _Keys) -> bool:
 
 
 def _is_sealed(entry: AuditEntry, key: Ed25519PublicKey) -> bool:
-    if entry.digest != entry_digest(entry):
-        return False
     try:
         key.verify(bytes.fromhex(entry.seal), entry.digest.encode())
-    except (InvalidSignature, ValueError):
+        return entry.digest == entry_digest(entry)
+    except (InvalidSignature, AttributeError, TypeError, ValueError):  # values of other types
         return False
-    return True
 
 
 def entry_digest(entry: AuditEntry) -> str:
@@ -147,6 +146,9 @@ def entry_digest(entry: AuditEntry) -> str:
 
 
 def _digest_of(*parts: Any) -> str:
+    if any(isinstance(part, bytes) for part in parts):
+        # SQLite keeps them in columns of texts; in JSON, they would be like their text in base64.
+        raise TypeError("bytes instead of a text")
     return hashlib.sha256(msgspec.json.encode(parts, order="sorted")).hexdigest()
 
 

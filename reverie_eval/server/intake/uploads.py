@@ -168,14 +168,17 @@ def parse_form(
             else:
                 files[part.name] = content, part.filename
     except MultipartError as error:
-        raise _malformed(str(error)) from None
+        raise _malformed(error.args[0]) from None
     except UnicodeDecodeError:
         raise _malformed("a field is not UTF-8") from None
     return texts, files
 
 
 def _malformed(why: str) -> MalformedError:
-    return MalformedError(f"the form cannot be read: {why}")
+    return MalformedError(
+        f"the form cannot be read: {why}; send one file and at most {_MOST_FIELDS - 1} fields, as "
+        "browsers and `curl -F file=@submit.json` do, or the file alone, which is not a form"
+    )
 
 
 async def counted(request: Request) -> Exchange:

@@ -425,7 +425,8 @@ def _key_of(settings: Settings, fault: str | None) -> Ed25519PrivateKey:
     if fault is not None:
         return load_key(path)
     with closing(Database(settings.database_url)) as database, database.reading() as session:
-        return open_key(path, current_key(session))
+        current = current_key(session)
+        return open_key(path, None if current is None else current.key_id)
 
 
 def _at_database(settings: Settings, fault: str | None) -> Iterator[Finding]:

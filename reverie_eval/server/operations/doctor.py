@@ -344,8 +344,8 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     if broken:
         message = (
             f"{count_text(len(broken), 'entry', 'entries')} cannot be verified "
-            f"({first_few(broken)}): changed, made with a key that is missing, or after "
-            "an entry that was removed"
+            f"({first_few(broken)}): changed, not signed with the key that was in use, "
+            "or after an entry that was removed"
         )
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     for message in chain(swapped_names(session), mismatches(session), changed_values(session)):

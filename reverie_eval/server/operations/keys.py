@@ -14,7 +14,7 @@ from sqlalchemy import select
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.organising import KeyRevocation
 from reverie_eval.schemas.service import Envelope, KeyReport
-from reverie_eval.server.audit.keys import current_key, new_row, pending_path
+from reverie_eval.server.audit.keys import current_key, new_row, open_key, pending_path
 from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.receipts import KeyMissingError, Signer, load_key, make_key
 from reverie_eval.server.audit.transactions import Transaction, utc_now
@@ -40,7 +40,7 @@ def rotate_key(settings: Settings, actor: str, reason: str) -> KeyReport:
     with acting(settings, actor) as transaction:
         new = _make_pending(settings)
         report = replace_key(transaction, new, reason)
-    _put_in_place(settings)
+    _put_in_place(settings, report)
     return report
 
 
@@ -70,7 +70,7 @@ def replace_lost_key(settings: Settings, actor: str, reason: str) -> KeyReport:
             new = _make_pending(settings)
             transaction = Transaction(session, actor, utc_now(), AuditLog(new))
             report = replace_key(transaction, new, reason, is_lost=True)
-    _put_in_place(settings)
+    _put_in_place(settings, report)
     return report
 
 
@@ -81,8 +81,8 @@ def _make_pending(settings: Settings) -> Signer:
     return Signer(load_key(pending), settings.title)
 
 
-def _put_in_place(settings: Settings) -> None:
-    _pending(settings).replace(settings.path(settings.signing_key))
+def _put_in_place(settings: Settings, new: KeyReport) -> None:
+    open_key(settings.path(settings.signing_key), new.key_id)  # unless another process has done it
 
 
 def _pending(settings: Settings) -> Path:

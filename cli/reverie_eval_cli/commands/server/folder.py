@@ -10,7 +10,7 @@ import click
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.tasks import DEFAULT_TASK
-from reverie_eval.text import count_text, first_few
+from reverie_eval.text import count_text, first_few, printable
 from reverie_eval_cli import options
 from reverie_eval_cli.organising import (
     Folder,
@@ -118,7 +118,8 @@ def audit(*, folder: Folder, layout: str) -> None:
             entry.actor,
             entry.action,
             entry.subject,
-            ", ".join(f"{name}: {value}" for name, value in entry.details.items()),
+            # A method's description may have several lines.
+            printable(", ".join(f"{name}: {value}" for name, value in entry.details.items())),
         )
         for entry in found
     ]

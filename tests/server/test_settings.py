@@ -108,6 +108,18 @@ def test_the_template_names_every_setting(setting: str, folder: Path) -> None:
     assert re.search(rf"^(# )?{name} = |[{{,] {name} = |^{name}\]", text, re.MULTILINE)
 
 
+def test_what_the_template_has_as_a_comment_is_a_setting(folder: Path, tmp_path: Path) -> None:
+    text = (folder / SETTINGS_FILE).read_text()
+    example = re.compile(r"^# (?=\[[a-z]+\]$|[A-Za-z_]+ = )", re.MULTILINE)
+    lines: dict[tuple[str, str], str] = {}
+    section = ""
+    for line in example.sub("", text).splitlines():
+        section = line if line.startswith("[") else section
+        lines[section, line.partition(" = ")[0]] = line  # of two examples, the last one
+    told = problems(tmp_path, "\n".join(lines.values()))
+    assert [each for each in told if "is not a setting" in each] == []
+
+
 @pytest.mark.parametrize(
     ("text", "found"),
     [

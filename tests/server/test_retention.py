@@ -162,6 +162,7 @@ def test_everything_knows_that_the_file_is_gone(
     assert f"{path}/file" not in page.text
     privacy = said(server.client.get("/guide/privacy"))
     assert "30 days, unless the submission is published" in privacy
+    assert "For private splits (test)" in privacy
     publish(server, OWNER, submission["id"])  # without intervals, which need the file
     last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-2]
     assert (last["actor"], last["action"], last["subject"]) == (

@@ -234,8 +234,12 @@ def add_reported(desk: Desk, form: Posted) -> Response:
 def import_reported(desk: Desk, form: Posted) -> Response:
     """Show what a file would add; add it if that was confirmed."""
     typed = forms.typed_by(desk, form, draw_reported_import)
-    marks = {what: typed.get(what, "").splitlines() for what in ("human", "reference")}
-    new = read_model(NewImport, {**typed, **marks, "dry_run": not forms.is_confirmed(form)})
+    fields = {
+        **typed,
+        "date": typed.get("date") or None,
+        **{what: typed.get(what, "").splitlines() for what in ("human", "reference")},
+    }
+    new = read_model(NewImport, {**fields, "dry_run": not forms.is_confirmed(form)})
     report = desk.perform(reported.import_reported, new, desk.server.settings.tasks)
     if new.dry_run:
         return forms.ask(desk, typed, "confirm-import.html", report=report, split=new.split)

@@ -176,8 +176,8 @@ WITHOUT_A_DATABASE = {"init", "restore", "notify"}
 
 
 def words_of(row: str, folder: Path) -> Sequence[str]:
-    file = SAMPLES / "good.json"
-    return row.replace("{}", str(folder)).replace("{file}", str(file)).split()
+    file = str(SAMPLES / "good.json")
+    return [word.replace("{}", str(folder)).replace("{file}", file) for word in row.split()]
 
 
 def commands_below(command: click.Command, *words: str) -> Iterator[str]:

@@ -65,12 +65,15 @@ def test_a_notebook_runs(notebook: Path, folder: Path) -> None:
     drawn = len(re.findall(r"\.plot\.\w+\(|\.plot\(\)|plot_curve\(", source))
     assert json.dumps(shown).count('"image/png"') == drawn
     if notebook == DAY:  # `scripts/notebook` keeps what it shows now
-        assert texts(shown) == texts(outputs_of(notebook))
+        assert text_of(shown) == text_of(outputs_of(notebook))
 
 
-def texts(outputs: Outputs) -> list[str]:
-    """Return what outputs show as text; pictures depend on matplotlib's version."""
-    return ["".join(each.get("text") or each["data"]["text/plain"]) for each in outputs]
+def text_of(outputs: Outputs) -> str:
+    """Return what outputs show as text; pictures depend on matplotlib's version.
+
+    All in one, because a kernel sends what a cell prints in as many pieces as it takes time.
+    """
+    return "".join("".join(each.get("text") or each["data"]["text/plain"]) for each in outputs)
 
 
 def execute(notebook: Path) -> Outputs:

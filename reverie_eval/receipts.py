@@ -271,7 +271,7 @@ def key_id_of(public_pem: str) -> str:
 
 
 def public_key_of(public_pem: str) -> Ed25519PublicKey:
-    """Return the public key in PEM form. Raises ReceiptError if it is none of ours."""
+    """Read a public key in PEM form. Raises ReceiptError if it is not an Ed25519 key."""
     try:
         key = load_pem_public_key(public_pem.encode())
     except (ValueError, UnsupportedAlgorithm):

@@ -95,6 +95,17 @@ def snap(camera: FloatArray) -> IntArray:
     return np.asarray(column + N_HEADINGS * row)
 
 
+def level_view(heading: float) -> int:
+    """Return the index of the level view that is nearest to a heading, radians.
+
+    Examples
+    --------
+    >>> level_view(np.deg2rad(44.0)), level_view(np.deg2rad(46.0))
+    (13, 14)
+    """
+    return int(snap(np.array([[heading, 0.0]]))[0])
+
+
 def is_on_grid(camera: FloatArray) -> BoolArray:
     """Whether a camera's angles equal those of the view that they snap to, up to ``ON_GRID``.
 

@@ -17,7 +17,14 @@ import numpy as np
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.geometry import HEIGHT as VIEW_HEIGHT
-from reverie_eval.geometry import VIEW_AXES, RoomView, clip_at_depth, pixels_of, snap, view_angles
+from reverie_eval.geometry import (
+    VIEW_AXES,
+    RoomView,
+    clip_at_depth,
+    level_view,
+    pixels_of,
+    view_angles,
+)
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.answers import (
     AnswerView,
@@ -184,7 +191,7 @@ def panorama_svg(
         f'<svg class="answer-view panorama{_on(ground)}" viewBox="0 0 {WIDTH} {height:.0f}">'
         f"<title>Panorama, with heading {heading % 360:.0f}° in the middle</title>{ground}"
         f"{_linked(links, _numbered(ways, points), _IN_PANORAMA)}"
-        f"{_frame(int(snap(np.deg2rad([[heading, 0.0]]))[0]), heading)}</svg>"
+        f"{_frame(level_view(np.deg2rad(heading)), heading)}</svg>"
     )
 
 

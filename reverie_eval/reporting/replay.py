@@ -8,7 +8,7 @@ from math import degrees, inf
 import numpy as np
 
 from reverie_eval.analysis import Episode
-from reverie_eval.geometry import snap
+from reverie_eval.geometry import level_view
 from reverie_eval.logs import COSTS, Step, cost_text
 from reverie_eval.reporting.answer_svg import view_svg
 from reverie_eval.reporting.answers import AnswerView
@@ -61,7 +61,7 @@ def _view(step: Step, episode: Episode, episode_map: EpisodeMap) -> str:
     is_here = step.viewpoint_id in episode_map.viewpoint_ids
     if not is_here or episode.target_object is None:
         return "<br>"
-    view = int(snap(np.array([[step.heading, 0.0]]))[0])
+    view = level_view(step.heading)
     drawing = view_svg(AnswerView.at_step(episode, step.viewpoint_id, view))
     return f'<div style="{_VIEW}">{drawing}</div>'
 

@@ -38,7 +38,7 @@ class Showcase(Service, Protocol):
     """What a room shows on the first page."""
 
     def example(self) -> object | None:
-        """Return an example episode, as the page's template reads it; None if there is none."""
+        """Return an example episode, as the page's template reads it; None if no split has any."""
 
     def references(self, board: Board) -> Sequence[object]:
         """Return scores of reference agents on a split without results."""

@@ -15,6 +15,7 @@ import reverie_eval as rv
 from reverie_eval.analysis import WalkOutcomes, find_grouping
 from reverie_eval.reporting.report_sections import Breakdown, GroupRow
 from reverie_eval.server.app import jobs_of
+from reverie_eval.server.explore.episodes import EpisodeService
 from reverie_eval.server.explore.method_page import Analysis
 from reverie_eval.server.explore.side_by_side import (
     DIFFICULTIES,
@@ -89,6 +90,10 @@ def test_difficulty_counts_only_methods_that_show_their_episodes(server: Serving
     assert sum(int(row[1]) for row in buildings) == len(episodes)
     assert re.findall(r'<li title="(Of \w+)">\1<', page.text) == ["Of Ada", "Of Carl"]
     assert set(expected) <= set(DIFFICULTIES)
+
+    server.ask(OWNER, "PATCH", f"/submissions/{good}", json={"shows_episodes": False})
+    assert "1 method whose episodes" in said(server.client.get(LIST))
+    assert len(server.state.get(EpisodeService).comparing.walks) == 1
 
 
 @pytest.mark.parametrize(
@@ -190,10 +195,7 @@ def test_one_sees_where_one_s_result_fails_before_it_is_published(server: Servin
 
 
 def test_who_sees_near_misses(server: Serving) -> None:
-    """Those who may look at the episodes: the team, the organiser, for a baseline everyone.
-
-    They see small groups of episodes, too.
-    """
+    """The team and the organiser, of a baseline everybody; they see small groups too."""
     identity = publish(server, OWNER, GOOD.read_bytes(), shows_episodes=False)
     page = f"/submissions/{identity}/analysis"
     visitors = {None: server.client} | {

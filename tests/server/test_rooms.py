@@ -71,7 +71,7 @@ def test_a_server_starts_without_rooms_that_nothing_needs(tmp_path: Path) -> Non
 
 
 def test_an_upload_takes_the_steps_of_the_page(server: Serving) -> None:
-    """Those between the request and the reply, in the loop's thread and in those that it starts."""
+    """They are called in the page's order, in the loop's thread and in those that it starts."""
     page = (REPOSITORY / "docs" / "explanation" / "architecture.md").read_text("utf-8")
     way = page.partition("### The way of an upload")[2].partition("\n## ")[0]
     steps = re.findall(r"^\| \d \| `([\w.]+)` \|", way, re.MULTILINE)

@@ -211,7 +211,7 @@ class Cost(NamedTuple):
 
 
 MOST = Cost(300, 10, 0.02)
-"""Of any page."""
+"""What any page may cost."""
 ADD_UP_SHIFTS = """window.shift = 0;
 new PerformanceObserver(list => {
     for (const each of list.getEntries()) if (!each.hadRecentInput) window.shift += each.value;

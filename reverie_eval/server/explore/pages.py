@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from reverie_eval.analysis import Episode, WalkOutcomes
 from reverie_eval.errors import ProtocolError
-from reverie_eval.geometry import snap
+from reverie_eval.geometry import level_view
 from reverie_eval.reporting.answer_svg import answer_picture, answer_svg
 from reverie_eval.reporting.answers import AnswerView, answer_views
 from reverie_eval.reporting.map_svg import interactive_map_svg, map_key
@@ -191,7 +191,7 @@ def show_view(
     row = episode.graph.index.get(viewpoint)
     if row is None or episode.graph.scan_of(row) != episode.scan:
         raise NotFoundError(f"there is no viewpoint {viewpoint!r} in scan {episode.scan}")
-    view = int(snap(np.deg2rad([[heading, 0.0]]))[0])
+    view = level_view(np.deg2rad(heading))
     drawing = answer_picture(AnswerView.at_step(episode, viewpoint, view))
     # A replay shows the same views again.
     kept = {"Cache-Control": "private, max-age=600"}

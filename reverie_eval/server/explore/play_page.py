@@ -14,7 +14,7 @@ from fastapi import APIRouter, Depends, Path, Query
 from fastapi.responses import Response
 
 from reverie_eval.analysis import VisibleObject
-from reverie_eval.geometry import snap
+from reverie_eval.geometry import level_view
 from reverie_eval.reporting.answer_svg import (
     ObjectLink,
     WayLink,
@@ -174,7 +174,7 @@ def _ahead(
 ) -> str:
     """Draw the level view ahead, with the boxes that it shows."""
     truth, viewpoint_id = walk.board.truth, walk.seen.viewpoint_id
-    view = int(snap(np.deg2rad([[facing, 0.0]]))[0])
+    view = level_view(np.deg2rad(facing))
     visible = [each for _, each in candidates]
     seen = seen_in(view, visible)
     return ahead_svg(

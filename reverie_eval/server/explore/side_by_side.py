@@ -124,7 +124,7 @@ class Comparing:
     def __init__(self, scoring: Scoring) -> None:
         self._scoring = scoring
         self._is_busy = Lock()
-        self._walks: dict[tuple[str, str, str], WalkOutcomes | None] = {}
+        self.walks: dict[tuple[str, str, str], WalkOutcomes | None] = {}
         """By split, signature and file; None if the file could not be read."""
         self._latest: dict[str, tuple[object, SideBySide]] = {}
         """By split, with what it was made of."""
@@ -132,12 +132,13 @@ class Comparing:
     def side_by_side(
         self, board: Board, methods: Sequence[ShownMethod], scans: Sequence[str]
     ) -> tuple[SideBySide | None, bool]:
-        """Return methods on all episodes, None if there are none; and whether they are to come.
+        """Return the methods side by side, and whether they are still being scored.
 
-        Nobody waits for many files, as after a correction: they are scored in the background. A
-        method whose file is missing or damaged is left out: the organiser is told elsewhere.
+        None if there are no methods, or not yet. Nobody waits for many files, as after a
+        correction: they are scored in the background. A method whose file is missing or damaged is
+        left out; the search for damaged files tells the organiser.
         """
-        new = [each for each in methods if _key(board, each) not in self._walks]
+        new = [each for each in methods if _key(board, each) not in self.walks]
         is_busy = self._is_busy.locked()
         if len(new) > MOST_AWAITED or (new and is_busy):
             if not is_busy:
@@ -152,7 +153,14 @@ class Comparing:
         if beside is None or known != made_of:
             beside = SideBySide(board, [*found], [*found.values()], scans)
             self._latest[board.split] = made_of, beside
+            self._forget_others(board, methods)
         return beside, False
+
+    def _forget_others(self, board: Board, methods: Sequence[ShownMethod]) -> None:
+        """Forget the walks of a split that are no longer shown, as after a correction."""
+        shown = {_key(board, each) for each in methods}
+        for key in [key for key in [*self.walks] if key[0] == board.split and key not in shown]:
+            self.walks.pop(key, None)  # another page may be forgetting it, too
 
     def score(self, board: Board, methods: Sequence[ShownMethod]) -> None:
         """Score files in advance, one after the other. Raises BusyError if they must wait."""
@@ -167,14 +175,13 @@ class Comparing:
     def _walks_of(self, board: Board, method: ShownMethod) -> WalkOutcomes | None:
         """Return the walks of a method; None while its file cannot be read."""
         key = _, signature, _ = _key(board, method)
-        if self._walks.get(key) is None:
-            try:
+        found = self.walks.get(key)
+        if found is None:
+            with suppress(UploadsError, SubmissionError):
                 found = self._scoring.run(summarise_walks, board.split, method.sha256)
                 check_signature(board, signature)
-            except (UploadsError, SubmissionError):
-                found = None
-            self._walks[key] = found
-        return self._walks[key]
+            self.walks[key] = found
+        return found
 
 
 def _key(board: Board, method: ShownMethod) -> tuple[str, str, str]:

@@ -64,7 +64,7 @@ class Standing:
     metric: Metric
     best: Row
     human: float | None
-    """The best human result; None if there is none."""
+    """The best human result; None if no person has one."""
     methods: int
     """All results that are not of people or references, also those of other versions."""
 

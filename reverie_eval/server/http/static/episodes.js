@@ -56,8 +56,8 @@ class Walk {
   // Shows what the agent saw at a step in the place of its answer, which it gave at the last one.
   look(step) {
     const row = this.rows[step];
-    const facing = parseInt(row?.lastElementChild.textContent);
-    const isOnWay = step < this.legs.length && facing >= 0;
+    const facing = row?.dataset.facing;
+    const isOnWay = step < this.legs.length && facing !== undefined;
     if (!this.answer) return;
     this.answer.classList.toggle("on-the-way", isOnWay);
     this.answer.querySelector(".moment").textContent = isOnWay ? `Step ${step}, facing ${facing}°` : "Answer";

@@ -73,7 +73,7 @@ def test_a_walk_is_drawn_and_told(home: Serving, submission: str) -> None:
         len(svg.findall(".//*[@data-viewpoint]")) - 5,
     ]
     assert drawn(svg, "stop")[0].findtext("title") == "stop of Walker: porch"
-    rows = re.findall(r'<tr data-step="\d+"[^>]*>(.*?)</tr>', page.text)
+    rows = re.findall(r'<tr data-step="\d+" data-facing="\d+">(.*?)</tr>', page.text)
     cells = [
         [unescape(cell) for cell in re.findall(r">([^<>]*)</(?:td|th|code)>", row)] for row in rows
     ]

@@ -42,6 +42,7 @@ from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.schemas.service import Phase, Phases, ReleaseScores, first_overlap
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track
+from reverie_eval.server.wrong_values import wrong_value
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import did_you_mean
 
@@ -628,12 +629,12 @@ def load_settings(folder: Path) -> Settings:
 
 def _problems(error: ValidationError) -> Iterator[Problem]:
     for detail in error.errors(include_url=False):
-        key = ".".join(map(str, detail["loc"]))
+        # A wrong name of a leaderboard is at "[key]" below itself.
+        key = ".".join(str(part) for part in detail["loc"] if part != "[key]")
         if detail["type"] == "extra_forbidden":
             yield _no_setting(detail["loc"])
             continue
-        text = detail["msg"].removeprefix("Value error, ").replace("Input should", "must")
-        message = text[0].lower() + text[1:]
+        message = wrong_value(detail).message.replace("an object", "a table")  # as TOML calls it
         # The database's URL may contain a password, so it is not repeated.
         is_secret = key.rpartition(".")[2] in {"database", "password", "secret", "token"}
         given = detail["input"]

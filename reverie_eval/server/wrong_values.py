@@ -16,6 +16,7 @@ _DATE = "must be a date, such as 2027-06-01"
 _INSTANT = "must be a time with its time zone, such as 2027-06-01T12:00:00Z"
 _YES_OR_NO = "must be true or false"
 _OBJECT = "must be an object"
+_LIST = "must be a list"
 
 _SENTENCES: Mapping[str, str] = {
     "missing": "required but missing",
@@ -43,6 +44,8 @@ _SENTENCES: Mapping[str, str] = {
     "float_parsing": _NUMBER,
     "finite_number": _NUMBER,
     "greater_than_equal": "must be {ge:,} or more",
+    "greater_than": "must be more than {gt:,}",
+    "less_than": "must be less than {lt:,}",
     "less_than_equal": "must be {le:,} or less",
     "date_type": _DATE,
     "date_parsing": _DATE,
@@ -56,7 +59,9 @@ _SENTENCES: Mapping[str, str] = {
     "dict_type": _OBJECT,
     "model_type": _OBJECT,
     "model_attributes_type": _OBJECT,
-    "list_type": "must be a list",
+    "list_type": _LIST,
+    "tuple_type": _LIST,
+    "path_type": "must be a path",
     "json_invalid": "invalid JSON from here",
 }
 """By pydantic's error type; the braces take values from the error's context."""

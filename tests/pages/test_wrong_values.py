@@ -36,6 +36,9 @@ WRONG = [
     pytest.param(
         Annotated[int, Field(ge=1, le=10_000)], 10**5, "must be 10,000 or less", id="too large"
     ),
+    pytest.param(
+        Annotated[int, Field(ge=0, lt=360)], 360, "must be less than 360", id="a full turn"
+    ),
     pytest.param(date, "soon", DATE, id="no date"),
     pytest.param(date, "2027-06-31", DATE, id="no such day"),
     pytest.param(Instant, "soon", INSTANT, id="no instant"),

@@ -513,9 +513,7 @@ def test_sigterm_lets_a_submission_end(lab: Path, evalai: EvalAI, tmp_path: Path
         pytest.param(
             "http://127.0.0.1", "http://eval.ai", "must begin with https://", id="not encrypted"
         ),
-        pytest.param(
-            "token_file", "token = 7 #", "evalai.token: must be a valid string", id="token"
-        ),
+        pytest.param("token_file", "token = 7 #", "evalai.token: must be text", id="token"),
     ],
 )
 def test_settings_that_cannot_be_right(

@@ -119,5 +119,6 @@ def _mp4(frames: Sequence[bytes]) -> bytes:
         command, input=b"".join(frames), capture_output=True, check=False
     )
     if ended.returncode:
-        raise ReverieEvalError(f"ffmpeg failed: {ended.stderr.decode(errors='replace').strip()}")
+        told = ended.stderr.decode(errors="replace").strip()
+        raise ReverieEvalError(f"ffmpeg failed: {told or f'status {ended.returncode}'}")
     return ended.stdout

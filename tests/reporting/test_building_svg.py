@@ -192,16 +192,21 @@ def test_mp4(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert file.read_bytes()[4:8] == b"ftyp"
 
 
+@pytest.mark.parametrize(
+    ("fails", "told"),
+    [("echo no such codec >&2; exit 1", "no such codec"), ("exit 3", "status 3")],
+    ids=["with a reason", "silently"],
+)
 def test_what_ffmpeg_cannot_write(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str, told: str
 ) -> None:
     ffmpeg = tmp_path / "bin" / "ffmpeg"
     ffmpeg.parent.mkdir()
-    ffmpeg.write_text("#!/bin/sh\ncat > /dev/null\necho no such codec >&2\nexit 1\n")
+    ffmpeg.write_text(f"#!/bin/sh\ncat > /dev/null\n{fails}\n")
     ffmpeg.chmod(0o755)
     monkeypatch.setenv("PATH", str(ffmpeg.parent), prepend=os.pathsep)
     monkeypatch.setattr("reverie_eval.reporting.animations._RATE", 1)
     words = ["figure", str(SAMPLES / "mediocre.json"), EPISODE, "--split", "val_unseen"]
     ended = run(*words, "--animate", "-o", str(tmp_path / "walk.mp4"))
-    assert (ended.status, ended.err) == (2, "reverie-eval: ffmpeg failed: no such codec\n")
+    assert (ended.status, ended.err) == (2, f"reverie-eval: ffmpeg failed: {told}\n")
     assert [*tmp_path.iterdir()] == [ffmpeg.parent]

@@ -149,10 +149,13 @@ def read_text(file: Path) -> str:
     """Return the text of a file to be imported, which has to be UTF-8."""
     try:
         # Spreadsheets begin UTF-8 with a mark of byte order.
-        return file.read_text("utf-8-sig")
+        text = file.read_text("utf-8-sig")
     # Excel writes other encodings unless it is told not to; a guess would garble names.
     except UnicodeDecodeError as error:
         raise ReverieEvalError(f"{file}: invalid UTF-8 from byte {error.start} on") from None
+    if not text:
+        raise ReverieEvalError(f"{file}: the file is empty")
+    return text
 
 
 def minute(instant: datetime | None) -> str:

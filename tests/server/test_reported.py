@@ -561,6 +561,8 @@ def test_commands_say_what_is_wrong(laptop: Laptop) -> None:
     ]
     history.write_bytes(b"team,SR\n\xff,5\n")
     assert "invalid UTF-8 from byte 8 on" in laptop.run(*words, status=2).err
+    history.write_bytes(b"")
+    assert laptop.run(*words, status=2).err == "reverie-eval: history.csv: the file is empty\n"
     history.write_text("team,SR\na,5\n")
     laptop.run(*words)
     edit = ("server", "reported", "edit", "lab", "1")

@@ -386,12 +386,12 @@ def ordinal(number: int) -> str:
 
 
 def sentence(text: str) -> str:
-    """Capitalise the first letter of a text only.
+    """Capitalise the first letter of a text only, unless it begins with a name such as a split's.
 
-    >>> sentence("the SPL is missing")
-    'The SPL is missing'
+    >>> sentence("the SPL is missing"), sentence("val_unseen has 84 episodes")
+    ('The SPL is missing', 'val_unseen has 84 episodes')
     """
-    return text[:1].upper() + text[1:]
+    return text if re.match(r"\w*[_\d]", text) else text[:1].upper() + text[1:]
 
 
 class StaticPages(StaticFiles):

@@ -3,6 +3,7 @@
 import getpass
 import os
 import shlex
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from datetime import datetime, timedelta, timezone
@@ -124,6 +125,17 @@ lasting = options.with_default(
     default=30,
     help="Days until the extra submissions expire.",
 )
+
+
+without_asking = click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
+
+
+def confirm(question: str) -> None:
+    """Ask before something that cannot be undone, as the desk does."""
+    # A script cannot answer a question, and must not hang on one.
+    if not sys.stdin.isatty():
+        raise click.UsageError(f"{question} This cannot be undone; confirm it with --yes")
+    click.confirm(f"{question} This cannot be undone.", abort=True, err=True)
 
 
 def actor() -> str:

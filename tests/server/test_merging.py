@@ -199,9 +199,17 @@ def test_what_is_not_merged(
     assert (reply.status_code, reply.json()["detail"]) == (status, told)
 
 
+def test_a_script_has_to_confirm_what_cannot_be_undone(server: Serving, run: Run) -> None:
+    refused = run("server", "team", "merge", str(server.state.settings.folder), "Red", "Blue")
+    told = "Merge Red into Blue? This cannot be undone; confirm it with --yes"
+    assert (refused.status, told in refused.err) == (2, True)
+    with server.state.database.reading() as session:
+        assert "Red" in people.names_of_teams(session)
+
+
 def test_the_name_of_a_merged_team_is_not_given_again(server: Serving, run: Run) -> None:
     folder = str(server.state.settings.folder)
-    done = run("server", "team", "merge", folder, "Red", "Blue")
+    done = run("server", "team", "merge", folder, "Red", "Blue", "--yes")
     assert done.out == "1 person and 0 submissions of Red moved to Blue\n"
     again = run("server", "team", "add", folder, "Red")
     assert (again.status, "or to one that was merged" in again.err) == (2, True)

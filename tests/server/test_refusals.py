@@ -116,7 +116,7 @@ EVERY_COMMAND = """
 upgrade {}
 team add {} Blue
 team list {}
-team merge {} Blue Red
+team merge {} Blue Red --yes
 team rename {} Blue Red
 team revoke {} Blue
 person add {} Ada --team Blue

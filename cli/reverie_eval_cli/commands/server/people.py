@@ -23,12 +23,14 @@ from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import (
     Folder,
     after,
+    confirm,
     lasting,
     minute,
     of_team,
     print_list,
     read_text,
     server_folder,
+    without_asking,
 )
 from reverie_eval_cli.output import note
 
@@ -75,7 +77,8 @@ def rename(*, folder: Folder, name: str, new_name: str) -> None:
 @server_folder
 @click.argument("name")
 @click.argument("into")
-def merge(*, folder: Folder, name: str, into: str) -> None:
+@without_asking
+def merge(*, folder: Folder, name: str, into: str, yes: bool) -> None:
     """Give a team's people, submissions and grants to another.
 
     Quotas count the submissions of both, as if the team INTO had always been one. This cannot be
@@ -84,6 +87,8 @@ def merge(*, folder: Folder, name: str, into: str) -> None:
     from reverie_eval.server.accounts.people import merge_teams
 
     new = options.checked(NewMerge, team=name, into=into)
+    if not yes:
+        confirm(f"Merge {name} into {into}?")
     with folder.acting() as transaction:
         report = merge_teams(transaction, new)
     people = count_text(report.people, "person", "people")
@@ -290,7 +295,7 @@ def export(*, folder: Folder, name: str, team: str | None) -> None:
 @server_folder
 @click.argument("name")
 @of_team
-@click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
+@without_asking
 def delete(*, folder: Folder, name: str, team: str | None, yes: bool) -> None:
     """Remove a person's name and address, and revoke their tokens.
 
@@ -301,10 +306,7 @@ def delete(*, folder: Folder, name: str, team: str | None, yes: bool) -> None:
     from reverie_eval.server.accounts.personal_data import delete_person
 
     if not yes:
-        # A script cannot answer a question, and must not hang on one.
-        if not sys.stdin.isatty():
-            raise click.UsageError("deleting a person cannot be undone; confirm it with --yes")
-        click.confirm(f"Delete {name}? This cannot be undone.", abort=True, err=True)
+        confirm(f"Delete {name}?")
     # Their tokens end with them, and one of these may be the last organiser's.
     with folder.revoking() as transaction:
         person_id = person_named(transaction.session, name, team).id

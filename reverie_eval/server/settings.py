@@ -163,15 +163,6 @@ def _known_address(address: str) -> str:
     return str(url).rstrip("/")
 
 
-def _is_encrypted(url: HttpUrl) -> HttpUrl:
-    """Check that nobody on the network can read the token that is sent to a server."""
-    from reverie_eval.client.sending import is_this_machine
-
-    if url.scheme != "https" and not is_this_machine(str(url.host)):
-        raise ValueError("must begin with https://, because a token is sent there")
-    return url
-
-
 _URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
 _EMAIL: TypeAdapter[str] = TypeAdapter(Email)
 _PLAIN_NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}")
@@ -407,25 +398,6 @@ class Webhook(Channel):
     """Signs each request; belongs in ``REVERIE_EVAL_WEBHOOK__SECRET``. Not signed if empty."""
 
 
-class EvalAI(_Section):
-    """A challenge on EvalAI, whose submissions ``server evalai-worker`` scores."""
-
-    url: Annotated[HttpUrl, AfterValidator(_is_encrypted)] = HttpUrl("https://eval.ai")
-    """The EvalAI server."""
-    challenge: PositiveInt
-    """The challenge's number on EvalAI."""
-    queue: Name
-    """The name of the challenge's queue; its *Manage* tab on EvalAI shows it."""
-    phases: Annotated[dict[PositiveInt, str], Field(min_length=1)]
-    """The split of each phase, by the phase's number on EvalAI: ``1213 = "test"``."""
-    token: Annotated[str, Field(repr=False)] = ""
-    """The token of a host of the challenge; set it in ``REVERIE_EVAL_EVALAI__TOKEN``, or use
-    ``token_file``."""
-    token_file: Path | None = None
-    """A file that contains only the token and that only its owner can read. Backups leave it
-    out."""
-
-
 class Settings(BaseSettings):
     """All settings of a server."""
 
@@ -478,7 +450,6 @@ class Settings(BaseSettings):
     limits: Limits = Limits()
     mail: Mail | None = None
     webhook: Webhook | None = None
-    evalai: EvalAI | None = None
     trusted_proxies: tuple[IPvAnyNetwork, ...] = ()
     """Addresses and networks of the proxies in front of the server, whose ``X-Forwarded-For`` is
     trusted."""
@@ -504,16 +475,7 @@ class Settings(BaseSettings):
         if settings._folder.is_relative_to(os.path.realpath(settings.path(settings.uploads))):
             remedy = "is the server's folder or contains it; choose a separate folder for uploads"
             raise SettingsError([Problem("wrong-setting", "uploads", remedy)])
-        unknown = list(settings._phases_without_split())
-        if unknown:
-            raise SettingsError(unknown)
         return settings
-
-    def _phases_without_split(self) -> Iterator[Problem]:
-        for phase, split in self.evalai.phases.items() if self.evalai else ():
-            if split not in self.splits:
-                message = f"got {split!r}; must be one of the splits: {', '.join(self.splits)}"
-                yield Problem("wrong-setting", f"evalai.phases.{phase}", message)
 
     @classmethod
     def settings_customise_sources(
@@ -555,22 +517,11 @@ class Settings(BaseSettings):
     @property
     def mail_password(self) -> str:
         """The password of the mail server; raises OSError if its file cannot be read."""
-        return self._secret(self.mail.password, self.mail.password_file) if self.mail else ""
-
-    @property
-    def evalai_token(self) -> str:
-        """The token for EvalAI; raises OSError if its file cannot be read."""
-        return self._secret(self.evalai.token, self.evalai.token_file) if self.evalai else ""
-
-    def _secret(self, text: str, file: Path | None) -> str:
-        return text if file is None else self.path(file).read_text(encoding="utf-8").strip()
-
-    @property
-    def secret_files(self) -> Sequence[Path]:
-        """The files with secrets that sections name."""
-        files = [self.mail.password_file] if self.mail else []
-        files += [self.evalai.token_file] if self.evalai else []
-        return [self.path(file) for file in files if file is not None]
+        if self.mail is None:
+            return ""
+        if self.mail.password_file is None:
+            return self.mail.password
+        return self.path(self.mail.password_file).read_text(encoding="utf-8").strip()
 
     @property
     def database_url(self) -> URL:
@@ -636,7 +587,7 @@ def _problems(error: ValidationError) -> Iterator[Problem]:
             continue
         message = wrong_value(detail).message.replace("an object", "a table")  # as TOML calls it
         # The database's URL may contain a password, so it is not repeated.
-        is_secret = key.rpartition(".")[2] in {"database", "password", "secret", "token"}
+        is_secret = key.rpartition(".")[2] in {"database", "password", "secret"}
         given = detail["input"]
         is_repeated = isinstance(given, str) and repr(given) in message
         is_shown = isinstance(given, str | int | float) and not (is_secret or is_repeated)

@@ -162,7 +162,6 @@ export evalai {} -o {}.out
 export site {} -o {}.out
 export submissions {} test -o {}.out
 export tables {} -o {}.out
-evalai-worker {}
 doctor {}
 doctor --quick {}
 audit {}

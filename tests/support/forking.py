@@ -34,7 +34,6 @@ PROCESSES.set_forkserver_preload(
         "reverie_eval_cli.commands.submit",
         "reverie_eval_cli.commands.server",
         "tests.support.codabench",
-        "tests.support.evalai",
         "tests.support.killing",
         "tests.support.serving",
         "tests.support.warm",

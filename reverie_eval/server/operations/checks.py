@@ -334,7 +334,7 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
             "address from which the proxy connects"
         )
         yield Finding("settings", "note", message)
-    yield from _at_secret_files(settings)
+    yield from _at_password_file(settings)
     url = settings.database_url
     if url.password and not is_private and "REVERIE_EVAL_DATABASE" not in os.environ:
         message = f"other users can read the database's password; run `chmod 600 {file}`"
@@ -344,16 +344,18 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
         yield Finding("settings", "fault", message)
 
 
-def _at_secret_files(settings: Settings) -> Iterator[Finding]:
-    for file in settings.secret_files:
-        try:
-            is_private = not file.stat().st_mode & _OTHERS_MAY_READ
-        except OSError as error:
-            yield Finding("settings", "fault", f"{file} cannot be read: {error.strerror}")
-        else:
-            if not is_private:
-                message = f"other users can read {file}; run `chmod 600 {file}`"
-                yield Finding("settings", "fault", message)
+def _at_password_file(settings: Settings) -> Iterator[Finding]:
+    if settings.mail is None or settings.mail.password_file is None:
+        return
+    file = settings.path(settings.mail.password_file)
+    try:
+        is_private = not file.stat().st_mode & _OTHERS_MAY_READ
+    except OSError as error:
+        yield Finding("settings", "fault", f"{file} cannot be read: {error.strerror}")
+    else:
+        if not is_private:
+            message = f"other users can read {file}; run `chmod 600 {file}`"
+            yield Finding("settings", "fault", message)
 
 
 def _at_ground_truth(settings: Settings) -> Generator[Finding, None, Mapping[str, Board]]:

@@ -1,27 +1,39 @@
-"""Write the splits of a server as the phases and leaderboards of a challenge on EvalAI.
+"""A challenge on EvalAI: a server's splits as its phases and leaderboards, and how it scores.
+
+The files are scored on the organiser's machine, so the solution stays there. EvalAI's own worker
+fetches them and calls :func:`evaluate`.
 
 References
 ----------
-EvalAI 0f0403929, ``apps/challenges/challenge_config_utils.py``.
+EvalAI 0f0403929, ``apps/challenges/challenge_config_utils.py`` and ``apps/jobs/views.py``;
+EvalAI-Starters 8a282bad, ``remote_challenge_evaluation``.
 """
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
+from reverie_eval.errors import ReverieEvalError, SubmissionError
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.service import Phase, Schedule
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.platforms.scores import displayed_scores
 from reverie_eval.server.scoring.boards import Board
-from reverie_eval.server.settings import Settings
+from reverie_eval.server.settings import Settings, load_settings
+from reverie_eval.submissions import unpack
 
 _ONLY_HOSTS, _EVERYBODY = 1, 3
 """EvalAI's values for who sees a leaderboard."""
 _NO_END = datetime(2099, 12, 31, 23, 59, 59, tzinfo=UTC)
 """The end of a phase that has none here, because EvalAI requires one."""
 _FILES = ".json, .gz, .zip"
+_LOGGER = logging.getLogger("reverie_eval.server")
 
 
 class ChallengeConfig(NamedTuple):
@@ -92,7 +104,7 @@ def _phase(
         "id": number,
         "name": f"{board.split}: {phase.name}",
         "description": f"templates/challenge_phase_{number}_description.html",
-        "codename": f"{board.split}-{number}",
+        "codename": f"{board.split}-{number}",  # evaluate() gets it
         "leaderboard_public": not schedule.holds_scores_back,
         "is_public": True,
         "is_submission_public": False,
@@ -136,3 +148,54 @@ def _left_out(board: Board, schedule: Schedule) -> Iterator[str]:
 def _time(moment: datetime) -> datetime:
     """Return a time in UTC without its zone, as in EvalAI's files."""
     return moment.astimezone(UTC).replace(tzinfo=None, microsecond=0)
+
+
+def evaluate(
+    folder: str | PathLike[str], submission: str | PathLike[str], phase_codename: str
+) -> Mapping[str, Any]:
+    """Score a file that was sent to EvalAI, as the server would.
+
+    Parameters
+    ----------
+    folder : path
+        The server's folder. Its server need not run.
+    submission : path
+        The file.
+    phase_codename : str
+        The phase that it was sent to, as :func:`export_evalai` names it.
+
+    Returns
+    -------
+    mapping
+        ``result``: what EvalAI's leaderboard of the split displays, by its labels.
+
+    Raises
+    ------
+    SubmissionError
+        If the file is rejected. EvalAI shows the message to the participant.
+    ReverieEvalError
+        If the evaluation fails for another reason. It says no more, because the participant sees
+        that message, too; the log has the reason.
+    """
+    try:
+        with opened_server(load_settings(Path(folder))) as state:
+            board = state.board(phase_codename.rpartition("-")[0])
+            with state.database.reading() as session:
+                schedule = state.get(Schedules).of_split(session, board.split).latest
+            limit = state.settings.limits.unpacked_mebibytes << 20
+            report = board.scored(unpack(Path(submission).read_bytes(), limit)).report
+        scores = displayed_scores(report, [metric.key for metric in board.headline])
+    except SubmissionError:
+        raise
+    except Exception:
+        _LOGGER.exception("submission to EvalAI could not be scored")
+        raise ReverieEvalError(
+            "the evaluation failed, but not because of the file; the organisers can see why, and "
+            "can run the submission again"
+        ) from None
+    result = {
+        "split": board.split,
+        "show_to_participant": not schedule.holds_scores_back,
+        "accuracies": {CATALOGUE[key].label: value for key, value in scores.items()},
+    }
+    return {"result": [result]}

@@ -31,7 +31,6 @@ server = LazyGroup(
             "import": "results:import_results",
             "reported": "results:reported",
             "export": "exports:export",
-            "evalai-worker": "exports:evalai_worker",
         },
         "Keep": {
             "doctor": "folder:doctor",

@@ -1,9 +1,7 @@
-"""``reverie-eval server inspect|evidence|export|evalai-worker``: what was submitted, to read."""
+"""``reverie-eval server inspect|evidence|export``: what was submitted, to read."""
 
-import gc
 from collections.abc import Iterator
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -204,21 +202,3 @@ def evalai(*, folder: Folder, output: str | None) -> None:
     for sentence in config.left_out:
         note(f"not in the challenge: {sentence}")
     write_text(config.text, output)
-
-
-@click.command("evalai-worker")
-@server_folder
-def evalai_worker(*, folder: Folder) -> None:
-    """Score submissions to a challenge on EvalAI, until stopped.
-
-    The section [evalai] of the settings names the challenge. Files are fetched from there and
-    scored here, as on the server; EvalAI gets the scores that a leaderboard displays. If the worker
-    is killed and started again, it finishes what it had begun, once.
-
-    Exit status: 0 stopped, 1 settings or data are not sound, 2 usage or system error.
-    """
-    from reverie_eval.server.operations.checks import check_sound
-    from reverie_eval.server.platforms.evalai_worker import run_worker
-
-    gc.enable()  # off in this command, which pays off in short lives only
-    run_worker(check_sound(folder.path, note), partial(print, flush=True))

@@ -43,6 +43,7 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> SubmissionColu
     whole, rows = ground_truth.subset_of or (ground_truth, None)
     looked = _look_up(predictions, whole)
     predictions, episode, viewpoint, _ = looked
+    _check_release(len(episode), whole)
     _check_buildings(predictions, episode, viewpoint, whole)
     _raise_problems(
         predictions.problems,
@@ -66,6 +67,7 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> S
     whole, rows = ground_truth.subset_of or (ground_truth, None)
     looked = _look_up(predictions, whole)
     predictions, episode, _, _ = looked
+    _check_release(len(episode), whole)
     _raise_problems(predictions.problems, _episode_problems(looked, ground_truth))
     # A public bundle has no goals; the starts serve as well to check the answers.
     solution = ground_truth.solution
@@ -173,6 +175,20 @@ def _look_up(predictions: Predictions, ground_truth: GroundTruth) -> _Looked:
     return _Looked(predictions, *indexes, found.is_unresolved)
 
 
+def _check_release(found: int, ground_truth: GroundTruth) -> None:
+    """Raise one SubmissionError for a file with as many records as another release has episodes."""
+    expected, own = len(ground_truth.episodes.instr_ids), ground_truth.header.dataset
+    releases = ground_truth.task.releases
+    if found == expected or own not in releases.values():
+        return
+    for (split, _, episodes), release in releases.items():
+        if (split, episodes) == (ground_truth.split, found):
+            problem = problems.OTHER_RELEASE.of_file(
+                found=found, release=release, split=split, own=own, expected=expected
+            )
+            raise SubmissionError([problem])
+
+
 def _check_buildings(
     predictions: Predictions, episode: IntArray, viewpoint: IntArray, ground_truth: GroundTruth
 ) -> None:
@@ -269,8 +285,8 @@ def _episode_problems(looked: _Looked, ground_truth: GroundTruth) -> Iterator[Pr
     expected = len(episodes.instr_ids)
     if ground_truth.subset_digest:
         split = f"the subset {ground_truth.subset_digest} of {split}"
-    if len(episode) > SHOWN_PROBLEMS and not any(it is not None for it in predictions.instr_ids):
-        return  # that no id could be read is one problem, which was reported
+    if predictions.problems and not any(it is not None for it in predictions.instr_ids):
+        return  # that no id could be read was reported
     if not known.size:
         yield problems.NO_EPISODE_OF_SPLIT.of_file(expected=expected, split=split)
         return

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from typing import TYPE_CHECKING, Any
 
-from reverie_eval.errors import SubmissionError
+from reverie_eval.errors import Problem, SubmissionError
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._answers import has_answer
@@ -43,6 +43,8 @@ MAX_RECORDS = 200_000
 
 _BRACKETS = ("[", "{")
 _SHOWN_TEXT = 60
+# Enough to find the place in a file that is not JSON.
+_SHOWN_BEGINNING = 30
 _SPACE = re.compile(r"\s*")
 
 
@@ -71,8 +73,9 @@ def parse_document(content: bytes, log: ReadingLog) -> Any:
     try:
         return _decoded_twice(_parse_json(content, log), log)
     except UnicodeDecodeError as error:
+        found = error.object[error.start : error.start + _SHOWN_BEGINNING]
         problem = problems.NOT_JSON.of_file(
-            f"byte {error.start}", reason=f"not {error.encoding} text"
+            f"byte {error.start}", reason=f"not {error.encoding} text", found=found
         )
     except RecursionError:
         problem = problems.TOO_DEEP.of_file()
@@ -113,6 +116,8 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
     """Parse text that ``json`` refuses, if it tells what was meant, or raise SubmissionError."""
     text = error.doc
     if error.msg == "Extra data":
+        if text.lstrip().startswith("{") and text.startswith(",", error.pos):
+            return _parse_without_brackets(text, log)
         values, later_error = _parse_several(text)
         if later_error is None:
             return _join(values, error, log)
@@ -123,11 +128,30 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
             return values[0]
         # The later one is where the reader has to look: everything before it was read.
         error = later_error
+    raise SubmissionError([_why_not_json(error)])
+
+
+def _why_not_json(error: "JSONDecodeError") -> Problem:
     where = f"line {error.lineno}, column {error.colno}"
-    if error.pos >= len(text.rstrip()) or error.msg.startswith("Unterminated string"):
-        raise SubmissionError([problems.CUT_SHORT.of_file(where)])
-    reason = error.msg.removesuffix(" at")
-    raise SubmissionError([problems.NOT_JSON.of_file(where, reason=reason)])
+    if error.pos >= len(error.doc.rstrip()) or error.msg.startswith("Unterminated string"):
+        return problems.CUT_SHORT.of_file(where)
+    found = error.doc[error.pos : error.pos + _SHOWN_BEGINNING]
+    return problems.NOT_JSON.of_file(where, reason=error.msg.removesuffix(" at"), found=found)
+
+
+def _parse_without_brackets(text: str, log: ReadingLog) -> Any:
+    """Parse the records of a list that lacks its brackets, each with a comma after it."""
+    import json
+
+    inner = text.rstrip().removesuffix(",")
+    try:
+        records = json.loads(f"[{inner}]", object_pairs_hook=_build_object)
+    except json.JSONDecodeError as error:
+        # The place in the text as it was given, without the bracket before it.
+        given = json.JSONDecodeError(error.msg, inner, error.pos - 1)
+        raise SubmissionError([_why_not_json(given)]) from None
+    log.add_whole_file_fault(faults.NO_BRACKETS, None)
+    return records
 
 
 def _join(values: Sequence[Any], error: "JSONDecodeError", log: ReadingLog) -> Sequence[Any]:
@@ -137,8 +161,7 @@ def _join(values: Sequence[Any], error: "JSONDecodeError", log: ReadingLog) -> S
     if all(isinstance(value, list) for value in values):
         log.add_whole_file_fault(faults.SEVERAL_LISTS, None)
         return [record for value in values for record in value]
-    where = f"line {error.lineno}, column {error.colno}"
-    raise SubmissionError([problems.NOT_JSON.of_file(where, reason="Extra data")])
+    raise SubmissionError([_why_not_json(error)])
 
 
 def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
@@ -213,9 +236,23 @@ def _unwrap(document: Any, log: ReadingLog) -> Any:
         if document and all(_is_list_of_records(value) for value in document):
             log.add_whole_file_fault(faults.NESTED_LISTS, None)
             return [record for records in document for record in records]
+        if document and all(isinstance(value, str) and value[:1] == "{" for value in document):
+            return _decode_records(document, log)
     elif isinstance(document, Mapping) and not isinstance(document, RepeatingObject):
         return _unwrap_object(document, log)
     return document
+
+
+def _decode_records(texts: Sequence[str], log: ReadingLog) -> Sequence[Any]:
+    """Parse records that are JSON texts in a list; return the texts if one is not JSON."""
+    import json
+
+    try:
+        records = [json.loads(text, object_pairs_hook=_build_object) for text in texts]
+    except ValueError:
+        return texts
+    log.add_whole_file_fault(faults.ENCODED_RECORDS, texts[0])
+    return records
 
 
 def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:

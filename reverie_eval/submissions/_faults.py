@@ -68,6 +68,13 @@ SEVERAL_LISTS = _not_json("several lists one after another", "write one list")
 ENCODED_TWICE = _not_json(
     "the JSON inside a string: it was encoded twice", "use json.dump alone, without json.dumps"
 )
+ENCODED_RECORDS = _not_json(
+    "records within texts, such as {example}",
+    "write the list by one json.dump, without json.dumps of each record",
+)
+NO_BRACKETS = _not_json(
+    "records without the brackets of a list", "put [ before the first and ] after the last"
+)
 TRAILING_TEXT = _not_json("text after the JSON: {example}", "remove it")
 PYTHON_LITERAL = _not_json("a list printed by Python instead of JSON", "write it with json.dump")
 WRAPPED = _not_a_list("the records under the key {example}", "write only the list of records")
@@ -258,7 +265,10 @@ def _join_alike(given: Iterable[Problem]) -> Sequence[Problem]:
     """
     alike: dict[tuple[str, str], list[Problem]] = {}
     for problem in given:
-        field = _ANY_INDEX.sub("", problem.where) or problem.message
+        field = _ANY_INDEX.sub("", problem.where)
+        # Of a whole record, the message tells which mistake it is, unless it shows the record.
+        if not field and problem.code != "wrong-type":
+            field = problem.message
         alike.setdefault((problem.code, field), []).append(problem)
     return [each for found in alike.values() for each in _joined(found)]
 

@@ -113,7 +113,7 @@ class Template:
 
 # The file as a whole.
 
-NOT_JSON = Template("not-json", "{reason}; write the file with a JSON library")
+NOT_JSON = Template("not-json", "{reason}, got {found!j}; write the file with a JSON library")
 CUT_SHORT = Template(
     "not-json", "the JSON ends in the middle, so the file was cut short; write or copy it again"
 )
@@ -216,6 +216,12 @@ POSITIONS = Template(
     "continuous-environment",
     "{count:,} of its {paths} are positions, such as {example!j}, of a continuous environment "
     "(VLN-CE, RxR-Habitat); only viewpoints of the navigation graph can be scored",
+)
+OTHER_RELEASE = Template(
+    "other-release",
+    "has {found:,} records, as many as {release} has episodes of {split}, but the ground truth is "
+    "{own}, with {expected:,}; name one of {release} by --ground-truth, or send the predictions "
+    "for {own}",
 )
 OTHER_BUILDINGS = Template(
     "other-scan",

@@ -226,6 +226,8 @@ _NOT_JSON = {
     b"\x93NUMPY": "a numpy array",
     b"\x89HDF": "an HDF5 file",
     b"version https://git-lfs": "a git-lfs pointer, not the file itself",
+    b"\0\0\0\0": "a file of zero bytes, as a full disk leaves it",
+    b"<<<<<<<": "two versions with the marks of a merge conflict",
     b"<": "a web page",
 }
 _TAR_MARK = b"ustar"

@@ -4,6 +4,7 @@ The house has a hall, 3 m further a kitchen, 4 m further a pantry, and an attic 
 the barn has a stall and a loft. Two episodes go to the pantry, one to the loft.
 """
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
@@ -16,6 +17,7 @@ from fixtures.demo_world.broken import FOREIGN, SPOILED
 from fixtures.demo_world.episodes import Answer, Record, episodes_of, submitted
 from reverie_eval import GroundTruth, Problem, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.scoring import Track
 from reverie_eval.submissions import (
     Submission,
     SubmissionColumns,
@@ -81,10 +83,12 @@ def farm() -> GroundTruth:
     return ground_truth_of(FARM)
 
 
-def problems_of(submission: Submission, truth: GroundTruth) -> Sequence[Problem]:
+def problems_of(
+    submission: Submission, truth: GroundTruth, track: Track = "full"
+) -> Sequence[Problem]:
     """Return all problems of a submission."""
     with pytest.raises(SubmissionError) as rejected:
-        validate(submission, split=SPLIT, ground_truth=truth)
+        validate(submission, split=SPLIT, ground_truth=truth, track=track)
     return rejected.value.problems
 
 
@@ -269,6 +273,23 @@ def test_the_broken_sample(demo: GroundTruth) -> None:
 
 
 # Submissions for something else.
+
+
+@pytest.mark.parametrize("track", ["full", "grounding"])
+def test_a_submission_for_another_release(demo: GroundTruth, track: Track) -> None:
+    """Most ids of a release are those of the other, so they look like missing episodes."""
+    second = replace(demo, header=replace(demo.header, dataset="REVERIE v2"))
+    good = json.loads((SAMPLES / "good.json").read_text("utf-8"))
+    others = [{**good[0], "instr_id": f"9{number}_7_0"} for number in range(3_521 - len(good))]
+    (problem,) = problems_of([*good, *others], second, track)
+    assert (problem.code, problem.where) == ("other-release", "file")
+    assert problem.message == (
+        "has 3,521 records, as many as REVERIE v1 has episodes of val_unseen, but the ground truth "
+        "is REVERIE v2, with 84; name one of REVERIE v1 by --ground-truth, or send the predictions "
+        "for REVERIE v2"
+    )
+    codes = {problem.code for problem in problems_of([*good, *others[1:]], second, track)}
+    assert codes == {"unknown-episode"}
 
 
 def test_a_submission_for_another_split(demo: GroundTruth) -> None:

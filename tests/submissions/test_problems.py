@@ -30,13 +30,21 @@ WORDING = Path(__file__).with_name("problems.txt")
 PROBLEMS = [
     # problem, code, place, what the message must show of the file
     (
-        problems.NOT_JSON.of_file("line 3, column 1", reason="Extra data"),
+        problems.NOT_JSON.of_file("line 3, column 1", reason="Extra data", found="# done"),
         "not-json",
         "line 3, column 1",
-        ["Extra data"],
+        ["Extra data", "# done"],
     ),
     (problems.CUT_SHORT.of_file("line 3, column 1"), "not-json", "line 3, column 1", []),
     (problems.NOT_A_LITERAL.of_file(), "not-json", "file", []),
+    (
+        problems.OTHER_RELEASE.of_file(
+            found=3_433, release="v2", split="val_unseen", own="v1", expected=3_521
+        ),
+        "other-release",
+        "file",
+        ["3,433", "v2", "v1", "3,521", "val_unseen"],
+    ),
     (problems.ANOTHER_KIND.of_file(kind="a web page"), "not-json", "file", ["a web page"]),
     (problems.HUGE_NUMBER.of_file(), "not-json", "file", ["2,147,483,647"]),
     (problems.TOO_DEEP.of_file(), "too-deep", "file", []),

@@ -71,7 +71,7 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
             b"[{}]\n\n  {}",
             "not-json",
             "line 3, column 3",
-            "Extra data; write",
+            "Extra data, got '{}'; write",
             id="a list and an object",
         ),
         pytest.param(
@@ -86,7 +86,7 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
             b'["a\nb"]',
             "not-json",
             "line 1, column 4",
-            "Invalid control character; write",
+            "Invalid control character, got '\\nb\"]'; write",
             id="line break in a text",
         ),
         pytest.param(b'["ok", "\xff"]', "not-json", "byte 8", "utf-8", id="invalid UTF-8"),

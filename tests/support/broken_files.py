@@ -351,6 +351,11 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "one list per process": lambda records: [records[:40], records[40:]],
         "two files joined": lambda records: text(records[:40]) + b"\n" + text(records[40:]),
         "JSON within JSON": lambda records: json.dumps(text(records).decode()).encode(),
+        "records as text": lambda records: [json.dumps(record) for record in records],
+        "records as lists": lambda records: [list(record.values()) for record in records],
+        "records with commas between them alone": lambda records: b"".join(
+            json.dumps(record).encode() + b",\n" for record in records
+        ),
         "pandas to_json": lambda records: {
             name: {str(row): record[name] for row, record in enumerate(records)}
             for name in records[0]
@@ -378,7 +383,11 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "a mail signature after the JSON": lambda records: text(records) + b"\n-- \nBest regards",
         "a cut file": lambda records: text(records)[:-500],
         "an empty file": lambda _: b"",
+        "zero bytes": lambda records: bytes(len(text(records))),
         "a web page": lambda _: b"<!DOCTYPE html><title>Sign in</title>",
+        "a merge conflict": lambda records: (
+            b"<<<<<<< HEAD\n%s\n=======\n%s\n>>>>>>> ours\n" % (text(records), text(records[1:]))
+        ),
         "CSV": lambda _: b"instr_id,predObjId\n1_2_0,3\n",
         "Latin-1": lambda records: text(records).replace(
             b'"trajectory"', b'"\xe9", "trajectory"', 1

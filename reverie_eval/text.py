@@ -47,12 +47,15 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
 
     >>> did_you_mean("offical-v1", ["official-v1", "paper"])
     '; did you mean official-v1? Choose one of: official-v1, paper'
+    >>> did_you_mean("Val_Unseen", ["val_seen", "val_unseen"])
+    '; did you mean val_unseen? Choose one of: val_seen, val_unseen'
     """
     from difflib import get_close_matches  # slow to import, and only needed in errors
 
     listed = list(known)
-    close = get_close_matches(str(name), listed, n=1)
-    guess = f"did you mean {close[0]}? Choose" if close else "choose"
+    by_folded = {each.casefold(): each for each in listed}
+    close = get_close_matches(str(name).casefold(), by_folded, n=1)
+    guess = f"did you mean {by_folded[close[0]]}? Choose" if close else "choose"
     return f"; {guess} one of: {', '.join(listed)}"
 
 

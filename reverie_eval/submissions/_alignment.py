@@ -285,8 +285,10 @@ def _episode_problems(looked: _Looked, ground_truth: GroundTruth) -> Iterator[Pr
     expected = len(episodes.instr_ids)
     if ground_truth.subset_digest:
         split = f"the subset {ground_truth.subset_digest} of {split}"
-    if predictions.problems and not any(it is not None for it in predictions.instr_ids):
-        return  # that no id could be read was reported
+    if predictions.problems and not len(episode):
+        return  # that nothing is a record was reported
+    if len(episode) > SHOWN_PROBLEMS and not any(it is not None for it in predictions.instr_ids):
+        return  # that no id could be read is one problem, which was reported
     if not known.size:
         yield problems.NO_EPISODE_OF_SPLIT.of_file(expected=expected, split=split)
         return

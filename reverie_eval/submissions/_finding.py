@@ -29,8 +29,10 @@ def find_files(names: Sequence[str]) -> list[str]:
     Raises
     ------
     ProtocolError
-        If there is no submission in a folder, or no file for a pattern.
+        If there is no submission in a folder, or no file for a pattern, or a name is empty.
     """
+    if "" in names:  # which would be the current folder
+        raise ProtocolError("a file's name is empty; is a variable of the shell not set?")
     found = {name: _files(name) for name in names}
     for name, files in found.items():
         if not files:

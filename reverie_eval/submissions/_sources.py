@@ -119,7 +119,8 @@ def _read_file(file: str | PathLike[str], limit: int) -> bytes:
     except IsADirectoryError:
         if is_run(file):
             return _read_file(submission_in(file), limit)
-        raise
+        told = "is a folder, and not that of a run; name a result file in it"
+        raise IsADirectoryError(errno.EISDIR, told, str(Path(file))) from None
     except (OSError, ValueError) as error:
         # Most libraries take JSON as text; here text is a path, and the system's error for one of
         # a hundred thousand letters would not help.

@@ -146,6 +146,12 @@ BROKEN_WORD = quote(str(BROKEN))
             id="episodes that cannot be written",
         ),
         pytest.param(
+            "validate folder {split}",
+            2,
+            "reverie-eval: folder: is a folder, and not that of a run; name a result file in it",
+            id="a folder to validate",
+        ),
+        pytest.param(
             "compile folder {split} -o new.npz",
             1,
             "reverie-eval: dataset rejected, 3 problems",

@@ -185,6 +185,8 @@ def test_reports_of_all_files(jobs: str, run: Run, files: list[str]) -> None:
         ),
         (["empty"], "empty: no submission found; submissions end in .json, .json.gz, .jsonl"),
         (["*.nothing"], "*.nothing: no submission found"),
+        # An empty path is the current folder, which has the two files.
+        ([""], "a file's name is empty; is a variable of the shell not set?"),
         (["--watch", "none"], "none: there is no such file or folder to watch"),
         (["--watch", "empty", "--format", "csv"], "--format cannot be combined with --watch"),
     ],

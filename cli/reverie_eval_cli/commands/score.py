@@ -5,15 +5,17 @@ The words choose one of eight ways to score, each a function below; ``_way_of`` 
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 from reverie_eval import (
+    Evaluator,
     GroundTruth,
     ScoredFiles,
     Scores,
@@ -22,6 +24,7 @@ from reverie_eval import (
     evaluate,
     evaluate_protocols,
 )
+from reverie_eval.files import staged_file
 from reverie_eval.logs import find_run
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.scores import (
@@ -30,10 +33,11 @@ from reverie_eval.reporting.scores import (
     scores_printout,
     write_episodes,
 )
-from reverie_eval.reporting.tables import FORMATS, metric_cells
+from reverie_eval.reporting.tables import FORMATS, Printout, metric_cells
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     TABLE_KEYS,
+    Clustering,
     score_files,
     scored_metrics,
 )
@@ -47,7 +51,6 @@ from reverie_eval.submissions import (
 )
 from reverie_eval.tasks import DEFAULT_TASK, find_task
 from reverie_eval_cli import options
-from reverie_eval_cli.commands._wanted import Wanted
 from reverie_eval_cli.output import (
     check_outputs,
     failure_line,
@@ -55,8 +58,12 @@ from reverie_eval_cli.output import (
     note,
     open_output,
     score_each,
+    show_printout,
     with_progress,
 )
+
+if TYPE_CHECKING:
+    from reverie_eval import Sweep
 
 _REVERIE = find_task(DEFAULT_TASK)
 # The metrics of formats that have more than the table has.
@@ -69,6 +76,69 @@ _WATCH_WIDTH = 7
 _MANY = 20
 _INTERVALS = frozenset({"--ci", "--cluster", "--confidence"})
 _PRINTING = frozenset({"--format", "--output"})
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the words after ``score`` say."""
+
+    submissions: Sequence[str]
+    scoring: options.ScoringOptions
+    episodes_from: Path | None
+    diagnosed: bool
+    ci: bool
+    cluster: Clustering | None
+    confidence: float | None
+    select: str | None
+    curve: str | None
+    watch: bool
+    jobs: int | None
+    layout: str
+    output: str | None
+    episodes: str | None
+    run: Path | None
+
+    @property
+    def given(self) -> Iterator[str]:
+        """The given options that only some of the ways take."""
+        values = {
+            "--diagnose": self.diagnosed,
+            "--ci": self.ci,
+            "--cluster": self.cluster,
+            "--confidence": self.confidence,
+            "--episodes": self.episodes,
+            "--format": self.layout != FORMATS[0],
+            "--output": self.output,
+            "--run": self.run,
+            "--select": self.select,
+            "--curve": self.curve,
+            f"--protocol {options.ALL_PROTOCOLS}": self.scoring.protocol == options.ALL_PROTOCOLS,
+        }
+        return (option for option, value in values.items() if value)
+
+    # Read once: ways that need both truth and evaluator share it.
+    @cached_property
+    def truth(self) -> GroundTruth:
+        """The ground truth of the chosen episodes."""
+        return self.scoring.find(self.episodes_from)
+
+    @cached_property
+    def evaluator(self) -> Evaluator:
+        """What scores by the chosen protocol."""
+        return self.scoring.evaluator(self.truth)
+
+    @property
+    def file(self) -> str | None:
+        """The only file that is to be scored; None if there are several, or runs of a method."""
+        # A folder or a pattern is a ranking even if it has one file, so that its output has one
+        # form.
+        first, *others = self.submissions
+        is_one = not others and not find_runs(first) and find_files([first]) == [first]
+        return first if is_one else None
+
+    def show(self, printout: Printout) -> None:
+        """Print a result in the chosen format."""
+        show_printout(printout, self.layout, self.output)
 
 
 @click.command()
@@ -290,24 +360,91 @@ def watch_for_files(wanted: Wanted) -> int:
     return 0
 
 
-def print_sweep(wanted: Wanted) -> int:
-    """Print a row for each checkpoint or setting, and the best; return the exit status."""
-    from reverie_eval_cli.commands import _sweeps  # needs what takes long to import, too
-
-    return _sweeps.print_sweep(wanted)
-
-
-def select_and_report(wanted: Wanted) -> int:
-    """Print the rows of the split to select on, and the best of them on the other."""
-    from reverie_eval_cli.commands import _sweeps
-
-    return _sweeps.select_and_report(wanted)
-
-
 def _print_line(cells: Sequence[str], file: str) -> None:
     """Print the cells of a file, its path last so that the columns stay in line."""
     # Flushed line by line, for a log or a pipe that someone follows.
     print("  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), file]), flush=True)
+
+
+# Sweeps.
+
+
+def print_sweep(wanted: Wanted) -> int:
+    """Print a row for each checkpoint or setting, and the best; return the exit status."""
+    from reverie_eval.reporting.sweeps import sweep_printout  # imports what takes long, too
+
+    sweep = _score_and_draw(wanted, _pattern(wanted), wanted.scoring)
+    if sweep:
+        wanted.show(sweep_printout(sweep))
+    return 1 if sweep.failures else 0
+
+
+def select_and_report(wanted: Wanted) -> int:
+    """Print the rows of the split to select on, and the best of them on the other."""
+    from reverie_eval.analysis import SPLIT_FIELD
+    from reverie_eval.reporting.sweeps import selection_printout
+
+    pattern, select = _pattern(wanted), str(wanted.select)
+    if f"{{{SPLIT_FIELD}}}" not in pattern:
+        raise click.UsageError(
+            "--select needs {split} in the pattern, as in 'runs/{checkpoint}_{split}.json'"
+        )
+    if select == wanted.scoring.split:
+        raise click.UsageError(f"--select and --report are both {select}; report another split")
+    if wanted.episodes_from:
+        raise click.UsageError("--episodes-from cannot be combined with --select")
+    sweep = _score_and_draw(wanted, pattern, replace(wanted.scoring, split=select))
+    best = _score_rows(wanted, sweep.best_pattern, wanted.scoring)
+    # A single row, or none if no file of it could be scored.
+    for name, runs in best.rows.items():
+        for seed in sweep.rows[sweep.best]:
+            if seed not in runs:
+                note(f"{sweep.best} has no score of seed {seed} on {wanted.scoring.split}")
+        reported = best.with_intervals(
+            name, wanted.cluster or "target", confidence=wanted.confidence
+        )
+        wanted.show(selection_printout(sweep, reported))
+    return 1 if sweep.failures or best.failures else 0
+
+
+def _pattern(wanted: Wanted) -> str:
+    pattern, *others = wanted.submissions
+    if others:
+        raise click.UsageError("give the pattern of a sweep alone, in quotes")
+    return pattern
+
+
+def _score_and_draw(wanted: Wanted, pattern: str, scoring: options.ScoringOptions) -> "Sweep":
+    """Score the files of a pattern, and draw the curve if one is wanted."""
+    from reverie_eval.analysis import check_curve
+    from reverie_eval.reporting.figures import check_figure_name, check_matplotlib
+
+    if wanted.curve:  # before any time is spent on files that cannot be drawn
+        check_figure_name(wanted.curve)
+        check_matplotlib()
+        check_curve(pattern, scoring.split)
+    sweep = _score_rows(wanted, pattern, scoring)
+    if wanted.curve and sweep:
+        file = Path(wanted.curve)
+        with staged_file(file) as staged:
+            sweep.plot().figure.canvas.print_figure(
+                staged, format=file.suffix[1:], bbox_inches="tight"
+            )
+    return sweep
+
+
+def _score_rows(wanted: Wanted, pattern: str, scoring: options.ScoringOptions) -> "Sweep":
+    """Score the files of a pattern, and say why others have no scores."""
+    from reverie_eval import Sweep
+    from reverie_eval.analysis import sweep_files
+
+    files = sweep_files(pattern, scoring.split)
+    evaluator = scoring.evaluator(scoring.find(wanted.episodes_from))
+    results = score_files(files, evaluator, jobs=wanted.jobs)
+    scored = ScoredFiles.of(with_progress(results, f"Scoring {scoring.split}", len(files)))
+    for file, error in scored.failures.items():
+        print(failure_line(file, error), file=sys.stderr)
+    return Sweep.of(pattern, scored, scoring.split)
 
 
 class _Way(NamedTuple):

@@ -1,10 +1,12 @@
-"""``reverie-eval schema`` and ``completion``: what programs and shells need."""
+"""``reverie-eval schema``, ``completion`` and ``simulator``: what programs and shells need."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import click
 
+from reverie_eval import ReverieEvalError
 from reverie_eval_cli import options
 from reverie_eval_cli.output import show
 
@@ -71,3 +73,41 @@ def completion(*, shell: str) -> int:
     from reverie_eval_cli.main import COMPLETION_VARIABLE, PROGRAM, program
 
     return shell_complete(program, {}, PROGRAM, COMPLETION_VARIABLE, f"{shell}_source")
+
+
+@click.command()
+@click.option("--path", is_flag=True, help="Print the folder that PYTHONPATH needs.")
+@click.option(
+    "--copy",
+    "folder",
+    metavar="DIR",
+    type=options.PATH,
+    help="Write MatterSim.py to DIR, such as the folder of a project.",
+)
+def simulator(*, path: bool, folder: Path | None) -> None:
+    """Let code that says `import MatterSim` run without the C++ simulator.
+
+    \b
+      export PYTHONPATH=$(reverie-eval simulator --path)
+      reverie-eval simulator --copy my-project
+
+    MatterSim.py is one file that needs numpy alone, and Pillow for pictures. It computes the states
+    of the Matterport3D simulator from connectivity files, number for number. `pip install
+    mattersim` is something else, a model of materials.
+    """  # noqa: D301  # click keeps the lines of a paragraph that begins with it
+    from reverie_eval.simulator import FOLDER
+
+    # Both or neither.
+    if path == (folder is not None):
+        raise click.UsageError("give either --path or --copy DIR")
+    if folder is None:
+        click.echo(FOLDER)
+        return
+    content, copy = (FOLDER / "MatterSim.py").read_bytes(), folder / "MatterSim.py"
+    if not folder.is_dir():
+        raise ReverieEvalError(f"{folder} is not a folder; name the one of your project")
+    # A changed copy may be somebody's work.
+    if copy.exists() and copy.read_bytes() != content:
+        raise ReverieEvalError(f"{copy} exists and is another file; remove it first")
+    copy.write_bytes(content)
+    click.echo(copy)

@@ -1,29 +1,110 @@
-"""``reverie-eval run AGENT --split SPLIT -o FOLDER``: from an agent to a scored submission."""
+"""``reverie-eval run AGENT`` and ``train NAME``: agents that walk, and how they learn to."""
 
 import gc
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
 from reverie_eval import GroundTruth, evaluate
 from reverie_eval.agents import AgentSource
+from reverie_eval.agents.chat import History, InputClass
 from reverie_eval.files import read_toml
 from reverie_eval.logs import read_text
 from reverie_eval.reporting.scores import scores_printout
 from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.commands._chat import CHAT, ChatOptions, chat_options
 from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import episode_bar, note, show_printout
 
+if TYPE_CHECKING:
+    from reverie_eval.agents.trained import Epoch
+
 _DEFAULTS = Limits()
+# The agent that is a language model.
+_CHAT = "chat"
+
+
+@dataclass(frozen=True)
+class ChatOptions:
+    """Options of an agent that have names of their own on the command line."""
+
+    model: str | None
+    endpoint: str | None
+    key_from: str | None
+    observe: str | None
+    history: str | None
+    prompts: str | None
+    prices: str | None
+    max_cost: float | None
+    cache: str | None
+
+    def given_to(self, agent: str, folder: Path, pictures: Path | None) -> Mapping[str, Any]:
+        """Return those that were given, and where replies are kept otherwise."""
+        if self.observe == "views" and pictures is None:
+            raise click.UsageError("--observe views needs --pictures FOLDER")
+        kept = {"cache": str(folder)} if agent == _CHAT else {}
+        return kept | {name: value for name, value in asdict(self).items() if value is not None}
+
+
+chat_options = options.grouped(
+    "chat_options",
+    ChatOptions,
+    click.option("--model", metavar="NAME", help="chat: the model, as the endpoint calls it."),
+    click.option(
+        "--endpoint",
+        metavar="URL",
+        help="chat: the address of an OpenAI-compatible endpoint, such as "
+        "http://localhost:11434/v1.",
+    ),
+    click.option(
+        "--key-from",
+        metavar="NAME",
+        help="chat: the environment variable that has the endpoint's key.",
+    ),
+    click.option(
+        "--observe",
+        type=options.Choice(get_args(InputClass)),
+        help="chat: the input class. objects are annotators' labels, so perfect perception; views "
+        "are pictures of skyboxes.",
+    ),
+    click.option(
+        "--history",
+        type=options.Choice(get_args(History)),
+        help="chat: send all messages of the episode again, or a map of it.  [default: full]",
+    ),
+    click.option(
+        "--prompts",
+        metavar="FOLDER",
+        type=click.Path(),
+        help="chat: texts that replace ours.",
+    ),
+    click.option(
+        "--prices",
+        metavar="FILE",
+        type=click.Path(),
+        help="chat: what tokens cost, as TOML.",
+    ),
+    click.option(
+        "--max-cost",
+        metavar="USD",
+        type=options.Decimal(0, min_open=True),
+        help="chat: stop the run once replies have cost as much; a higher limit goes on with it.",
+    ),
+    click.option(
+        "--cache",
+        metavar="FOLDER",
+        type=click.Path(),
+        help="chat: where replies are kept, so that runs can share them.  [default: the run's "
+        "folder]",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -154,7 +235,7 @@ def run_agent(
                     plan,
                     output,
                     jobs=jobs,
-                    threads=threads or agent == CHAT,
+                    threads=threads or agent == _CHAT,
                     fill_missing=fill_missing,
                     on_progress=show,
                 )
@@ -206,3 +287,66 @@ def _print_scores(submission: Path, truth: GroundTruth, totals: Totals) -> None:
         hint = f"{filled} without an answer of the agent, filled with a stop at the start"
         scores = replace(scores, hints=[*scores.hints, hint])
     show_printout(scores_printout([scores]), "table", None)
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--data", "root", metavar="FOLDER", type=options.PATH, help="A clone of the dataset repository."
+)
+@options.dataset_parts
+@options.dataset_task
+@options.with_default("--split", default="train", metavar="NAME", help="The split to train on.")
+@options.new_path("FOLDER", "The model's folder: a new one, or one to go on with.")
+@options.with_default("--seed", type=int, default=0, help="Seed of all random choices.")
+@options.agent_option
+@click.option(
+    "--pointer",
+    metavar="FOLDER",
+    type=options.PATH,
+    help="A trained pointer, which answers where a navigator stops.",
+)
+def train(
+    *,
+    name: str,
+    split: str,
+    output: Path,
+    seed: int,
+    option: tuple[str, ...],
+    pointer: Path | None,
+    task: str,
+    **paths: Path | None,
+) -> None:
+    """Train one of the paper's agents, on names instead of pictures.
+
+    NAME is a navigator (r2r-tf, r2r-sf, rcm, self-monitor, fast-short, fast-lan-only or
+    interactive) or a pointer (name-rnn, mattnet or cm-erase). `reverie-eval run FOLDER` runs it.
+
+    The same command goes on with a training that was interrupted. FOLDER gets model.safetensors and
+    card.json, and a copy of the pointer. Needs PyTorch: pip install 'reverie-eval[agents]'.
+    """
+    from reverie_eval.agents import trained
+    from reverie_eval.dataset import DatasetFiles
+
+    read = options.read_options(option)
+    trained.find_recipe(name, read)  # before the files, whose faults would hide a wrong name
+    plan = trained.TrainingPlan(
+        name=name,
+        files=DatasetFiles.find(split=split, task=task, **paths),
+        split=split,
+        options=read,
+        seed=seed,
+        pointer=pointer,
+    )
+
+    def show(number: int, epoch: "Epoch") -> None:
+        note(
+            f"epoch {number}: loss {epoch.loss:.3f}; of what is held back, {epoch.seen:.1%} in "
+            f"seen and {epoch.unseen:.1%} in unseen buildings"
+        )
+
+    card = trained.train(plan, output, show)
+    print(f"{output / trained.MODEL}: {card.name}, epoch {card.best} of {len(card.curve)}")
+    print(f"reads: {', '.join(card.input_class)}")
+    if card.left_out:
+        note(f"left out {card.left_out} items, whose target is not visible at their goal")

@@ -10,15 +10,16 @@ from reverie_eval.runner._checking import check_agent
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, TREATMENTS, WAITS, TransientError
 from reverie_eval.runner._folder import read_card
 from reverie_eval.runner._records import (
+    RUN_SCHEMAS,
     SCHEMA_VERSION,
     Circumstance,
     Identity,
     Limits,
     RunCard,
     Totals,
+    run_schema,
 )
 from reverie_eval.runner._run import Progress, Record, run, run_agent
-from reverie_eval.runner._schema import RUN_SCHEMAS, run_schema
 from reverie_eval.runner._walking import Plan
 
 __all__ = [

@@ -1,13 +1,19 @@
 """The records of a run: its identity, its circumstances, and what is logged of each episode."""
 
+import ast
+import inspect
+import textwrap
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import pairwise
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
 
-from reverie_eval.logs import Attempt, State, total_usage
+from reverie_eval import logs
+from reverie_eval.logs import Attempt, State, Step, total_usage
 from reverie_eval.simulator import MOST_ACTIONS
 
 SCHEMA_VERSION = 1
@@ -167,3 +173,37 @@ _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 def _shown(value: object) -> str:
     return repr(msgspec.to_builtins(value))
+
+
+# The JSON Schemas of the files.
+
+
+RUN_SCHEMAS: Mapping[str, type[msgspec.Struct]] = MappingProxyType(
+    {"run-card": RunCard, "run-episode": Attempt, "run-step": Step}
+)
+"""The records of a run's files by the names of their schemas."""
+
+
+def run_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of ``run.json``, or of a line of another file, by its name.
+
+    Fields are described by their docstrings, which msgspec does not read.
+    """
+    schema = msgspec.json.schema(RUN_SCHEMAS[name])
+    for title, definition in schema["$defs"].items():
+        about = dict(_field_docstrings({**vars(logs), **globals()}[title]))
+        for field, details in definition["properties"].items():
+            details["description"] = about[field]
+    return schema
+
+
+def _field_docstrings(record: type) -> Iterator[tuple[str, str]]:
+    """Yield the fields of a class, each with the text below it."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(record)))
+    (definition,) = tree.body
+    for field, below in pairwise(getattr(definition, "body", ())):
+        match field, below:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(ast.Constant(str(text))):
+                yield name, " ".join(text.split())
+            case _:
+                pass

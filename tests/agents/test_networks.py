@@ -25,13 +25,12 @@ from reverie_eval.agents.trained._navigating import (
     WordEncoder,
     collate,
 )
-from reverie_eval.agents.trained._pointing import Candidates, Pointer
 from reverie_eval.agents.trained._queue import MOST_EXPANDED, Choice, Queue
 from reverie_eval.agents.trained._ranking import erase, hinge, ranking_loss
 from reverie_eval.agents.trained._recipes import RECIPES
 from reverie_eval.agents.trained._reinforcement import policy_loss, returns_of
 from reverie_eval.agents.trained._world import World, hold_back, make_coder
-from reverie_eval.agents.trained.mattnet import MAttNet
+from reverie_eval.agents.trained.pointers import Candidates, MAttNet, Pointer
 from reverie_eval.dataset import DatasetFiles, compile_for_training
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.simulator import Environment, Go

@@ -26,7 +26,7 @@ from benchmarks.paper_rows import (
 from reverie_eval import GroundTruth, evaluate
 from reverie_eval.agents import DEMO_AGENT
 from reverie_eval.agents.trained import _recipes as recipes
-from reverie_eval.agents.trained.name_rnn import NameRnn
+from reverie_eval.agents.trained.pointers import NameRnn
 from reverie_eval.dataset import DatasetFiles
 from reverie_eval.ground_truth import DEMO_BUNDLES
 

@@ -2,8 +2,8 @@
 
 A model only scores actions or objects. What is observed becomes numbers in ``_coding``; training
 walks episodes in batches (``_imitation``, ``_reinforcement``, ``_ranking``), and a trained agent
-walks them one by one in a run (``_agent``), greedily or by the queue of FAST (``_queue``). Each
-network of a paper is a file: ``follower``, ``rcm``, ``self_monitor``, ``name_rnn``, ``mattnet``.
+walks them one by one in a run (``_agent``), greedily or by the queue of FAST (``_queue``). The
+networks of the papers are in ``navigators`` and ``pointers``.
 """
 
 from reverie_eval.agents.trained._agent import MODEL, POINTER, find_trained

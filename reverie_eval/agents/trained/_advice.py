@@ -11,8 +11,8 @@ import torch
 
 from reverie_eval.agents.trained._coding import Coder
 from reverie_eval.agents.trained._navigating import N_TOP
-from reverie_eval.agents.trained._pointing import Pointer, Question, candidates_of
 from reverie_eval.agents.trained._world import World
+from reverie_eval.agents.trained.pointers import Pointer, Question, candidates_of
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.ground_truth import GroundTruth
 

@@ -23,9 +23,9 @@ from reverie_eval.agents.trained._model_file import (
     set_threads,
 )
 from reverie_eval.agents.trained._navigating import Decision, Navigator, Reading, State, collate
-from reverie_eval.agents.trained._pointing import Pointer, Question
 from reverie_eval.agents.trained._queue import Choice, Queue
 from reverie_eval.agents.trained._recipes import WALKS, Walk, recipe_of
+from reverie_eval.agents.trained.pointers import Pointer, Question
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Answer, Go, Observation, Stop

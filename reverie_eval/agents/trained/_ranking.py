@@ -13,9 +13,8 @@ from torch import Tensor
 
 from reverie_eval.agents.trained._coding import UNKNOWN
 from reverie_eval.agents.trained._imitation import batches
-from reverie_eval.agents.trained._pointing import Pointer, Question, candidates_of
 from reverie_eval.agents.trained._world import World
-from reverie_eval.agents.trained.mattnet import MAttNet
+from reverie_eval.agents.trained.pointers import MAttNet, Pointer, Question, candidates_of
 from reverie_eval.arrays import IntArray
 
 MARGIN = 0.1

@@ -10,12 +10,8 @@ from torch import nn
 from reverie_eval.agents.trained._coding import Coder
 from reverie_eval.agents.trained._model_file import ModelCard
 from reverie_eval.agents.trained._navigating import Inputs
-from reverie_eval.agents.trained._pointing import Pointer
-from reverie_eval.agents.trained.follower import Follower
-from reverie_eval.agents.trained.mattnet import MAttNet
-from reverie_eval.agents.trained.name_rnn import NameRnn
-from reverie_eval.agents.trained.rcm import Rcm
-from reverie_eval.agents.trained.self_monitor import SelfMonitor
+from reverie_eval.agents.trained.navigators import Follower, Rcm, SelfMonitor
+from reverie_eval.agents.trained.pointers import MAttNet, NameRnn, Pointer
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.text import did_you_mean
 

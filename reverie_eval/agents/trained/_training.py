@@ -26,11 +26,11 @@ from reverie_eval.agents.trained._model_file import (
     set_threads,
 )
 from reverie_eval.agents.trained._navigating import Navigator
-from reverie_eval.agents.trained._pointing import Pointer
 from reverie_eval.agents.trained._ranking import pointing_rate, ranking_loss
 from reverie_eval.agents.trained._recipes import Recipe, find_recipe
 from reverie_eval.agents.trained._reinforcement import policy_loss
 from reverie_eval.agents.trained._world import World, hold_back, make_coder
+from reverie_eval.agents.trained.pointers import Pointer
 from reverie_eval.arrays import IntArray
 from reverie_eval.dataset import DatasetFiles, compile_for_training, scans_of
 from reverie_eval.errors import ReverieEvalError

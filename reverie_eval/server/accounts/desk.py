@@ -1,49 +1,55 @@
-"""``/desk/people``: teams, people and their tokens; ``/desk/people/3``: a person.
+"""What organisers do with teams, people and their tokens, over the API and at their desk.
 
-``/desk/requests``: requests to join, several of which can be answered at once.
+``/desk/people``: teams, people and their tokens; ``/desk/people/3``: a person. ``/desk/requests``:
+requests to join, several of which can be answered at once.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from typing import Annotated, get_args
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 
-from reverie_eval.schemas.organising import (
-    NewMerge,
-    NewPerson,
-    NewTeam,
-    NewToken,
-    PersonChange,
-    TokenKind,
+from reverie_eval.schemas import organising as schemas
+from reverie_eval.schemas.people import (
+    AcceptedRequest,
+    JoinRequestReport,
+    NewPeopleImport,
+    PeopleImportReport,
+    PersonalData,
+    PersonInvitation,
+    Rejection,
 )
-from reverie_eval.schemas.people import NewPeopleImport, PersonInvitation, Rejection
 from reverie_eval.schemas.service import ProblemDocument, Role
-from reverie_eval.server.accounts import (
-    joining,
-    people,
-    people_files,
-    personal_data,
-    tokens,
-)
-from reverie_eval.server.accounts.people_files import invitations_csv
+from reverie_eval.schemas.wire import LONGEST_NAME
+from reverie_eval.server.accounts import joining, people, people_files, personal_data, tokens
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http import desk as forms
-from reverie_eval.server.http.callers import Call, CallReading, Desk, Posted, TokenHint
-from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.callers import (
+    Call,
+    CallReading,
+    Desk,
+    Organiser,
+    Posted,
+    TokenHint,
+)
+from reverie_eval.server.http.openapi import organiser_router, problems
+from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import address_of_site, page
 from reverie_eval.server.identity import TOKEN_NAMES
 
-router = APIRouter()
+routes, pages = organiser_router(), APIRouter()
 
 PAGE, REQUESTS = "/desk/people", "/desk/requests"
-_TOKEN_USERS: Mapping[TokenKind, str] = {"invite": "people", "access": "scripts"}
+_TOKEN_USERS: Mapping[schemas.TokenKind, str] = {"invite": "people", "access": "scripts"}
 """In the order of the form."""
+_REFUSALS = problems("not-found", "conflict")
+TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 
-@forms.shown_at(router, PAGE, "people.html")
+@forms.shown_at(pages, PAGE, "people.html")
 def draw(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
     """Show all teams, people and tokens, and the forms to add more."""
     session, browser = reading.session, reading.browser
@@ -62,30 +68,38 @@ def draw(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
     }
 
 
-@router.post(f"{PAGE}/teams")
-def add_team(desk: Desk, form: Posted) -> Response:
+@routes.get("/teams")
+def list_teams(organiser: Organiser, paging: Paging) -> list[schemas.TeamReport]:
+    """List the teams by name, with their people."""
+    return paging.read(organiser, people.list_teams)
+
+
+@routes.post("/teams", status_code=201, responses=problems("conflict"))
+def add_team(new: schemas.NewTeam, organiser: Organiser) -> schemas.TeamReport:
+    """Add a team."""
+    return organiser.perform(people.add_team, new)
+
+
+@pages.post(f"{PAGE}/teams")
+def add_team_at_desk(desk: Desk, form: Posted) -> Response:
     """Add a team."""
     typed = forms.typed_into(form)
     forms.show_faults(desk, {"team_name": typed.get("name", "")}, draw)
-    desk.perform(people.add_team, read_model(NewTeam, typed))
+    desk.perform(people.add_team, read_model(schemas.NewTeam, typed))
     return forms.done(PAGE, "team")
 
 
-@router.post(f"{PAGE}/teams/rename")
-def rename_team(desk: Desk, form: Posted) -> Response:
-    """Rename a team."""
-    typed = forms.typed_into(form)
-    team, name = typed.get("team", ""), typed.get("name", "")
-    forms.show_faults(desk, {"old_name": team, "new_name": name}, draw)
-    desk.perform(people.rename_team, team, read_model(NewTeam, {"name": name}))
-    return forms.done(PAGE, "renamed")
+@routes.post("/teams/merge", responses=_REFUSALS)
+def merge_teams(new: schemas.NewMerge, organiser: Organiser) -> schemas.MergeReport:
+    """Merge two teams, as if they had always been one."""
+    return organiser.perform(people.merge_teams, new)
 
 
-@router.post(f"{PAGE}/teams/merge")
-def merge_teams(desk: Desk, form: Posted) -> Response:
+@pages.post(f"{PAGE}/teams/merge")
+def merge_teams_at_desk(desk: Desk, form: Posted) -> Response:
     """Merge two teams."""
     typed = forms.typed_by(desk, form, draw)
-    new = read_model(NewMerge, typed)
+    new = read_model(schemas.NewMerge, typed)
     if not forms.is_confirmed(form):
         question = f"Merge {new.team} into {new.into}?"
         remark = (
@@ -97,11 +111,39 @@ def merge_teams(desk: Desk, form: Posted) -> Response:
     return forms.done(PAGE, "merged")
 
 
-@router.post(PAGE)
-def add_person(desk: Desk, form: Posted) -> Response:
+@routes.patch("/teams/{name:path}", responses=_REFUSALS)
+def rename_team(name: TeamName, new: schemas.NewTeam, organiser: Organiser) -> schemas.TeamReport:
+    """Rename a team; its receipts keep the name under which they were signed."""
+    return organiser.perform(people.rename_team, name, new)
+
+
+@pages.post(f"{PAGE}/teams/rename")
+def rename_team_at_desk(desk: Desk, form: Posted) -> Response:
+    """Rename a team."""
+    typed = forms.typed_into(form)
+    team, name = typed.get("team", ""), typed.get("name", "")
+    forms.show_faults(desk, {"old_name": team, "new_name": name}, draw)
+    desk.perform(people.rename_team, team, read_model(schemas.NewTeam, {"name": name}))
+    return forms.done(PAGE, "renamed")
+
+
+@routes.get("/people")
+def list_people(organiser: Organiser, paging: Paging) -> list[schemas.PersonReport]:
+    """List all people in the order in which they were added."""
+    return paging.read(organiser, people.list_people)
+
+
+@routes.post("/people", status_code=201, responses=_REFUSALS)
+def add_person(new: schemas.NewPerson, organiser: Organiser) -> schemas.PersonReport:
+    """Add a person to a team."""
+    return organiser.perform(people.add_person, new)
+
+
+@pages.post(PAGE)
+def add_person_at_desk(desk: Desk, form: Posted) -> Response:
     """Add a person to a team; adding an organiser needs confirmation."""
     typed = forms.typed_by(desk, form, draw)
-    new = read_model(NewPerson, {**typed, "email": typed.get("email") or None})
+    new = read_model(schemas.NewPerson, {**typed, "email": typed.get("email") or None})
     if new.role == "organiser" and not forms.is_confirmed(form):
         question = f"Make {new.name} an organiser?"
         remark = "Organisers see everything at this desk and may do all that you may."
@@ -110,22 +152,40 @@ def add_person(desk: Desk, form: Posted) -> Response:
     return forms.done(PAGE, "person")
 
 
-@router.post(f"{PAGE}/tokens")
-def create_token(desk: Desk, form: Posted) -> Response:
+@routes.get("/tokens")
+def list_tokens(organiser: Organiser, paging: Paging) -> list[schemas.TokenReport]:
+    """List tokens and invitations without their text, the latest first."""
+    return paging.read(organiser, tokens.list_tokens)
+
+
+@routes.post("/tokens", status_code=201, responses=_REFUSALS)
+def create_token(new: schemas.NewToken, organiser: Organiser) -> schemas.NewTokenReport:
+    """Create an invitation or a token for a person; its text is returned only once."""
+    return organiser.perform(tokens.create_token, new)
+
+
+@pages.post(f"{PAGE}/tokens")
+def create_token_at_desk(desk: Desk, form: Posted) -> Response:
     """Create an invitation or a token, and show its text in this one reply."""
     typed = forms.typed_by(desk, form, draw)
     with desk.reading() as reading:
         owner = people.find_person(reading.session, forms.number(typed.get("person", "")))
     asked = {"person": owner.name, "team": owner.team.name, "kind": typed.get("kind", "")}
-    new = read_model(NewToken, {**asked, **forms.end_of_day(typed, "expires_at")})
+    new = read_model(schemas.NewToken, {**asked, **forms.end_of_day(typed, "expires_at")})
     created = desk.perform(tokens.create_token, new)
     sign_in = address_of_site(desk.request, "/sign-in")
     with desk.reading() as reading:
         return page(reading, "desk/token.html", created=created, sign_in=sign_in)
 
 
-@router.post(f"{PAGE}/tokens/{{hint}}/revoke")
-def revoke_token(hint: TokenHint, desk: Desk, form: Posted) -> Response:
+@routes.delete("/tokens/{hint}", responses=_REFUSALS)
+def revoke_token(hint: TokenHint, organiser: Organiser) -> schemas.TokenReport:
+    """Revoke a token, with the browser sessions that began with it."""
+    return organiser.perform(tokens.revoke_token, hint)
+
+
+@pages.post(f"{PAGE}/tokens/{{hint}}/revoke")
+def revoke_token_at_desk(hint: TokenHint, desk: Desk, form: Posted) -> Response:
     """Revoke a token."""
     forms.show_faults(desk, {}, draw)
     if not forms.is_confirmed(form):
@@ -136,13 +196,19 @@ def revoke_token(hint: TokenHint, desk: Desk, form: Posted) -> Response:
     return forms.done(PAGE, "revoked")
 
 
-@forms.shown_at(router, f"{PAGE}/import", "people-import.html")
+@routes.post("/people/import", responses=problems("malformed-request"))
+def import_people(new: NewPeopleImport, organiser: Organiser) -> PeopleImportReport:
+    """Add the people in a file, or nobody if there is a problem; repeating it changes nothing."""
+    return organiser.perform(people_files.import_people, new)
+
+
+@forms.shown_at(pages, f"{PAGE}/import", "people-import.html")
 def draw_import(*_: object) -> forms.Shown:
     """Show the form to import a file of people."""
     return {}
 
 
-@router.post(f"{PAGE}/import")
+@pages.post(f"{PAGE}/import")
 def import_file(desk: Desk, form: Posted) -> Response:
     """Show what a file would add; add it if that was confirmed, and show the invitations."""
     typed = forms.typed_by(desk, form, draw_import)
@@ -178,22 +244,22 @@ def draw_person(
         )
 
 
-@router.get(f"{PAGE}/{{person_id}}")
+@pages.get(f"{PAGE}/{{person_id}}")
 def show_person(person_id: Number, desk: Desk, done: forms.Done = "") -> Response:
     """Show a person."""
     return draw_person(person_id, desk, what=done)
 
 
-@router.post(f"{PAGE}/{{person_id}}")
-def change_person(person_id: Number, desk: Desk, form: Posted) -> Response:
-    """Rename a person, change their address, or move them to another team."""
-    typed = forms.typed_by(desk, form, partial(draw_person, person_id))
-    change = read_model(PersonChange, {**typed, "email": typed.get("email") or None})
-    desk.perform(people.change_person, person_id, change)
-    return forms.done(f"{PAGE}/{person_id}", "changed")
+@routes.get("/people/{person_id}", responses=problems("not-found"))
+def show_personal_data(person_id: Number, organiser: Organiser) -> PersonalData:
+    """Return all that the server stores about a person."""
+    with organiser.reading() as reading:
+        return personal_data.personal_data(
+            reading.session, person_id, organiser.server.settings.organiser
+        )
 
 
-@router.get(f"{PAGE}/{{person_id}}/data")
+@pages.get(f"{PAGE}/{{person_id}}/data")
 def download_data(person_id: Number, desk: Desk) -> Response:
     """Return all that the server stores about a person, as a file."""
     with desk.reading() as reading:
@@ -204,8 +270,14 @@ def download_data(person_id: Number, desk: Desk) -> Response:
     return Response(data.model_dump_json(indent=2), media_type="application/json", headers=headers)
 
 
-@router.post(f"{PAGE}/{{person_id}}/delete")
-def delete_person(person_id: Number, desk: Desk, form: Posted) -> Response:
+@routes.delete("/people/{person_id}", responses=_REFUSALS)
+def delete_person(person_id: Number, organiser: Organiser) -> schemas.PersonReport:
+    """Remove a person's name and address, and revoke their tokens; results and the log stay."""
+    return organiser.perform(personal_data.delete_person, person_id)
+
+
+@pages.post(f"{PAGE}/{{person_id}}/delete")
+def delete_person_at_desk(person_id: Number, desk: Desk, form: Posted) -> Response:
     """Remove a person's name and address."""
     forms.show_faults(desk, {}, partial(draw_person, person_id))
     if not forms.is_confirmed(form):
@@ -220,6 +292,23 @@ def delete_person(person_id: Number, desk: Desk, form: Posted) -> Response:
         return forms.ask(desk, {}, question=question, remark=remark, yes="Delete them", back=back)
     desk.perform(personal_data.delete_person, person_id)
     return forms.done(PAGE, "deleted")
+
+
+@routes.patch("/people/{person_id}", responses=_REFUSALS)
+def change_person(
+    person_id: Number, change: schemas.PersonChange, organiser: Organiser
+) -> schemas.PersonReport:
+    """Rename a person, change their e-mail address, or move them to another team."""
+    return organiser.perform(people.change_person, person_id, change)
+
+
+@pages.post(f"{PAGE}/{{person_id}}")
+def change_person_at_desk(person_id: Number, desk: Desk, form: Posted) -> Response:
+    """Rename a person, change their address, or move them to another team."""
+    typed = forms.typed_by(desk, form, partial(draw_person, person_id))
+    change = read_model(schemas.PersonChange, {**typed, "email": typed.get("email") or None})
+    desk.perform(people.change_person, person_id, change)
+    return forms.done(f"{PAGE}/{person_id}", "changed")
 
 
 def draw_requests(
@@ -244,7 +333,13 @@ def draw_requests(
         )
 
 
-@router.get(REQUESTS)
+@routes.get("/requests")
+def list_requests(organiser: Organiser, paging: Paging) -> list[JoinRequestReport]:
+    """List the open requests to join, the earliest first."""
+    return paging.read(organiser, joining.list_requests)
+
+
+@pages.get(REQUESTS)
 def show_requests(
     desk: Desk, done: forms.Done = "", tick: Annotated[str, Query(max_length=20)] = ""
 ) -> Response:
@@ -252,7 +347,19 @@ def show_requests(
     return draw_requests(None if tick == "all" else (), desk, {}, what=done)
 
 
-@router.post(REQUESTS)
+@routes.post("/requests/{request_id}/accept", responses=_REFUSALS)
+def accept_request(request_id: Number, organiser: Organiser) -> AcceptedRequest:
+    """Add a request's people to its team; their invitations are returned only once."""
+    return organiser.perform(joining.accept_request, request_id)
+
+
+@routes.post("/requests/{request_id}/reject", status_code=204, responses=_REFUSALS)
+def reject_request(request_id: Number, rejection: Rejection, organiser: Organiser) -> None:
+    """Reject a request to join, and remove its names and addresses."""
+    organiser.perform(joining.reject_request, request_id, rejection)
+
+
+@pages.post(REQUESTS)
 def answer_requests(desk: Desk, form: Posted) -> Response:
     """Accept the ticked requests, and show the invitations in this one reply; or reject them."""
     ticked = [forms.number(text) for text in form.getlist("request") if isinstance(text, str)]
@@ -276,7 +383,7 @@ def show_invitations(desk: Call, invitations: Sequence[PersonInvitation], back: 
             reading,
             "desk/invitations.html",
             invitations=invitations,
-            table=invitations_csv(invitations),
+            table=people_files.invitations_csv(invitations),
             sign_in=address_of_site(desk.request, "/sign-in"),
             back=back,
         )

@@ -4,8 +4,8 @@ from reverie_eval.server.accounts import desk, pages, routes
 from reverie_eval.server.rooms import Room, Tab
 
 ROOM = Room(
-    routes=[routes.router, routes.organising],
-    pages=[pages.router, desk.router],
+    routes=[routes.router, desk.routes],
+    pages=[pages.router, desk.pages],
     desk=[
         Tab("Today", 3, "Requests", "/desk/requests"),
         Tab("Participants", 1, "People", "/desk/people"),

@@ -1,8 +1,8 @@
-"""What the organiser tells everyone, when splits accept submissions, and reported results.
+"""What organisers do about results and leaderboards, over the API and at their desk.
 
-``/desk/news`` and ``/desk/notice``: news, the banner, and pausing submissions. ``/desk/phases``:
-when splits accept submissions and show scores. ``/desk/reported``: results that papers and other
-leaderboards report.
+``/desk/reviews``: public verdicts on submissions. ``/desk/reported``: results that papers and other
+leaderboards report. ``/desk/notice`` and ``/desk/news``: the banner, pausing submissions, and news.
+``/desk/phases``: when splits accept submissions and show scores.
 """
 
 import re
@@ -13,36 +13,38 @@ from typing import Annotated, Any, get_args
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
+from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE, printed_value
 from reverie_eval.reporting.service import METHOD_FLAGS
-from reverie_eval.schemas.organising import (
-    NewImport,
-    NewNews,
-    NewNotice,
-    NewReported,
-    NewSchedule,
-    Rates,
-    ReportedChange,
-    ReportedEntry,
-)
-from reverie_eval.schemas.service import ProblemDocument, ReleaseScores, ReportedMethod
-from reverie_eval.server.boards import news, reported, schedules
+from reverie_eval.schemas import organising as schemas
+from reverie_eval.schemas.service import NewsReport, ProblemDocument, ReleaseScores, ReportedMethod
+from reverie_eval.schemas.wire import LONGEST_ID
+from reverie_eval.server.boards import news, reported, reviews, schedules
+from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.entries import is_anonymous
 from reverie_eval.server.boards.reported_files import as_printed
 from reverie_eval.server.boards.schedules import Schedules, Timetable
-from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.http import desk as forms
-from reverie_eval.server.http.callers import Call, CallReading, Desk, Posted
-from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted, SplitName
+from reverie_eval.server.http.openapi import organiser_router, problems
+from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.messages.notices import Notices, latest_notice
+from reverie_eval.server.store.tables import Submission
 from reverie_eval.tasks import Task
 
-router = APIRouter()
+routes, pages = organiser_router(), APIRouter()
 
 NEWS, NOTICE, PHASES = "/desk/news", "/desk/notice", "/desk/phases"
 REPORTED = "/desk/reported"
+REVIEWS = "/desk/reviews"
+A_FEW = 30
+"""Submissions that can be chosen for a review, at most."""
+_HARMFUL = frozenset({"flagged", "disqualified"})
+"""Verdicts that need confirmation."""
 _MARKS = (*METHOD_FLAGS, "reference")
 """What is yes, no or not declared of a reported result."""
 _RELEASES: Mapping[ReleaseScores, str] = {
@@ -62,127 +64,85 @@ _CHANGES: Mapping[str, schedules.Change] = {
 """The functions of the buttons on the page."""
 
 
-@forms.shown_at(router, NEWS, "news.html")
-def draw_news(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
-    """Show all entries, and the form to add one."""
+@forms.shown_by("reviews.html")
+def draw_reviews(desk: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
+    """Show the reviews, and the form to review a submission."""
+    session = reading.session
+    chosen = _chosen(session, typed)
+    standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
     return {
-        "entries": news.list_news(reading.session, forms.page_at(desk, "entries")),
+        "standing": reviews.review_rows(session, standing, standing=True),
+        "lifted": reviews.review_rows(session, lifted, standing=False),
+        "latest": reviews.latest_submissions(session, A_FEW),
+        "chosen": chosen,
+        "is_anonymous": chosen is not None and is_anonymous(chosen, reading.now),
+        "report": None if chosen is None else View.of(reading).score_report(chosen),
+        "verdicts": reviews.VERDICTS,
     }
 
 
-@router.post(NEWS)
-def add_news(desk: Desk, form: Posted) -> Response:
-    """Post an entry."""
-    typed = forms.typed_by(desk, form, draw_news)
-    desk.perform(news.add_news, read_model(NewNews, {"text": typed.get("text", "")}))
-    return forms.done(NEWS, "added")
+@routes.get("/reviews")
+def list_reviews(organiser: Organiser, paging: Paging) -> list[schemas.ReviewEntry]:
+    """List all reviews, lifted or not, the latest first."""
+    return paging.read(organiser, reviews.list_reviews)
 
 
-@router.post(f"{NEWS}/{{news_id}}/remove")
-def remove_news(desk: Desk, news_id: Number, form: Posted) -> Response:
-    """Remove an entry."""
-    forms.typed_by(desk, form, draw_news)
-    desk.perform(news.remove_news, news_id)
-    return forms.done(NEWS, "removed")
-
-
-@forms.shown_at(router, NOTICE, "notice.html")
-def draw_notice(desk: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
-    """Show the current notice, and the form to change it, with its input or the posted notice."""
-    notices, posted = desk.server.get(Notices), latest_notice(reading.session)
-    if posted and not typed:
-        typed = {"banner": posted.banner, **({"paused": "true"} if posted.paused else {})}
-    return {
-        "posted": posted,
-        "standing": notices.current(reading.session),
-        "settled": notices.of_settings,
-        "typed": typed,
-    }
-
-
-@router.post(NOTICE)
-def post_notice(desk: Desk, form: Posted) -> Response:
-    """Show a preview of a notice; post it if it was confirmed."""
-    typed = forms.typed_by(desk, form, draw_notice)
-    new = read_model(NewNotice, {**typed, "paused": typed.get("paused") == "true"})
-    notices = desk.server.get(Notices)
-    if not forms.is_confirmed(form):
-        with desk.reading() as reading:
-            current = notices.current(reading.session)
-        coming = notices.if_posted(new, reading.now)
-        return forms.ask(desk, typed, "notice-preview.html", now_standing=current, standing=coming)
-    desk.perform(notices.post, new)
-    return forms.done(NOTICE, "posted")
-
-
-@forms.shown_by("phases.html")
-def draw_phases(desk: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
-    """Compare settings and desk, and show the form of a split, with its input or what applies."""
-    timetables = desk.server.get(Schedules).read(reading.session)
-    chosen = typed.get("split", "")
-    split = chosen if chosen in timetables else next(iter(timetables))
-    return {
-        "reports": [timetable.report(name) for name, timetable in timetables.items()],
-        "split": split,
-        "releases": _RELEASES,
-        "is_private": desk.server.board(split).is_private,
-        "typed": {**_written(timetables[split]), **typed},
-    }
-
-
-@router.get(PHASES)
-def show_phases(
-    desk: Desk, split: Annotated[str, Query(max_length=64)] = "", done: forms.Done = ""
+@pages.get(REVIEWS)
+def show_reviews(
+    desk: Desk,
+    submission: Annotated[str, Query(max_length=LONGEST_ID)] = "",
+    done: forms.Done = "",
 ) -> Response:
-    """Show the phases of all splits, and the form to change those of one."""
-    return draw_phases(desk, {"split": split}, what=done)
+    """Show the reviews; the query can select a submission to review."""
+    return draw_reviews(desk, {"submission_id": submission}, what=done)
 
 
-@router.post(PHASES)
-def set_phases(desk: Desk, form: Posted) -> Response:
-    """Show what a change would do; make it if it was confirmed."""
-    typed = forms.typed_by(desk, form, draw_phases)
-    split = typed.get("split", "")
-    change = _CHANGES.get(typed.get("what", "")) or partial(_typed_schedule, typed)
-    if not forms.is_confirmed(form):
+@routes.post("/reviews", status_code=201, responses=problems("not-found"))
+def review_submission(new: schemas.NewReview, organiser: Organiser) -> schemas.ReviewEntry:
+    """Verify, flag or disqualify a submission, or mark it as a baseline; the reason is public."""
+    return organiser.perform(reviews.review, new)
+
+
+@pages.post(REVIEWS)
+def review(desk: Desk, form: Posted) -> Response:
+    """Review a submission; flagging and disqualifying need confirmation."""
+    typed = forms.typed_by(desk, form, draw_reviews)
+    new = read_model(schemas.NewReview, typed)
+    if new.verdict in _HARMFUL and not forms.is_confirmed(form):
         with desk.reading() as reading:
-            effect = desk.server.get(Schedules).if_changed(
-                reading.session, split, change, reading.now
-            )
-        return forms.ask(desk, typed, "phases-preview.html", split=split, **effect._asdict())
-    desk.perform(desk.server.get(Schedules).change, split, change)
-    return forms.done(PHASES, "set")
+            row = reviews.any_submission(reading.session, new.submission_id)
+        about = {"row": row, "verdict": new.verdict, "effect": reviews.VERDICTS[new.verdict]}
+        return forms.ask(desk, typed, "confirm-review.html", **about)
+    desk.perform(reviews.review, new)
+    return forms.done(REVIEWS, new.verdict)
 
 
-def _typed_schedule(typed: forms.Typed, timetable: Timetable, _: datetime) -> NewSchedule:
-    """Return the phases and the release of scores that were typed; a pause stays."""
-    numbers = sorted(int(found[1]) for found in map(_NAME.fullmatch, typed) if found)
-    rows = {
-        number: {field: value for field in _FIELDS if (value := typed.get(f"{field}-{number}"))}
-        for number in numbers
-    }
-    phases = {number: row for number, row in rows.items() if row}
-    release_scores = typed.get("release_scores", "at-once")
-    fields = {
-        "phases": [*phases.values()],
-        "release_scores": release_scores,
-        "paused": timetable.latest.paused,
-    }
-    return read_model(NewSchedule, fields, {"phases": [*phases]})
+@routes.delete("/reviews/{review_id}", responses=problems("not-found", "conflict"))
+def lift_review(review_id: Number, organiser: Organiser) -> schemas.ReviewEntry:
+    """Lift a review; it stays in this list."""
+    return organiser.perform(reviews.lift_review, review_id)
 
 
-def _written(timetable: Timetable) -> forms.Typed:
-    """Return the schedule in effect as the fields of the form."""
-    schedule = timetable.latest.model_dump(mode="json")
-    phases = {
-        f"{field}-{number}": phase[field] or ""
-        for number, phase in enumerate(schedule["phases"])
-        for field in _FIELDS
-    }
-    return {**phases, "release_scores": schedule["release_scores"]}
+@pages.post(f"{REVIEWS}/{{review_id}}/lift")
+def lift_review_at_desk(review_id: Number, desk: Desk, form: Posted) -> Response:
+    """Lift a review."""
+    forms.show_faults(desk, {}, draw_reviews)
+    if not forms.is_confirmed(form):
+        question = "Lift this review?"
+        remark = "It disappears from the leaderboard; the audit log keeps a record."
+        return forms.ask(desk, {}, question=question, remark=remark, yes="Lift it", back=REVIEWS)
+    desk.perform(reviews.lift_review, review_id)
+    return forms.done(REVIEWS, "lifted")
 
 
-@forms.shown_at(router, REPORTED, "reported.html")
+def _chosen(session: Session, typed: forms.Typed) -> Submission | None:
+    try:
+        return reviews.any_submission(session, typed.get("submission_id", ""))
+    except NotFoundError:
+        return None
+
+
+@forms.shown_at(pages, REPORTED, "reported.html")
 def draw_reported(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
     """Show the reported results, and the form to add one."""
     return {
@@ -193,10 +153,10 @@ def draw_reported(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Sho
     }
 
 
-@forms.shown_at(router, f"{REPORTED}/import", "reported-import.html")
+@forms.shown_at(pages, f"{REPORTED}/import", "reported-import.html")
 def draw_reported_import(desk: Call, _snapshot: CallReading, _: forms.Typed) -> forms.Shown:
     """Show the form to import a file."""
-    return {"splits": list(desk.server.boards), "rates": get_args(Rates)}
+    return {"splits": list(desk.server.boards), "rates": get_args(schemas.Rates)}
 
 
 def draw_reported_result(
@@ -220,17 +180,35 @@ def draw_reported_result(
         )
 
 
-@router.post(REPORTED)
+@routes.get("/reported")
+def list_reported(organiser: Organiser, paging: Paging) -> list[schemas.ReportedEntry]:
+    """List the reported results on leaderboards, the latest first."""
+    return paging.read(organiser, reported.list_reported)
+
+
+@routes.post("/reported", status_code=201, responses=problems("not-found", "conflict"))
+def add_reported_result(new: schemas.NewReported, organiser: Organiser) -> schemas.ReportedEntry:
+    """Add a result that a paper or another leaderboard reports."""
+    return organiser.perform(reported.add_reported, new, organiser.server.settings.tasks)
+
+
+@pages.post(REPORTED)
 def add_reported(desk: Desk, form: Posted) -> Response:
     """Add a reported result to a leaderboard."""
     typed = forms.typed_by(desk, form, draw_reported)
     fields = {"split": typed.get("split", ""), "scores": scores_of(typed), **_about(typed)}
     tasks = desk.server.settings.tasks
-    desk.perform(reported.add_reported, read_model(NewReported, fields), tasks)
+    desk.perform(reported.add_reported, read_model(schemas.NewReported, fields), tasks)
     return forms.done(REPORTED, "added")
 
 
-@router.post(f"{REPORTED}/import")
+@routes.post("/reported/import", responses=problems("malformed-request", "not-found"))
+def import_reported_results(new: schemas.NewImport, organiser: Organiser) -> schemas.ImportReport:
+    """Add the results in a file, or none if there is a problem; repeating it changes nothing."""
+    return organiser.perform(reported.import_reported, new, organiser.server.settings.tasks)
+
+
+@pages.post(f"{REPORTED}/import")
 def import_reported(desk: Desk, form: Posted) -> Response:
     """Show what a file would add; add it if that was confirmed."""
     typed = forms.typed_by(desk, form, draw_reported_import)
@@ -239,30 +217,45 @@ def import_reported(desk: Desk, form: Posted) -> Response:
         "date": typed.get("date") or None,
         **{what: typed.get(what, "").splitlines() for what in ("human", "reference")},
     }
-    new = read_model(NewImport, {**fields, "dry_run": not forms.is_confirmed(form)})
+    new = read_model(schemas.NewImport, {**fields, "dry_run": not forms.is_confirmed(form)})
     report = desk.perform(reported.import_reported, new, desk.server.settings.tasks)
     if new.dry_run:
         return forms.ask(desk, typed, "confirm-import.html", report=report, split=new.split)
     return forms.done(REPORTED, "imported")
 
 
-@router.get(f"{REPORTED}/{{result_id}}")
+@pages.get(f"{REPORTED}/{{result_id}}")
 def show_reported_result(result_id: Number, desk: Desk) -> Response:
     """Show the form to change a reported result."""
     return draw_reported_result(result_id, desk)
 
 
-@router.post(f"{REPORTED}/{{result_id}}")
+@routes.patch("/reported/{result_id}", responses=problems("not-found", "conflict"))
+def change_reported_result(
+    result_id: Number, change: schemas.ReportedChange, organiser: Organiser
+) -> schemas.ReportedEntry:
+    """Change a reported result; the audit log keeps the earlier values."""
+    tasks = organiser.server.settings.tasks
+    return organiser.perform(reported.change_reported, result_id, change, tasks)
+
+
+@pages.post(f"{REPORTED}/{{result_id}}")
 def change_reported(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Change a reported result."""
     typed = forms.typed_by(desk, form, partial(draw_reported_result, result_id))
     scores = {**dict.fromkeys(CATALOGUE), **scores_of(typed)}
-    changed = read_model(ReportedChange, {"scores": scores, **_about(typed)})
+    changed = read_model(schemas.ReportedChange, {"scores": scores, **_about(typed)})
     desk.perform(reported.change_reported, result_id, changed, desk.server.settings.tasks)
     return forms.done(REPORTED, "changed")
 
 
-@router.post(f"{REPORTED}/{{result_id}}/remove")
+@routes.delete("/reported/{result_id}", responses=problems("not-found"))
+def remove_reported_result(result_id: Number, organiser: Organiser) -> schemas.ReportedEntry:
+    """Remove a reported result from the leaderboard."""
+    return organiser.perform(reported.remove_reported, result_id)
+
+
+@pages.post(f"{REPORTED}/{{result_id}}/remove")
 def remove_reported(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Remove a reported result from the leaderboard."""
     forms.show_faults(desk, {}, draw_reported)
@@ -323,7 +316,7 @@ def _about(typed: forms.Typed) -> Mapping[str, Any]:
     }
 
 
-def _typed_of(result: ReportedEntry) -> forms.Typed:
+def _typed_of(result: schemas.ReportedEntry) -> forms.Typed:
     """Return the fields of a result as the form has them."""
     method = result.method.model_dump(mode="json")
     fields = {**method, **result.model_dump(include={"team", "source", "date", "dataset"})}
@@ -331,3 +324,166 @@ def _typed_of(result: ReportedEntry) -> forms.Typed:
     flags = {name: texts[name].lower() for name in _MARKS}
     scores = {key: as_printed(CATALOGUE[key], value) for key, value in result.scores.items()}
     return texts | flags | scores
+
+
+@forms.shown_at(pages, NOTICE, "notice.html")
+def draw_notice(desk: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
+    """Show the current notice, and the form to change it, with its input or the posted notice."""
+    notices, posted = desk.server.get(Notices), latest_notice(reading.session)
+    if posted and not typed:
+        typed = {"banner": posted.banner, **({"paused": "true"} if posted.paused else {})}
+    return {
+        "posted": posted,
+        "standing": notices.current(reading.session),
+        "settled": notices.of_settings,
+        "typed": typed,
+    }
+
+
+@routes.get("/notice")
+def show_notice(organiser: Organiser) -> schemas.NoticeReport:
+    """Show the current banner, and whether submissions are paused."""
+    with organiser.reading() as reading:
+        return organiser.server.get(Notices).current(reading.session)
+
+
+@routes.put("/notice")
+def change_notice(new: schemas.NewNotice, organiser: Organiser) -> schemas.NoticeReport:
+    """Set the banner, and pause or resume submissions; takes effect immediately."""
+    return organiser.perform(organiser.server.get(Notices).post, new)
+
+
+@pages.post(NOTICE)
+def post_notice(desk: Desk, form: Posted) -> Response:
+    """Show a preview of a notice; post it if it was confirmed."""
+    typed = forms.typed_by(desk, form, draw_notice)
+    new = read_model(schemas.NewNotice, {**typed, "paused": typed.get("paused") == "true"})
+    notices = desk.server.get(Notices)
+    if not forms.is_confirmed(form):
+        with desk.reading() as reading:
+            current = notices.current(reading.session)
+        coming = notices.if_posted(new, reading.now)
+        return forms.ask(desk, typed, "notice-preview.html", now_standing=current, standing=coming)
+    desk.perform(notices.post, new)
+    return forms.done(NOTICE, "posted")
+
+
+@forms.shown_by("phases.html")
+def draw_phases(desk: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
+    """Compare settings and desk, and show the form of a split, with its input or what applies."""
+    timetables = desk.server.get(Schedules).read(reading.session)
+    chosen = typed.get("split", "")
+    split = chosen if chosen in timetables else next(iter(timetables))
+    return {
+        "reports": [timetable.report(name) for name, timetable in timetables.items()],
+        "split": split,
+        "releases": _RELEASES,
+        "is_private": desk.server.board(split).is_private,
+        "typed": {**_written(timetables[split]), **typed},
+    }
+
+
+@routes.get("/schedules")
+def list_schedules(organiser: Organiser) -> list[schemas.ScheduleReport]:
+    """Compare when splits accept submissions: in the settings, at the desk, and in effect."""
+    with organiser.reading() as reading:
+        return organiser.server.get(Schedules).list_all(reading.session)
+
+
+@pages.get(PHASES)
+def show_phases(
+    desk: Desk, split: Annotated[str, Query(max_length=64)] = "", done: forms.Done = ""
+) -> Response:
+    """Show the phases of all splits, and the form to change those of one."""
+    return draw_phases(desk, {"split": split}, what=done)
+
+
+@routes.put("/schedules/{split}", responses=problems("not-found", "conflict"))
+def set_schedule(
+    split: SplitName, new: schemas.NewSchedule, organiser: Organiser
+) -> schemas.ScheduleReport:
+    """Set a split's phases, when its scores are released, and whether it is paused.
+
+    Fields that are left out are taken from the settings file. Takes effect immediately.
+    """
+    return organiser.perform(organiser.server.get(Schedules).set, split, new)
+
+
+@pages.post(PHASES)
+def set_phases(desk: Desk, form: Posted) -> Response:
+    """Show what a change would do; make it if it was confirmed."""
+    typed = forms.typed_by(desk, form, draw_phases)
+    split = typed.get("split", "")
+    change = _CHANGES.get(typed.get("what", "")) or partial(_typed_schedule, typed)
+    if not forms.is_confirmed(form):
+        with desk.reading() as reading:
+            effect = desk.server.get(Schedules).if_changed(
+                reading.session, split, change, reading.now
+            )
+        return forms.ask(desk, typed, "phases-preview.html", split=split, **effect._asdict())
+    desk.perform(desk.server.get(Schedules).change, split, change)
+    return forms.done(PHASES, "set")
+
+
+def _typed_schedule(typed: forms.Typed, timetable: Timetable, _: datetime) -> schemas.NewSchedule:
+    """Return the phases and the release of scores that were typed; a pause stays."""
+    numbers = sorted(int(found[1]) for found in map(_NAME.fullmatch, typed) if found)
+    rows = {
+        number: {field: value for field in _FIELDS if (value := typed.get(f"{field}-{number}"))}
+        for number in numbers
+    }
+    phases = {number: row for number, row in rows.items() if row}
+    release_scores = typed.get("release_scores", "at-once")
+    fields = {
+        "phases": [*phases.values()],
+        "release_scores": release_scores,
+        "paused": timetable.latest.paused,
+    }
+    return read_model(schemas.NewSchedule, fields, {"phases": [*phases]})
+
+
+def _written(timetable: Timetable) -> forms.Typed:
+    """Return the schedule in effect as the fields of the form."""
+    schedule = timetable.latest.model_dump(mode="json")
+    phases = {
+        f"{field}-{number}": phase[field] or ""
+        for number, phase in enumerate(schedule["phases"])
+        for field in _FIELDS
+    }
+    return {**phases, "release_scores": schedule["release_scores"]}
+
+
+@forms.shown_at(pages, NEWS, "news.html")
+def draw_news(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
+    """Show all entries, and the form to add one."""
+    return {
+        "entries": news.list_news(reading.session, forms.page_at(desk, "entries")),
+    }
+
+
+@routes.post("/news", status_code=201)
+def add_news(new: schemas.NewNews, organiser: Organiser) -> NewsReport:
+    """Post a news entry; `GET /api/v1/news` lists them to everyone."""
+    return organiser.perform(news.add_news, new)
+
+
+@pages.post(NEWS)
+def add_news_at_desk(desk: Desk, form: Posted) -> Response:
+    """Post an entry."""
+    typed = forms.typed_by(desk, form, draw_news)
+    desk.perform(news.add_news, read_model(schemas.NewNews, {"text": typed.get("text", "")}))
+    return forms.done(NEWS, "added")
+
+
+@routes.delete("/news/{news_id}", responses=problems("not-found"))
+def remove_news(news_id: Number, organiser: Organiser) -> NewsReport:
+    """Remove a news entry."""
+    return organiser.perform(news.remove_news, news_id)
+
+
+@pages.post(f"{NEWS}/{{news_id}}/remove")
+def remove_news_at_desk(desk: Desk, news_id: Number, form: Posted) -> Response:
+    """Remove an entry."""
+    forms.typed_by(desk, form, draw_news)
+    desk.perform(news.remove_news, news_id)
+    return forms.done(NEWS, "removed")

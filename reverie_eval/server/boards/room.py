@@ -31,10 +31,11 @@ def jobs(server: ServerState) -> Iterable[Job]:
 
 
 ROOM = Room(
-    routes=[routes.router, routes.public, routes.organising],
-    pages=[pages.router, team_page.router, desk.router],
+    routes=[routes.router, routes.public, desk.routes],
+    pages=[pages.router, team_page.router, desk.pages],
     jobs=jobs,
     desk=[
+        Tab("Results", 1, "Reviews", "/desk/reviews"),
         Tab("Results", 4, "Reported results", "/desk/reported"),
         Tab("In public", 1, "Phases", "/desk/phases"),
         Tab("In public", 2, "News", "/desk/news"),

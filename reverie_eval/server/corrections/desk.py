@@ -1,4 +1,4 @@
-"""What must last, by pages of the organiser.
+"""What organisers do that must last, over the API and at their desk.
 
 ``/desk/snapshots``: signed states of leaderboards, which never change. ``/desk/corrections``:
 scoring again after the ground truth or the rules were corrected. ``/desk/audit``: who did what.
@@ -10,25 +10,28 @@ from collections.abc import Sequence
 from fastapi import APIRouter
 from fastapi.responses import Response
 
-from reverie_eval.schemas.organising import NewCorrection, NewSnapshot
-from reverie_eval.server.audit.log import list_entries, names_in
+from reverie_eval.schemas import organising as schemas
+from reverie_eval.schemas.service import SnapshotEntry
+from reverie_eval.server.audit.log import list_entries, list_reports, names_in
 from reverie_eval.server.corrections import corrections
 from reverie_eval.server.corrections.corrections import Corrections
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots
 from reverie_eval.server.http import desk as forms
-from reverie_eval.server.http.callers import Call, CallReading, Desk, Posted
+from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted
+from reverie_eval.server.http.openapi import organiser_router, problems
+from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import ScoringTurn
 from reverie_eval.server.scoring.boards import Board, read_each
 from reverie_eval.server.store.paging import Page
 
-router = APIRouter()
+routes, pages = organiser_router(), APIRouter()
 
 SNAPSHOTS, CORRECTIONS = "/desk/snapshots", "/desk/corrections"
 
 
-@forms.shown_at(router, SNAPSHOTS, "snapshots.html")
+@forms.shown_at(pages, SNAPSHOTS, "snapshots.html")
 def draw_snapshots(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
     """Show all snapshots, and the form to take one."""
     return {
@@ -37,11 +40,20 @@ def draw_snapshots(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Sh
     }
 
 
-@router.post(SNAPSHOTS)
-def take_snapshot(desk: Desk, form: Posted) -> Response:
+@routes.post("/snapshots", status_code=201, responses=problems("not-found"))
+def take_snapshot(new: schemas.NewSnapshot, organiser: Organiser) -> SnapshotEntry:
+    """Take a signed snapshot of a leaderboard, which never changes, nor do names in it."""
+    return organiser.perform(organiser.server.get(Snapshots).take, new)
+
+
+@pages.post(SNAPSHOTS)
+def take_snapshot_at_desk(desk: Desk, form: Posted) -> Response:
     """Take a snapshot, if that was confirmed: it cannot be removed."""
     typed = forms.typed_by(desk, form, draw_snapshots)
-    new = read_model(NewSnapshot, {name: typed.get(name, "") for name in NewSnapshot.model_fields})
+    new = read_model(
+        schemas.NewSnapshot,
+        {name: typed.get(name, "") for name in schemas.NewSnapshot.model_fields},
+    )
     desk.server.board(new.split)
     if not forms.is_confirmed(form):
         question = f"Take a snapshot of {new.split}?"
@@ -53,7 +65,7 @@ def take_snapshot(desk: Desk, form: Posted) -> Response:
     return forms.done(SNAPSHOTS, "taken")
 
 
-@forms.shown_at(router, CORRECTIONS, "corrections.html")
+@forms.shown_at(pages, CORRECTIONS, "corrections.html")
 def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
     """Show the splits with submissions to score again, and all corrections."""
     session, server = reading.session, desk.server
@@ -75,17 +87,36 @@ def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.
     }
 
 
-@router.post(CORRECTIONS)
-def rescore(desk: Desk, form: Posted, _: ScoringTurn) -> Response:
+@routes.post("/corrections", responses=problems("not-found", "conflict"))
+def rescore(
+    new: schemas.NewCorrection, organiser: Organiser, _: ScoringTurn
+) -> schemas.CorrectionProgress:
+    """Score some submissions again after a correction of the ground truth or the rules.
+
+    Each request scores the next few; `left` says how many remain. `server rescore` scores all.
+    """
+    return organiser.server.get(Corrections).rescore(organiser.person(), new)
+
+
+@pages.post(CORRECTIONS)
+def rescore_at_desk(desk: Desk, form: Posted, _: ScoringTurn) -> Response:
     """Score the next submissions to a split again."""
     typed = forms.typed_by(desk, form, draw_corrections)
-    new = read_model(NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")})
+    new = read_model(
+        schemas.NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")}
+    )
     report = desk.server.get(Corrections).rescore(desk.person(), new)
     outcome = "rejected" if report.rejected else "more" if report.left else "scored"
     return forms.done(CORRECTIONS, outcome)
 
 
-@router.get("/desk/audit")
+@routes.get("/audit")
+def list_audit(organiser: Organiser, paging: Paging) -> list[schemas.AuditReport]:
+    """List the audit log, the oldest entry first; `server doctor` checks its chain."""
+    return paging.read(organiser, list_reports)
+
+
+@pages.get("/desk/audit")
 def show_audit(
     desk: Desk,
     cursor: forms.Cursor = None,

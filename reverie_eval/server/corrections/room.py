@@ -24,8 +24,8 @@ def jobs(server: ServerState) -> Iterable[Job]:
 
 
 ROOM = Room(
-    routes=[routes.router, routes.organising],
-    pages=[pages.router, desk.router],
+    routes=[routes.router, desk.routes],
+    pages=[pages.router, desk.pages],
     jobs=jobs,
     desk=[
         Tab("Results", 3, "Corrections", "/desk/corrections"),

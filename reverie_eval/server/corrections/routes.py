@@ -1,49 +1,19 @@
-"""Snapshots, corrections, and the audit log."""
+"""Signed snapshots of leaderboards."""
 
 from fastapi import APIRouter, Response
 from fastapi.responses import PlainTextResponse
 
-from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.service import Envelope, Snapshot, SnapshotEntry
-from reverie_eval.server.audit.log import list_reports
 from reverie_eval.server.audit.receipts import read_as
 from reverie_eval.server.boards.leaderboard import csv_of
 from reverie_eval.server.boards.routes import LEADERBOARD_CSV
-from reverie_eval.server.corrections.corrections import Corrections
-from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots, snapshot_of
-from reverie_eval.server.http.callers import Organiser, Server, SplitName
+from reverie_eval.server.corrections.snapshots import list_snapshots, snapshot_of
+from reverie_eval.server.http.callers import Server, SplitName
 from reverie_eval.server.http.exchange import API
-from reverie_eval.server.http.openapi import TEXT, file_reply, organiser_router, problems
+from reverie_eval.server.http.openapi import TEXT, file_reply, problems
 from reverie_eval.server.http.paging import Number, Paging
-from reverie_eval.server.http.runtime import ScoringTurn
-
-organising = organiser_router()
-
 
 router = APIRouter(prefix=f"{API}/splits", tags=["splits"])
-
-
-@organising.post("/corrections", responses=problems("not-found", "conflict"))
-def rescore(
-    new: schemas.NewCorrection, organiser: Organiser, _: ScoringTurn
-) -> schemas.CorrectionProgress:
-    """Score some submissions again after a correction of the ground truth or the rules.
-
-    Each request scores the next few; `left` says how many remain. `server rescore` scores all.
-    """
-    return organiser.server.get(Corrections).rescore(organiser.person(), new)
-
-
-@organising.post("/snapshots", status_code=201, responses=problems("not-found"))
-def take_snapshot(new: schemas.NewSnapshot, organiser: Organiser) -> SnapshotEntry:
-    """Take a signed snapshot of a leaderboard, which never changes, nor do names in it."""
-    return organiser.perform(organiser.server.get(Snapshots).take, new)
-
-
-@organising.get("/audit")
-def list_audit(organiser: Organiser, paging: Paging) -> list[schemas.AuditReport]:
-    """List the audit log, the oldest entry first; `server doctor` checks its chain."""
-    return paging.read(organiser, list_reports)
 
 
 @router.get("/{split}/snapshots", responses=problems("not-found"))

@@ -32,9 +32,9 @@ from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Actor, Transaction
 from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
+from reverie_eval.server.errors import ConflictError, NotOpenError
 from reverie_eval.server.intake.attempts import Attempts, Handled
-from reverie_eval.server.intake.quotas import QuotaUsage, usage_of
+from reverie_eval.server.intake.quotas import check_quota, usage_of
 from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.messages.queue import notify
@@ -225,7 +225,7 @@ class Intake:
 
         Otherwise the new one may be scored; raises the errors of :meth:`submit` if not.
         """
-        board = self.server.boards[row.split]
+        board, limits = self.server.boards[row.split], self.server.settings.limits
         with self.server.database.reading() as session:
             earlier = self._earlier(session, row, person)
             if earlier is not None:
@@ -236,7 +236,7 @@ class Intake:
                 notice = self.server.get(Notices).current(session, row.received_at)
                 self._check_paused(notice, board, schedule)
             self._check_open(board, schedule, row.received_at)
-            self._check_quota(session, row, person, board, in_the_past=bool(organiser))
+            check_quota(session, row, person, board, limits, in_the_past=bool(organiser))
         return None
 
     def store(
@@ -265,7 +265,8 @@ class Intake:
                 return self._repeated(session, earlier, board, person, method)
             if not all(each.measures_as(read.reports[each.name]) for each in board.all):
                 return None
-            usage = self._check_quota(session, row, person, board, in_the_past=bool(organiser))
+            limits = self.server.settings.limits
+            usage = check_quota(session, row, person, board, limits, in_the_past=bool(organiser))
             usage = usage.with_one_more(row.received_at)
             quota = usage.state(row.received_at)
             row.person = session.merge(person, load=False)
@@ -331,18 +332,6 @@ class Intake:
             opens = schedule.opens_at(now)
             after = f"; the next phase opens {opens.isoformat()}" if opens else ""
             raise NotOpenError(f"{board.split} accepts no submissions now{after}")
-
-    def _check_quota(
-        self, session: Session, row: Submission, person: Person, board: Board, *, in_the_past: bool
-    ) -> QuotaUsage:
-        now = row.received_at
-        usage = usage_of(session, person, now)
-        of_split = usage.of_split(board.split, board.settings.effective_quota)
-        left = of_split.state(now)
-        if not (of_split.had_room(now) if in_the_past else left.remaining):
-            raise QuotaSpentError(left)
-        usage.check_bytes(row.size, self.server.settings.limits.mebibytes_per_day, now)
-        return of_split
 
 
 def notify_of_same_file(transaction: Transaction, new: Submission) -> None:

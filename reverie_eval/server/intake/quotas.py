@@ -20,8 +20,9 @@ from reverie_eval.schemas.organising import GrantReport, NewGrant
 from reverie_eval.schemas.service import WINDOWS, QuotaReport, QuotaWindow, WindowName
 from reverie_eval.server.accounts.people import team_named
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.errors import BytesSpentError, MalformedError, no_split
-from reverie_eval.server.settings import Quota
+from reverie_eval.server.errors import BytesSpentError, MalformedError, QuotaSpentError, no_split
+from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.settings import Limits, Quota
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.tables import Grant, Person, Submission
 
@@ -71,6 +72,36 @@ def usage_of(session: Session, person: Person, now: datetime) -> "Usage":
         submissions=[row for row in rows if not row.extra],
         grants=[row for row in rows if row.extra],
     )
+
+
+def check_quota(
+    session: Session,
+    new: Submission,
+    person: Person,
+    board: Board,
+    limits: Limits,
+    *,
+    in_the_past: bool,
+) -> "QuotaUsage":
+    """Return what a person has used of a split's quota, after checking that there is room for more.
+
+    A submission that arrived in the past may have been followed by others.
+
+    Raises
+    ------
+    QuotaSpentError
+        If no submissions are left.
+    BytesSpentError
+        If the team has sent too many bytes in the last 24 hours.
+    """
+    now = new.received_at
+    usage = usage_of(session, person, now)
+    of_split = usage.of_split(board.split, board.settings.effective_quota)
+    left = of_split.state(now)
+    if not (of_split.had_room(now) if in_the_past else left.remaining):
+        raise QuotaSpentError(left)
+    usage.check_bytes(new.size, limits.mebibytes_per_day, now)
+    return of_split
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,12 +26,11 @@ def jobs(server: ServerState) -> Iterable[Job]:
 
 
 ROOM = Room(
-    routes=[routes.splits, routes.router, routes.organising],
-    pages=[submit_page.router, team_page.router, pages.router, desk.router],
+    routes=[routes.splits, routes.router, desk.routes],
+    pages=[submit_page.router, team_page.router, pages.router, desk.pages],
     jobs=jobs,
     desk=[
         Tab("Today", 2, "Upload attempts", "/desk/attempts"),
-        Tab("Results", 1, "Reviews", "/desk/reviews"),
         Tab("Results", 5, "E-mailed files", "/desk/emailed-files"),
         Tab("Participants", 2, "Quotas", "/desk/quotas"),
     ],

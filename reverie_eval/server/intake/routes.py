@@ -5,11 +5,10 @@ from collections.abc import Collection
 from datetime import datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Path, Request, Response, status
+from fastapi import APIRouter, Header, Path, Response, status
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from reverie_eval.reporting.scores import write_episodes
-from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.schemas.service import (
     Accepted,
@@ -30,25 +29,18 @@ from reverie_eval.server.http.callers import (
     BoardName,
     Call,
     Caller,
-    Organiser,
     Server,
     SplitName,
 )
-from reverie_eval.server.http.exchange import API, exchange_of
+from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import (
-    BINARY,
     SUBMISSION,
     TEXT,
     file_reply,
-    organiser_router,
     problems,
 )
 from reverie_eval.server.http.paging import Paging
-from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import ScoringTurn
-from reverie_eval.server.intake import attempts, quotas
-from reverie_eval.server.intake.bulk import archive_of
-from reverie_eval.server.intake.emailed_files import EmailedFiles
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import (
     SubmissionService,
@@ -63,19 +55,14 @@ from reverie_eval.server.intake.uploads import (
     OF_UPLOADS,
     Counted,
     Received,
-    ReceivedByOrganiser,
     Sender,
     SentMethod,
-    fields_of,
-    method_from,
-    parameters_of,
 )
 from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.scoring.boards import Board
 
 splits = APIRouter(prefix=f"{API}/splits", tags=["splits"])
 router = APIRouter(prefix=f"{API}/submissions", tags=["submissions"])
-organising = organiser_router()
 
 SubmissionId = Annotated[str, Path(examples=["5f2b0c9a4d7e1f36"])]
 _REFUSALS = ("not-signed-in", "not-found")
@@ -144,80 +131,6 @@ def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringTur
     text = io.StringIO()
     write_episodes(scores, text)
     return Response(text.getvalue(), media_type="text/csv")
-
-
-@organising.post(
-    "/submissions",
-    status_code=201,
-    responses={
-        200: {
-            "model": schemas.EmailedFileReport,
-            "description": "The reply to the same file, again",
-        },
-        **problems(*OF_UPLOADS),
-    },
-    openapi_extra={
-        **FILE_BODY,
-        "parameters": [*parameters_of(schemas.EmailedFile, "Required."), *METHOD_PARAMETERS],
-    },
-)
-def submit_emailed_file(
-    request: Request, organiser: Organiser, file: ReceivedByOrganiser, response: Response
-) -> schemas.EmailedFileReport:
-    """Submit a file for the person who sent it, as if they had uploaded it when it was received.
-
-    The reply has a text for that person; so does a problem document about a refused file.
-    Describe the file and the method in the query, or in fields of the form.
-    """
-    given = fields_of(request, file)
-    own = {name: given.pop(name) for name in schemas.EmailedFile.model_fields if name in given}
-    emailed, method = read_model(schemas.EmailedFile, own), method_from(given)
-    report = organiser.server.get(EmailedFiles).submit(
-        organiser.person(), emailed, file.filename, file.packed, method
-    )
-    exchange_of(request.scope).note(report)
-    response.status_code = 200 if report.is_repeat else 201
-    return report
-
-
-@organising.get("/grants")
-def list_grants(organiser: Organiser, paging: Paging) -> list[schemas.GrantReport]:
-    """List the extra submissions granted to teams, the latest first."""
-    return paging.read(organiser, quotas.list_grants)
-
-
-@organising.post("/grants", status_code=201, responses=problems("not-found"))
-def grant(new: schemas.NewGrant, organiser: Organiser) -> schemas.GrantReport:
-    """Raise every limit of a team on a split until a date; the reason is logged."""
-    return organiser.perform(quotas.grant, new, organiser.server.boards)
-
-
-@organising.get("/attempts")
-def list_attempts(organiser: Organiser, paging: Paging) -> list[schemas.AttemptReport]:
-    """List uploads with their outcomes, the latest first."""
-    return paging.read(organiser, attempts.list_attempts)
-
-
-@organising.get(
-    "/splits/{split}/submissions.tar",
-    response_class=Response,
-    responses=file_reply("application/x-tar", "not-found", schema=BINARY),
-)
-def download_submissions(split: SplitName, organiser: Organiser) -> Response:
-    """Return all submissions to a split as a tar archive: metadata.csv, then every file, unpacked.
-
-    Content-Length is the length of the whole archive: if an upload cannot be read, the connection
-    is closed before that.
-    """
-    server = organiser.server
-    with organiser.reading() as reading:
-        board = server.board(split)
-        archive = archive_of(reading.session, board, server.uploads, View.of(reading))
-    headers = {
-        "Content-Length": str(archive.length),
-        "Content-Disposition": 'attachment; filename="submissions.tar"',
-    }
-    return StreamingResponse(archive.pieces(), media_type="application/x-tar", headers=headers)
 
 
 @splits.get("", responses=problems("not-signed-in"), openapi_extra=_FOR_ANYBODY)

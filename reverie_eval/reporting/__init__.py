@@ -15,7 +15,8 @@ outcome_matrix        the outcomes of many methods in every episode
 episode_figure        an episode for a paper: SVG, PDF, PNG
 maps, buildings       an episode from above, as data, and the building around it
 map_layout, map_svg   what is on a map and where; maps as SVG, with the signs of map_marks
-building_svg          a building as stacked floors; animations has files in which a walk plays
+floors_svg            a building as stacked floors; building_svg has a walk on them
+animations            files in which a walk plays
 answers, answer_svg   what is visible where an agent answered; its pictures
 replay                what an agent did and said, step by step
 skyboxes              photographs for these pictures

@@ -1,84 +1,41 @@
-"""A building as stacked floors, and an episode's walk through it, as SVG.
+"""An episode's walk through its building, on stacked floors, as SVG. It stands, or plays."""
 
-Each level that the episode visits is a sheet in parallel projection, the lowest at the bottom:
-floors of rooms, low walls with gaps for doors, furniture as solids, stairs. The walk may play.
-"""
-
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
 from html import escape
-from itertools import groupby, pairwise
-from typing import NamedTuple
+from itertools import chain
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray
-from reverie_eval.geometry import door_spans, floors_of, sides_of
+from reverie_eval.arrays import FloatArray
 from reverie_eval.reporting.answer_svg import ANSWER_STYLE
 from reverie_eval.reporting.drawing import element, line_data, path, path_data
-from reverie_eval.reporting.map_layout import Mark, put_name, text_box
+from reverie_eval.reporting.floors_svg import Floors
+from reverie_eval.reporting.map_layout import WIDTH, Layout, Mark
 from reverie_eval.reporting.map_marks import MAP_STYLE, draw_mark
-from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.maps import EpisodeMap, Route
 from reverie_eval.reporting.resources import text_of
 
 BUILDING_STYLE = MAP_STYLE + ANSWER_STYLE + text_of("shared/building.css")
 """The style sheet for pages with buildings."""
-WIDTH = 400
-"""The width of a picture, in units of the page; its height follows from the building."""
 SECONDS = 8
 """How long a walk plays, as in ``building.css``."""
-# The greatest height, margins, and lines of text, in units of the page.
-_HIGHEST, _MARGIN, _GAP, _LINE = 460, 14, 20, 16
-# Degrees: the walls are turned to the left, and the camera looks down.
-_TURN, _TILT = np.deg2rad(-24.0), np.deg2rad(50.0)
-# Metres: the height of walls, and the longest piece of one.
-_WALL, _PIECE = 0.8, 1.5
-# Heights of furniture are drawn smaller, so that it hides less.
-_FLATTENED = 0.6
-# Metres: what is smaller is left out, and what begins higher above the floor.
-_SMALL, _HANGS = 0.35, 0.9
+# The left margin of the key, and the height of its lines, in units of the page.
+_MARGIN, _LINE = 14, 16
 # Units of the page between the walk and a name.
 _CLEAR = 7
-# Metres: the width of the floor beneath a way that leads through no room.
-_WAY = 1.2
-_FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
-"""From what is drawn to the eye: to the right, away and up."""
-
-
-class _Shape(NamedTuple):
-    """A face of a wall or a solid."""
-
-    far: float
-    """What is farther is drawn earlier."""
-    kind: str
-    outline: FloatArray
 
 
 class BuildingPicture:
-    """The levels of an episode, as a drawing."""
+    """The floors of an episode and its walk, as a drawing."""
 
     def __init__(self, episode_map: EpisodeMap, target: int | None = None) -> None:
         """Lay out the picture; the object ``target`` is marked, if it is given."""
-        self._map, self._building = episode_map, episode_map.building
-        self._target = target
-        turn = np.array([(np.cos(_TURN), np.sin(_TURN)), (-np.sin(_TURN), np.cos(_TURN))])
-        self._axes = turn @ self._building.solids.axes
-        self.levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
-        self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
-        corners = {level: self._flat(self._ground(level)) for level in self.levels}
-        spread = np.vstack(list(corners.values()))
-        low, high = spread[:, 0].min(), spread[:, 0].max()
-        tall = sum(np.ptp(each[:, 1]) + _WALL for each in corners.values())
+        self._map, self._target = episode_map, target
         self._key = [route for route in episode_map.routes if route.name]
-        text = _LINE * len(self._key)
-        free = _HIGHEST - 2 * _MARGIN - _GAP * (len(corners) - 1) - text
-        self.scale = min((WIDTH - 2 * _MARGIN) / (high - low), free / tall)
-        self._left = float((low + high) / 2 - WIDTH / 2 / self.scale)
-        self._top, bottom = {}, float(_MARGIN)
-        for level, each in corners.items():
-            self._top[level] = bottom - self.scale * (each[:, 1].min() - _WALL)
-            bottom += self.scale * (np.ptp(each[:, 1]) + _WALL) + _GAP
-        self.height = bottom - _GAP + _MARGIN + text
+        self._floors = Floors(episode_map, below=_LINE * len(self._key))
+        self._layout = Layout(episode_map, self._floors)
+        self.height = self._floors.height
         """In units of the page."""
 
     def svg(self, *, plays: bool = False) -> str:
@@ -100,17 +57,16 @@ class BuildingPicture:
 
     def shapes(self, *, plays: bool = False, share: float = 1.0) -> str:
         """Draw what the picture consists of."""
-        ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
-        return f"{ground}{self.floors}{''.join(self._walks(share, plays=plays))}{self._named}"
-
-    @cached_property
-    def floors(self) -> str:
-        """The levels with their furniture and titles, without a walk."""
-        return "".join(shape for level in self.levels for shape in self._level(level))
+        return f"{self._floors.shapes}{''.join(self._walks(share, plays=plays))}{self._named}"
 
     @cached_property
     def _named(self) -> str:
-        return "".join([*map(draw_mark, self._names()), *self._key_lines()])
+        taken = [*self._floors.taken, *self._taken()]
+        names = chain.from_iterable(
+            self._layout.room_names(level, taken) for level in self._floors.levels
+        )
+        drawn = (draw_mark(each.mark) for each in names if each.mark)
+        return "".join([*drawn, *self._key_lines()])
 
     def _key_lines(self) -> Iterator[str]:
         """Explain whose each route is, if they have names."""
@@ -119,183 +75,46 @@ class BuildingPicture:
             yield path(f"route route-{route.number}", f"M{_MARGIN} {y:.1f}h24")
             yield draw_mark(Mark("right of", np.array([_MARGIN + 32.0, y + 4]), text=route.name))
 
-    # Levels.
-
-    def _level(self, level: int) -> Iterator[str]:
-        ways = [self._page(each, level) for each in self._ways_outside(level)]
-        if ways:
-            yield path("way", path_data("way", ways))
-        for room in self._building.rooms_on(level):
-            kind = f"room {room.name.partition(' ')[0]}".strip()
-            yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))
-        treads = [self._page(tread.ends, level) for tread in self._building.treads_on(level)]
-        if treads:
-            yield path("tread", path_data("tread", treads))
-        shapes = sorted([*self._walls(level), *self._furniture(level)], key=lambda it: -it.far)
-        joined = (
-            path(kind, "".join(f"{line_data(each.outline)}z" for each in same))
-            for kind, same in groupby(shapes, key=lambda shape: shape.kind)
-        )
-        yield f'<g class="solids">{"".join(joined)}</g>'
-        yield draw_mark(self._title(level))
-
-    def _ways_outside(self, level: int) -> Iterator[FloatArray]:
-        """Yield the floor beneath the edges and viewpoints that no room contains."""
-        on_level = self._map.storey == level
-        here = self._map.position[:, :2]
-        is_outside = on_level.copy()
-        for room in self._building.rooms_on(level):
-            is_outside &= ~room.contains(here)
-        edges = self._map.edges
-        is_way = on_level[edges].all(axis=1) & is_outside[edges].any(axis=1)
-        alone = np.repeat(np.flatnonzero(is_outside)[:, None], 2, axis=1)
-        for start, end in here[np.vstack([edges[is_way], alone])]:
-            along = end - start
-            along = along / np.hypot(*along) if along.any() else self._axes[0]
-            ahead, aside = _WAY / 2 * along, _WAY / 2 * np.array([-along[1], along[0]])
-            yield np.array(
-                [
-                    start - ahead - aside,
-                    end + ahead - aside,
-                    end + ahead + aside,
-                    start - ahead + aside,
-                ]
-            )
-
-    def _title(self, level: int) -> Mark:
-        bottom = self._page(self._ground(level), level)[:, 1].max()
-        return Mark("right of", np.array([4.0, bottom - 2]), text=f"level {level + 1}")
-
-    def _walls(self, level: int) -> Iterator[_Shape]:
-        doors = self._building.doors_on(level)
-        for room in self._building.rooms_on(level):
-            for outline in room.outlines:
-                for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-                    kind = f"wall {self._building.shade_of(end - start)}"
-                    for ends in wall_pieces(start, end, door_spans(doors, start, end)):
-                        low, high = (self._page(ends, level, z) for z in (0.0, _WALL))
-                        quad = np.vstack([low, high[::-1]])
-                        yield _Shape(float((ends @ self._axes[1]).mean()), kind, quad)
-
-    def _furniture(self, level: int) -> Iterator[_Shape]:
-        solids = self._building.solids
-        bottom = solids.centre[:, 2] - solids.half[:, 2] - self._floor[level]
-        is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS)
-        is_shown &= (2 * solids.half[:, :2] >= _SMALL).all(axis=1)
-        for row in np.flatnonzero(is_shown).tolist():
-            room = int(solids.room[row])
-            here = solids.centre[[row], :2]
-            is_shown[row] = room >= 0 and self._building.rooms[room].contains(here)[0]
-        shown = solids.take(is_shown)
-        corners, of_solid, materials = shown.parts()
-        if not len(corners):
-            return
-        flat = corners[..., :2] @ self._axes.T
-        up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
-        points = np.concatenate([flat, up[..., None]], axis=2)
-        quads, normal = sides_of(points)
-        is_seen = normal @ _FACING > 1e-9
-        shade = np.where(normal[..., 2] > 1e-9, "top", np.where(normal[..., 0] > 0, "lit", "dim"))
-        far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)
-        for part, side in np.argwhere(is_seen).tolist():
-            outline = self._placed(_flattened(*quads[part, side].T), level)
-            yield _Shape(float(far[part]), f"{materials[part]} {shade[part, side]}", outline)
-
-    # The walk.
+    def _taken(self) -> Iterator[FloatArray]:
+        """Yield the boxes, shape (2, 2), of the walks and the target's pin."""
+        for rows in (self._map.annotated_path, *(each.viewpoint for each in self._map.routes)):
+            for point in _points_along(self._layout.point[rows]):
+                yield np.stack([point - _CLEAR, point + _CLEAR])
+        if (spot := self._target_point()) is not None:
+            yield spot + np.array([(-8, -26), (8, 2)])
 
     def _walks(self, share: float, *, plays: bool) -> Iterator[str]:
-        yield path("annotated", line_data(self._line(self._map.annotated_path)))
+        yield path("annotated", line_data(self._layout.point[self._map.annotated_path]))
         for route in self._map.routes:
-            whole = self._line(route.viewpoint)
-            data, kind = line_data(cut(whole, share)) + "h0", f"route route-{route.number}"
-            playing = ' pathLength="1"' if plays else ""
-            yield element("path", f'class="{kind}{" plays" * plays}" d="{data}"{playing}')
-            climbs = np.flatnonzero(np.diff(self._map.storey[route.viewpoint]))
-            if len(climbs):
-                between = [whole[leg : leg + 2] for leg in climbs.tolist()]
-                yield path("between", path_data("between", between))
-            if plays:
-                yield element("path", f'class="{kind} walker" d="{data}"{playing}')
-            elif share < 1:
-                yield path(f"{kind} at", line_data(cut(whole, share)[-1:]) + "h0")
-        yield draw_mark(Mark("start", self._at(self._map.start)))
-        yield draw_mark(Mark("end", self._at(self._map.path_end)))
-        if share == 1 and not plays:
-            for route in self._map.routes:
-                yield draw_mark(Mark("stop", self._at(route.stop), route.number))
+            yield from self._walk(route, share, plays=plays)
+        for piece in self._layout.ends():
+            if piece.mark and (piece.mark.kind != "stop" or (share == 1 and not plays)):
+                yield draw_mark(piece.mark)
         if (spot := self._target_point()) is not None:
             yield path("pin", f"M{spot[0]:.1f} {spot[1]:.1f}v-16")
             yield element("circle", f'class="pin" cx="{spot[0]:.1f}" cy="{spot[1] - 18:.1f}" r="5"')
 
+    def _walk(self, route: Route, share: float, *, plays: bool) -> Iterator[str]:
+        whole = self._layout.point[route.viewpoint]
+        data, kind = line_data(cut(whole, share)) + "h0", f"route route-{route.number}"
+        playing = ' pathLength="1"' if plays else ""
+        yield element("path", f'class="{kind}{" plays" * plays}" d="{data}"{playing}')
+        climbs = np.flatnonzero(np.diff(self._map.storey[route.viewpoint]))
+        if len(climbs):
+            between = [whole[leg : leg + 2] for leg in climbs.tolist()]
+            yield path("between", path_data("between", between))
+        if plays:
+            yield element("path", f'class="{kind} walker" d="{data}"{playing}')
+        elif share < 1:
+            yield path(f"{kind} at", line_data(cut(whole, share)[-1:]) + "h0")
+
     def _target_point(self) -> FloatArray | None:
         """Return where the target is; None if it is not marked, or not on these levels."""
-        solids = self._building.solids
+        solids = self._map.building.solids
         rows = np.flatnonzero(solids.object_id == self._target)
-        if not len(rows) or int(solids.storey[rows[0]]) not in self.levels:
+        if not len(rows) or int(solids.storey[rows[0]]) not in self._floors.levels:
             return None
-        return self._page(solids.centre[rows[0], :2], int(solids.storey[rows[0]]))
-
-    def _line(self, rows: IntArray) -> FloatArray:
-        return np.array([self._at(row) for row in rows.tolist()])
-
-    def _at(self, row: int) -> FloatArray:
-        """Return where a viewpoint is on the page: on the floor of its level."""
-        return self._page(self._map.position[row, :2], int(self._map.storey[row]))
-
-    def _names(self) -> Iterator[Mark]:
-        """Yield the names of rooms, each where no route, mark or other text is."""
-        walks = [self._map.annotated_path, *(route.viewpoint for route in self._map.routes)]
-        taken = [
-            np.stack([point - _CLEAR, point + _CLEAR])
-            for line in map(self._line, walks)
-            for point in _points_along(line)
-        ]
-        if (spot := self._target_point()) is not None:
-            taken.append(spot + np.array([(-8, -26), (8, 2)]))
-        taken += self.taken
-        rooms = [room for level in self.levels for room in self._building.rooms_on(level)]
-        for room in sorted(rooms, key=lambda each: -each.area):
-            outlines = [self._page(its, room.storey) for its in room.outlines]
-            drawn, size = room._replace(outlines=outlines), (WIDTH, self.height)
-            if room.name and (mark := put_name(drawn, taken, size)):
-                taken.append(text_box(mark))
-                yield mark
-
-    # Projection.
-
-    @property
-    def taken(self) -> Sequence[FloatArray]:
-        """Boxes, shape (2, 2), of the titles of levels."""
-        return [text_box(self._title(level)) for level in self.levels]
-
-    def points(self, position: FloatArray, storey: int) -> FloatArray:
-        """Return where positions are: on the floor of their storey; beside the page without it."""
-        if storey not in self.levels:
-            return np.full((*position.shape[:-1], 2), -WIDTH)
-        return self._page(position[..., :2], storey)
-
-    def _ground(self, level: int) -> FloatArray:
-        """Return the points that a level takes up: corners of rooms, and viewpoints."""
-        here = self._map.position[self._map.storey == level, :2]
-        rooms = self._building.rooms_on(level)
-        return np.vstack([here, *(outline for room in rooms for outline in room.outlines)])
-
-    def _flat(self, points: FloatArray, height: float = 0.0) -> FloatArray:
-        """Project points of shape (..., 2) at a height above their floor, in metres."""
-        across, away = np.moveaxis(points @ self._axes.T, -1, 0)
-        return _flattened(across, away, height)
-
-    def _page(self, points: FloatArray, level: int, height: float = 0.0) -> FloatArray:
-        return self._placed(self._flat(points, height), level)
-
-    def _placed(self, flat: FloatArray, level: int) -> FloatArray:
-        """Put projected points where their level is on the page."""
-        return np.asarray(self.scale * (flat - (self._left, 0)) + (0, self._top[level]))
-
-
-def _flattened(across: FloatArray, away: FloatArray, up: FloatArray | float) -> FloatArray:
-    """Project what is to the right, away and up, metres: to the right and down."""
-    return np.stack([across, -away * np.sin(_TILT) - up * np.cos(_TILT)], axis=-1)
+        return self._floors.points(solids.centre[rows[0]], int(solids.storey[rows[0]]))
 
 
 def cut(line: FloatArray, share: float) -> FloatArray:
@@ -317,15 +136,3 @@ def _points_along(line: FloatArray) -> FloatArray:
     length = np.hypot(*np.diff(line, axis=0).T).sum()
     shares = np.linspace(0, 1, int(length // _CLEAR) + 1)
     return np.array([cut(line, share)[-1] for share in shares])
-
-
-def wall_pieces(start: FloatArray, end: FloatArray, gaps: FloatArray) -> Iterator[FloatArray]:
-    """Yield the ends of short pieces of a wall, without what :func:`door_spans` returns."""
-    length = float(np.hypot(*(end - start)))
-    along = (end - start) / length
-    marks = [0.0, *sorted(np.clip(gaps, 0, length).ravel().tolist()), length]
-    for first, last in zip(marks[::2], marks[1::2], strict=True):
-        count = int(np.ceil((last - first) / _PIECE))
-        for low, high in pairwise(np.linspace(first, last, count + 1)):
-            if high - low > 1e-6:
-                yield np.stack([start + low * along, start + high * along])

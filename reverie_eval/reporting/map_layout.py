@@ -118,18 +118,18 @@ class Projection(Protocol):
 class Layout:
     """A map on its page."""
 
-    def __init__(self, episode_map: EpisodeMap, floors: Projection | None = None) -> None:
+    def __init__(self, episode_map: EpisodeMap, frame: Projection) -> None:
         """Lay out a map, seen from above, or on floors that are drawn already."""
-        around = episode_map.position[episode_map.visited]
-        self.frame: Projection = Frame.around(around) if floors is None else floors
-        self._map, self._floors = episode_map, floors
-        self._point = np.empty((len(episode_map.position), 2))
+        self._map, self.frame = episode_map, frame
+        self._is_flat = isinstance(frame, Frame)
+        self.point = np.empty((len(episode_map.position), 2))
+        """Where the viewpoints of the map are on the page, shape (n_viewpoints, 2)."""
         for storey in np.unique(episode_map.storey).tolist():
             on = episode_map.storey == storey
-            self._point[on] = self.frame.points(episode_map.position[on], storey)
+            self.point[on] = self.frame.points(episode_map.position[on], storey)
         self._is_elsewhere = episode_map.is_elsewhere
         self._size = np.array([WIDTH, self.frame.height])
-        far = np.abs(self._point - self._size / 2) / self._size
+        far = np.abs(self.point - self._size / 2) / self._size
         self._in_sight: BoolArray = (far < _SIGHT).all(axis=1)
 
     def layers(self) -> Sequence[Iterator[Piece]]:
@@ -141,18 +141,23 @@ class Layout:
             self._goals(),
             self._sights(),
             *map(self._legs, self._map.routes),
-            self._ends(),
+            self.ends(),
             self._labels(),
         ]
 
     def plan(self, storey: int) -> Iterator[Piece]:
         """Yield the plan of a storey as far as it is on the page; none on floors, which have it."""
-        if self._floors is None:
+        if self._is_flat:
             yield from plan_of(self._map.building, storey, self.frame)
 
-    def room_names(self, storey: int) -> Iterator[Piece]:
-        """Yield the names of rooms, each where no route, mark or other text is."""
-        taken = [*self._occupied(storey)]
+    def room_names(
+        self, storey: int, occupied: Iterable[FloatArray] | None = None
+    ) -> Iterator[Piece]:
+        """Yield the names of rooms, each where no other and none of these boxes is.
+
+        Boxes have the shape (2, 2); without any, they are those of what the layers have.
+        """
+        taken = [*(self._occupied(storey) if occupied is None else occupied)]
         for room in sorted(self._map.building.rooms_on(storey), key=lambda each: -each.area):
             outlines = [self.frame.points(corners, storey) for corners in room.outlines]
             drawn = room._replace(outlines=outlines)
@@ -174,7 +179,7 @@ class Layout:
             yield np.stack([points.min(axis=0), points.max(axis=0)])
         yield from map(self._around, self._map.visited.tolist())
         legs = [self._map.annotated_legs, *(route.legs for route in self._map.routes)]
-        for start, end in self._point[np.unique(np.vstack(legs), axis=0)]:
+        for start, end in self.point[np.unique(np.vstack(legs), axis=0)]:
             count = int(np.hypot(*(end - start)) // 5) + 1
             for share in np.linspace(0, 1, count):
                 at = start + share * (end - start)
@@ -182,11 +187,11 @@ class Layout:
 
     def _around(self, row: int) -> FloatArray:
         """Return the box of a mark at a viewpoint."""
-        return np.stack([self._point[row] - _MARK, self._point[row] + _MARK])
+        return np.stack([self.point[row] - _MARK, self.point[row] + _MARK])
 
     def is_faint(self, piece: Piece) -> bool:
         """Whether a piece is on a storey without a viewpoint of the episode, or of its plan."""
-        if self._floors is not None:
+        if not self._is_flat:
             return False
         if piece.storey is not None:
             return piece.storey != self._map.start_storey
@@ -213,10 +218,10 @@ class Layout:
         edges = self._map.edges[self._in_sight[self._map.edges].any(axis=1)]
         storeys = np.sort(self._map.storey[edges], axis=1)
         for pair in np.unique(storeys, axis=0):
-            if self._floors is not None and pair[0] != pair[1]:
+            if not self._is_flat and pair[0] != pair[1]:
                 continue
             same = edges[(storeys == pair).all(axis=1)]
-            yield Piece(same[0].tolist(), {"edge": list(self._point[same])})
+            yield Piece(same[0].tolist(), {"edge": list(self.point[same])})
 
     def _annotated_path(self) -> Iterator[Piece]:
         """Draw the annotated path, a piece for each stretch on one storey."""
@@ -224,17 +229,17 @@ class Layout:
             first, *others = same
             rows = first + [end for _, end in others]
             climb = " climb" if self._map.is_climb(np.array([first]))[0] else ""
-            yield Piece(first, {f"annotated{climb}": [self._point[rows]]})
+            yield Piece(first, {f"annotated{climb}": [self.point[rows]]})
 
     def _viewpoints(self) -> Iterator[Piece]:
         for row in np.flatnonzero(self._in_sight).tolist():
             name = self._map.viewpoint_ids[row]
-            lines = {"viewpoint": [self._point[[row]]]}
+            lines = {"viewpoint": [self.point[[row]]]}
             yield Piece([row], lines, title=name, viewpoint_id=name)
 
     def _goals(self) -> Iterator[Piece]:
         for row in self._map.goal_viewpoints.tolist():
-            yield self._at(row, Mark("goal", self._point[row]), "goal viewpoint")
+            yield self._at(row, Mark("goal", self.point[row]), "goal viewpoint")
 
     def _sights(self) -> Iterator[Piece]:
         """Draw the views of the answers as sectors around the stops."""
@@ -243,7 +248,7 @@ class Layout:
                 metres = sector(route.sight) * (1, -1) / self.frame.scale
                 here = self._map.position[route.stop, :2] + metres
                 outline = self.frame.points(here, int(self._map.storey[route.stop]))
-                outline = outline + self._stop_point(route) - self._point[route.stop]
+                outline = outline + self._stop_point(route) - self.point[route.stop]
                 yield Piece([route.stop], {f"sight route-{route.number}": [outline]})
 
     def _legs(self, route: Route) -> Iterator[Piece]:
@@ -253,7 +258,7 @@ class Layout:
             cut = np.append(route.viewpoint[: MOST_POSES - 1], route.stop)
             shown = replace(route, viewpoint=cut)
         number = route.number
-        sides, is_jump = lanes(self._point[shown.legs], number), self._map.is_jump(shown).tolist()
+        sides, is_jump = lanes(self.point[shown.legs], number), self._map.is_jump(shown).tolist()
         is_climb = self._map.is_climb(shown.legs).tolist()
         for leg, (ends, arrow) in enumerate(zip(sides, arrows(sides), strict=True)):
             # Lanes of legs in different directions do not meet: the line also goes from one to the
@@ -266,11 +271,11 @@ class Layout:
                 lines[f"arrow route-{number}"] = [arrow]
             yield Piece(shown.legs[leg].tolist(), lines, leg=(number, leg + 1))
 
-    def _ends(self) -> Iterator[Piece]:
+    def ends(self) -> Iterator[Piece]:
         """Mark the start, the end of the annotated path, and where agents stopped."""
         start, end = self._map.start, self._map.path_end
-        yield self._at(start, Mark("start", self._point[start]), "start")
-        yield self._at(end, Mark("end", self._point[end]), "end of the annotated path")
+        yield self._at(start, Mark("start", self.point[start]), "start")
+        yield self._at(end, Mark("end", self.point[end]), "end of the annotated path")
         for route in self._map.routes:
             whose = f" of {route.name}" if route.name else ""
             mark = Mark("stop", self._stop_point(route), route.number)
@@ -290,10 +295,10 @@ class Layout:
         """Put a label beside a viewpoint: away from the routes, and where no other text is."""
         legs = np.vstack([self._map.annotated_legs, *(route.legs for route in self._map.routes)])
         ends = legs[(legs == row).any(axis=1)]
-        routes_lead_right = (self._point[ends, 0] - self._point[row, 0]).sum() > 0
+        routes_lead_right = (self.point[ends, 0] - self.point[row, 0]).sum() > 0
         sides = sorted(_BESIDE, key=lambda side: (side == "left of") != routes_lead_right)
         marks = [
-            Mark(side, self._point[row] + (_BESIDE[side], 4 + down), text=text)
+            Mark(side, self.point[row] + (_BESIDE[side], 4 + down), text=text)
             for down in _LABEL_LINES
             for side in sides
         ]
@@ -302,7 +307,7 @@ class Layout:
 
     def _stop_point(self, route: Route) -> FloatArray:
         """Return where a stop is drawn: beside that of another agent at the same viewpoint."""
-        return np.asarray(self._point[route.stop] + np.array([_ASIDE * (route.number - 1), 0.0]))
+        return np.asarray(self.point[route.stop] + np.array([_ASIDE * (route.number - 1), 0.0]))
 
     def _at(self, row: int, mark: Mark, meaning: str) -> Piece:
         name = self._map.viewpoint_ids[row]

@@ -6,7 +6,6 @@ route, ``data-viewpoint`` the viewpoint. Without a script it shows what the stil
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from html import escape
 from itertools import chain
 
@@ -16,8 +15,9 @@ from reverie_eval.analysis import Episode, Gallery
 from reverie_eval.arrays import FloatArray
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import answer_views
-from reverie_eval.reporting.building_svg import BUILDING_STYLE, BuildingPicture
+from reverie_eval.reporting.building_svg import BUILDING_STYLE
 from reverie_eval.reporting.drawing import path, path_data
+from reverie_eval.reporting.floors_svg import Floors
 from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, Layout, Mark, Piece
 from reverie_eval.reporting.map_marks import MAP_STYLE, draw_mark, sign_shapes
 from reverie_eval.reporting.maps import EpisodeMap
@@ -115,23 +115,23 @@ class _Drawing:
 
     def __init__(self, episode_map: EpisodeMap) -> None:
         self._map = episode_map
-        # The key beside a map names the routes.
-        unnamed = [replace(route, name="") for route in episode_map.routes]
-        self._building = (
-            BuildingPicture(replace(episode_map, routes=unnamed))
+        self._frame = (
+            Floors(episode_map)
             if episode_map.leaves_level
-            else None
+            else Frame.around(episode_map.position[episode_map.visited])
         )
-        self._layout = Layout(episode_map, self._building)
-        self.kind = "episode-map building" if self._building else "episode-map"
-        self.height = self._layout.frame.height
+        self._layout = Layout(episode_map, self._frame)
+        self.kind = "episode-map building" if episode_map.leaves_level else "episode-map"
+        self.height = self._frame.height
 
     def still(self, *, has_style: bool = False) -> str:
         return self._svg(self.kind, self.shapes(), has_style=has_style)
 
     def shapes(self) -> str:
         edges, *others = self._layout.layers()
-        storeys = self._building.levels if self._building else [self._map.start_storey]
+        storeys = (
+            self._frame.levels if isinstance(self._frame, Floors) else [self._map.start_storey]
+        )
         plans, names = (
             chain.from_iterable(map(layer, storeys))
             for layer in (self._layout.plan, self._layout.room_names)
@@ -141,7 +141,11 @@ class _Drawing:
 
     def interactive(self) -> str:
         edges, annotated, *others = (map(self._apart, layer) for layer in self._layout.layers())
-        storeys = self._building.levels if self._building else range(self._map.storey.max() + 1)
+        storeys = (
+            self._frame.levels
+            if isinstance(self._frame, Floors)
+            else range(self._map.storey.max() + 1)
+        )
         plans, names = (
             map(self._apart, chain.from_iterable(map(layer, storeys)))
             for layer in (self._layout.plan, self._layout.room_names)
@@ -160,7 +164,7 @@ class _Drawing:
     def _svg(self, kind: str, shapes: str, *, has_style: bool = False) -> str:
         # A page has the style sheet once; a file has to bring its own.
         attributes = ' xmlns="http://www.w3.org/2000/svg"' if has_style else ""
-        sheet = BUILDING_STYLE if self._building else MAP_STYLE
+        sheet = BUILDING_STYLE if self._map.leaves_level else MAP_STYLE
         style = f"<style>{sheet}</style>" if has_style else ""
         size = f'viewBox="0 0 {WIDTH} {self.height:.0f}"'
         return (
@@ -170,11 +174,9 @@ class _Drawing:
         )
 
     def _on_ground(self, shapes: Iterable[str]) -> str:
-        if isinstance(self._layout.frame, Frame):
-            return _on_scale(shapes, self._layout.frame)
-        floors = self._building.floors if self._building else ""
-        ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
-        return f"{ground}{floors}{''.join(shapes)}"
+        if isinstance(self._frame, Frame):
+            return _on_scale(shapes, self._frame)
+        return f"{self._frame.shapes}{''.join(shapes)}"
 
     def _joined(self, layer: Sequence[Piece]) -> Iterator[str]:
         """Draw the pieces of a layer as few elements."""

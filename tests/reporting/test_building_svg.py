@@ -13,7 +13,9 @@ from imageio_ffmpeg import get_ffmpeg_exe
 import reverie_eval as rv
 from reverie_eval.analysis import Episode
 from reverie_eval.geometry import Line, door_spans
-from reverie_eval.reporting.building_svg import WIDTH, BuildingPicture, wall_pieces
+from reverie_eval.reporting.building_svg import BuildingPicture
+from reverie_eval.reporting.floors_svg import wall_pieces
+from reverie_eval.reporting.map_layout import WIDTH
 from reverie_eval.reporting.maps import EpisodeMap
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run

@@ -424,9 +424,8 @@ def test_the_plan_is_that_of_the_start(scores: rv.Scores) -> None:
     (kitchen,) = elements(svg, "room")
     corners = [tuple(map(float, each.split())) for each in kitchen.get("d", "")[1:-1].split("L")]
     assert kitchen.get("class") == "room kitchen"
-    assert corners == [
-        tuple(corner.round(1)) for corner in Layout(episode_map).frame.points(FLOOR, 1)
-    ]
+    frame = Frame.around(episode_map.position[episode_map.visited])
+    assert corners == [tuple(corner.round(1)) for corner in frame.points(FLOOR)]
     assert [each.get("d", "").count("L") for each in elements(svg, "door")] == [1]
     assert [each.text for each in elements(svg, "room-name")] == ["kitchen"]
     assert "plan" in {sign.kind for sign in episode_map.signs}
@@ -443,18 +442,18 @@ def test_the_plans_of_all_visited_levels_are_stacked(other: rv.Scores) -> None:
 def test_names_of_rooms_cover_nothing(scores: rv.Scores) -> None:
     """A name is inside its room and beside the route; one without space is left out."""
     episode_map = furnished(map_of(scores, "1_3_0"))
-    layout = Layout(episode_map)
-    (name,) = layout.room_names(1)
+    frame = Frame.around(episode_map.position[episode_map.visited])
+    (name,) = Layout(episode_map, frame).room_names(1)
     assert name.mark
-    drawn = layout.frame.points(FLOOR, 1)
+    drawn = frame.points(FLOOR)
     low, high = drawn.min(axis=0), drawn.max(axis=0)
     assert (low < name.mark.point).all()
     assert (name.mark.point < high).all()
-    route = layout.frame.points(episode_map.position[episode_map.routes[0].viewpoint], 1)
+    route = frame.points(episode_map.position[episode_map.routes[0].viewpoint])
     assert abs(name.mark.point[0] - route[0, 0]) > 20  # half of the word
     narrow = [Room("kitchen", 1, [FLOOR * (0.1, 1.0) + (9.0, 0.0)], 10.0)]
     tight = replace(episode_map, building=replace(episode_map.building, rooms=narrow))
-    assert not list(Layout(tight).room_names(1))
+    assert not list(Layout(tight, frame).room_names(1))
 
 
 def test_plans_of_all_levels_can_be_chosen(scores: rv.Scores) -> None:

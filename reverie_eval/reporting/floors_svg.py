@@ -1,0 +1,202 @@
+"""The levels of a building that an episode visits, as stacked sheets in parallel projection.
+
+The lowest is at the bottom. Each has the floors of its rooms, low walls with gaps for doors,
+furniture as solids, stairs and a title. What an episode does on them is drawn by others.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import groupby, pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.geometry import door_spans, floors_of, sides_of
+from reverie_eval.reporting.drawing import line_data, path, path_data
+from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
+from reverie_eval.reporting.map_marks import draw_mark
+from reverie_eval.reporting.maps import EpisodeMap
+
+# The greatest height, and the space around and between sheets, in units of the page.
+_HIGHEST, _MARGIN, _GAP = 460, 14, 20
+# Degrees: the walls are turned to the left, and the camera looks down.
+_TURN, _TILT = np.deg2rad(-24.0), np.deg2rad(50.0)
+# Metres: the height of walls, and the longest piece of one.
+_WALL, _PIECE = 0.8, 1.5
+# Heights of furniture are drawn smaller, so that it hides less.
+_FLATTENED = 0.6
+# Metres: what is smaller is left out, and what begins higher above the floor.
+_SMALL, _HANGS = 0.35, 0.9
+# Metres: the width of the floor beneath a way that leads through no room.
+_WAY = 1.2
+_FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
+"""From what is drawn to the eye: to the right, away and up."""
+
+
+class _Shape(NamedTuple):
+    """A face of a wall or a solid."""
+
+    far: float
+    """What is farther is drawn earlier."""
+    kind: str
+    outline: FloatArray
+
+
+class Floors:
+    """The floors of an episode, for maps and walks: a projection of its building on a page."""
+
+    def __init__(self, episode_map: EpisodeMap, below: float = 0.0) -> None:
+        """Lay out the floors, and leave so many units of the page free below them."""
+        self._map, self._building = episode_map, episode_map.building
+        turn = np.array([(np.cos(_TURN), np.sin(_TURN)), (-np.sin(_TURN), np.cos(_TURN))])
+        self._axes = turn @ self._building.solids.axes
+        self.levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
+        self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
+        corners = {level: self._flat(self._ground(level)) for level in self.levels}
+        spread = np.vstack(list(corners.values()))
+        low, high = spread[:, 0].min(), spread[:, 0].max()
+        tall = sum(np.ptp(each[:, 1]) + _WALL for each in corners.values())
+        free = _HIGHEST - 2 * _MARGIN - _GAP * (len(corners) - 1) - below
+        self.scale = min((WIDTH - 2 * _MARGIN) / (high - low), free / tall)
+        self._left = float((low + high) / 2 - WIDTH / 2 / self.scale)
+        self._top, bottom = {}, float(_MARGIN)
+        for level, each in corners.items():
+            self._top[level] = bottom - self.scale * (each[:, 1].min() - _WALL)
+            bottom += self.scale * (np.ptp(each[:, 1]) + _WALL) + _GAP
+        self.height = bottom - _GAP + _MARGIN + below
+        """In units of the page."""
+
+    @cached_property
+    def shapes(self) -> str:
+        """The floors with their furniture and titles, as SVG on a ground."""
+        ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
+        return ground + "".join(shape for level in self.levels for shape in self._level(level))
+
+    def _level(self, level: int) -> Iterator[str]:
+        ways = [self._page(each, level) for each in self._ways_outside(level)]
+        if ways:
+            yield path("way", path_data("way", ways))
+        for room in self._building.rooms_on(level):
+            kind = f"room {room.name.partition(' ')[0]}".strip()
+            yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))
+        treads = [self._page(tread.ends, level) for tread in self._building.treads_on(level)]
+        if treads:
+            yield path("tread", path_data("tread", treads))
+        shapes = sorted([*self._walls(level), *self._furniture(level)], key=lambda it: -it.far)
+        joined = (
+            path(kind, "".join(f"{line_data(each.outline)}z" for each in same))
+            for kind, same in groupby(shapes, key=lambda shape: shape.kind)
+        )
+        yield f'<g class="solids">{"".join(joined)}</g>'
+        yield draw_mark(self._title(level))
+
+    def _ways_outside(self, level: int) -> Iterator[FloatArray]:
+        """Yield the floor beneath the edges and viewpoints that no room contains."""
+        on_level = self._map.storey == level
+        here = self._map.position[:, :2]
+        is_outside = on_level.copy()
+        for room in self._building.rooms_on(level):
+            is_outside &= ~room.contains(here)
+        edges = self._map.edges
+        is_way = on_level[edges].all(axis=1) & is_outside[edges].any(axis=1)
+        alone = np.repeat(np.flatnonzero(is_outside)[:, None], 2, axis=1)
+        for start, end in here[np.vstack([edges[is_way], alone])]:
+            along = end - start
+            along = along / np.hypot(*along) if along.any() else self._axes[0]
+            ahead, aside = _WAY / 2 * along, _WAY / 2 * np.array([-along[1], along[0]])
+            yield np.array(
+                [
+                    start - ahead - aside,
+                    end + ahead - aside,
+                    end + ahead + aside,
+                    start - ahead + aside,
+                ]
+            )
+
+    def _title(self, level: int) -> Mark:
+        bottom = self._page(self._ground(level), level)[:, 1].max()
+        return Mark("right of", np.array([4.0, bottom - 2]), text=f"level {level + 1}")
+
+    def _walls(self, level: int) -> Iterator[_Shape]:
+        doors = self._building.doors_on(level)
+        for room in self._building.rooms_on(level):
+            for outline in room.outlines:
+                for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+                    kind = f"wall {self._building.shade_of(end - start)}"
+                    for ends in wall_pieces(start, end, door_spans(doors, start, end)):
+                        low, high = (self._page(ends, level, z) for z in (0.0, _WALL))
+                        quad = np.vstack([low, high[::-1]])
+                        yield _Shape(float((ends @ self._axes[1]).mean()), kind, quad)
+
+    def _furniture(self, level: int) -> Iterator[_Shape]:
+        solids = self._building.solids
+        bottom = solids.centre[:, 2] - solids.half[:, 2] - self._floor[level]
+        is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS)
+        is_shown &= (2 * solids.half[:, :2] >= _SMALL).all(axis=1)
+        for row in np.flatnonzero(is_shown).tolist():
+            room = int(solids.room[row])
+            here = solids.centre[[row], :2]
+            is_shown[row] = room >= 0 and self._building.rooms[room].contains(here)[0]
+        shown = solids.take(is_shown)
+        corners, of_solid, materials = shown.parts()
+        if not len(corners):
+            return
+        flat = corners[..., :2] @ self._axes.T
+        up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
+        points = np.concatenate([flat, up[..., None]], axis=2)
+        quads, normal = sides_of(points)
+        is_seen = normal @ _FACING > 1e-9
+        shade = np.where(normal[..., 2] > 1e-9, "top", np.where(normal[..., 0] > 0, "lit", "dim"))
+        far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)
+        for part, side in np.argwhere(is_seen).tolist():
+            outline = self._placed(_flattened(*quads[part, side].T), level)
+            yield _Shape(float(far[part]), f"{materials[part]} {shade[part, side]}", outline)
+
+    # Projection.
+
+    @property
+    def taken(self) -> Sequence[FloatArray]:
+        """Boxes, shape (2, 2), of the titles of levels."""
+        return [text_box(self._title(level)) for level in self.levels]
+
+    def points(self, position: FloatArray, storey: int) -> FloatArray:
+        """Return where positions are: on the floor of their storey; beside the page without it."""
+        if storey not in self.levels:
+            return np.full((*position.shape[:-1], 2), -WIDTH)
+        return self._page(position[..., :2], storey)
+
+    def _ground(self, level: int) -> FloatArray:
+        """Return the points that a level takes up: corners of rooms, and viewpoints."""
+        here = self._map.position[self._map.storey == level, :2]
+        rooms = self._building.rooms_on(level)
+        return np.vstack([here, *(outline for room in rooms for outline in room.outlines)])
+
+    def _flat(self, points: FloatArray, height: float = 0.0) -> FloatArray:
+        """Project points of shape (..., 2) at a height above their floor, in metres."""
+        across, away = np.moveaxis(points @ self._axes.T, -1, 0)
+        return _flattened(across, away, height)
+
+    def _page(self, points: FloatArray, level: int, height: float = 0.0) -> FloatArray:
+        return self._placed(self._flat(points, height), level)
+
+    def _placed(self, flat: FloatArray, level: int) -> FloatArray:
+        """Put projected points where their level is on the page."""
+        return np.asarray(self.scale * (flat - (self._left, 0)) + (0, self._top[level]))
+
+
+def _flattened(across: FloatArray, away: FloatArray, up: FloatArray | float) -> FloatArray:
+    """Project what is to the right, away and up, metres: to the right and down."""
+    return np.stack([across, -away * np.sin(_TILT) - up * np.cos(_TILT)], axis=-1)
+
+
+def wall_pieces(start: FloatArray, end: FloatArray, gaps: FloatArray) -> Iterator[FloatArray]:
+    """Yield the ends of short pieces of a wall, without what :func:`door_spans` returns."""
+    length = float(np.hypot(*(end - start)))
+    along = (end - start) / length
+    marks = [0.0, *sorted(np.clip(gaps, 0, length).ravel().tolist()), length]
+    for first, last in zip(marks[::2], marks[1::2], strict=True):
+        count = int(np.ceil((last - first) / _PIECE))
+        for low, high in pairwise(np.linspace(first, last, count + 1)):
+            if high - low > 1e-6:
+                yield np.stack([start + low * along, start + high * along])

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 from hatchling.builders.sdist import SdistBuilder
+from packaging.requirements import Requirement
 
 from reverie_eval import __version__
 from tests.conftest import REPOSITORY
@@ -30,8 +31,25 @@ def test_each_dependency_has_a_lowest_version() -> None:
     optional = [each for group in PROJECT["optional-dependencies"].values() for each in group]
     for requirement in (*PROJECT["dependencies"], *optional):
         assert re.fullmatch(
-            r"[a-z0-9-]+(\[\w+\])?>=[0-9.]+(; .+)?|reverie-eval\[[a-z,]+\]", requirement
+            r"[a-z0-9-]+(\[\w+\])?>=[0-9.]+(,<[0-9.]+)?(; .+)?|reverie-eval\[[a-z,]+\]", requirement
         )
+
+
+@pytest.mark.parametrize(
+    ("python", "is_allowed"),
+    [
+        pytest.param("3.10", False, id="one that shapely 2.2 does not support"),
+        pytest.param("3.11", False, id="the newest that a numpy before 1.26 supports"),
+        pytest.param("3.12", True, id="one that has numpy 1.26 at least"),
+    ],
+)
+def test_an_old_numpy_stays_as_it_is(python: str, *, is_allowed: bool) -> None:
+    """Shapely 2.2 refuses it, and pip would replace it, which breaks a torch made for it."""
+    named = [each for each in map(Requirement, PROJECT["dependencies"]) if each.name == "shapely"]
+    valid = [
+        each for each in named if each.marker and each.marker.evaluate({"python_version": python})
+    ]
+    assert [each.specifier.contains("2.2.0") for each in valid] == [is_allowed]
 
 
 def test_a_release_is_tried_with_each_declared_python() -> None:

@@ -13,7 +13,7 @@ References
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -166,6 +166,29 @@ class Building:
     def treads_on(self, storey: int) -> Sequence[Line]:
         """Return the treads of stairs that begin or end on a storey."""
         return [tread for tread in self.treads if tread.storey == storey]
+
+    def around(self, points: FloatArray, storey: IntArray, metres: float) -> Self:
+        """Return the building with the rooms and treads that are at most so far from some points.
+
+        Points have the shape (n_points, 2), and a storey each. A room is in the rectangle around
+        it, along the walls of the building.
+        """
+        axes = self.solids.axes
+
+        def is_near(corners: FloatArray, on: int) -> bool:
+            corners, here = corners @ axes.T, points[storey == on] @ axes.T
+            off = np.maximum(corners.min(axis=0) - here, here - corners.max(axis=0))
+            return bool((np.hypot(*np.maximum(off, 0).T) <= metres).any())
+
+        shown = np.array([is_near(np.vstack(its.outlines), its.storey) for its in self.rooms], bool)
+        number = np.append(np.where(shown, np.cumsum(shown) - 1, -1), -1)
+        return replace(
+            self,
+            room=number[self.room],
+            rooms=[room for room, is_shown in zip(self.rooms, shown, strict=True) if is_shown],
+            treads=[tread for tread in self.treads if is_near(tread.ends, tread.storey)],
+            solids=replace(self.solids, room=number[self.solids.room]),
+        )
 
 
 def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Building:

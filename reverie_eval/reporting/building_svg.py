@@ -31,10 +31,10 @@ class BuildingPicture:
 
     def __init__(self, episode_map: EpisodeMap, target: int | None = None) -> None:
         """Lay out the picture; the object ``target`` is marked, if it is given."""
-        self._map, self._target = episode_map, target
+        self._map, self._target = episode_map.cropped(), target
         self._key = [route for route in episode_map.routes if route.name]
-        self._floors = Floors(episode_map, below=_LINE * len(self._key))
-        self._layout = Layout(episode_map, self._floors)
+        self._floors = Floors(self._map, below=_LINE * len(self._key))
+        self._layout = Layout(self._map, self._floors)
         self.height = self._floors.height
         """In units of the page."""
 

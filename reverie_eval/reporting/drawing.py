@@ -54,7 +54,7 @@ def path_data(kind: str, lines: Sequence[FloatArray]) -> str:
 
 def line_data(points: FloatArray) -> str:
     """Return the data of a line."""
-    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist())
 
 
 # SVG whose places across are percentages.

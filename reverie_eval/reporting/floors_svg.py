@@ -34,21 +34,23 @@ _FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
 """From what is drawn to the eye: to the right, away and up."""
 
 
-class _Shape(NamedTuple):
-    """A face of a wall or a solid."""
+class _Faces(NamedTuple):
+    """Faces of walls or solids."""
 
-    far: float
-    """What is farther is drawn earlier."""
-    kind: str
-    outline: FloatArray
+    far: FloatArray
+    """Shape (n,): what is farther is drawn earlier."""
+    kinds: Sequence[str]
+    outlines: FloatArray
+    """Shape (n, 4, 2): corners on the page."""
 
 
 class Floors:
     """The floors of an episode, for maps and walks: a projection of its building on a page."""
 
     def __init__(self, episode_map: EpisodeMap, below: float = 0.0) -> None:
-        """Lay out the floors, and leave so many units of the page free below them."""
+        """Lay out the floors of a cropped map; leave so many units of the page free below them."""
         self._map, self._building = episode_map, episode_map.building
+        self._is_near = episode_map.is_near
         turn = np.array([(np.cos(_TURN), np.sin(_TURN)), (-np.sin(_TURN), np.cos(_TURN))])
         self._axes = turn @ self._building.solids.axes
         self.levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
@@ -83,17 +85,21 @@ class Floors:
         treads = [self._page(tread.ends, level) for tread in self._building.treads_on(level)]
         if treads:
             yield path("tread", path_data("tread", treads))
-        shapes = sorted([*self._walls(level), *self._furniture(level)], key=lambda it: -it.far)
-        joined = (
-            path(kind, "".join(f"{line_data(each.outline)}z" for each in same))
-            for kind, same in groupby(shapes, key=lambda shape: shape.kind)
-        )
-        yield f'<g class="solids">{"".join(joined)}</g>'
+        yield f'<g class="solids">{"".join(self._solids(level))}</g>'
         yield draw_mark(self._title(level))
+
+    def _solids(self, level: int) -> Iterator[str]:
+        """Draw walls and furniture, the farthest first."""
+        walls, furniture = self._walls(level), self._furniture(level)
+        kinds = [*walls.kinds, *furniture.kinds]
+        outline = np.concatenate([walls.outlines, furniture.outlines])
+        order = np.argsort(-np.concatenate([walls.far, furniture.far]), kind="stable").tolist()
+        for kind, rows in groupby(order, key=kinds.__getitem__):
+            yield path(kind, "".join(f"{line_data(outline[row])}z" for row in rows))
 
     def _ways_outside(self, level: int) -> Iterator[FloatArray]:
         """Yield the floor beneath the edges and viewpoints that no room contains."""
-        on_level = self._map.storey == level
+        on_level = (self._map.storey == level) & self._is_near
         here = self._map.position[:, :2]
         is_outside = on_level.copy()
         for room in self._building.rooms_on(level):
@@ -118,40 +124,42 @@ class Floors:
         bottom = self._page(self._ground(level), level)[:, 1].max()
         return Mark("right of", np.array([4.0, bottom - 2]), text=f"level {level + 1}")
 
-    def _walls(self, level: int) -> Iterator[_Shape]:
+    def _walls(self, level: int) -> _Faces:
         doors = self._building.doors_on(level)
+        ends, kinds = [np.zeros((0, 2, 2))], []
         for room in self._building.rooms_on(level):
             for outline in room.outlines:
                 for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-                    kind = f"wall {self._building.shade_of(end - start)}"
-                    for ends in wall_pieces(start, end, door_spans(doors, start, end)):
-                        low, high = (self._page(ends, level, z) for z in (0.0, _WALL))
-                        quad = np.vstack([low, high[::-1]])
-                        yield _Shape(float((ends @ self._axes[1]).mean()), kind, quad)
+                    pieces = [*wall_pieces(start, end, door_spans(doors, start, end))]
+                    ends += [each[None] for each in pieces]
+                    kinds += [f"wall {self._building.shade_of(end - start)}"] * len(pieces)
+        all_ends = np.concatenate(ends)
+        low, high = (self._page(all_ends, level, z) for z in (0.0, _WALL))
+        outlines = np.concatenate([low, high[:, ::-1]], axis=1)
+        return _Faces((all_ends @ self._axes[1]).mean(axis=1), kinds, outlines)
 
-    def _furniture(self, level: int) -> Iterator[_Shape]:
+    def _furniture(self, level: int) -> _Faces:
         solids = self._building.solids
         bottom = solids.centre[:, 2] - solids.half[:, 2] - self._floor[level]
-        is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS)
+        is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS) & (solids.room >= 0)
         is_shown &= (2 * solids.half[:, :2] >= _SMALL).all(axis=1)
-        for row in np.flatnonzero(is_shown).tolist():
-            room = int(solids.room[row])
-            here = solids.centre[[row], :2]
-            is_shown[row] = room >= 0 and self._building.rooms[room].contains(here)[0]
+        for room in np.unique(solids.room[is_shown]).tolist():
+            rows = np.flatnonzero(is_shown & (solids.room == room))
+            is_shown[rows] = self._building.rooms[room].contains(solids.centre[rows, :2])
         shown = solids.take(is_shown)
         corners, of_solid, materials = shown.parts()
-        if not len(corners):
-            return
         flat = corners[..., :2] @ self._axes.T
         up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
-        points = np.concatenate([flat, up[..., None]], axis=2)
-        quads, normal = sides_of(points)
-        is_seen = normal @ _FACING > 1e-9
+        sides, normal = sides_of(np.concatenate([flat, up[..., None]], axis=2))
         shade = np.where(normal[..., 2] > 1e-9, "top", np.where(normal[..., 0] > 0, "lit", "dim"))
         far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)
-        for part, side in np.argwhere(is_seen).tolist():
-            outline = self._placed(_flattened(*quads[part, side].T), level)
-            yield _Shape(float(far[part]), f"{materials[part]} {shade[part, side]}", outline)
+        part, side = np.nonzero(normal @ _FACING > 1e-9)
+        kinds = [
+            f"{materials[row]} {its}"
+            for row, its in zip(part.tolist(), shade[part, side].tolist(), strict=True)
+        ]
+        across, away, height = np.moveaxis(sides[part, side], -1, 0)
+        return _Faces(far[part], kinds, self._placed(_flattened(across, away, height), level))
 
     # Projection.
 
@@ -167,8 +175,8 @@ class Floors:
         return self._page(position[..., :2], storey)
 
     def _ground(self, level: int) -> FloatArray:
-        """Return the points that a level takes up: corners of rooms, and viewpoints."""
-        here = self._map.position[self._map.storey == level, :2]
+        """Return the points that a level takes up: corners of rooms, and near viewpoints."""
+        here = self._map.position[(self._map.storey == level) & self._is_near, :2]
         rooms = self._building.rooms_on(level)
         return np.vstack([here, *(outline for room in rooms for outline in room.outlines)])
 

@@ -56,6 +56,8 @@ _SIDE = 4.0
 _LETTER, _ASCENT = np.array([6.8, 13.0]), 10.5
 # Half of the size of the largest mark.
 _MARK = 8.0
+# Points of the upper and the lower edge of a name that tell whether it is within the walls.
+_BORDER = np.array([(across, down) for across in np.linspace(0, 1, 5) for down in (0, 1)])
 _ARROW_SIZE = 9.0
 # Position along a leg: beyond its middle, so that arrows of both directions are side by side.
 _ARROW_SHARE = 0.62
@@ -128,9 +130,11 @@ class Layout:
             on = episode_map.storey == storey
             self.point[on] = self.frame.points(episode_map.position[on], storey)
         self._is_elsewhere = episode_map.is_elsewhere
-        self._size = np.array([WIDTH, self.frame.height])
-        far = np.abs(self.point - self._size / 2) / self._size
-        self._in_sight: BoolArray = (far < _SIGHT).all(axis=1)
+        size = np.array([WIDTH, frame.height])
+        far = np.abs(self.point - size / 2) / size
+        self._in_sight: BoolArray = (
+            (far < _SIGHT).all(axis=1) if self._is_flat else episode_map.is_near
+        )
 
     def layers(self) -> Sequence[Iterator[Piece]]:
         """Return the pieces of each layer, the lowest first."""
@@ -427,11 +431,9 @@ def put_name(room: Room, taken: Sequence[FloatArray], size: tuple[float, float])
     is_free = ((first >= low) & (last <= high)).all(axis=1)
     for its_low, its_high in taken:
         is_free &= ~((first < its_high) & (its_low < last)).all(axis=1)
-    # Five points of its upper and lower edge tell whether a name is within the walls.
-    for share in np.linspace(0, 1, 5):
-        for y in (first[:, 1], last[:, 1]):
-            x = first[:, 0] + share * (last[:, 0] - first[:, 0])
-            is_free[is_free] = room.contains(np.column_stack([x, y])[is_free])
+    border = first[is_free, None] + _BORDER * (last - first)[is_free, None]
+    is_within = room.contains(border.reshape(-1, 2)).reshape(-1, len(_BORDER))
+    is_free[is_free] = is_within.all(axis=1)
     if not is_free.any():
         return None
     away = np.hypot(*((first + last) / 2 - (low + high) / 2)[is_free].T)

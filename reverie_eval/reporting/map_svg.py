@@ -114,13 +114,13 @@ class _Drawing:
     """A map from above; if the episode is on several levels, on the stacked floors of each."""
 
     def __init__(self, episode_map: EpisodeMap) -> None:
-        self._map = episode_map
+        self._map = episode_map.cropped() if episode_map.leaves_level else episode_map
         self._frame = (
-            Floors(episode_map)
+            Floors(self._map)
             if episode_map.leaves_level
             else Frame.around(episode_map.position[episode_map.visited])
         )
-        self._layout = Layout(episode_map, self._frame)
+        self._layout = Layout(self._map, self._frame)
         self.kind = "episode-map building" if episode_map.leaves_level else "episode-map"
         self.height = self._frame.height
 

@@ -20,6 +20,9 @@ _CLIMB = "to another level"
 _ELSEWHERE = "on a level that the episode does not reach"
 _PLAN = "walls and doors, inferred from where objects are"
 
+AROUND = 4.0
+"""Metres around an episode's viewpoints that stacked floors show, rooms as a whole."""
+
 SignKind = Literal[
     "stop",
     "sight",
@@ -205,6 +208,20 @@ class EpisodeMap:
         routes: Sequence[Array] = [route.viewpoint for route in self.routes]
         rows = np.concatenate([[self.start], *routes, self.annotated_path, self.goal_viewpoints])
         return np.unique(rows)
+
+    @property
+    def is_near(self) -> BoolArray:
+        """Shape (n_viewpoints,): whether it is near one of the episode, on its storey."""
+        here, there = self.position[:, None, :2], self.position[self.visited, :2]
+        is_near = np.hypot(*np.moveaxis(there - here, -1, 0)) <= AROUND
+        return np.asarray(
+            (is_near & (self.storey[:, None] == self.storey[self.visited])).any(axis=1)
+        )
+
+    def cropped(self) -> Self:
+        """Return the map with the building as far as it is near the episode."""
+        near, storey = self.position[self.visited, :2], self.storey[self.visited]
+        return replace(self, building=self.building.around(near, storey, AROUND))
 
     @property
     def is_elsewhere(self) -> BoolArray:

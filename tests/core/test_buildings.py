@@ -8,6 +8,7 @@ import pytest
 from reverie_eval.geometry import (
     FOCAL_LENGTH,
     Building,
+    Line,
     Room,
     Sightings,
     find_storeys,
@@ -201,6 +202,31 @@ def test_what_is_in_a_room() -> None:
     room = Room("", 0, [4 * square, square + 1, square + np.array([6, 0])], 16.0)
     points = np.array([(0.5, 0.5), (0.0, 2.0), (1.5, 1.5), (1.0, 1.5), (6.5, 0.5), (5.0, 0.5)])
     assert room.contains(points).tolist() == [True, False, False, True, True, False]
+
+
+def test_what_is_around_a_point() -> None:
+    """Rooms and treads at most two metres away on its storey; rooms have new numbers."""
+    square = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+    far, near, above = (
+        Room("", storey, [square + np.array([x, 0])], 1.0)
+        for storey, x in ((0, 6.1), (0, -3.0), (1, 0.0))
+    )
+    treads = [Line(0, np.array([(x, 0.0), (x, 1.0)])) for x in (2.0, -2.1)]
+    whole = house()
+    building = replace(
+        whole,
+        room=np.array([0, 1, 2, -1]),
+        rooms=[far, near, above],
+        treads=treads,
+        solids=replace(whole.solids, room=np.array([2, 1, 0, -1])),
+    )
+    around = building.around(np.array([(0.0, 0.5), (4.0, 0.5)]), np.array([0, 0]), 2.0)
+    assert around.rooms == [near]
+    assert around.room.tolist() == [-1, 0, -1, -1]
+    assert around.solids.room.tolist() == [-1, 0, -1, -1]
+    assert around.treads == treads[:1]
+    assert not building.around(np.array([(0.0, 3.1)]), np.array([0]), 2.0).rooms
+    assert building.around(np.array([(0.5, 0.5)]), np.array([1]), 0.0).rooms == [above]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Buildings as stacked floors, and walks that play in them."""
 
+import math
 import os
 from dataclasses import replace
 from io import BytesIO
@@ -16,6 +17,7 @@ from reverie_eval.geometry import Line, door_spans
 from reverie_eval.reporting.building_svg import BuildingPicture
 from reverie_eval.reporting.floors_svg import wall_pieces
 from reverie_eval.reporting.map_layout import WIDTH
+from reverie_eval.reporting.map_svg import interactive_map_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run
@@ -81,6 +83,23 @@ def test_levels_are_stacked(scores: rv.Scores) -> None:
     assert max(BuildingPicture(each).height for each in maps) == pytest.approx(460)
 
 
+def test_what_is_far_from_the_walk_is_left_out(scores: rv.Scores) -> None:
+    """Of each level there are the viewpoints within 4 m of one that the episode visits."""
+    maps = [EpisodeMap.of({"": scores.episode(each)}) for each in scores.instr_ids]
+    several = next(each for each in maps if each.leaves_level)
+    near = {
+        several.viewpoint_ids[row]
+        for row in range(len(several.storey))
+        for visited in several.visited.tolist()
+        if several.storey[row] == several.storey[visited]
+        and math.dist(several.position[row, :2], several.position[visited, :2]) <= 4
+    }
+    drawn = of_class(interactive_map_svg(several), "viewpoint")
+    assert {each.findtext("title") for each in drawn} == near
+    levels = several.levels(several.visited)
+    assert len(near) < sum(level in levels for level in several.storey + 1)
+
+
 def test_all_is_on_the_page(episode: Episode) -> None:
     picture = picture_of(episode)
     rooms = [points(each) for each in of_class(picture.svg(), "room")]
@@ -95,7 +114,11 @@ def test_objects_without_a_room_are_left_out(episode: Episode) -> None:
     whole = EpisodeMap.of({"": episode})
     solids = whole.building.solids
     bare = replace(
-        whole.building, rooms=[], doors=[], solids=replace(solids, room=0 * solids.room - 1)
+        whole.building,
+        room=np.full_like(whole.building.room, -1),
+        rooms=[],
+        doors=[],
+        solids=replace(solids, room=np.full_like(solids.room, -1)),
     )
     svg = BuildingPicture(replace(whole, building=bare)).svg()
     assert not of_class(svg, "wood")

@@ -152,6 +152,7 @@ def test_two_methods_by_command(run: Run, tmp_path: Path) -> None:
         (["A=good", "mediocre"], "x.svg", "one file has a name and another has none"),
         (["A=good", "A=mediocre"], "x.svg", "two methods are named A; give each a name of its own"),
         ([f"{'m' * 40}=good"], "x.svg", f"the name {'m' * 40} is too long for a figure"),
+        ([], "x.svg", "name a submission and an episode of it, got 1196_0_0 alone"),
         (["A=good,mediocre"], "x.svg", "A: a figure shows one file of each method, got 2"),
     ],
 )

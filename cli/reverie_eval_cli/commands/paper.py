@@ -249,8 +249,13 @@ def _published(
 
 
 @click.command()
-@options.submissions
-@click.argument("episode")
+@click.argument(
+    "words",
+    metavar="SUBMISSION... EPISODE",
+    nargs=-1,
+    required=True,
+    type=click.Path(allow_dash=True),
+)
 @options.new_path("FILE", "The figure: .svg, .pdf or .png; with --animate, .svg, .gif or .mp4.")
 @options.scoring
 @options.with_default(
@@ -263,8 +268,7 @@ def _published(
 @click.option("--animate", is_flag=True, help="Let the walk play in its building, for 8 seconds.")
 def figure(
     *,
-    submissions: Sequence[str],
-    episode: str,
+    words: Sequence[str],
     output: Path,
     scoring: ScoringOptions,
     columns: str,
@@ -279,6 +283,9 @@ def figure(
     from reverie_eval.reporting.animations import check_animation_name, save_animation
     from reverie_eval.reporting.figures import check_figure_name
 
+    *submissions, episode = words
+    if not submissions:
+        raise click.UsageError(f"name a submission and an episode of it, got {episode} alone")
     if animate and (columns != _COLUMNS or not legend):
         raise click.UsageError("--columns and --no-legend cannot be combined with --animate")
     is_named = [find_runs(word) is not None for word in submissions]

@@ -1,19 +1,15 @@
 """What reading all uploads costs: time of the processors, and memory at the peak.
 
 ``python benchmarks/evidence_cost.py [SUBMISSIONS]`` makes a server with so many submissions of 100
-teams to val_unseen, each another file, and runs the command twice: the first run reads all uploads,
-the second only compares. Then it asks as the desk does while 100 uploads are still to be read, and
-searches all uploads for damage, as a running server does. With the published files, it is REVERIE's
-split, otherwise the demo world's.
+teams to val_unseen, each another file, and runs the command. With the published files, it is
+REVERIE's split, otherwise the demo world's.
 """
 
 import hashlib
 import json
-import math
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -21,9 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from sqlalchemy import delete, insert, select
-
-from reverie_eval.server.integrity.evidence import EvidenceService
+from sqlalchemy import insert, select
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -35,19 +29,16 @@ from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewPerson, NewTeam
 from reverie_eval.server.accounts.people import add_person, add_team
-from reverie_eval.server.integrity.evidence import AT_ONCE
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store import watches
-from reverie_eval.server.store.database import count_rows
-from reverie_eval.server.store.tables import Person, Submission, Trace
+from reverie_eval.server.store.tables import Person, Submission
 
 SUBMISSIONS = 2000
 TEAMS = 100
 SPLIT = "val_unseen"
 COMMAND = Path(sys.executable).with_name("reverie-eval")
-BARS = {"first run": 180.0, "second run": 60.0, "request": 30.0, "search": 30.0, "memory": 600.0}
+BARS = {"time": 180.0, "memory": 600.0}
 """Seconds of the processors, and megabytes."""
 
 
@@ -60,16 +51,10 @@ def main() -> int:
         install_published(folder, Path(temporary))
         with opened_server(load_settings(folder)) as state:
             fill(state, submissions)
-        first, memory = run(folder)
-        second, again = run(folder)
-        with opened_server(load_settings(folder)) as state:
-            asked, searched = request(state), search(state)
+        seconds, memory = run(folder)
     figures: list[Figure] = [
-        (f"{submissions:,} submissions, first run, s", first, BARS["first run"]),
-        ("second run, s", second, BARS["second run"]),
-        ("a request that reads 100 uploads, s", asked, BARS["request"]),
-        ("a search of all uploads for damage, s", searched, BARS["search"]),
-        ("peak memory, MB", max(memory, again), BARS["memory"]),
+        (f"{submissions:,} submissions, s", seconds, BARS["time"]),
+        ("peak memory, MB", memory, BARS["memory"]),
     ]
     return judge(figures)
 
@@ -130,31 +115,6 @@ def files(truth: GroundTruth, number: int) -> Iterator[bytes]:
         for row in np.flatnonzero(random.random(len(records)) < 0.1):
             records[row]["predObjId"] = int(random.integers(1, 500))
         yield json.dumps(records).encode()
-
-
-def request(state: ServerState) -> float:
-    """Return the seconds of the processors that the dearest request takes."""
-    with state.database.writing() as session:
-        known = select(Trace.sha256).where(Trace.split == SPLIT).limit(AT_ONCE)
-        session.execute(delete(Trace).where(Trace.sha256.in_(known)))
-    before = time.process_time()
-    with state.database.reading() as session:
-        report, read = state.get(EvidenceService).report(session, SPLIT)
-    state.get(EvidenceService).keep(SPLIT, read)
-    if report.left:
-        raise RuntimeError(f"{report.left} uploads were not read")
-    return time.process_time() - before
-
-
-def search(state: ServerState) -> float:
-    """Return the seconds of the processors in which all uploads are read once."""
-    watches.READING = math.inf  # otherwise a second in each minute
-    before = time.process_time()
-    with state.database.reading() as session:
-        number = count_rows(session, Submission)
-    for _ in range(1 + number // 1000):  # which is the most that one reads
-        state.uploads_watch.search()
-    return time.process_time() - before
 
 
 def run(folder: Path) -> tuple[float, float]:

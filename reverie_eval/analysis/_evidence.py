@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.arrays import FloatArray, IntArray
 
 MOST_CHANGED = 0.5
 """The largest share of episodes in which a file that counts for :func:`spread_of_changes` differs
@@ -207,35 +207,6 @@ def _usual_variance(share: FloatArray) -> float:
     probability = counted * share
     square = (probability * (1 - probability)).sum() + probability.sum() ** 2
     return float(square / counted - share.sum() ** 2)
-
-
-def gap_between(values: FloatArray, is_first: BoolArray, cluster: IntArray) -> Estimate:
-    """Return by how much the mean over some episodes exceeds that over the others.
-
-    Parameters
-    ----------
-    values : float array of shape (n_episodes,)
-    is_first : bool array of shape (n_episodes,)
-        Equal within a cluster; some true, some false.
-    cluster : int array of shape (n_episodes,)
-
-    Returns
-    -------
-    Estimate
-        In units of ``values``; the standard error is over clusters.
-
-    >>> gap_between(np.array([1.0, 1.0, 0.0]), np.array([True, False, False]), np.arange(3)).value
-    0.5
-    """
-    variance, means = 0.0, []
-    for part in (is_first, ~is_first):
-        chosen = values[part]
-        _, index = np.unique(cluster[part], return_inverse=True)
-        means.append(chosen.mean())
-        # Deviations are summed by cluster first: episodes of one cluster go together.
-        sums = np.bincount(index, chosen - chosen.mean())
-        variance += (sums**2).sum() / len(chosen) ** 2
-    return Estimate(float(means[0] - means[1]), float(np.sqrt(variance)))
 
 
 def most_similar(codes: IntArray, group: IntArray, number: int) -> Likeness | None:

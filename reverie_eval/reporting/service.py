@@ -19,7 +19,6 @@ from reverie_eval.reporting.tables import (
 )
 from reverie_eval.schemas.evidence import (
     EvidenceReport,
-    GapReport,
     SameFile,
     SimilarPair,
     SubmissionEvidence,
@@ -336,8 +335,8 @@ def snapshot_lines(snapshot: Snapshot) -> Iterator[str]:
 def teams_table(teams: Iterable[TeamEvidence]) -> Table:
     """Return a row per team: how its files differ from each other."""
     headings = [
-        *("team", "submissions", "changed (median)", "spread", "+-", "p"),
-        *("open - secret half %", "+-", "growth %", "+-", "most jumps"),
+        *("team", "submissions", "changed (median)"),
+        *("spread", "+-", "p", "most jumps"),
     ]
     rows = [
         [
@@ -353,8 +352,6 @@ def teams_table(teams: Iterable[TeamEvidence]) -> Table:
                     f"{each.spread.p_value:.2g}",
                 )
             ),
-            *_gap(each.gap),
-            *_gap(each.gap_growth),
             f"{each.jumps:,}",
         ]
         for each in teams
@@ -389,7 +386,7 @@ def history_table(history: Iterable[SubmissionEvidence]) -> Table:
     """Return a row per submission of a team."""
     headings = [
         *("submission", "received (UTC)", "method", "nearest earlier", "changed"),
-        *("open - secret half %", "+-", "jumps", "in episodes", "longest jump m"),
+        *("jumps", "in episodes", "longest jump m"),
         *("viewpoints", "most", "longest walk m", "exact stops %", "by chance %"),
     ]
     rows = [
@@ -399,7 +396,6 @@ def history_table(history: Iterable[SubmissionEvidence]) -> Table:
             each.method,
             each.nearest or MISSING,
             cell_of(each.changed, "{:,}".format),
-            *_gap(each.gap),
             f"{each.walks.jumps:,}",
             f"{each.walks.episodes_with_jumps:,}",
             f"{each.walks.longest_jump:.1f}",
@@ -420,13 +416,6 @@ def _pair_names(pair: SimilarPair) -> tuple[str, ...]:
 
 def _shares(pair: SimilarPair) -> tuple[float, ...]:
     return pair.equal, pair.equal_answers, pair.equal_stops, pair.equal_paths
-
-
-def _gap(gap: GapReport | None) -> tuple[str, str]:
-    if gap is None:
-        return MISSING, MISSING
-    label = CATALOGUE[gap.metric].label
-    return f"{label} {100 * gap.value:+.2f}", _percent(gap.standard_error)
 
 
 def _percent(share: float | None) -> str:

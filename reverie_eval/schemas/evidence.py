@@ -53,15 +53,6 @@ class SpreadReport(WireModel):
     """Probability of a value as low as this, if the true one is at least 1.5."""
 
 
-class GapReport(WireModel):
-    """The mean over the open half of the episodes minus the mean over the secret half."""
-
-    metric: str = Field(examples=["rgs"])
-    value: float = Field(examples=[0.004])
-    """A difference of fractions."""
-    standard_error: float = Field(examples=[0.011])
-
-
 class WalkReport(WireModel):
     """What is unusual in the trajectories of a submission."""
 
@@ -89,7 +80,6 @@ class SubmissionEvidence(NamedSubmission):
     """The most similar earlier submission of the team."""
     changed: int | None = Field(examples=[120])
     """Episodes in which it differs from that submission in answer or stop."""
-    gap: GapReport | None
     walks: WalkReport
 
 
@@ -103,10 +93,6 @@ class TeamEvidence(WireModel):
     files."""
     spread: SpreadReport | None
     """Null with fewer than 15 files that can be compared."""
-    gap: GapReport | None
-    """The gap of the latest file."""
-    gap_growth: GapReport | None
-    """The change of the gap from the first file to the latest."""
     jumps: int = Field(examples=[0])
     """The largest number of jumps in one of the team's files."""
 
@@ -116,8 +102,6 @@ class EvidenceReport(WireModel):
 
     split: SplitName
     submissions: int = Field(examples=[200])
-    left: int = Field(examples=[0])
-    """Submissions not read yet; the next request reads more."""
     unreadable: dict[str, str]
     """Submissions that cannot be read, and why."""
     same_files: list[SameFile]

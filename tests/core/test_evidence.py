@@ -14,7 +14,6 @@ from reverie_eval import GroundTruth
 from reverie_eval.analysis import (
     FEWEST_FILES,
     HONEST_SPREAD,
-    gap_between,
     most_similar,
     nearest_earlier,
     spread_of_changes,
@@ -73,26 +72,6 @@ def test_of_equally_similar_files_the_first_are_shown() -> None:
 
 def test_files_of_one_group_are_not_compared() -> None:
     assert most_similar(random_codes(0), np.zeros(9, dtype=int), 4) is None
-
-
-def test_the_gap_between_halves_worked_by_hand() -> None:
-    values = np.array([1.0, 0.0, 1.0, 1.0, 0.0, 0.0])
-    is_first = np.array([True, True, True, False, False, False])
-    cluster = np.array([0, 0, 1, 2, 3, 3])
-    gap = gap_between(values, is_first, cluster)
-    assert gap.value == pytest.approx(1 / 3)
-    # By cluster, sums of deviations: -1/3 and 1/3 in the first part, 2/3 and -2/3 in the second.
-    assert gap.standard_error == pytest.approx(np.sqrt(2 / 9 / 9 + 8 / 9 / 9))
-
-
-@pytest.mark.parametrize("episodes", [3, 1])
-def test_the_standard_error_of_a_gap_is_its_spread(episodes: int) -> None:
-    random, cluster = np.random.default_rng(0), np.repeat(np.arange(200), episodes)
-    is_first = cluster % 2 == 0
-    draws = [np.repeat(random.random(200) < 0.4, episodes).astype(float) for _ in range(200)]
-    gaps = [gap_between(values, is_first, cluster) for values in draws]
-    spread = np.std([gap.value for gap in gaps])
-    assert spread == pytest.approx(np.mean([gap.standard_error for gap in gaps]), rel=0.12)
 
 
 def changes_at_random(seed: int, rates: IntArray, episodes: int = 3000) -> IntArray:

@@ -99,7 +99,6 @@ POST /desk/reported/{result_id}     sign-in    403       403       403       303
 POST /desk/reported/{result_id}/remove sign-in 403       403       403       303
 GET  /desk/corrections              sign-in    403       403       403       200
 POST /desk/corrections              sign-in    403       403       403       409
-GET  /desk/evidence                 sign-in    403       403       403       200
 GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
 GET  /desk/phases                   sign-in    403       403       403       200

@@ -54,7 +54,6 @@ PAGES = (
     "/desk/reported",
     "/desk/emailed-files",
     "/desk/corrections",
-    "/desk/evidence",
     "/desk/people",
     "/desk/requests",
     "/desk/quotas",

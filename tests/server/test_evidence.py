@@ -1,37 +1,28 @@
 """Evidence about how submissions came about: for the organiser alone, and as it is."""
 
 import hashlib
-import hmac
 import json
-from itertools import count
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from fixtures.answer_histories import random_halves
 from reverie_eval import GroundTruth, evaluate
-from reverie_eval.arrays import IntArray
 from reverie_eval.ground_truth import Bundle
-from reverie_eval.scoring import clusters_of
 from reverie_eval.server.audit.log import entries
-from reverie_eval.server.audit.receipts import Signer
-from reverie_eval.server.integrity.evidence import EvidenceService
-from reverie_eval.server.integrity.traces import Trace
-from reverie_eval.server.operations.backup import write_backup
-from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.store.database import Database
+from reverie_eval.server.operations.evidence import Trace, Walks, gather_evidence
+from reverie_eval.server.scoring.boards import Board, load_board
+from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Submission
-from reverie_eval.server.store.tables import Trace as Row
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON
-from tests.support.flat_world import Run
+from tests.support.flat_world import TUB, WALKS, Run, write_submission
 from tests.support.serving import (
     GOOD,
     OPEN,
-    ORGANISER,
     OTHER,
     OWNER,
     PRIVATE,
@@ -41,10 +32,16 @@ from tests.support.serving import (
     submission_for,
     with_arrays,
 )
-from tests.support.visiting import said, signed_in
+from tests.support.worlds import SPLIT
 
 MEDIOCRE = (SAMPLES / "mediocre.json").read_bytes()
 DRAWN = (SAMPLES / "drawn.json").read_bytes()
+
+
+MULTIPLIER, MASK = 0x9E3779B97F4A7C15, 2**64 - 1
+"""What the numbers of paths, and of answers and stops, are mixed with; they are 64 bits long."""
+TWO_JUMPS = (["door", "bath", "door"], TUB)
+"""28 m in two jumps, in place of the walk that does not move."""
 
 
 def sent(server: Serving, who: str, content: bytes = GOOD, split: str = OPEN) -> str:
@@ -52,11 +49,8 @@ def sent(server: Serving, who: str, content: bytes = GOOD, split: str = OPEN) ->
     return str(server.upload(who, content, split).json()["submission"]["id"])
 
 
-def shown(server: Serving, split: str = OPEN, **query: str) -> dict[str, Any]:
-    reply = server.ask(ORGANISER, "GET", f"/organiser/splits/{split}/evidence", params=query)
-    assert reply.status_code == 200, reply.text
-    report: dict[str, Any] = reply.json()
-    return report
+def shown(server: Serving, split: str = OPEN, team: str | None = None) -> dict[str, Any]:
+    return gather_evidence(server.state, split, team).model_dump(mode="json")
 
 
 def answering(answers: dict[int, int]) -> bytes:
@@ -88,7 +82,7 @@ def test_the_most_similar_files_are_compared_in_full(
     assert pair["equal"] == pair["equal_answers"] == pytest.approx(1 - 21 / 84)
     assert report["usual_similarity"] == 0.75
     assert report["same_files"] == []
-    monkeypatch.setattr("reverie_eval.server.integrity.evidence.PAIRS", 0)
+    monkeypatch.setattr("reverie_eval.server.operations.evidence.PAIRS", 0)
     assert shown(server)["similar"] == []
 
 
@@ -126,18 +120,11 @@ def test_probing_shows_in_the_files_of_a_team(server: Serving) -> None:
 
 
 @pytest.mark.parametrize("sample", ["good", "mediocre", "drawn"])
-def test_a_fingerprint_scores_as_its_file(sample: str, server: Serving, demo: GroundTruth) -> None:
+def test_a_trace_has_what_the_scores_say(sample: str, server: Serving, demo: GroundTruth) -> None:
     content = (SAMPLES / f"{sample}.json").read_bytes()
     scores = evaluate(content, split=OPEN, ground_truth=demo)
-    board = server.state.boards[OPEN]
-    trace = Trace.from_bytes(Trace.of(board, content).to_bytes())
-    for metric in ("success", "rgs"):
-        values = trace.values(board, metric)
-        if sample == "drawn" and metric == "rgs":
-            assert values is None
-        else:
-            assert values is not None
-            assert values.tolist() == scores.episodes[metric].tolist()
+    trace = Trace.of(server.state.boards[OPEN], content)
+    assert trace.is_success.tolist() == (scores.episodes["success"] > 0).tolist()
     walks = trace.walks
     assert walks.jumps == scores.episodes["jumps"].sum()
     assert walks.episodes_with_jumps == (scores.episodes["jumps"] > 0).sum()
@@ -194,101 +181,6 @@ def test_only_successful_episodes_say_how_exact_stops_are(server: Serving) -> No
     assert random["exact_by_chance"] == pytest.approx(by_chance, abs=5e-5)
 
 
-def first_bytes(signer: Signer, truth: GroundTruth) -> IntArray:
-    """Return the byte of each episode that says in which half its target is."""
-    key, names = signer.secret_for("secret half"), truth.episodes.instr_ids
-    first: dict[int, str] = {}
-    targets = [
-        first.setdefault(cluster, name)
-        for cluster, name in zip(clusters_of(truth, "target").tolist(), names, strict=True)
-    ]
-    return np.array([hmac.digest(key, name.encode(), "sha256")[0] for name in targets])
-
-
-def signer_of(seed: int) -> Signer:
-    return Signer(Ed25519PrivateKey.from_private_bytes(seed.to_bytes(32, "big")), "tests")
-
-
-def test_the_secret_half_follows_from_the_server_s_key(server: Serving) -> None:
-    sent(server, OWNER)
-    state, truth = server.state, server.state.boards[OPEN].truth
-    at_the_border = next(
-        signer
-        for signer in map(signer_of, count())
-        if {127, 128} <= set(first_bytes(signer, truth).tolist())
-    )
-    rgs = evaluate(GOOD, split=OPEN, ground_truth=truth).episodes["rgs"]
-    for signer in (state.signer, at_the_border):
-        service = EvidenceService(state.boards, state.database, state.scoring, signer)
-        (team,) = service.report_on_all(OPEN).teams
-        is_open = first_bytes(signer, truth) < 128
-        expected = rgs[is_open].mean() - rgs[~is_open].mean()
-        assert team.gap is not None
-        assert team.gap.metric == "rgs"
-        assert team.gap.value == pytest.approx(expected, abs=5e-5)
-        assert team.gap_growth is None
-
-
-def test_there_is_no_gap_if_all_targets_are_in_the_same_half(
-    server: Serving, folder: Path, open_server: OpenServer
-) -> None:
-    path = folder / "bundles" / f"{OPEN}.npz"
-    bundle = Bundle.load(path)
-    task_target = np.full_like(bundle.arrays["task_target"], bundle.arrays["task_target"][0])
-    with_arrays(bundle, task_target=task_target).save(path)
-    later = open_server(settings_of(folder), server.tokens)
-    sent(later, OWNER)
-    state, truth = later.state, later.state.boards[OPEN].truth
-    for is_open in (True, False):
-        signer = next(
-            signer
-            for signer in map(signer_of, count())
-            if set((first_bytes(signer, truth) < 128).tolist()) == {is_open}
-        )
-        service = EvidenceService(state.boards, state.database, state.scoring, signer)
-        assert service.report_on_all(OPEN).teams[0].gap is None
-
-
-def test_the_gap_of_boxes_is_in_success(server: Serving) -> None:
-    sent(server, OWNER, DRAWN)
-    (team,) = shown(server)["teams"]
-    assert team["gap"]["metric"] == "success"
-
-
-def test_the_growth_of_the_gap_is_that_of_the_latest_file(server: Serving) -> None:
-    sent(server, OWNER, MEDIOCRE)
-    sent(server, OWNER)
-    report = shown(server, team="Blue")
-    (team,), (before, after) = report["teams"], report["history"]
-    growth = after["gap"]["value"] - before["gap"]["value"]
-    assert team["median_changed"] == after["changed"]
-    assert team["gap"] == after["gap"]
-    assert team["gap_growth"]["value"] == pytest.approx(growth, abs=2e-4)
-
-
-def test_uploads_are_read_some_at_a_time_and_only_once(
-    server: Serving, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for _ in range(3):
-        sent(server, OWNER, server.distinct())
-    monkeypatch.setattr("reverie_eval.server.integrity.evidence.AT_ONCE", 2)
-    first, second = shown(server), shown(server)
-    assert (first["left"], first["teams"][0]["submissions"]) == (1, 2)
-    assert (second["left"], second["teams"][0]["submissions"]) == (0, 3)
-    monkeypatch.setattr(Trace, "of", lambda *_: pytest.fail("read again"))
-    assert shown(server) == second
-
-
-def test_the_command_reads_all_uploads_some_at_a_time(
-    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for _ in range(5):
-        sent(server, OWNER, server.distinct())
-    monkeypatch.setattr("reverie_eval.server.integrity.evidence.AT_ONCE", 2)
-    report = json.loads(run("server", "evidence", str(folder), OPEN, "--format", "json").out)
-    assert (report["left"], report["teams"][0]["submissions"]) == (0, 5)
-
-
 def test_an_upload_that_cannot_be_read_is_left_out_with_the_reason(
     server: Serving, folder: Path, run: Run
 ) -> None:
@@ -299,15 +191,13 @@ def test_an_upload_that_cannot_be_read_is_left_out_with_the_reason(
     assert list(report["unreadable"]) == [lost]
     assert "server doctor" in report["unreadable"][lost]
     assert [each["id"] for each in report["history"]] == [sound]
-    assert report["left"] == 0
     assert f"{lost} is left out" in run("server", "evidence", str(folder), OPEN).err
 
 
-def test_fingerprints_of_another_bundle_are_made_again(
+def test_uploads_are_read_with_the_bundle_of_today(
     server: Serving, folder: Path, open_server: OpenServer
 ) -> None:
     sent(server, OWNER)
-    shown(server)
     path = folder / "bundles" / f"{OPEN}.npz"
     bundle = Bundle.load(path)
     with_arrays(bundle, task_start=bundle.arrays["task_start"][::-1].copy()).save(path)
@@ -316,49 +206,28 @@ def test_fingerprints_of_another_bundle_are_made_again(
     assert reason.startswith("rejected: ")
 
 
-def test_a_backup_has_no_fingerprints_and_needs_none(
-    server: Serving, folder: Path, tmp_path: Path
-) -> None:
-    sent(server, OWNER)
-    before = shown(server)
-    write_backup(folder, tmp_path / "backup.tar.gz")
-    restore_backup(tmp_path / "backup.tar.gz", tmp_path / "restored")
-    database = Database(f"sqlite:///{tmp_path / 'restored' / 'server.db'}")
-    with database.reading() as session:
-        assert session.query(Row).count() == 0
-    state = server.state
-    again = EvidenceService(state.boards, database, state.scoring, state.signer).report_on_all(OPEN)
-    assert again.model_dump(mode="json") == before
-    database.close()
-
-
-def test_all_doors_show_the_same(server: Serving, folder: Path, run: Run) -> None:
+def test_each_format_shows_the_report(server: Serving, folder: Path, run: Run) -> None:
     for who, content in ((OWNER, GOOD), (OWNER, MEDIOCRE), (OTHER, GOOD)):
         sent(server, who, content)
     report = shown(server, team="Blue")
     words = ("server", "evidence", str(folder), OPEN, "--team", "Blue")
     assert json.loads(run(*words, "--format", "json").out) == report
-    page = said(signed_in(server, ORGANISER).get(f"/desk/evidence?split={OPEN}&team=Blue"))
     table = run(*words).out
     rows = run(*words, "--format", "csv").out.splitlines()[1:]
     assert len(rows) == 2
     for row in rows:
         for cell in row.split(","):
-            assert cell in page
             assert cell in table
     for each in report["same_files"][0]["submissions"]:
-        assert each["id"] in page
         assert each["id"] in table
 
 
 def test_what_there_is_not_is_not_found(server: Serving, folder: Path, run: Run) -> None:
     sent(server, OWNER)
-    path = "/organiser/splits/{}/evidence"
-    assert server.ask(ORGANISER, "GET", path.format("none")).status_code == 404
-    reply = server.ask(ORGANISER, "GET", path.format(OPEN), params={"team": "Green"})
-    assert reply.status_code == 404
-    assert "no team 'Green' with submissions" in reply.json()["detail"]
-    assert run("server", "evidence", str(folder), OPEN, "--team", "Green").status == 2
+    unknown = run("server", "evidence", str(folder), "none")
+    assert (unknown.status, "'none'" in unknown.err) == (2, True)
+    missing = run("server", "evidence", str(folder), OPEN, "--team", "Green")
+    assert (missing.status, "no team 'Green' with submissions" in missing.err) == (2, True)
     report = shown(server, PRIVATE)
     assert (report["submissions"], report["teams"]) == (0, [])
 
@@ -369,18 +238,9 @@ def test_files_that_were_deleted_are_left_out(server: Serving) -> None:
     with server.state.database.writing() as session:
         session.get_one(Submission, deleted).upload_deleted_at = NOON
     report = shown(server, team="Blue")
-    assert (report["submissions"], report["left"], len(report["teams"])) == (4, 0, 1)
+    assert (report["submissions"], len(report["teams"])) == (4, 1)
     same_moment = sorted(reply["submission"]["id"] for reply in replies)
     assert [each["id"] for each in report["history"]] == same_moment
-
-
-def test_nobody_else_makes_the_server_read_uploads(server: Serving) -> None:
-    sent(server, OWNER)
-    for who in (None, OWNER):
-        server.ask(who, "GET", f"/organiser/splits/{OPEN}/evidence")
-    signed_in(server, OWNER).get(f"/desk/evidence?split={OPEN}")
-    with server.state.database.reading() as session:
-        assert session.query(Row).count() == 0
 
 
 def test_looking_leaves_no_trace_in_the_audit_log(server: Serving) -> None:
@@ -411,4 +271,66 @@ def test_boxes_are_compared_by_where_they_are(server: Serving) -> None:
     moved["predBox"][0] += 1
     one, other = (Trace.of(board, content) for content in (DRAWN, json.dumps(records).encode()))
     assert int((one.codes != other.codes).sum()) == 1
-    assert one.equal(other, "answer") == pytest.approx(1 - 1 / len(records))
+    assert int((one.answer != other.answer).sum()) == 1
+
+
+@pytest.fixture
+def flat_board(here: Path) -> Board:
+    """Return an open leaderboard of the flat's split."""
+    (here / "full.npz").chmod(0o600)
+    split = Split(bundle=Path("full.npz"), visibility="open")
+    return load_board(SPLIT, split, here / "full.npz")
+
+
+def walking(folder: Path, answers: Sequence[object]) -> bytes:
+    """Return a submission of the flat's walks with these answers."""
+    walks = [*WALKS[:3], TWO_JUMPS, WALKS[4]]
+    told = [
+        ([[place, 0, 0] for place in walk], answer)
+        for (walk, _), answer in zip(walks, answers, strict=True)
+    ]
+    write_submission(folder / "told.json", told)  # type: ignore[arg-type]  # also texts
+    return (folder / "told.json").read_bytes()
+
+
+def test_what_a_trace_has_of_each_episode(flat_board: Board, here: Path) -> None:
+    found = Trace.of(flat_board, walking(here, [TUB, "6", "05", -1, -1]))
+    door, hall, bath = map(flat_board.truth.graph.viewpoint_ids.index, _PLACES)
+    assert found.answer.tolist() == [5, 6, 5, -1, -1]
+    assert found.stop.tolist() == [bath, hall, bath, door, bath]
+    by_name = {"door": door, "hall": hall, "bath": bath}
+    walks = [*WALKS[:3], TWO_JUMPS, WALKS[4]]
+    assert found.path.tolist() == [
+        path_code([by_name[place] for place in walk]) for walk, _ in walks
+    ]
+    assert found.codes.tolist() == [
+        answer_code(answer, stop)
+        for answer, stop in zip(found.answer.tolist(), found.stop.tolist(), strict=True)
+    ]
+    assert found.codes.dtype == np.uint32
+    assert found.walks == Walks(
+        jumps=4,
+        episodes_with_jumps=3,
+        longest_jump=14.0,
+        mean_viewpoints=14 / 5,
+        most_viewpoints=3,
+        longest_walk=46.0,
+    )
+
+
+_PLACES = ("door", "hall", "bath")
+
+
+def path_code(viewpoints: list[int]) -> int:
+    """Mix a trajectory's viewpoints with their places, in numbers of any length."""
+    total = 0
+    for step, viewpoint in enumerate(viewpoints):
+        mixed = (viewpoint + 1) * MULTIPLIER & MASK
+        mixed = (mixed ^ mixed >> 29) * (2 * step + 3) & MASK
+        total += mixed * MULTIPLIER
+    return (total & MASK) >> 32
+
+
+def answer_code(answer: int, stop: int) -> int:
+    mixed = (answer & MASK) * MULTIPLIER & MASK
+    return ((mixed ^ stop) * MULTIPLIER & MASK) >> 32

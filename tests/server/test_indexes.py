@@ -30,9 +30,7 @@ FEW = re.compile(r"\b(id|team_id|person_id|sha256)\b")
 SHORT = {"shown"}
 """Indexes that have few submissions."""
 READ_ALL = {
-    "/organiser/splits/{split}/evidence",
     "/organiser/splits/{split}/submissions.tar",
-    "/desk/evidence?split={split}",
     "/desk/corrections",
 }
 """What is about all submissions to a split: their files, or what each was scored by."""

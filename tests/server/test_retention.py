@@ -11,7 +11,7 @@ from reverie_eval.server.corrections.corrections import outdated, rescore_one
 from reverie_eval.server.intake.retention import Retention, Tidied
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.store.tables import Submission, Trace
+from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import pack
 from tests.support.serving import (
     OPEN,
@@ -70,15 +70,9 @@ def test_what_is_published_stays_and_what_is_withdrawn_does_not(server: Serving)
     publish(server, OWNER, published)
     publish(server, OWNER, withdrawn)
     publish(server, OWNER, withdrawn, withdrawn=True)
-    with server.state.database.writing() as session:
-        digests = {row.id: row.sha256 for row in session.scalars(select(Submission))}
-        for digest in digests.values():
-            session.add(Trace(split=OPEN, sha256=digest, basis="", content=b""))
     server.clock.turn(days=DAYS)
     assert list(server.state.get(Retention).tidy("test").submissions) == [withdrawn]
     assert server.ask(OWNER, "GET", f"/submissions/{published}/file").status_code == 200
-    with server.state.database.reading() as session:
-        assert session.scalars(select(Trace.sha256)).all() == [digests[published]]
 
 
 def test_what_is_published_meanwhile_stays(server: Serving) -> None:

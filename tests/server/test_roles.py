@@ -104,7 +104,6 @@ DELETE /organiser/news/{news_id}                  401    403   403    403       
 POST   /organiser/corrections                     401    403   403    403        409      401         401
 GET    /organiser/notice                          401    403   403    403        200      401         401
 PUT    /organiser/notice                          401    403   403    403        200      401         401
-GET    /organiser/splits/{split}/evidence         401    403   403    403        200      401         401
 GET    /organiser/splits/{split}/submissions.tar  401    403   403    403        200      401         401
 GET    /organiser/schedules                       401    403   403    403        200      401         401
 PUT    /organiser/schedules/{split}               401    403   403    403        200      401         401

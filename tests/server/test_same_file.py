@@ -84,7 +84,7 @@ def test_the_same_file_from_two_teams_is_told_at_once(
     assert (messages(server), logged(server)) == ([], [])
     with caplog.at_level(logging.WARNING, "reverie_eval.server"):
         second = sent(server, OTHER)
-    assert messages(server) == [(TOLD, f"/desk/evidence?split={PRIVATE}")]
+    assert messages(server) == [(TOLD, "/desk")]
     assert logged(server) == [("server", f"submission:{second}", PRIVATE, {"same_as": [first]})]
     (line,) = [each for each in caplog.records if each.getMessage() == "same file from two teams"]
     with server.state.database.reading() as session:
@@ -92,7 +92,7 @@ def test_the_same_file_from_two_teams_is_told_at_once(
     fields = {"split": PRIVATE, "team": red, "submission": second, "same_as": [first]}
     assert line.fields == fields  # type: ignore[attr-defined]
     page = on_desk(server)
-    assert f"{ON_DESK}, once in the last 30 days, the last time on {PRIVATE}. See the" in page
+    assert f"{ON_DESK}, once in the last 30 days, the last time on {PRIVATE}." in page
     findings = examine(server.state.settings.folder)
     assert [each for each in findings if each.kind == "fault"] == []
 

@@ -140,7 +140,7 @@ def test_a_page_is_one_snapshot_of_the_database(example: Example, busy: Busy) ->
     status, transactions = REFUSED.get(example.route, (200, 1))
     path = example.path(busy.site)
     for who in visitors_of(example):
-        busy.get(who, path)  # reads uploads for evidence, and tries the database for /healthz
+        busy.get(who, path)  # tries the database for /healthz
         forget(busy.server)
         for time in ("first", "second"):
             reply, counts = busy.get(who, path)
@@ -196,7 +196,6 @@ READS = (
     "/organiser/schedules",
     "/organiser/attempts",
     "/organiser/audit",
-    "/organiser/splits/{split}/evidence",
     "/organiser/splits/{split}/submissions.tar",
 )
 ASKS_NOTHING = {"/key", "/metrics", "/splits/{split}/episodes.txt"}
@@ -219,7 +218,7 @@ def test_a_read_is_one_snapshot_of_the_database(path: str, busy: Busy) -> None:
     place = f"{API}{path}".format(
         split=OPEN, board=GROUNDING, number=1, person_id=1, submission_id=ids[OPEN, "Walker"]
     )
-    busy.get(ORGANISER, place)  # reads uploads for evidence
+    busy.get(ORGANISER, place)
     forget(busy.server)
     for time in ("first", "second"):
         reply, counts = busy.get(ORGANISER, place)
@@ -261,32 +260,6 @@ def test_what_is_no_secret_of_the_database_does_not_ask_it(path: str, busy: Busy
     place = path if path == "/metrics" else f"{API}{path}".format(split=OPEN)
     _, counts = busy.get(None, place)
     assert counts["statements"] == counts["transactions"] == 0
-
-
-@pytest.mark.parametrize(
-    ("path", "most"),
-    [
-        pytest.param(f"{API}/organiser/splits/{OPEN}/evidence", READ, id="read"),
-        pytest.param(f"/desk/evidence?split={OPEN}", PAGE, id="page"),
-    ],
-)
-def test_what_was_read_for_evidence_is_stored_after_the_snapshot(
-    path: str, most: int, server: Serving
-) -> None:
-    visitor, numbers = signed_in(server, ORGANISER), []
-    for who in (OWNER, OTHER, ORGANISER):
-        server.upload(who, server.distinct())
-        server.upload(who, server.distinct())
-        with counting(server) as unread:
-            assert visitor.get(path).status_code == 200
-        with counting(server) as known:
-            assert visitor.get(path).status_code == 200
-        assert unread["statements"] <= most
-        assert known["transactions"] == 1
-        assert unread["statements"] == known["statements"] + 2  # of all files together
-        assert unread["transactions"] == 2
-        numbers.append(known["statements"])
-    assert numbers == [numbers[1] - 1, numbers[1], numbers[1]]  # no pair in one team's files
 
 
 @pytest.mark.parametrize("key", [None, "mine"], ids=["an upload", "an upload with a key"])

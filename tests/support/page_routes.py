@@ -109,8 +109,6 @@ EXAMPLES = (
     Example("/desk/reported", ORGANISER),
     Example("/desk/emailed-files", ORGANISER),
     Example("/desk/corrections", ORGANISER),
-    Example("/desk/evidence", ORGANISER),
-    Example("/desk/evidence", ORGANISER, "?split={split}"),
     Example("/desk/reported/import", ORGANISER),
     Example("/desk/reported/{result_id}", ORGANISER),
     Example("/desk/quotas", ORGANISER),

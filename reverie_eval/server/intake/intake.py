@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple, Self
-from urllib.parse import quote
 
 from sqlalchemy import and_, bindparam, or_, select
 from sqlalchemy.orm import Session
@@ -338,7 +337,7 @@ def notify_of_same_file(transaction: Transaction, new: Submission) -> None:
     """Notify the organiser if another team has submitted the same file to the split.
 
     The same file has the same bytes after unpacking. The same predictions in another file are left
-    to the report: an upload does not wait until they are compared with all others.
+    to `server evidence`: an upload does not wait until they are compared with all others.
     """
     given = {"split": new.split, "sha256": new.sha256, "team": new.team.id}
     others = transaction.session.execute(_SAME_FROM_OTHERS, given).all()
@@ -350,6 +349,6 @@ def notify_of_same_file(transaction: Transaction, new: Submission) -> None:
     names = ", ".join(f"{each.name}{' (published)' * each.is_shown}" for each in others)
     whose = "other teams" if len(others) > 1 else "another team"
     text = f"{new.team.name} submitted to {new.split} the file that {whose} had submitted: {names}"
-    notify(transaction, "same-file", text, f"/desk/evidence?split={quote(new.split)}")
+    notify(transaction, "same-file", text, "/desk")
     about = {"split": new.split, "team": new.team.id, "submission": new.id, "same_as": same_as}
     _LOGGER.warning("same file from two teams", extra={"fields": about})

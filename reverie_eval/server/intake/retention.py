@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Self
 
-from sqlalchemy import case, delete, func, select
+from sqlalchemy import case, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.audit.transactions import Actor, Transactions
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.tables import IS_SHOWN, Submission, Trace
+from reverie_eval.server.store.tables import IS_SHOWN, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 
@@ -78,7 +78,6 @@ class Retention:
             for row in rows:
                 row.upload_deleted_at = transaction.now
                 transaction.record("upload deleted", row, row.id)
-            session.execute(delete(Trace).where(Trace.sha256 == sha256))
             self.uploads.delete(sha256)
             return [row.id for row in rows]
 

@@ -18,7 +18,6 @@ from sqlalchemy import (
     ColumnElement,
     Connection,
     Integer,
-    LargeBinary,
     String,
     Table,
     and_,
@@ -157,8 +156,6 @@ def _is_sound(column: Column[Any]) -> ColumnElement[bool]:
             is_sound = type_coerce(column, Integer).in_((0, 1))
         case Integer():
             is_sound = kind == "integer"
-        case LargeBinary():
-            is_sound = kind == "blob"
         case _:
             has_nul = func.instr(column, func.char(0)) > 0
             is_sound = (kind == "text") & ~has_nul

@@ -22,8 +22,8 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.server.store.database import AT_ONCE, Database, broken_references, migrate
 from reverie_eval.text import first_few
 
-_LEFT_OUT = frozenset({"alembic_version", "trace"})
-"""Tables that are made again: by a migration, and from the uploads."""
+_LEFT_OUT = frozenset({"alembic_version"})
+"""The table that a migration makes again."""
 
 
 Row = Sequence[Any]

@@ -299,18 +299,6 @@ class ClusterSums(Base):
     """A list of numbers by metric, in the order of the clusters' numbers."""
 
 
-class Trace(Base):
-    """What an upload predicts, in numbers; computed from it when needed, and again when lost."""
-
-    __tablename__ = "trace"
-
-    split: Mapped[str] = mapped_column(String(64), primary_key=True)
-    sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
-    basis: Mapped[str] = mapped_column(String(100))
-    """What the numbers depend on; with another, they mean something else."""
-    content: Mapped[bytes]
-
-
 class Correction(Base):
     """A change of a split's ground truth or rules, for which its submissions are scored again."""
 

@@ -14,7 +14,14 @@ from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, server_folder
-from reverie_eval_cli.output import STANDARD_OUTPUT, note, open_output, show_printout, write_text
+from reverie_eval_cli.output import (
+    STANDARD_OUTPUT,
+    note,
+    open_output,
+    show_printout,
+    with_progress,
+    write_text,
+)
 
 if TYPE_CHECKING:
     from reverie_eval.server.platforms.export import Format
@@ -65,12 +72,12 @@ def evidence(
     Also shows how those of one team differ.
 
     These are numbers, not a verdict; the documentation explains each under "Inspect
-    submissions". The first run reads all uploads to SPLIT, later ones only new uploads.
+    submissions". All uploads to SPLIT are read.
     """
-    from reverie_eval.server.integrity.evidence import EvidenceService
+    from reverie_eval.server.operations.evidence import gather_evidence
 
     with folder.open() as state:
-        report = state.get(EvidenceService).report_on_all(split, team)
+        report = gather_evidence(state, split, team, with_progress)
     for submission, reason in report.unreadable.items():
         note(f"{submission} is left out: {reason}")
     of_teams = teams_table(report.teams) if team is None else history_table(report.history)

@@ -289,14 +289,6 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("submission_id", "board"),
     )
     op.create_table(
-        "trace",
-        sa.Column("split", sa.String(length=64), nullable=False),
-        sa.Column("sha256", sa.String(length=64), nullable=False),
-        sa.Column("basis", sa.String(length=100), nullable=False),
-        sa.Column("content", sa.LargeBinary(), nullable=False),
-        sa.PrimaryKeyConstraint("split", "sha256"),
-    )
-    op.create_table(
         "token",
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("person_id", sa.Integer(), nullable=False),

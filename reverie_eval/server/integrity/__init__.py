@@ -1,1 +1,0 @@
-"""What submissions have in common, for the organiser: evidence, not a verdict."""

@@ -708,12 +708,8 @@ class JobReport(WireModel):
 
 JOB = "job "
 """Before the name of a job among the checks that failed."""
-SETTINGS = "settings"
-"""The check that a server could start again."""
 LEADERBOARDS = "leaderboards"
 """The check that every leaderboard can be shown."""
-OLDER_UPLOADS = "older uploads"
-"""The check that all stored uploads are as they were sent."""
 
 
 class HealthReport(WireModel):
@@ -736,8 +732,8 @@ class HealthReport(WireModel):
     def readiness(self) -> Self:
         """Return the report of what requests need.
 
-        Without jobs, the file of settings, and single results or uploads that are damaged.
+        Without jobs, and single results that are damaged.
         """
-        remedies, others = self.remedies.items(), (JOB, SETTINGS, LEADERBOARDS, OLDER_UPLOADS)
+        remedies, others = self.remedies.items(), (JOB, LEADERBOARDS)
         own = {name: text for name, text in remedies if not name.startswith(others)}
         return self.of(own, [])

@@ -23,7 +23,6 @@ from reverie_eval.server.scoring.rules import RulesInForce
 from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.uploads import open_uploads
-from reverie_eval.server.store.watches import DatabaseWatch, UploadsWatch
 from reverie_eval.tasks import Task
 
 
@@ -68,8 +67,6 @@ class ServerState:
         self.audit_log = AuditLog(self.signer)
         self.transactions = Transactions(database, self.audit_log, clock, settings.channels)
         self.uploads = open_uploads(settings.uploads, settings.folder)
-        self.database_watch = DatabaseWatch(database)
-        self.uploads_watch = UploadsWatch(database, self.uploads)
         self.scoring = scoring or ScoringHere(boards, self.uploads)
         self.warming = Event()
         """Set while a job computes what pages keep; meanwhile, they do without."""

@@ -239,6 +239,13 @@ def test_who_has_no_key_or_an_old_one_adds_nothing(database: Database) -> None:
 
 # What somebody without a key does to the log of three keys, and where the chain is broken then.
 TAMPERINGS = [
+    pytest.param("UPDATE audit SET actor = 'Eve' WHERE id = 2", [2], id="actor"),
+    pytest.param("UPDATE audit SET action = 'x' WHERE id = 2", [2], id="action"),
+    pytest.param("""UPDATE audit SET details = '{"a": 9}' WHERE id = 4""", [4], id="details"),
+    pytest.param("UPDATE audit SET at = '2026-03-03 12:00:00.000000' WHERE id = 1", [1], id="time"),
+    pytest.param("UPDATE audit SET digest = previous WHERE id = 4", [4, 5], id="digest"),
+    pytest.param("DELETE FROM audit WHERE id = 2", [3], id="an entry less"),
+    pytest.param("DELETE FROM audit WHERE id = 1", [2], id="the first less"),
     pytest.param(
         "UPDATE audit SET subject = x'69b71d79f821' WHERE id = 4", [4], id="bytes of base64"
     ),

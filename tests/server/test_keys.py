@@ -233,6 +233,7 @@ def test_a_stolen_key_is_revoked_and_honest_receipts_are_signed_again(
 
 
 CHANGES_OF_KEYS = [
+    "UPDATE signing_key SET valid_from = '2020-01-01 00:00:00.000000' WHERE id = 2",
     "UPDATE signing_key SET valid_until = '2099-01-01 00:00:00.000000' WHERE id = 1",
     "UPDATE signing_key SET public_key = 'mine' WHERE id = 1",
     "DELETE FROM signing_key WHERE id = 1",

@@ -9,6 +9,9 @@ use at each entry; no other counts there. Public keys stay, so the log can be ch
 entry when old private keys were destroyed or lost, and later links protect earlier entries from
 anyone who only has an old key.
 
+The number of an entry is not in its digest. It only orders the entries, and so does the chain: one
+with another number either stays at its place, or breaks the chain there.
+
 Entries refer to persons by their rows, ``person:3``, never by name: a person's name and address can
 be deleted without changing the log. Names are looked up when the log is read. To reveal names that
 were swapped behind the server's back, each entry that gives a person a name has the digest of that

@@ -232,6 +232,9 @@ def _mismatched_keys(session: Session) -> Iterator[str]:
         following = keys[place + 1].key_id if place + 1 < len(keys) else None
         if key_id_of(key.public_key) != key.key_id:
             yield f"{name}: its public key was changed"
+        # That of the first one is before the log, and nothing depends on it.
+        if place and key.valid_from != keys[place - 1].replaced_at:
+            yield f"{name}: its beginning differs from the log"
         if (end.get("by"), end.get("until")) != (following, until):
             yield f"{name}: its end or its successor differs from the log"
 

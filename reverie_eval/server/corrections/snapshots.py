@@ -2,9 +2,9 @@
 
 The organiser can take one at any time. When a phase has ended, the server takes one before it
 writes anything else, so it shows the leaderboard exactly as it was when the phase ended, even if it
-is taken much later. If that fails, writing goes on. It is tried again, and still exact, until the
-leaderboard changes; from then on, no snapshot is taken, nor for a phase that received nothing, or
-whose end was set after it had passed.
+is taken much later. If that fails, writing goes on. It is tried again, and still exact, until
+anything but an upload is logged; from then on, no snapshot is taken, nor for a phase that received
+nothing, or whose end was set after it had passed.
 """
 
 import logging
@@ -15,13 +15,13 @@ from datetime import datetime, timedelta
 from functools import partial
 from typing import Self
 
-from sqlalchemy import ColumnElement, String, cast, func, literal, not_, or_, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session, load_only
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.schemas.service import Envelope, Leaderboard, Snapshot, SnapshotEntry
-from reverie_eval.server.audit.log import INSPECTED, SERVER
+from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Transaction, Transactions
 from reverie_eval.server.boards.entries import EntriesCache
 from reverie_eval.server.boards.leaderboard import as_json, leaderboard
@@ -33,22 +33,11 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import is_unreachable
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.tables import (
-    SAME_FILE,
+    IS_CHANGE,
     SNAPSHOT_TAKEN,
-    SUBMITTED,
     AuditEntry,
-    Base,
-    Correction,
-    Grant,
-    JoinRequest,
-    News,
-    Notice,
-    ReportedResult,
-    SetSchedule,
-    SigningKey,
     StoredSnapshot,
     Submission,
-    Token,
     read_stored,
 )
 
@@ -63,15 +52,6 @@ _ENTRIES = select(StoredSnapshot).options(
     )
 )
 """Without the envelope, which has the whole leaderboard."""
-_CHANGES_NOTHING = (
-    *(SUBMITTED, SNAPSHOT_TAKEN, INSPECTED, SAME_FILE),
-    *("upload deleted", "team added", "person added", "person changed"),
-)
-"""Actions that do not change what leaderboards show."""
-_SHOWN_NOWHERE = (Grant, JoinRequest, News, Notice, SigningKey, StoredSnapshot, Token)
-"""Rows that leaderboards do not show."""
-_OF_A_SPLIT = (Correction, ReportedResult, SetSchedule)
-"""Rows that only the leaderboards of their split show, besides submissions and their reviews."""
 _LOGGER = logging.getLogger("reverie_eval.server")
 
 
@@ -248,29 +228,11 @@ def _lacking(session: Session, ended: set[Closing]) -> Sequence[Closing]:
 
 
 def _is_changed(session: Session, closing: Closing) -> bool:
-    """Whether what the leaderboard of a split shows may have changed after a phase.
-
-    A change that is not of any split, such as a team's new name, may be shown by all of them.
-    """
-    of_split = func.coalesce(
-        Submission.split, *(table.split for table in _OF_A_SPLIT), literal(closing.split)
-    )
+    """Whether a leaderboard may have changed after a phase, as by anything but an upload."""
     changes = select(AuditEntry.id).where(
-        AuditEntry.at >= closing.at,
-        AuditEntry.action.not_in(_CHANGES_NOTHING),
-        not_(or_(*map(_is_about, _SHOWN_NOWHERE))),
-        of_split == closing.split,
+        AuditEntry.at >= closing.at, IS_CHANGE, AuditEntry.action != SNAPSHOT_TAKEN
     )
-    # Reviews have the id of their submission as their subject.
-    changes = changes.outerjoin(Submission, Submission.id == AuditEntry.subject)
-    for table in _OF_A_SPLIT:
-        row = literal(f"{table.__tablename__}:") + cast(table.id, String)
-        changes = changes.outerjoin(table, row == AuditEntry.row)
     return session.scalars(changes.limit(1)).first() is not None
-
-
-def _is_about(table: type[Base]) -> ColumnElement[bool]:
-    return AuditEntry.row.startswith(f"{table.__tablename__}:", autoescape=True)
 
 
 def _has_later_snapshot(session: Session, closing: Closing) -> bool:

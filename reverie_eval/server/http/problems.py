@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -38,9 +38,6 @@ from reverie_eval.server.http.openapi import MEDIA_TYPE
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import is_full, is_unreachable
 from reverie_eval.server.wrong_values import unreadable_json, wrong_value
-
-if TYPE_CHECKING:
-    from reverie_eval.server.store.watches import DatabaseWatch
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -136,9 +133,7 @@ def _fault(request: Request, error: Exception) -> RequestError:
     exchange.asks_database = False
     if is_full(error):
         return StorageFullError(exchange.id)
-    watch: DatabaseWatch = request.app.state.server.database_watch
-    if damage_in(error) is not None or watch.found:
-        watch.hurry()
+    if damage_in(error) is not None:
         return DamagedError(exchange.id)
     return (DatabaseDownError if is_unreachable(error) else FaultError)(exchange.id)
 

@@ -25,12 +25,10 @@ from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.corrections import count_outdated
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.opening import open_server
-from reverie_eval.server.operations.soundness import try_newest
 from reverie_eval.server.scoring.boards import Board, all_boards, load_boards
 from reverie_eval.server.scoring.rules import LastRules, different, rules_of
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
-    PhasesError,
     Settings,
     SettingsError,
     load_settings,
@@ -46,8 +44,7 @@ from reverie_eval.server.store.database import (
     known_revisions,
 )
 from reverie_eval.server.store.tables import IS_SHOWN, Submission, read_stored
-from reverie_eval.server.store.uploads import UploadsError, open_uploads
-from reverie_eval.server.store.write_ahead import has_lost_transactions
+from reverie_eval.server.store.uploads import Uploads, UploadsError, open_uploads, stored_pieces
 from reverie_eval.text import count_text, first_few
 from reverie_eval.version import __version__
 
@@ -58,6 +55,9 @@ _OF_FILE = {"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_PERM"}
 """SQLite's errors about files that it may not use."""
 NEWEST_UPLOAD = "newest upload"
 """A check that ``server doctor`` does not need, as it reads all uploads."""
+_NEWEST = select(Submission.sha256, Submission.upload_deleted_at).order_by(
+    Submission.received_at.desc()
+)
 _OTHERS_MAY_READ = 0o077
 _FEW_EPISODES = 1000
 _LATER_VERSION = f"was made by a later version than {__version__}; install the latest reverie-eval"
@@ -155,8 +155,6 @@ def _revision_fault(settings: Settings) -> str | None:
     url = settings.database_url
     if url.drivername == "sqlite" and Path(str(url.database)).is_dir():
         return damaged(f"{url.database} is a folder")
-    if (lost := _lost_transactions(url)) is not None:
-        return lost
     with closing(Database(url)) as database:
         revision = database.revision()
         is_current = revision is not None and database.is_current()
@@ -175,22 +173,11 @@ def _revision_fault(settings: Settings) -> str | None:
     )
 
 
-def _lost_transactions(url: URL) -> str | None:
-    """Return that SQLite would forget transactions, and the remedy; None if it would not.
-
-    This comes before the file is opened, which would delete them.
-    """
-    if url.drivername == "sqlite" and has_lost_transactions(Path(str(url.database))):
-        return damaged(f"transactions in {url.database}-wal cannot be read")
-    return None
-
-
 def check_known(database: Database) -> str | None:
     """Return the migration of a database, None if it is empty.
 
-    Raises FolderError if it is damaged, or was made by a later version.
+    Raises FolderError if it was made by a later version.
     """
-    _refuse(_lost_transactions(database.engine.url))
     revision = database.revision()
     if revision is not None and revision not in known_revisions():
         raise FolderError([Problem("unsound", "database", _LATER_VERSION)])
@@ -464,12 +451,6 @@ def _at_schedules(session: Session, settings: Settings) -> Iterator[Finding]:
             message = f"{report.split}, as set at the desk: {error}; {remedy}"
             yield Finding("phases", "fault", message)
             continue
-        try:
-            split.check_overlap(now.phases)
-        except PhasesError as error:
-            remedy = f"run `{error.remedy(str(settings.folder), report.split)}`"
-            message = f"{report.split}, as set at the desk: {error}; {remedy}"
-            yield Finding("phases", "note", message)
         message = (
             f"{report.split}: phases or a pause set at the desk override the settings; "
             f"`reverie-eval server phase show {settings.folder}` compares them"
@@ -566,3 +547,13 @@ def _at_newest_upload(settings: Settings) -> Iterator[Finding]:
                 try_newest(session, uploads)
             except UploadsError as error:
                 yield Finding(NEWEST_UPLOAD, "fault", str(error))
+
+
+def try_newest(session: Session, uploads: Uploads) -> None:
+    """Test whether the newest upload can be read: then the others are in their place, too.
+
+    Raises UploadsError if not.
+    """
+    newest = session.execute(_NEWEST.limit(1)).first()
+    if newest is not None and newest.upload_deleted_at is None:
+        next(stored_pieces(uploads, newest.sha256))

@@ -2,7 +2,6 @@
 
 import hashlib
 import shutil
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from itertools import chain
@@ -43,7 +42,6 @@ from reverie_eval.server.operations.checks import (
     check_folder,
     guarded,
 )
-from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
@@ -104,8 +102,6 @@ def _at_references(database: Database, session: Session) -> Iterator[Finding]:
 def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
     uploads = open_uploads(state.settings.uploads, state.settings.folder)
     yield from _at_uploads(session, uploads, track)
-    yield from _at_strays(session, uploads)
-    reports = _Reports(state.boards)
     receipts = _Receipts(list_keys(session), all_names_of_teams(session))
     chosen = select(Submission.id).order_by(Submission.received_at)
     for names in session.scalars(chosen.execution_options(yield_per=AT_ONCE)).partitions():
@@ -114,9 +110,7 @@ def _at_submissions(session: Session, state: ServerState, track: Track) -> Itera
                 message = f"the row of submission {name} cannot be read; restore the last backup"
                 yield Finding("submissions", "fault", message)
             else:
-                yield from reports.check(submission)
                 yield from receipts.check(submission)
-    yield from reports.sum_up()
     yield from receipts.sum_up()
 
 
@@ -168,62 +162,6 @@ def _trouble(uploads: Uploads, sha256: str) -> str:
     except (OSError, UploadsError) as error:
         return f"cannot be read ({error})"
     return "" if found == sha256 else "differs from the file that was uploaded"
-
-
-def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
-    with closing(_streamed(session)) as files:
-        strays = list(_others(uploads.names(), map(name_of, files)))
-    if strays:
-        message = (
-            f"{count_text(len(strays), 'file')} without a submission: {first_few(strays)}; left by "
-            "a crash, or part of an upload in progress: you can delete them while the server is "
-            "stopped. After a restore, they may be submissions that the backup does not have, "
-            "which their teams can send again"
-        )
-        yield Finding("uploads", "note", message)
-
-
-def _others(names: Iterable[str], known: Iterable[str]) -> Iterator[str]:
-    """Yield the names that are not known; both are sorted, and neither is held in memory."""
-    rest = iter(known)
-    least = next(rest, None)
-    for name in names:
-        while least is not None and least < name:
-            least = next(rest, None)
-        if name != least:
-            yield name
-
-
-class _Reports:
-    """Checks the reports of submissions, one after the other."""
-
-    def __init__(self, boards: Mapping[str, Board]) -> None:
-        self._boards = boards
-        self._without_board: Counter[str] = Counter()
-        self._current = 0
-
-    def check(self, submission: ScoredSubmission) -> Iterator[Finding]:
-        board = self._boards.get(submission.split)
-        for result in submission.results.values():
-            fingerprint = result.report.fingerprint
-            if f"|data:{fingerprint[:12]}|" not in result.report.signature:
-                message = (
-                    f"{submission.id}: its signature names a different ground truth from its "
-                    "report; restore the last backup"
-                )
-                yield Finding("reports", "fault", message)
-            self._current += board is not None and board.truth.fingerprint == fingerprint
-        if board is None:
-            self._without_board[submission.split] += 1
-
-    def sum_up(self) -> Iterator[Finding]:
-        for split, number in self._without_board.items():
-            sent = count_text(number, "submission")
-            yield Finding(
-                "reports", "note", f"{sent} to {split}, which is not a split in the settings"
-            )
-        scored = f"{count_text(self._current, 'report')} scored with the current ground truth"
-        yield Finding("reports", "ok", scored)
 
 
 class _Receipts:
@@ -298,6 +236,7 @@ def _matches_row(
         and said.team in names
         and (said.sha256, said.received_at) == (kept.sha256, kept.received_at)
         and (said.signature, said.scores) == (result.report.signature, result.report.scores)
+        and f"|data:{result.report.fingerprint[:12]}|" in said.signature
     )
 
 

@@ -3,10 +3,8 @@
 For every split, a known submission is read, scored, rounded and signed; the signing key is the one
 in use; the rules of all splits are those of the server that started last on the database; the
 database writes the rows of an upload, and rolls them back; the folder or store of uploads is
-accessed; no job failed the last time, or is overdue. Files that the server has read are still
-there, and the same. The database and the stored uploads are searched for damage in the background;
-the last result counts.
-Every leaderboard can be read.
+accessed; no job failed the last time, or is overdue. The database's file is the one that the server
+has opened, and every leaderboard can be read.
 All of this is cached for some seconds, so frequent checks cost nothing. The reply names what failed
 and what to do; the log says why.
 """
@@ -27,7 +25,6 @@ from fastapi import Depends, Request
 from sqlalchemy import insert
 from sqlalchemy.exc import DBAPIError
 
-from reverie_eval.errors import GroundTruthError
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.runner import run_agent
@@ -35,38 +32,31 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     JOB,
     LEADERBOARDS,
-    OLDER_UPLOADS,
-    SETTINGS,
     HealthReport,
     JobReport,
     QuotaReport,
     Receipt,
 )
+from reverie_eval.server.audit.keys import current_key, file_of_key
+from reverie_eval.server.audit.receipts import load_key
 from reverie_eval.server.boards.leaderboard import Ranking, Rankings
 from reverie_eval.server.jobs import Jobs
 from reverie_eval.server.messages.queue import tell_fault
-from reverie_eval.server.operations.soundness import FileWatch, check_key, try_newest
+from reverie_eval.server.operations.checks import try_newest
 from reverie_eval.server.scoring.boards import Board, find_board, read_each
 from reverie_eval.server.scoring.contexts import Context
 from reverie_eval.server.scoring.rules import rules_of
-from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import FileReplacedError
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
 from reverie_eval.server.store.uploads import UploadsError
-from reverie_eval.server.store.watches import UnsoundError
 
 SECONDS_KEPT = 10
 SECONDS_TO_ANSWER = 20
 """A check that takes longer has failed."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
-_TELLING = (
-    *(UnsoundError, GroundTruthError, ReceiptError, SettingsError, UploadsError),
-    FileReplacedError,
-)
-"""Errors that quote no answer, so the log has their messages."""
 _AGENT = "stop"
 """The reference agent that never moves: its scores are known in advance."""
 _NO_DIGEST = "0" * 64
@@ -82,23 +72,17 @@ _EMPTY: Mapping[str, Any] = {
 REMEDIES: Mapping[str, str] = {
     "scoring": "a known submission gets wrong scores or none; do not accept results, see the log, "
     "and restart the server",
-    "ground truth": "a split's bundle is missing, damaged or not the one that the server scores "
-    "with; put the right file back, or run `reverie-eval server rescore` after a correction",
-    SETTINGS: "the server could not start again with its settings as they are; run "
-    "`reverie-eval server doctor --quick`",
     "signing key": "the key's file is missing or damaged, or another key is in use; restore the "
     "file from a backup, or restart the server after `server key rotate`",
     "same rules as other servers": "another server of the database scores under other rules; "
     "restart all of them with the same bundles and settings",
     "database": "the database cannot be written; check that it is running and has space, and run "
     "`reverie-eval server doctor`",
-    "stored data": "the database is damaged, or its file was removed or replaced; stop the server, "
-    "and restore the last backup with `reverie-eval server restore`",
+    "stored data": "the database's file was removed or replaced; stop the server, and restore the "
+    "last backup with `reverie-eval server restore`",
     LEADERBOARDS: "a result on a leaderboard cannot be read, so that leaderboard is not shown; the "
     "log names it, and `reverie-eval server doctor` the row; restore the last backup with "
     "`reverie-eval server restore`",
-    OLDER_UPLOADS: "a file that was uploaded is missing or damaged; `reverie-eval server doctor` "
-    "names all of them, and how to replace them from a backup",
     JOB: "work that the server does by itself failed the last time, or hangs; the error is in "
     "`jobs`, and in the log",
     "uploads": "files cannot be stored, or the newest one cannot be read; check the folder or "
@@ -113,14 +97,17 @@ def remedy_of(check: str) -> str:
 
 
 class UnhealthyError(Exception):
-    """The known submission got wrong scores, or another server has other rules."""
+    """Something that the server needs is not as it should be."""
+
+
+_TELLING = (UnhealthyError, ReceiptError, UploadsError, FileReplacedError)
+"""Errors that quote no answer, so the log has their messages."""
 
 
 class Health:
     """Checks a server, at most once every few seconds."""
 
     def __init__(self, server: ServerState, jobs: Jobs) -> None:
-        files = FileWatch(server.settings)
         self.checks: Mapping[str, Callable[[], None]] = {
             # First, because it loads ground truth that was corrected.
             "same rules as other servers": partial(_compare_rules, server),
@@ -128,14 +115,8 @@ class Health:
                 f"scoring of {board.label}": Canary(server, board).score
                 for board in server.all_boards
             },
-            **{
-                f"ground truth of {name}": partial(_compare_bundle, server, files, name)
-                for name in server.boards
-            },
-            SETTINGS: files.check_settings,
             "signing key": partial(_compare_key, server),
-            "stored data": server.database_watch.check,
-            OLDER_UPLOADS: server.uploads_watch.check,
+            "stored data": server.database.check_file,
             LEADERBOARDS: partial(_read_leaderboards, server),
             "database": partial(_write, server),
             "uploads": partial(_try_uploads, server),
@@ -238,7 +219,7 @@ def _read_leaderboards(server: ServerState) -> None:
 
     A database that does not answer is reported by another check.
 
-    Raises UnsoundError, which names the leaderboards that cannot be read.
+    Raises UnhealthyError, which names the leaderboards that cannot be read.
     """
     boards = server.all_boards
     try:
@@ -257,21 +238,29 @@ def _read_leaderboards(server: ServerState) -> None:
             raise
         return
     if unread:
-        raise UnsoundError(f"results that cannot be read are on: {'; '.join(unread)}")
-
-
-def _compare_bundle(server: ServerState, files: FileWatch, split: str) -> None:
-    """Check that a split's bundle is there, and the one that scores."""
-    files.check_bundle(server.boards[split])
+        raise UnhealthyError(f"results that cannot be read are on: {'; '.join(unread)}")
 
 
 def _compare_key(server: ServerState) -> None:
     """Check that the signing key is in use, and its file in its place.
 
     A database that cannot be read is reported by another check.
+
+    Raises
+    ------
+    UnhealthyError
+        If another key is in use.
+    ReceiptError
+        If the file cannot be used.
     """
+    own = server.signer.key_id
     with suppress(DBAPIError), server.database.reading() as session:
-        check_key(session, server.settings, server.signer)
+        current = current_key(session)
+        if current is not None and current.key_id != own:
+            raise UnhealthyError(
+                f"this server signs with {own}, which {current.key_id} has replaced; restart it"
+            )
+    load_key(file_of_key(server.settings.path(server.settings.signing_key), own))
 
 
 def _try_uploads(server: ServerState) -> None:

@@ -22,7 +22,7 @@ from reverie_eval.server.intake.attempts import (
     list_attempts,
     totals,
 )
-from reverie_eval.server.jobs import MINUTE, SECOND, Job
+from reverie_eval.server.jobs import SECOND, Job
 from reverie_eval.server.operations.health import Examined
 from reverie_eval.server.rooms import Room, Tab
 from reverie_eval.server.state import ServerState
@@ -61,18 +61,13 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
 
 
 def jobs(server: ServerState) -> Iterable[Job]:
-    """Yield the jobs that follow corrected ground truth and look for damage."""
+    """Yield the job that follows corrected ground truth."""
 
     def follow_rules() -> None:  # uploads and leaderboards do not wait for this
         with server.database.reading() as session:
             server.rules.follow(session)
 
-    def search_for_damage() -> None:
-        server.database_watch.search()
-        server.uploads_watch.search()
-
     yield Job("ground-truth", follow_rules, SECOND)
-    yield Job("damage", search_for_damage, MINUTE)
 
 
 ROOM = Room(

@@ -29,7 +29,7 @@ from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewPerson, NewTeam
 from reverie_eval.server.accounts.people import add_person, add_team
-from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.opening import opened_server
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Person, Submission

@@ -33,8 +33,7 @@ from fixtures.servers import make_folder
 from reverie_eval.schemas.organising import NewPerson, NewToken
 from reverie_eval.server.accounts.people import add_person
 from reverie_eval.server.accounts.tokens import create_token
-from reverie_eval.server.opening import open_server
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting, open_server
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from tests.support.serving import make_database, running, running_postgresql
 

@@ -39,8 +39,7 @@ from reverie_eval.schemas.service import Method, QuotaReport, Receipt
 from reverie_eval.server.accounts.people import add_person, add_team
 from reverie_eval.server.accounts.tokens import create_token
 from reverie_eval.server.audit.transactions import utc_now
-from reverie_eval.server.opening import open_server
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting, open_server
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.paging import LONGEST

@@ -34,7 +34,6 @@ _PARTS: Mapping[str, tuple[str, str]] = {
     "matplotlib": ("figures need", "report"),
     "pandas": ("a data frame needs", "report"),
     "platformdirs": ("calling a server needs", "client"),
-    "pyarrow": ("Parquet files need", "parquet"),
     "safetensors": ("trained agents need", "agents"),
     "pylatexenc": ("tables in LaTeX need", "analysis"),
     "scipy": ("intervals, comparisons and plans need", "analysis"),

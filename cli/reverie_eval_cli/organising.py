@@ -50,14 +50,14 @@ class Folder:
 
     def open(self) -> "AbstractContextManager[ServerState]":
         """Open the server, not only its database."""
-        from reverie_eval.server.operations.checks import opened_server
+        from reverie_eval.server.opening import opened_server
 
         return opened_server(self.settings)
 
     @contextmanager
     def reading(self) -> Iterator["Session"]:
         """Open the database to read it."""
-        from reverie_eval.server.operations.checks import opened
+        from reverie_eval.server.opening import opened
 
         with opened(self.settings) as database, database.reading() as session:
             yield session
@@ -71,7 +71,7 @@ class Folder:
 
     def acting(self) -> "AbstractContextManager[Transaction]":
         """Change something, as the user."""
-        from reverie_eval.server.operations.checks import acting
+        from reverie_eval.server.opening import acting
 
         return acting(self.settings, actor())
 

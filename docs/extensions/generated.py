@@ -346,7 +346,7 @@ def _openapi() -> Mapping[str, Any]:
     import httpx
 
     from reverie_eval.server.app import create_app
-    from reverie_eval.server.operations.checks import opened_server
+    from reverie_eval.server.opening import opened_server
     from reverie_eval.server.operations.folder import building, fill
     from reverie_eval.server.settings import load_settings
 

@@ -26,8 +26,8 @@ from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
 from reverie_eval.server.jobs import Jobs
 from reverie_eval.server.messages.queue import tell_fault
-from reverie_eval.server.operations import routes as monitoring
 from reverie_eval.server.operations.health import Health
+from reverie_eval.server.operations.room import monitoring
 from reverie_eval.server.rooms import rooms
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
@@ -67,7 +67,7 @@ def create_app(server: ServerState, address: str = "http://localhost") -> FastAP
     app.state.rooms = rooms()
     app.state.runtime = RuntimeState.of(server, jobs)
     app.state.health = Health(server, jobs)
-    app.include_router(monitoring.router)
+    app.include_router(monitoring)
     add_rooms(app)
     add_error_handlers(app, fault_page)
     add_edge(app, server.settings)

@@ -15,8 +15,8 @@ from sqlalchemy import func, select, text
 
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.accounts.people import merge_teams
+from reverie_eval.server.opening import acting
 from reverie_eval.server.operations.backup import write_backup
-from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.folder import DatabaseTakenError
 from reverie_eval.server.operations.restore import restore_backup
 from reverie_eval.server.settings import load_settings

@@ -16,7 +16,7 @@ from sqlalchemy.exc import IntegrityError, StatementError
 from reverie_eval import ReverieEvalError
 from reverie_eval.server.accounts.people import person_named
 from reverie_eval.server.errors import ConflictError
-from reverie_eval.server.operations.checks import database_errors
+from reverie_eval.server.opening import database_errors
 from reverie_eval.server.store import database as database_module
 from reverie_eval.server.store.database import MIGRATIONS, Database
 from reverie_eval.server.store.tables import Base, Person, Team

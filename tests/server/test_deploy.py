@@ -16,7 +16,7 @@ import httpx
 import pytest
 import yaml
 
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval_cli.commands.serve import serve
 from tests.conftest import REPOSITORY

@@ -38,8 +38,8 @@ from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.intake.quotas import grant
 from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.opening import acting
 from reverie_eval.server.operations import doctor
-from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.store.tables import AuditEntry, News, Submission
 from tests.support.acting import AUDIT_LOG, NOON, add_person, add_team, create_token, review

@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 import reverie_eval as rv
-from reverie_eval.server.operations.logs import JsonLines
 from reverie_eval.server.platforms.evalai import evaluate
+from reverie_eval.server.run import JsonLines
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import SETTINGS_FILE
 from tests.conftest import REPOSITORY

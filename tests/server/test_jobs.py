@@ -388,7 +388,7 @@ def test_a_server_computes_what_its_first_page_shows(
     with at_work(server) as client:
         wait_until(lambda: reports(client)["warm-up"]["runs"])
         monkeypatch.delattr("reverie_eval.server.explore.episodes.run_agent")
-        monkeypatch.delattr("reverie_eval.server.explore.first_page.BuildingPicture")
+        monkeypatch.delattr("reverie_eval.server.explore.room.BuildingPicture")
         assert 'class="example"' in client.get("/").text
 
 

@@ -28,7 +28,7 @@ import httpx
 import pytest
 
 from reverie_eval import evaluate
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting
 from reverie_eval.server.operations.folder import upgrade_folder
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from tests.support.amounts import amount, is_evidence, tell

@@ -31,7 +31,7 @@ from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware, timeouts
 from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.http.middleware import MOST_AT_ONCE, BodyLimits
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting
 from reverie_eval.server.run import listen
 from reverie_eval.server.settings import load_settings
 from tests.support.acting import add_person, add_team, create_token

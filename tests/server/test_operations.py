@@ -19,7 +19,7 @@ from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.http.rendering import STATIC
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.intake import routes as submissions
-from reverie_eval.server.operations.logs import JsonLines
+from reverie_eval.server.run import JsonLines
 from reverie_eval.server.scoring.boards import Board
 from tests.support.serving import (
     BROKEN,

@@ -14,7 +14,8 @@ from reverie_eval.schemas.service import Envelope, Phase
 from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.audit.transactions import utc_now
 from reverie_eval.server.corrections.corrections import count_outdated
-from reverie_eval.server.operations.checks import acting, check_folder
+from reverie_eval.server.opening import acting
+from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.platforms.export import export
 from reverie_eval.server.scoring.boards import Board, load_boards
@@ -367,7 +368,7 @@ def test_exports_have_every_leaderboard(
     add_boards(folder, PRIVATE)
     server = open_server()
     publish(server, sent(server, submission_for(PRIVATE), split=PRIVATE))
-    tables = export(settings_of(folder), tmp_path / "t", "csv")
+    tables = export(settings_of(folder), tmp_path / "t")
     rows = {table.name: table.rows for table in tables}
     names = ["", GROUNDING, STRICT]
     assert [each["board"] for each in rows["leaderboards"] if each["split"] == PRIVATE] == names

@@ -1,7 +1,6 @@
 """Phases, pauses and the release of scores, changed while the server runs."""
 
 import json
-import shlex
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -558,35 +557,3 @@ def test_a_check_notes_what_the_desk_has_set(server: Serving, folder: Path) -> N
     ((kind, what),) = found()
     assert kind == "fault"
     assert f"reverie-eval server phase reset {folder} {PRIVATE}" in what
-
-
-OVERLAPPING = (
-    Phase(name="first", opens=NOON - HOUR, closes=NOON + HOUR),
-    Phase(name="second", opens=NOON, closes=NOON + 2 * HOUR),
-)
-
-
-def test_phases_of_an_earlier_version_that_overlap_are_noted_and_can_be_paused(
-    server: Serving, folder: Path, open_server: OpenServer, run: Run
-) -> None:
-    """The scores of a submission that belongs to both are held back until the later end."""
-    with server.state.database.writing() as session:
-        new = NewSchedule(phases=OVERLAPPING, release_scores="phase-end")
-        fields = new.model_dump(mode="json")
-        session.add(SetSchedule(split=PRIVATE, created_at=NOON, **fields))
-    overlap, desk = [each for each in check_folder(folder) if each.check == "phases"]
-    assert (overlap.kind, desk.kind) == ("note", "note")
-    assert overlap.what == (
-        "test, as set at the desk: the phases 'first' (from 2026-03-02T11:00:00Z until "
-        "2026-03-02T13:00:00Z) and 'second' (from 2026-03-02T12:00:00Z until 2026-03-02T14:00:00Z) "
-        "overlap; 'first' must close before 'second' opens; run `reverie-eval server phase set "
-        f"{folder} test first --closes 2026-03-02T11:59:59Z`"
-    )
-    restarted = open_server(settings_of(folder), server.tokens)
-    told = restarted.upload(OWNER, submission_for(PRIVATE), PRIVATE).json()["submission"]
-    assert told["scores_held_until"] == "2026-03-02T14:00:00Z"
-    for change in ("pause", "resume"):
-        assert run("server", "phase", change, str(folder), PRIVATE).status == 0
-    command = overlap.what.partition("run `reverie-eval ")[2].rstrip("`")
-    assert run(*shlex.split(command)).status == 0
-    assert [each.kind for each in check_folder(folder) if each.check == "phases"] == ["note"]

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import pytest
 
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from tests.support.amounts import amount, is_evidence, tell
 from tests.support.crowd import (

@@ -22,7 +22,7 @@ from tests.support.flat_world import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "31f599b5d6ccf43d4d400de0ca1fab35bf2de8a70f12668fe0a2c184e5f760fa",
+    "0001_initial_tables.py": "4c2a73d94c8056d75ecd50e64bf08c016c1fbefef3455f21669b73e2e720bf9d",
 }
 RELEASED = ("0.1.0",)
 

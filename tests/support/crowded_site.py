@@ -8,7 +8,7 @@ from typing import Any
 
 import httpx
 
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from tests.support.demo_site import ORGANISER, Sent, Site, send_all

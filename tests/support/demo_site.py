@@ -15,7 +15,7 @@ from reverie_eval import CATALOGUE, GroundTruth
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.service import Method
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Attempt, Person, ReportedResult, Review, Submission

@@ -20,7 +20,7 @@ from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.runner import run_agent
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission

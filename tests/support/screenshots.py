@@ -21,7 +21,7 @@ from reverie_eval.dataset._reader import no_progress
 from reverie_eval.geometry import RoomView, model_building
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import AnswerView, seen_in
-from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import load_settings
 from tests.support.browser import (
     UNLIMITED,

@@ -49,8 +49,8 @@ from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.http import middleware
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.runtime import RuntimeState
+from reverie_eval.server.opening import acting
 from reverie_eval.server.opening import open_server as open_state
-from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.run import run_server
 from reverie_eval.server.scoring import boards
 from reverie_eval.server.scoring.boards import Board, load_board

@@ -58,7 +58,7 @@ def _make_demo() -> str:
     """Make a server with the demo world and a sample submission; return its first token."""
     from reverie_eval.ground_truth import find_ground_truth
     from reverie_eval.runner import run_agent
-    from reverie_eval.server.operations.checks import database_errors
+    from reverie_eval.server.opening import database_errors
     from reverie_eval.server.operations.folder import make_server
     from reverie_eval.submissions import submission_text
     from reverie_eval_cli.organising import actor, now

@@ -32,7 +32,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.ground_truth import bundle_name
 from reverie_eval.server.audit.keys import file_of_key
 from reverie_eval.server.audit.transactions import utc_now
-from reverie_eval.server.operations.checks import check_known, database_errors
+from reverie_eval.server.opening import check_known, database_errors
 from reverie_eval.server.operations.folder import SIGNING_KEY
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database

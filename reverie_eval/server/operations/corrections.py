@@ -23,7 +23,7 @@ from reverie_eval.server.corrections.corrections import (
     rescore_one,
 )
 from reverie_eval.server.errors import no_split
-from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.opening import opened_server
 from reverie_eval.server.scoring.boards import Board, load_board, load_boards
 from reverie_eval.server.scoring.contexts import Context
 from reverie_eval.server.scoring.rules import append_rules, different, rules_of

@@ -33,15 +33,8 @@ from reverie_eval.server.audit.rows import (
 )
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.messages.queue import given_up, notify_of_fault
-from reverie_eval.server.opening import open_server
-from reverie_eval.server.operations.checks import (
-    NEWEST_UPLOAD,
-    REFUSALS,
-    Finding,
-    acting,
-    check_folder,
-    guarded,
-)
+from reverie_eval.server.opening import REFUSALS, acting, open_server
+from reverie_eval.server.operations.checks import NEWEST_UPLOAD, Finding, check_folder, guarded
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
@@ -102,6 +95,12 @@ def _at_references(database: Database, session: Session) -> Iterator[Finding]:
 def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
     uploads = open_uploads(state.settings.uploads, state.settings.folder)
     yield from _at_uploads(session, uploads, track)
+    counted = select(Submission.split, func.count()).group_by(Submission.split)
+    for split, number in session.execute(counted.order_by(Submission.split)):
+        if split not in state.boards:
+            sent = count_text(number, "submission")
+            message = f"{sent} to {split}, which is not a split in the settings"
+            yield Finding("submissions", "note", message)
     receipts = _Receipts(list_keys(session), all_names_of_teams(session))
     chosen = select(Submission.id).order_by(Submission.received_at)
     for names in session.scalars(chosen.execution_options(yield_per=AT_ONCE)).partitions():

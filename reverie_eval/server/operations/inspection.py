@@ -9,7 +9,7 @@ from reverie_eval.scoring import Scores
 from reverie_eval.server.boards.reviews import any_submission
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.intake.submissions import record_inspection
-from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.opening import opened_server
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.uploads import stored_upload

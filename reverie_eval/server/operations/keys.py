@@ -7,7 +7,6 @@ that opens the server takes the third (:func:`open_key`).
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 from sqlalchemy import select
 
@@ -19,7 +18,7 @@ from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.receipts import KeyMissingError, Signer, load_key, make_key
 from reverie_eval.server.audit.transactions import Transaction, utc_now
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.operations.checks import acting, opened
+from reverie_eval.server.opening import acting, opened
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import signer_of
 from reverie_eval.server.store.database import AT_ONCE
@@ -75,7 +74,7 @@ def replace_lost_key(settings: Settings, actor: str, reason: str) -> KeyReport:
 
 
 def _make_pending(settings: Settings) -> Signer:
-    pending = _pending(settings)
+    pending = pending_path(settings.path(settings.signing_key))
     pending.unlink(missing_ok=True)
     make_key(pending)
     return Signer(load_key(pending), settings.title)
@@ -83,10 +82,6 @@ def _make_pending(settings: Settings) -> Signer:
 
 def _put_in_place(settings: Settings, new: KeyReport) -> None:
     open_key(settings.path(settings.signing_key), new.key_id)  # unless another process has done it
-
-
-def _pending(settings: Settings) -> Path:
-    return pending_path(settings.path(settings.signing_key))
 
 
 def replace_key(

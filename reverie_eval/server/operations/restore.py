@@ -26,6 +26,7 @@ from sqlalchemy.exc import ArgumentError
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
 from reverie_eval.server.boards.leaderboard import Rankings
+from reverie_eval.server.opening import database_errors, opened_server
 from reverie_eval.server.operations.backup import (
     DATABASE,
     FORMAT,
@@ -34,7 +35,6 @@ from reverie_eval.server.operations.backup import (
     UPLOADS,
     Manifest,
 )
-from reverie_eval.server.operations.checks import database_errors, opened_server
 from reverie_eval.server.operations.folder import building, check_empty, make_private
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database, known_revisions
@@ -80,17 +80,20 @@ class RestoreReport:
 
 
 @contextmanager
-def unpacked(archive: Path) -> Iterator[tuple[Settings, Manifest, Iterator[Row]]]:
+def unpacked(
+    archive: Path, place: Path | None = None
+) -> Iterator[tuple[Settings, Manifest, Iterator[Row]]]:
     """Unpack a backup temporarily; yield its settings, its manifest and its rows.
 
-    Its uploads are in the folder of the settings.
+    Its uploads are in the folder of the settings; its rows are in no database yet. The temporary
+    folder is in ``place``, or where the system has such folders.
 
     Raises
     ------
     BackupError
         If the archive is damaged or of a later version.
     """
-    with archive.open("rb"), TemporaryDirectory(prefix="reverie-eval-") as temporary:
+    with archive.open("rb"), TemporaryDirectory(prefix="reverie-eval-", dir=place) as temporary:
         folder, extras = Path(temporary, "folder"), Path(temporary, "extras")
         manifest = _unpack(archive, folder, extras)
         settings = _of_archive(load_settings(folder), manifest).model_copy(update=_OWN)
@@ -133,19 +136,17 @@ def verify_backup(archive: Path) -> None:
     BackupError
         If the backup cannot be restored, or the server in it cannot be opened.
     """
-    with TemporaryDirectory(dir=archive.parent, prefix=f"{archive.name}-") as temporary:
-        folder, extras = Path(temporary, "folder"), Path(temporary, "extras")
-        try:
-            manifest = _unpack(archive, folder, extras)
-            settings = _of_archive(load_settings(folder), manifest).model_copy(update=_OWN)
-            _fill(settings, manifest, extras)
+    try:
+        with unpacked(archive, archive.parent) as (settings, manifest, rows):
+            with database_errors():
+                _load(settings, manifest, rows)
             with opened_server(settings) as state, state.database.reading() as session:
                 for board in state.all_boards:
                     state.get(Rankings).ranking(session, board)
-        except BackupError:
-            raise
-        except ReverieEvalError as error:
-            raise BackupError([Problem("not-restorable", "server", str(error))]) from None
+    except BackupError:
+        raise
+    except ReverieEvalError as error:
+        raise BackupError([Problem("not-restorable", "server", str(error))]) from None
 
 
 def _of_archive(settings: Settings, manifest: Manifest) -> Settings:
@@ -238,7 +239,8 @@ def _fill(settings: Settings, manifest: Manifest, extras: Path) -> None:
     with database_errors():
         check_empty(settings)
         _keep_uploads(settings, extras / UPLOADS)
-        _load(settings, manifest, extras / DATABASE)
+        with (extras / DATABASE).open(encoding="utf-8") as lines:
+            _load(settings, manifest, map(json.loads, lines))
 
 
 def _keep_uploads(settings: Settings, folder: Path) -> None:
@@ -250,18 +252,17 @@ def _keep_uploads(settings: Settings, folder: Path) -> None:
             raise BackupError([Problem("altered-upload", f"{UPLOADS}{file.name}", message)])
 
 
-def _load(settings: Settings, manifest: Manifest, file: Path) -> None:
+def _load(settings: Settings, manifest: Manifest, rows: Iterator[Row]) -> None:
     with closing(Database(settings.database_url)) as database:
         if database.is_sqlite:
             folder = Path(str(database.engine.url.database)).parent
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         make_private(database)
-        with file.open(encoding="utf-8") as lines:
-            try:
-                load(database, manifest.revision, map(json.loads, lines))
-            except RowsError as error:
-                message = f"its rows cannot be restored ({error}); use another backup"
-                raise BackupError([Problem("unusable-rows", DATABASE, message)]) from None
+        try:
+            load(database, manifest.revision, rows)
+        except RowsError as error:
+            message = f"its rows cannot be restored ({error}); use another backup"
+            raise BackupError([Problem("unusable-rows", DATABASE, message)]) from None
 
 
 def _unpack(archive: Path, aside: Path, extras: Path) -> Manifest:

@@ -18,7 +18,7 @@ import yaml
 from reverie_eval.files import staged_file
 from reverie_eval.schemas.service import Schedule
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.opening import opened_server
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState

@@ -22,7 +22,7 @@ from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.service import Phase, Schedule
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.opening import opened_server
 from reverie_eval.server.platforms.scores import displayed_scores
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import Settings, load_settings

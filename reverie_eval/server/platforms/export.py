@@ -1,4 +1,4 @@
-"""Write what leaderboards show as tables for analysis: CSV or Parquet, with descriptions.
+"""Write what leaderboards show as tables for analysis: CSV, with a description of all columns.
 
 Everything is taken from the leaderboards' own JSON, so nothing is exported that they do not show.
 """
@@ -6,21 +6,20 @@ Everything is taken from the leaderboards' own JSON, so nothing is exported that
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
-from reverie_eval.errors import ReverieEvalError, naming_missing_parts
+from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
 from reverie_eval.server.boards.leaderboard import Rankings, as_json
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.csv_files import write_csv
-from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.opening import opened_server
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
-Format = Literal["csv", "parquet"]
 DESCRIPTION = "datapackage.json"
 """A Data Package: https://specs.frictionlessdata.io/data-package/"""
 
@@ -36,7 +35,7 @@ class ExportedTable(NamedTuple):
     rows: Sequence[Row]
 
 
-def export(settings: Settings, folder: Path, layout: Format) -> Sequence[ExportedTable]:
+def export(settings: Settings, folder: Path) -> Sequence[ExportedTable]:
     """Write the tables of all leaderboards into a new or empty folder; return what was written.
 
     Raises
@@ -44,16 +43,17 @@ def export(settings: Settings, folder: Path, layout: Format) -> Sequence[Exporte
     SettingsError, ReceiptError
         If the server cannot be opened.
     ReverieEvalError
-        If the folder is not empty, or Parquet cannot be written.
+        If the folder is not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ReverieEvalError(f"{folder} is not empty; choose a new or an empty folder")
-    write = _write_csv if layout == "csv" else _parquet_writer()
     with opened_server(settings) as state, staged_folder(folder, last=DESCRIPTION) as place:
         tables = list(_tables(state))
         for table in tables:
-            write(table, place / f"{table.name}.{layout}")
-        description = _description(settings.title, tables, layout)
+            with (place / f"{table.name}.csv").open("w", encoding="utf-8", newline="") as file:
+                rows = ([row.get(name) for name in table.columns] for row in table.rows)
+                write_csv(file, table.columns, rows)
+        description = _description(settings.title, tables)
         text = json.dumps(description, indent=2, ensure_ascii=False)
         (place / DESCRIPTION).write_text(f"{text}\n", encoding="utf-8")
     return tables
@@ -139,49 +139,21 @@ def _table(name: str, rows: Sequence[Row], columns: Mapping[str, str]) -> Export
     return ExportedTable(name, {**columns, **bounds}, rows)
 
 
-def _write_csv(table: ExportedTable, path: Path) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = ([row.get(name) for name in table.columns] for row in table.rows)
-        write_csv(file, table.columns, rows)
-
-
-def _parquet_writer() -> Any:
-    with naming_missing_parts():
-        import pyarrow as pa
-        from pyarrow import parquet
-    types = {
-        "string": pa.string(),
-        "integer": pa.int64(),
-        "number": pa.float64(),
-        "boolean": pa.bool_(),
-    }
-
-    def write(table: ExportedTable, path: Path) -> None:
-        fields = [
-            pa.field(name, types[kind], metadata={"unit": _unit(name)} if _unit(name) else None)
-            for name, kind in table.columns.items()
-        ]
-        rows = [{name: row.get(name) for name in table.columns} for row in table.rows]
-        parquet.write_table(pa.Table.from_pylist(rows, schema=pa.schema(fields)), path)
-
-    return write
-
-
 def _unit(column: str) -> str:
     """Return the unit of a column with a metric or a bound of its interval; empty for others."""
     metric = CATALOGUE.get(column.removesuffix("_low").removesuffix("_high"))
     return "" if metric is None else metric.unit
 
 
-def _description(title: str, tables: Sequence[ExportedTable], layout: Format) -> Row:
+def _description(title: str, tables: Sequence[ExportedTable]) -> Row:
     return {
         "name": "leaderboards",
         "title": title,
         "resources": [
             {
                 "name": table.name,
-                "path": f"{table.name}.{layout}",
-                "format": layout,
+                "path": f"{table.name}.csv",
+                "format": "csv",
                 "schema": {
                     "fields": [
                         {"name": name, "type": kind}

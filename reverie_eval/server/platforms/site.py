@@ -27,8 +27,7 @@ from reverie_eval.files import replacing_folder
 from reverie_eval.server.app import create_app, jobs_of
 from reverie_eval.server.audit.transactions import utc_now
 from reverie_eval.server.http.rendering import links_of, with_links
-from reverie_eval.server.opening import open_server
-from reverie_eval.server.operations.checks import check_known, database_errors
+from reverie_eval.server.opening import check_known, database_errors, open_server
 from reverie_eval.server.operations.restore import unpacked
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.state import ServerState

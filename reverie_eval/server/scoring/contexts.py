@@ -1,7 +1,7 @@
 """Where files are read, checked and scored: in this process, or in processes of their own.
 
 What people send may hold the interpreter for seconds, whatever its size. So a server that answers
-requests leaves all of it to :mod:`scoring_processes`, and commands, which delay nobody, do it
+requests leaves all of it to :mod:`~.scoring.processes`, and commands, which delay nobody, do it
 themselves. Either way the work is a function that takes a :class:`Context` and returns a result
 that can be pickled.
 """

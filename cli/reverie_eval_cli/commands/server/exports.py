@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -22,10 +21,6 @@ from reverie_eval_cli.output import (
     with_progress,
     write_text,
 )
-
-if TYPE_CHECKING:
-    from reverie_eval.server.platforms.export import Format
-
 
 _OWNER_ONLY = 0o600
 
@@ -129,18 +124,17 @@ def submissions(*, folder: Folder, split: str, output: Path) -> None:
 @export.command()
 @server_folder
 @options.new_path("DIR", "A new or empty folder.")
-@options.layout("csv", "parquet", explained=" parquet needs reverie-eval[parquet].")
-def tables(*, folder: Folder, output: Path, layout: "Format") -> None:
+def tables(*, folder: Folder, output: Path) -> None:
     """Write what the leaderboards show as tables.
 
-    These are leaderboards, results, reviews and corrections, with datapackage.json, which describes
-    their columns and units. Nothing is in them that the leaderboards do not show.
+    These are leaderboards, results, reviews and corrections, as CSV, with datapackage.json, which
+    describes their columns and units. Nothing is in them that the leaderboards do not show.
     """
     from reverie_eval.server.platforms.export import export as written
 
     counts = ", ".join(
         f"{each.name} ({count_text(len(each.rows), 'row')})"
-        for each in written(folder.settings, output, layout)
+        for each in written(folder.settings, output)
     )
     print(f"{output}: {counts}")
 

@@ -41,7 +41,7 @@ def init(*, folder: Folder, tasks: Sequence[str]) -> None:
     It gets settings, a signing key, a database and, until you add your own, the demo world as its
     ground truth.
     """
-    from reverie_eval.server.operations.checks import database_errors
+    from reverie_eval.server.opening import database_errors
     from reverie_eval.server.operations.folder import make_server
 
     with database_errors():
@@ -87,7 +87,7 @@ def upgrade(*, folder: Folder) -> None:
 
     Back it up first.
     """
-    from reverie_eval.server.operations.checks import database_errors
+    from reverie_eval.server.opening import database_errors
     from reverie_eval.server.operations.folder import upgrade_folder
 
     # What a database says of a broken upgrade is for its developers: it is named in our words.

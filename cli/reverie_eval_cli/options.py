@@ -3,8 +3,8 @@
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
 from datetime import date, datetime, timezone
 from functools import partial, wraps
 from pathlib import Path
@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from reverie_eval import Evaluator, GroundTruth, ReverieEvalError, SubsetError
-from reverie_eval.files import parse_toml
+from reverie_eval import Evaluator, GroundTruth, ReverieEvalError, Scores, SubsetError
 from reverie_eval.ground_truth import (
     GROUND_TRUTH_VARIABLE,
     bundled_splits,
@@ -27,7 +26,7 @@ from reverie_eval_cli.output import RejectedSubmission
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.wire import WireModel
-    from reverie_eval.scoring import Track
+    from reverie_eval.scoring import Clustering, Track
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Request = TypeVar("Request", bound="WireModel")
@@ -152,7 +151,8 @@ def completing(
 
 
 @completing
-def _complete_split(context: click.Context) -> Iterable[str]:
+def complete_split(context: click.Context) -> Iterable[str]:
+    """Complete to the splits of the ground truth, or to the published ones."""
     # Completion parses what was typed so far; an option behind the cursor is not known yet.
     given = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
     return bundled_splits(Path(given) if given else None) or _SPLITS
@@ -186,7 +186,7 @@ def split_named(*names: str) -> Callable[[Command], Command]:
         "split",
         required=True,
         metavar="NAME",
-        shell_complete=_complete_split,
+        shell_complete=complete_split,
         help="train, val_seen, val_unseen or test.",
     )
 
@@ -287,6 +287,46 @@ def grouped(
     return decorate
 
 
+@dataclass(frozen=True)
+class IntervalOptions:
+    """What ``--ci``, ``--cluster`` and ``--confidence`` say, where intervals need not be shown."""
+
+    ci: bool
+    cluster: "Clustering | None"
+    confidence: float | None
+
+    @property
+    def are_wanted(self) -> bool:
+        """Whether any of them asks for intervals."""
+        return bool(self.ci or self.cluster or self.confidence)
+
+    @property
+    def over(self) -> "Clustering":
+        """What is resampled."""
+        return self.cluster or "target"
+
+    def added_to(self, scores: Scores) -> Scores:
+        """Return scores with the intervals that are wanted, if any."""
+        if not self.are_wanted:
+            return scores
+        return scores.with_intervals(self.over, confidence=self.confidence)
+
+
+def intervals(shown: str, confident: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Add whether intervals are shown, over what, and how confident they are."""
+    return grouped(
+        "intervals",
+        IntervalOptions,
+        click.option("--ci", is_flag=True, help=f"Also show {shown}"),
+        click.option(
+            "--cluster",
+            type=Choice(["target", "scan"]),
+            help="What to resample for intervals; implies --ci.  [default: target]",
+        ),
+        confidence(f"Confidence of {confident}; implies --ci."),
+    )
+
+
 def sample_of(truth: GroundTruth, episodes_from: Path) -> GroundTruth:
     """Return the ground truth of the episodes that a file lists."""
     try:
@@ -328,14 +368,6 @@ class ScoringOptions(TruthOptions):
         )
 
 
-def each_split(how: ScoringOptions) -> Mapping[str, ScoringOptions]:
-    """Return the options for each of the splits that ``--split`` names, by split."""
-    names = [name.strip() for name in how.split.split(",")]
-    if "" in names:
-        raise click.UsageError(f"--split {how.split}: a comma has no split before or after it")
-    return {name: replace(how, split=name) for name in names}
-
-
 truth = grouped("truth_options", TruthOptions, split, ground_truth, task)
 
 
@@ -347,17 +379,6 @@ def scoring_by(
 
 
 scoring = scoring_by(protocol)
-scoring_of_splits = scoring_by(
-    protocol,
-    click.option(
-        "--split",
-        required=True,
-        metavar="NAME[,NAME]",
-        shell_complete=_complete_split,
-        help="The split, or several: val_seen,val_unseen.",
-    ),
-)
-"""What scores submissions to one or several splits, which :func:`each_split` tells apart."""
 
 
 def checked(
@@ -422,27 +443,6 @@ dataset_files = together(
 )
 """The published files: a clone's root, and where they are if not in it. A command gets them as the
 keyword arguments of :meth:`reverie_eval.dataset.DatasetFiles.find`."""
-agent_option = click.option(
-    "--option",
-    metavar="NAME=VALUE",
-    multiple=True,
-    help="An option of the agent; may be repeated.",
-)
-
-
-def read_options(given: Iterable[str]) -> dict[str, Any]:
-    """Read each NAME=VALUE: the value is one of TOML, or else text."""
-    return dict(map(_read_option, given))
-
-
-def _read_option(text: str) -> tuple[str, Any]:
-    name, mark, value = text.partition("=")
-    if not mark:
-        raise click.UsageError(f"--option {text}: expected NAME=VALUE")
-    try:
-        return name, parse_toml(f"value = {value}")["value"]
-    except ValueError:
-        return name, value
 
 
 jobs = click.option(
@@ -450,11 +450,4 @@ jobs = click.option(
     metavar="N",
     type=Number(min=1),
     help="Number of worker processes.  [default: number of cores]",
-)
-object_positions = click.option(
-    "--object-positions",
-    metavar="FILE",
-    type=PATH,
-    help="objpos.json, the centres of all objects: needed for the protocol challenge-2022, and by "
-    "lint to check distances.",
 )

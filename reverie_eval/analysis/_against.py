@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reverie_eval.analysis._differences import p_text
+from reverie_eval.analysis._differences import evidence_text
 from reverie_eval.analysis._runs import crossed_means, runs_of
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import CUSTOM_DATASET
@@ -100,11 +100,12 @@ class Against(Mapping[str, DifferenceOfMeans]):
         found, here = self[metric.key], self.on_split.get(metric.key)
         is_significant = found.p_value + self.intervals.confidence < 1
         # "worse by 2" needs a positive difference, with an interval to match.
-        turned = -1 if is_significant and found.mean < 0 else 1
-        told = self._told(found, turned)
+        is_reversed = is_significant and found.mean < 0
+        told = self._told(found, is_reversed=is_reversed)
         if here:
-            told += f"; on {self.scored.split} itself, {self._told(here, turned)}"
-        mean = metric.display(turned * found.mean)
+            on_split = self._told(here, is_reversed=is_reversed)
+            told += f"; on {self.scored.split} itself, {on_split}"
+        mean = metric.display(-found.mean if is_reversed else found.mean)
         if not is_significant:
             return (
                 f"No significant difference from {self.name} in {metric.label}: difference {mean}, "
@@ -134,10 +135,9 @@ class Against(Mapping[str, DifferenceOfMeans]):
         )
         return [mean, pair + f"; those on {split} do not depend on it" * bool(self.on_split)]
 
-    def _told(self, found: DifferenceOfMeans, turned: int) -> str:
-        ends = sorted((turned * found.interval.low, turned * found.interval.high))
-        low, high = map(self.primary.display, ends)
-        return f"{self.intervals.label} interval {low} to {high}, {p_text(found.p_value)}"
+    def _told(self, found: DifferenceOfMeans, *, is_reversed: bool) -> str:
+        interval = found.interval.reversed if is_reversed else found.interval
+        return evidence_text(self.primary, interval, found.p_value, self.intervals.label)
 
     def to_report(self) -> "AgainstReport":
         """Return the report, which ``--format json`` prints."""

@@ -27,8 +27,8 @@ from reverie_eval.analysis._differences import (
     baseline_first,
     check_comparable,
     describe_differences,
+    evidence_text,
     intervals_of_runs,
-    p_text,
 )
 from reverie_eval.analysis._runs import Runs
 from reverie_eval.arrays import difference
@@ -257,8 +257,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             return f"{name} and {self.first} score the same {metric.label} in every episode"
         # "worse by 2" needs a positive difference, with an interval to match.
         shown = found.reversed if verdict == "worse" else found
-        mean, low, high = map(metric.display, (shown.mean, shown.interval.low, shown.interval.high))
-        evidence = f"{self.intervals[name].label} interval {low} to {high}, {p_text(shown.p_value)}"
+        mean = metric.display(shown.mean)
+        label = self.intervals[name].label
+        evidence = evidence_text(metric, shown.interval, shown.p_value, label)
         if verdict == "not significant":
             return (
                 f"No significant difference between {name} and {self.first} in {metric.label}: "

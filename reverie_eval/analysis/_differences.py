@@ -11,7 +11,7 @@ from typing_extensions import Self
 from reverie_eval.analysis._runs import RunIntervals, crossed_means, runs_of
 from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.scoring import (
     Clustering,
     ClusterIntervals,
@@ -19,6 +19,7 @@ from reverie_eval.scoring import (
     Intervals,
     Scored,
     bounds_of,
+    check_same_signature,
 )
 from reverie_eval.submissions import check_names
 from reverie_eval.text import did_you_mean
@@ -59,7 +60,7 @@ class Difference:
         return replace(
             self,
             mean=-self.mean,
-            interval=Interval(-self.interval.high, -self.interval.low),
+            interval=self.interval.reversed,
             higher=self.lower,
             lower=self.higher,
         )
@@ -124,6 +125,12 @@ def describe_differences(
     return differences
 
 
+def evidence_text(metric: Metric, interval: Interval, p_value: float, label: str) -> str:
+    """Return the interval of a difference, with its confidence, and the p-value."""
+    low, high = metric.display(interval.low), metric.display(interval.high)
+    return f"{label} interval {low} to {high}, {p_text(p_value)}"
+
+
 def p_text(p_value: float) -> str:
     """Format a p-value as papers do.
 
@@ -144,9 +151,7 @@ def check_comparable(scores: Mapping[str, Scored]) -> None:
     if len(scores) < _MIN_SUBMISSIONS:
         raise ProtocolError("a comparison needs two or more submissions with different names")
     check_names(scores)
-    signatures = {each.signature for each in scores.values()}
-    if len(signatures) > 1:
-        raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
+    check_same_signature(scores.values())
 
 
 def baseline_first(scores: Mapping[str, Scored], baseline: str | None) -> Mapping[str, Scored]:

@@ -20,6 +20,7 @@ from reverie_eval.scoring import (
     Scored,
     Scores,
     bounds_of,
+    check_same_signature,
     clusters_of,
 )
 from reverie_eval.submissions import check_names
@@ -153,9 +154,7 @@ class Runs(Scored):
             )
         check_names(runs)
         first, *_ = runs.values()
-        if len({each.signature for each in runs.values()}) > 1:
-            listed = sorted({each.signature for each in runs.values()})
-            raise ProtocolError(f"these runs are not comparable: {', '.join(listed)}")
+        check_same_signature(runs.values(), "runs")
         reason = Intervals.why_not(first.ground_truth, cluster)
         if reason:
             raise ProtocolError(reason)

@@ -4,7 +4,7 @@ The files of many scans appear in the folder at once. If building fails or is in
 does.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +19,7 @@ from reverie_eval.dataset._dataset import find_graphs, graph_name
 from reverie_eval.dataset._graphs import GRAPH_RULES, read_graphs
 from reverie_eval.dataset._houses import House, read_house
 from reverie_eval.dataset._lint import file_problems
-from reverie_eval.dataset._reader import Reader
+from reverie_eval.dataset._reader import Progress, Reader, no_progress
 from reverie_eval.dataset._rules import find_problems
 from reverie_eval.errors import DatasetError, Problem, ReverieEvalError
 from reverie_eval.files import staged_folder
@@ -268,12 +268,6 @@ class BuiltBoxes(NamedTuple):
 
 
 ScanResult: TypeAlias = BuiltBoxes | DatasetError
-BuildProgress: TypeAlias = Callable[[Iterable[ScanResult], int], Iterable[ScanResult]]
-"""Wraps the results as they arrive, and is given their number; it may show progress."""
-
-
-def no_build_progress(results: Iterable[ScanResult], total: int) -> Iterable[ScanResult]:  # noqa: ARG001
-    return results
 
 
 def build_boxes(
@@ -282,7 +276,7 @@ def build_boxes(
     rules: BoxRules,
     *,
     jobs: int = 1,
-    progress: BuildProgress = no_build_progress,
+    progress: Progress = no_progress,
 ) -> BuiltBoxes:
     """Build the boxes of scans into a folder of ``{scan}_{viewpoint}.json`` files.
 
@@ -300,7 +294,7 @@ def build_boxes(
     jobs : int
         Number of processes.
     progress : callable, optional
-        Shows progress; called with an iterator over the results and their number.
+        Shows progress; called with an iterator over the results, a description and their number.
 
     Raises
     ------
@@ -317,7 +311,7 @@ def build_boxes(
         build = partial(_build_scan, folder=staging, rules=rules)
         # Closing the generator stops the processes if showing progress fails or is interrupted.
         with closing(map_in_processes(build, scans, jobs)) as running:
-            results = list(progress(running, len(scans)))
+            results = list(progress(running, "boxes", len(scans)))
         # Problems are sorted by position: with the scan first, each scan's stay together.
         found = [
             replace(problem, position=(index, *problem.position))

@@ -55,7 +55,7 @@ def compile_split(
     dataset : str, optional
         The release's name; by default it is recognised by the size of the split.
     progress : callable, optional
-        Shows progress; called with the files about to be read and a description.
+        Shows progress; called with the files about to be read, a description and their number.
 
     Raises
     ------

@@ -311,7 +311,7 @@ def describe_dataset(
     files : DatasetFiles
         Where the published files are.
     progress : callable, optional
-        Shows progress; called with the files about to be read and a description.
+        Shows progress; called with the files about to be read, a description and their number.
 
     Raises
     ------

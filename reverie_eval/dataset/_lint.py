@@ -73,7 +73,7 @@ def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> Li
     files : DatasetFiles
         Where the files are.
     progress : callable, optional
-        Shows progress; called with the files about to be read and a description.
+        Shows progress; called with the files about to be read, a description and their number.
 
     Returns
     -------

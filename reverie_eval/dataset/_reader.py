@@ -4,11 +4,12 @@ import gzip
 import hashlib
 import json
 import re
+import typing
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import msgspec
 from pydantic import (
@@ -26,8 +27,19 @@ from reverie_eval.tasks import Annotation
 from reverie_eval.text import first_few
 
 T = TypeVar("T")
-Progress: TypeAlias = Callable[[Sequence[Path], str], Iterable[Path]]
-"""Wraps the files that are about to be read, and is given a description; it may show progress."""
+
+
+class Progress(typing.Protocol):
+    """Wraps what is about to be worked on, and may show how far that is."""
+
+    def __call__(self, items: Iterable[T], description: str, total: int, /) -> Iterable[T]:
+        """Return the items, ``total`` of them, one after another."""
+
+
+def no_progress(items: Iterable[T], description: str, total: int, /) -> Iterable[T]:  # noqa: ARG001
+    """Return the items, and show nothing."""
+    return items
+
 
 _SHOWN_ERRORS = 3
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -37,10 +49,6 @@ _LINES = ".jsonl"
 def _has_lines(name: str) -> bool:
     """Whether a file of this name has a JSON object on each line."""
     return _LINES in name
-
-
-def no_progress(files: Sequence[Path], description: str) -> Iterable[Path]:  # noqa: ARG001
-    return files
 
 
 class Reader:
@@ -80,7 +88,7 @@ class Reader:
         self, adapter: TypeAdapter[T], paths: Sequence[Path], kind: str
     ) -> Iterable[tuple[Path, T]]:
         """Read files one after another, showing progress; leave out those that cannot be read."""
-        for path in self._progress(paths, kind):
+        for path in self._progress(paths, kind, len(paths)):
             content = self.read(adapter, path, kind)
             if content is not None:
                 yield path, content

@@ -186,6 +186,11 @@ class Metric:
         return 1.0 if self.unit == "fraction" else float("inf")
 
     @property
+    def scale(self) -> int:
+        """What values are multiplied by where they are shown: fractions are percentages there."""
+        return 100 if self.unit == "fraction" else 1
+
+    @property
     def suffix(self) -> str:
         """The unit that :meth:`display` uses: ``%``; empty for counts."""
         return _SUFFIXES[self.unit]
@@ -250,7 +255,7 @@ class Metric:
         >>> CATALOGUE["success"].display(0.54532677)
         '54.53'
         """
-        text = f"{100 * value if self.unit == 'fraction' else value:.2f}"
+        text = f"{self.scale * value:.2f}"
         # A value that rounds to 0 has no sign.
         return "0.00" if text == "-0.00" else text
 

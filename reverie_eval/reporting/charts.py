@@ -106,8 +106,7 @@ class Histogram:
             values |= {name: values[name][each.row] for name, each in boxes.items()}
         if metric.is_partial:
             values = {name: each[~np.isnan(each)] for name, each in values.items()}
-        scale = 100 if metric.unit == "fraction" else 1
-        shown = {name: scale * each for name, each in values.items()}
+        shown = {name: metric.scale * each for name, each in values.items()}
         edges = _EDGES[metric.unit](np.concatenate(list(shown.values())), _MOST_BARS)
         share = {
             name: 100 * np.histogram(each, edges)[0] / len(each) for name, each in shown.items()

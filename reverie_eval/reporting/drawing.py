@@ -22,6 +22,7 @@ Lines = Mapping[str, Sequence[FloatArray]]
 CLOSED = ("arrow", "sight", "mark", "band", "room", "way")
 """Lines that enclose an area, by the first word of their class."""
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PURPLE, SKY = "#CC79A7", "#56B4E9"
 GREY, INK = "#B3BAC4", "#333333"
 
 
@@ -105,9 +106,9 @@ _LOOKS: Mapping[str, dict[str, Any]] = MappingProxyType(
         "series-1": {"color": BLUE},
         "series-2": {"color": VERMILION},
         "series-3": {"color": GREEN},
-        "series-4": {"color": "#CC79A7"},
+        "series-4": {"color": PURPLE},
         "series-5": {"color": ORANGE},
-        "series-6": {"color": "#56B4E9"},
+        "series-6": {"color": SKY},
         "band": {"alpha": 0.2, "linewidth": 0},
         "mark": {"color": BLUE, "linewidth": 0},
         "dot": {

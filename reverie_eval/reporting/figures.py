@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from reverie_eval.analysis import BudgetCurve, Comparison, GroupingKey
-from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.charts import Chart, Histogram, Walks, budget_chart
@@ -24,19 +23,20 @@ from reverie_eval.reporting.drawing import (
     GREEN,
     INK,
     ORANGE,
+    PURPLE,
+    SKY,
     VERMILION,
     draw_lines,
 )
-from reverie_eval.scoring import Scored, Scores
+from reverie_eval.scoring import Scored, Scores, check_same_signature
 from reverie_eval.text import first_few
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SPLIT_COLOURS: Mapping[str, str] = MappingProxyType(
-    {"train": BLUE, "val_seen": ORANGE, "val_unseen": GREEN, "test": "#CC79A7"}
+    {"train": BLUE, "val_seen": ORANGE, "val_unseen": GREEN, "test": PURPLE}
 )
-_OTHER_SPLIT = "#56B4E9"
 STYLE: Any = MappingProxyType(
     {
         "font.size": 11,
@@ -56,7 +56,7 @@ STYLE: Any = MappingProxyType(
 )
 
 _SHOWN_GROUPS = 15
-_COLOURS = (ORANGE, BLUE, GREEN, VERMILION, "#CC79A7", "#56B4E9")
+_COLOURS = (ORANGE, BLUE, GREEN, VERMILION, PURPLE, SKY)
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Plots:
         # The largest ones: in small groups, scores are chance.
         shown = table.head(_SHOWN_GROUPS)
         metric = self.scores.ground_truth.task.primary_metric(self.scores)
-        primary, scale = metric.key, 100 if metric.unit == "fraction" else 1
+        primary, scale = metric.key, metric.scale
         colours = (("success", ORANGE), (primary, BLUE))
         bars = [
             (key, colour)
@@ -206,16 +206,20 @@ def plot_curve(
     primary = first.ground_truth.task.primary_metric(first)
     keys = [key for key in ("success", primary.key) if key in first]
     chosen = metrics or [key for key in keys if CATALOGUE[key].unit == primary.unit]
-    means = {key: _shown(key, np.array([scores[step][key] for step in steps])) for key in chosen}
+    means = {key: np.array([scores[step][key] for step in steps]) for key in chosen}
     unit, *others = dict.fromkeys(CATALOGUE[key].suffix for key in means)
     if others:
         raise ProtocolError(f"{first_few(means)} have different units; draw each in its own figure")
     with styled_axes(ax) as axes:
         for (key, values), colour in zip(means.items(), cycle(_COLOURS), strict=False):
-            axes.plot(steps, values, marker="o", color=colour, label=CATALOGUE[key].label)
+            metric = CATALOGUE[key]
+            shown = metric.scale * values
+            axes.plot(steps, shown, marker="o", color=colour, label=metric.label)
             intervals = [scores[step].intervals for step in steps]
             ends = [
-                _shown(key, np.array([each[key].low, each[key].high])) for each in intervals if each
+                (metric.scale * each[key].low, metric.scale * each[key].high)
+                for each in intervals
+                if each
             ]
             # A band with gaps would look as if it covered the steps between.
             if len(ends) == len(steps):
@@ -230,11 +234,6 @@ def plot_curve(
     return axes
 
 
-def _shown(key: str, values: FloatArray) -> FloatArray:
-    """Return values in the unit that is drawn: fractions in percent."""
-    return 100 * values if CATALOGUE[key].unit == "fraction" else values
-
-
 def _sorted_steps(scores: Mapping[float, Scored]) -> Sequence[float]:
     """Return the steps of comparable scores, ascending."""
     if not scores:
@@ -242,9 +241,7 @@ def _sorted_steps(scores: Mapping[float, Scored]) -> Sequence[float]:
     for step in scores:
         if not isinstance(step, Real):
             raise ProtocolError(f"steps are numbers, such as epochs; got {step!r}")
-    signatures = {each.signature for each in scores.values()}
-    if len(signatures) > 1:
-        raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
+    check_same_signature(scores.values())
     return sorted(scores)
 
 
@@ -342,7 +339,7 @@ def _explain_beside(axes: "Axes") -> None:
 
 def split_colour(split: str) -> str:
     """Return the colour of a split, the same in every figure."""
-    return _SPLIT_COLOURS.get(split, _OTHER_SPLIT)
+    return _SPLIT_COLOURS.get(split, SKY)
 
 
 def check_figure_name(file: str | Path) -> None:

@@ -136,7 +136,7 @@ class Timeline:
         return _TOP + inside * (1 - self._shown(value) / self._ticks[-1])
 
     def _shown(self, value: float) -> float:
-        return 100 * value if self.metric.unit == "fraction" else value
+        return self.metric.scale * value
 
     def _cost(self, value: float) -> float:
         return -value if self.metric.better == "higher" else value

@@ -258,13 +258,13 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
         for each in scores.values()
     ]
     primary = shared_primary(scores)
-    is_share = primary.unit == "fraction"
     columns = [primary.key, f"{primary.key}_low", f"{primary.key}_high"]
-    scale = 100 if is_share else 1
     # `reindex` adds columns of NaN where the scores have no intervals.
-    tables = [(scale * frame.reindex(columns=columns)).to_numpy() for frame in frames]
+    tables = [(primary.scale * frame.reindex(columns=columns)).to_numpy() for frame in frames]
     # Lengths have no natural end: the longest bar is full. At least 1, which 0 can be divided by.
-    full = 100.0 if is_share else max(float(np.nanmax(np.concatenate(tables))), 1.0)
+    full = (
+        100.0 if primary.unit == "fraction" else max(float(np.nanmax(np.concatenate(tables))), 1.0)
+    )
     bars: list[Mapping[str, Bar]] = [
         {
             str(group): Bar(value, low, high, full)

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import accumulate, chain, groupby, pairwise
-from typing import Any, Literal, NamedTuple, TypeVar
+from types import MappingProxyType
+from typing import Literal, NamedTuple, TypeVar
 
 from typing_extensions import Self
 
@@ -278,10 +279,17 @@ class Printout:
     """The table as papers show it, by the formats that have another one than people."""
 
     @classmethod
-    def of_table(cls, table: Callable[[], Table], **formats: Any) -> Self:
-        """Return a result that is one table."""
-        papers = dict.fromkeys(("markdown", "latex"), table) | formats.pop("papers", {})
-        return cls(lambda: [Part([table()])], papers=papers, **formats)
+    def of_table(
+        cls,
+        table: Callable[[], Table],
+        *,
+        json: Callable[[], str] = str,
+        csv: Callable[[], str] = str,
+        papers: Mapping[str, Callable[[], Table]] = MappingProxyType({}),
+    ) -> Self:
+        """Return a result that is one table, which papers show as it is, too."""
+        every = dict.fromkeys(("markdown", "latex"), table) | dict(papers)
+        return cls(lambda: [Part([table()])], json, csv, every)
 
     def text(self, layout: str) -> str:
         """Return the result in one of the formats."""

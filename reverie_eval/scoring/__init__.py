@@ -40,7 +40,7 @@ from reverie_eval.scoring._intervals import (
     clusters_of,
 )
 from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups, is_goal
-from reverie_eval.scoring._scored import Scored, signature_of, task_of
+from reverie_eval.scoring._scored import Scored, check_same_signature, signature_of, task_of
 from reverie_eval.scoring._scores import Scores
 from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 
@@ -71,6 +71,7 @@ __all__ = [
     "Track",
     "Validation",
     "bounds_of",
+    "check_same_signature",
     "clusters_of",
     "diagnose",
     "evaluate",

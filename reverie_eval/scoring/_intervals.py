@@ -40,6 +40,11 @@ class Interval:
     low: float
     high: float
 
+    @property
+    def reversed(self) -> "Interval":
+        """The interval of the same difference with the other sign."""
+        return Interval(-self.high, -self.low)
+
 
 @dataclass(frozen=True, eq=False)
 class ClusterIntervals(Mapping[str, Interval]):

@@ -1,11 +1,12 @@
 """What scores depend on, and the signature that says so."""
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from reverie_eval.arrays import Array
+from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import Metric
 from reverie_eval.scoring._intervals import ClusterIntervals
@@ -177,6 +178,13 @@ class Scored(Mapping[str, float]):
     def __repr__(self) -> str:
         values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)
         return f"<{type(self).__name__} {values}; {self.signature}>"
+
+
+def check_same_signature(several: Iterable[Scored], what: str = "scores") -> None:
+    """Raise ProtocolError unless all are of the same episodes under the same protocol."""
+    signatures = sorted({each.signature for each in several})
+    if len(signatures) > 1:
+        raise ProtocolError(f"these {what} are not comparable: {', '.join(signatures)}")
 
 
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:

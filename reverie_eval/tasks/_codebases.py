@@ -22,7 +22,19 @@ _ON_GITHUB = re.compile(r"github\.com[:/]([^/]+/[^/]+)")
 _CLOSE = 0.7
 
 
-class CodebaseEvaluator(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _Tried(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Code that was executed, or only read."""
+
+    executed: date | None = None
+    """When it was last run here; None if it was only read."""
+
+    @property
+    def standing(self) -> str:
+        """Whether it was executed, and when."""
+        return "read" if self.executed is None else f"executed {self.executed}"
+
+
+class CodebaseEvaluator(_Tried, frozen=True, kw_only=True):
     """How a codebase scores one task."""
 
     task: str
@@ -31,18 +43,11 @@ class CodebaseEvaluator(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     ``differs``."""
     source: str
     """The file and lines in the repository; empty if it has no evaluator for the task."""
-    executed: date | None = None
-    """When the evaluator was last run against this package's protocol; None if it was only read."""
     differs: str = ""
     """What the evaluator does otherwise than the protocol, as sentences."""
 
-    @property
-    def standing(self) -> str:
-        """Whether the evaluator was executed, and when."""
-        return "read" if self.executed is None else f"executed {self.executed}"
 
-
-class CodebaseFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class CodebaseFile(_Tried, frozen=True, kw_only=True):
     """What a codebase's own result writer writes."""
 
     name: str = ""
@@ -51,13 +56,6 @@ class CodebaseFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """The records, trajectories and answers, in a sentence."""
     example: str = ""
     """A record as the writer wrote it, on made-up viewpoints; empty if it was only read."""
-    executed: date | None = None
-    """When the writer was run; None if it was only read."""
-
-    @property
-    def standing(self) -> str:
-        """Whether its writer was executed, and when."""
-        return "read" if self.executed is None else f"executed {self.executed}"
 
 
 class Codebase(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

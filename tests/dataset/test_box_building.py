@@ -328,7 +328,7 @@ def test_a_folder_with_content_is_left_alone(scans: tuple[Scan, ...], tmp_path: 
 def test_an_interrupted_build_leaves_nothing_behind(
     scans: tuple[Scan, ...], tmp_path: Path
 ) -> None:
-    def interrupted(outcomes: Any, total: int) -> Any:
+    def interrupted(outcomes: Any, description: str, total: int, /) -> Any:
         next(iter(outcomes))
         raise KeyboardInterrupt
 

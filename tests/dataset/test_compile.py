@@ -4,7 +4,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -15,6 +15,8 @@ from reverie_eval.dataset import DatasetFiles, compile_for_training, compile_spl
 from reverie_eval.dataset._reader import object_key
 from reverie_eval.ground_truth import Bundle
 from tests.support.oracle import Scan, Viewpoint, distances_from
+
+T = TypeVar("T")
 
 SPLIT = "val_unseen"
 DATA = Path("tasks", "REVERIE", "data")
@@ -89,8 +91,8 @@ def test_sources_are_named_by_their_digests(bundle: Bundle, world: Path) -> None
 def test_progress_is_shown_over_the_files_to_read(demo_world: Path) -> None:
     seen: dict[str, int] = {}
 
-    def progress(files: Sequence[Path], description: str) -> Iterable[Path]:
-        seen[description] = len(files)
+    def progress(files: Iterable[T], description: str, total: int, /) -> Iterable[T]:
+        seen[description] = total
         return files
 
     compile_split(DatasetFiles.find(demo_world, split=SPLIT), SPLIT, progress=progress)

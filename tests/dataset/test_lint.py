@@ -1,9 +1,10 @@
 """Checking the published files: every error and warning, each in a dataset without another one."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
@@ -40,6 +41,8 @@ from tests.support.broken_datasets import (
 )
 from tests.support.flat_world import FLAT, SINK, TUB
 from tests.support.worlds import OBJECT_POSITIONS, SPLIT, write_world
+
+T = TypeVar("T")
 
 
 @pytest.fixture
@@ -411,8 +414,8 @@ def test_examples_are_named_up_to_forty(flat: Path) -> None:
 def test_progress_is_shown_over_the_files_to_read(flat: Path) -> None:
     seen: dict[str, int] = {}
 
-    def progress(files: Sequence[Path], description: str) -> Iterable[Path]:
-        seen[description] = len(files)
+    def progress(files: Iterable[T], description: str, total: int, /) -> Iterable[T]:
+        seen[description] = total
         return files
 
     lint_dataset(DatasetFiles.find(flat), progress=progress)

@@ -14,7 +14,7 @@ import click
 from reverie_eval import GroundTruth, evaluate
 from reverie_eval.agents import AgentSource
 from reverie_eval.agents.chat import History, InputClass
-from reverie_eval.files import read_toml
+from reverie_eval.files import parse_toml, read_toml
 from reverie_eval.logs import read_text
 from reverie_eval.reporting.scores import scores_printout
 from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
@@ -29,6 +29,29 @@ if TYPE_CHECKING:
 _DEFAULTS = Limits()
 # The agent that is a language model.
 _CHAT = "chat"
+
+
+_agent_option = click.option(
+    "--option",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="An option of the agent; may be repeated.",
+)
+
+
+def _read_options(given: Iterable[str]) -> dict[str, Any]:
+    """Read each NAME=VALUE: the value is one of TOML, or else text."""
+    return dict(map(_read_option, given))
+
+
+def _read_option(text: str) -> tuple[str, Any]:
+    name, mark, value = text.partition("=")
+    if not mark:
+        raise click.UsageError(f"--option {text}: expected NAME=VALUE")
+    try:
+        return name, parse_toml(f"value = {value}")["value"]
+    except ValueError:
+        return name, value
 
 
 @dataclass(frozen=True)
@@ -133,7 +156,7 @@ class RunOptions:
     def agent_options(self) -> Mapping[str, Any]:
         """Return the agent's options: those of the file, and then those of the command line."""
         given = {} if self.options_from is None else read_toml(self.options_from)
-        return {**given, **options.read_options(self.option)}
+        return {**given, **_read_options(self.option)}
 
 
 @click.command("run")
@@ -144,7 +167,7 @@ class RunOptions:
 @options.grouped(
     "run_options",
     RunOptions,
-    options.agent_option,
+    _agent_option,
     click.option(
         "--options-from", metavar="FILE", type=options.PATH, help="Options of the agent, as TOML."
     ),
@@ -299,7 +322,7 @@ def _print_scores(submission: Path, truth: GroundTruth, totals: Totals) -> None:
 @options.with_default("--split", default="train", metavar="NAME", help="The split to train on.")
 @options.new_path("FOLDER", "The model's folder: a new one, or one to go on with.")
 @options.with_default("--seed", type=int, default=0, help="Seed of all random choices.")
-@options.agent_option
+@_agent_option
 @click.option(
     "--pointer",
     metavar="FOLDER",
@@ -328,7 +351,7 @@ def train(
     from reverie_eval.agents import trained
     from reverie_eval.dataset import DatasetFiles
 
-    read = options.read_options(option)
+    read = _read_options(option)
     trained.find_recipe(name, read)  # before the files, whose faults would hide a wrong name
     plan = trained.TrainingPlan(
         name=name,

@@ -24,10 +24,18 @@ _CAVEAT = (
     "Matterport's files)"
 )
 
+_object_positions = click.option(
+    "--object-positions",
+    metavar="FILE",
+    type=options.PATH,
+    help="objpos.json, the centres of all objects: needed for the protocol challenge-2022, and by "
+    "lint to check distances.",
+)
+
 
 @click.command("compile")
 @options.dataset_files
-@options.object_positions
+@_object_positions
 @options.dataset_task
 @options.split
 @click.option(
@@ -109,7 +117,7 @@ def _bundle_file(output: str, bundle: Bundle) -> Path:
 
 @click.command()
 @options.dataset_files
-@options.object_positions
+@_object_positions
 @options.dataset_task
 @options.layout("text", "json", explained=" json has more percentiles and examples.")
 @options.output("the report")
@@ -233,7 +241,7 @@ def boxes(
             output,
             BoxRules(max_distance, occlusion, excluded),
             jobs=jobs or os.cpu_count() or 1,
-            progress=lambda outcomes, total: with_progress(outcomes, "boxes", total),
+            progress=with_progress,
         )
     counts = [
         count_text(len(found.complete), "scan"),

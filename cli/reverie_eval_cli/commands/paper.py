@@ -1,6 +1,7 @@
 """``reverie-eval table``, ``check-table`` and ``figure``: the tables and pictures of a paper."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from glob import glob
 from itertools import islice
@@ -12,13 +13,13 @@ import click
 from reverie_eval import ReverieEvalError, Scores, evaluate_protocols
 from reverie_eval.analysis import Runs
 from reverie_eval.reporting.tables import Printout
-from reverie_eval.scoring import Clustering, Scored
+from reverie_eval.scoring import Scored
 from reverie_eval.submissions import find_fields, find_runs
 from reverie_eval.tasks import PublishedResult, published_on
 from reverie_eval.text import did_you_mean
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.compare import find_methods, score_methods
-from reverie_eval_cli.options import ScoringOptions, each_split
+from reverie_eval_cli.options import IntervalOptions, ScoringOptions
 from reverie_eval_cli.output import (
     check_outputs,
     note,
@@ -36,11 +37,22 @@ _SPLIT = "{split}"
 _COLUMNS = "2"
 
 _methods = click.argument("methods", metavar="[NAME=]FILE...", nargs=-1, required=True)
+_scoring_of_splits = options.scoring_by(
+    options.protocol,
+    click.option(
+        "--split",
+        required=True,
+        metavar="NAME[,NAME]",
+        shell_complete=options.complete_split,
+        help="The split, or several: val_seen,val_unseen.",
+    ),
+)
+"""What scores submissions to one or several splits, which :func:`_each_split` tells apart."""
 
 
 @click.command()
 @_methods
-@options.scoring_of_splits
+@_scoring_of_splits
 @click.option(
     "--baseline",
     "baselines",
@@ -55,13 +67,9 @@ _methods = click.argument("methods", metavar="[NAME=]FILE...", nargs=-1, require
     help="Rows above the others: a method that is known here, such as FAST-Short, or all of a TOML "
     "file; may be repeated.",
 )
-@click.option("--ci", is_flag=True, help="Also show confidence intervals; means of runs have them.")
-@click.option(
-    "--cluster",
-    type=options.Choice(["target", "scan"]),
-    help="What to resample for intervals; implies --ci.  [default: target]",
+@options.intervals(
+    "confidence intervals; means of runs have them.", "the intervals and of the tests"
 )
-@options.confidence("Confidence of the intervals and of the tests; implies --ci.")
 @options.layout("table", "latex", "markdown", "csv", "html")
 @options.output("the table")
 def table(
@@ -70,9 +78,7 @@ def table(
     scoring: ScoringOptions,
     baselines: Sequence[str],
     published: Sequence[str],
-    ci: bool,
-    cluster: Clustering | None,
-    confidence: float | None,
+    intervals: IntervalOptions,
     layout: str,
     output: str | None,
 ) -> None:
@@ -90,16 +96,14 @@ def table(
     from reverie_eval.reporting import results_table
 
     results: dict[str, list[Scored]] = {}
-    has_intervals = bool(ci or cluster or confidence)
-    over = cluster or "target"
     for split, files in _files_of_splits(methods, scoring, output).items():
-        how = each_split(scoring)[split]
-        scores = score_methods(files, how.evaluator(how.find()), over, confidence)
+        how = _each_split(scoring)[split]
+        scores = score_methods(
+            files, how.evaluator(how.find()), intervals.over, intervals.confidence
+        )
         for name, each in scores.items():
             results.setdefault(name, []).append(
-                each.with_intervals(over, confidence=confidence)
-                if has_intervals and isinstance(each, Scores)
-                else each
+                intervals.added_to(each) if isinstance(each, Scores) else each
             )
     above = _published(published, next(iter(results.values()))[0], scoring)
     laid_out = results_table(results, baselines=baselines, published=above)
@@ -113,7 +117,7 @@ def table(
 @click.command("check-table")
 @click.argument("paper", metavar="TABLE", type=options.PATH)
 @_methods
-@options.scoring_of_splits
+@_scoring_of_splits
 @options.layout("table", "csv", explained=" csv has every number that was checked.")
 @options.output("what was found")
 def check_table(
@@ -151,7 +155,7 @@ def check_table(
             "with |; any other file is read as CSV"
         )
     results = {
-        split: _by_protocol(files, each_split(scoring)[split])
+        split: _by_protocol(files, _each_split(scoring)[split])
         for split, files in _files_of_splits(methods, scoring, output).items()
     }
     by_method = next(iter(results.values()))
@@ -184,11 +188,19 @@ def _by_protocol(
     return results
 
 
+def _each_split(how: ScoringOptions) -> Mapping[str, ScoringOptions]:
+    """Return the options for each of the splits that ``--split`` names, by split."""
+    names = [name.strip() for name in how.split.split(",")]
+    if "" in names:
+        raise click.UsageError(f"--split {how.split}: a comma has no split before or after it")
+    return {name: replace(how, split=name) for name in names}
+
+
 def _files_of_splits(
     words: Sequence[str], scoring: ScoringOptions, output: str | None
 ) -> Mapping[str, Mapping[str, Sequence[str]]]:
     """Return the files of each method by its name, for each split."""
-    splits = list(each_split(scoring))
+    splits = list(_each_split(scoring))
     if len(splits) > 1:
         fixed = [word for word in words if _SPLIT not in word]
         if fixed:
@@ -230,7 +242,7 @@ def _published(
         file = word if Path(word).exists() else None
         of_splits = [
             published_on(first.ground_truth.task.name, split, scoring.track, file)
-            for split in each_split(scoring)
+            for split in _each_split(scoring)
         ]
         several = [
             each

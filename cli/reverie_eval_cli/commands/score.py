@@ -37,7 +37,6 @@ from reverie_eval.reporting.tables import FORMATS, Printout, metric_cells
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     TABLE_KEYS,
-    Clustering,
     score_files,
     scored_metrics,
 )
@@ -86,9 +85,7 @@ class Wanted:
     scoring: options.ScoringOptions
     episodes_from: Path | None
     diagnosed: bool
-    ci: bool
-    cluster: Clustering | None
-    confidence: float | None
+    intervals: options.IntervalOptions
     select: str | None
     curve: str | None
     watch: bool
@@ -103,9 +100,9 @@ class Wanted:
         """The given options that only some of the ways take."""
         values = {
             "--diagnose": self.diagnosed,
-            "--ci": self.ci,
-            "--cluster": self.cluster,
-            "--confidence": self.confidence,
+            "--ci": self.intervals.ci,
+            "--cluster": self.intervals.cluster,
+            "--confidence": self.intervals.confidence,
             "--episodes": self.episodes,
             "--format": self.layout != FORMATS[0],
             "--output": self.output,
@@ -165,13 +162,7 @@ class Wanted:
         is_flag=True,
         help="Also show the scores if only the first viewpoint of each hop were read.",
     ),
-    click.option("--ci", is_flag=True, help="Also show confidence intervals."),
-    click.option(
-        "--cluster",
-        type=options.Choice(["target", "scan"]),
-        help="What to resample for intervals; implies --ci.  [default: target]",
-    ),
-    options.confidence("Confidence of the intervals; implies --ci."),
+    options.intervals("confidence intervals.", "the intervals"),
     click.option(
         "--select",
         metavar="SPLIT",
@@ -285,11 +276,7 @@ def _print_scores(wanted: Wanted, score_by: Callable[[str, GroundTruth], Sequenc
     (file,), truth = wanted.submissions, wanted.truth
     with naming(file):
         results = score_by(file, truth)
-    if wanted.ci or wanted.cluster or wanted.confidence:
-        results = [
-            scores.with_intervals(wanted.cluster or "target", confidence=wanted.confidence)
-            for scores in results
-        ]
+    results = list(map(wanted.intervals.added_to, results))
     if run := wanted.run or find_run(file):
         results = [scores.with_run(run) for scores in results]
     if wanted.episodes:
@@ -335,7 +322,7 @@ def average_runs(wanted: Wanted) -> int:
     named = dict(zip(submission_names(files), scores, strict=True))
     from reverie_eval.analysis import Runs  # not imported for files alone
 
-    runs = Runs.of(named, wanted.cluster or "target", confidence=wanted.confidence)
+    runs = Runs.of(named, wanted.intervals.over, confidence=wanted.intervals.confidence)
     wanted.show(runs_printout(name, runs))
     return 0
 
@@ -401,7 +388,7 @@ def select_and_report(wanted: Wanted) -> int:
             if seed not in runs:
                 note(f"{sweep.best} has no score of seed {seed} on {wanted.scoring.split}")
         reported = best.with_intervals(
-            name, wanted.cluster or "target", confidence=wanted.confidence
+            name, wanted.intervals.over, confidence=wanted.intervals.confidence
         )
         wanted.show(selection_printout(sweep, reported))
     return 1 if sweep.failures or best.failures else 0

@@ -65,9 +65,7 @@ def compile_split(
     return _bundle_of(read_one_split(files, split, progress), dataset)
 
 
-def compile_for_training(
-    files: DatasetFiles, split: str, *, progress: Progress = no_progress
-) -> tuple[Bundle, int]:
+def compile_for_training(files: DatasetFiles, split: str) -> tuple[Bundle, int]:
     """Compile the items of a split whose target is visible, and count those that are left out.
 
     One item of the published train split has a target that no view shows, and annotations of one
@@ -78,7 +76,7 @@ def compile_for_training(
     DatasetError
         As :func:`compile_split`, but for these.
     """
-    content = read_one_split(files, split, progress)
+    content = read_one_split(files, split, no_progress)
     (whole,) = content.splits
     lost: Sequence[Annotation] = ()
     if files.boxes:

@@ -32,6 +32,8 @@ _WEEK = 7 / 365
 # Names are placed for this width in pixels; narrower pages show those of the best alone.
 _WIDTH, _LETTER = 640.0, 6.6
 _LONGEST_NAME = 24
+# Pixels.
+_RANK_HEIGHT = 150
 
 
 ResultKind: TypeAlias = Literal["method", "human", "reference"]
@@ -255,7 +257,7 @@ def rank_over_time(
     return found
 
 
-def rank_svg(ranks: Sequence[RankAt], until: float, title: str, height: int = 150) -> str:
+def rank_svg(ranks: Sequence[RankAt], until: float, title: str) -> str:
     """Draw a rank over time, the first at the top, above the number of results.
 
     ``ranks`` are at least one, and ``until`` is when the lines end, in years.
@@ -263,7 +265,7 @@ def rank_svg(ranks: Sequence[RankAt], until: float, title: str, height: int = 15
     axis = Years(ranks[0].years - _WEEK, max(until, ranks[0].years) + _WEEK)
     last = ranks[-1]
     most = max(each.results for each in ranks)
-    inside = height - _TOP - 2 * _LINE
+    inside = _RANK_HEIGHT - _TOP - 2 * _LINE
 
     def y(rank: int) -> float:
         return _TOP + inside * (rank - 1) / max(most - 1, 1)
@@ -274,12 +276,12 @@ def rank_svg(ranks: Sequence[RankAt], until: float, title: str, height: int = 15
 
     own, count = line(attrgetter("rank")), line(attrgetter("results"))
     shapes = [
-        *axis.labels(height - 4),
+        *axis.labels(_RANK_HEIGHT - 4),
         *(line_across(y(rank), f"{rank}") for rank in sorted({1, most})),
-        stretched_paths(height, [("count", count), ("curve series-1", own)]),
+        stretched_paths(_RANK_HEIGHT, [("count", count), ("curve series-1", own)]),
         text_across(_LAST, y(last.rank) - 5, f"{last.rank} of {last.results}", "end", "leader"),
     ]
-    return wide_svg(title, height, shapes)
+    return wide_svg(title, _RANK_HEIGHT, shapes)
 
 
 class Years(NamedTuple):

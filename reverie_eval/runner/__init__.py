@@ -6,7 +6,6 @@ A run's folder has what :class:`Identity` says in ``run.json``, a line for each 
 
 from reverie_eval.errors import RunError
 from reverie_eval.logs import SUBMISSION, Attempt, Step, read_attempts, read_steps
-from reverie_eval.runner._checking import check_agent
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, TREATMENTS, WAITS, TransientError
 from reverie_eval.runner._folder import read_card
 from reverie_eval.runner._records import (
@@ -20,7 +19,7 @@ from reverie_eval.runner._records import (
     run_schema,
 )
 from reverie_eval.runner._run import Progress, Record, run, run_agent
-from reverie_eval.runner._walking import Plan
+from reverie_eval.runner._walking import Plan, check_agent
 
 __all__ = [
     "FAILED_IN_A_ROW",

@@ -41,10 +41,12 @@ class AnyEnvironment(typing.Protocol):
         """Return the records of the episodes that ended."""
 
 
-def check_environment(
-    make: Callable[[], AnyEnvironment], *, number: int = 5, steps: int = 20, seed: int = 0
-) -> None:
-    """Walk through two copies of an environment side by side, at random.
+# Enough for copies that differ to show it.
+_EPISODES, _STEPS = 5, 20
+
+
+def check_environment(make: Callable[[], AnyEnvironment]) -> None:
+    """Walk through some episodes of two copies of an environment side by side, at random.
 
     The copies must show the same. Observations must be of the promised form, and must not change
     later. What cannot be done must be refused.
@@ -53,24 +55,18 @@ def check_environment(
     ----------
     make : callable
         Returns a new environment.
-    number : int
-        Episodes that are walked.
-    steps : int
-        Actions in each, at most.
-    seed : int
-        Of the random actions.
 
     Raises
     ------
     ConformanceError
         If something is wrong.
     """
-    pair, rng = (make(), make()), random.Random(seed)  # noqa: S311
+    pair, rng = (make(), make()), random.Random(0)  # noqa: S311
     episodes = list(pair[0].episodes)
-    for episode in rng.sample(episodes, min(number, len(episodes))):
+    for episode in rng.sample(episodes, min(_EPISODES, len(episodes))):
         seen, other = (each.reset(episode) for each in pair)
         visited = [seen.viewpoint_id]
-        for step in range(steps):
+        for step in range(_STEPS):
             where = f"{episode}, step {step}"
             _require(seen == other, where, "two copies show different things")
             _check_observation(where, seen)

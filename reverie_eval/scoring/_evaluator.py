@@ -6,7 +6,7 @@ import typing
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
@@ -220,7 +220,8 @@ class ScoredFiles(Mapping[str, Scores]):
     def __len__(self) -> int:
         return len(self.scores)
 
-    @property
+    # Computed once, from all files: callers ask for it again with each of them.
+    @cached_property
     def metrics(self) -> Sequence[Metric]:
         """The metrics of a score table that has any of them."""
         first = next(iter(self.values()), None)
@@ -233,13 +234,11 @@ class ScoredFiles(Mapping[str, Scores]):
             return {}
         key = _ranking_key(self)
         values = {file: each[key] for file, each in self.items() if key in each}
-        # Equal values share the better rank, and the next rank is left out.
-        return {
-            file: 1 + sum(value > values[file] for value in values.values())
-            if file in values
-            else None
-            for file in self
-        }
+        place: dict[float, int] = {}
+        for index, value in enumerate(values.values(), start=1):
+            # Equal values share the better rank, and the next rank is left out.
+            place.setdefault(value, index)
+        return {file: place[values[file]] if file in values else None for file in self}
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a row per file, best first, with every metric of the score table.

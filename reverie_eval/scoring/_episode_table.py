@@ -82,7 +82,10 @@ class EpisodeTable(Mapping[str, Array]):
 
     def __getitem__(self, key: str) -> Array:
         if key not in CATALOGUE:
-            raise KeyError(f"no metric has the key {key!r}{did_you_mean(key, self._keys)}")
+            # Tables have labels, so a reader of one looks for SR.
+            keys = {CATALOGUE[each].label.casefold(): each for each in self._keys}
+            meant = keys.get(str(key).casefold(), key)
+            raise KeyError(f"no metric has the key {key!r}{did_you_mean(meant, self._keys)}")
         if key not in self._keys:
             raise KeyError(f"{key} is not scored; the scored metrics are {', '.join(self._keys)}")
         if key not in self._columns:

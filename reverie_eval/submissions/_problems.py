@@ -6,6 +6,7 @@ many records share are in ``_faults``.
 """
 
 import math
+import re
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -402,6 +403,7 @@ class _Short(reprlib.Repr):
         return super().repr_int(x, level)
 
 
+_LINE_END = re.compile(r"\s*\n\s*")
 _short = _Short()
 _short.maxstring = _short.maxother = 60
 _short.maxlevel, _short.maxlist, _short.maxdict = 2, 4, 2
@@ -412,7 +414,7 @@ def show(value: object) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     try:
-        return _short.repr(value)
+        return _LINE_END.sub(" ", _short.repr(value))  # arrays and tensors are shown in lines
     except ValueError:  # Python refuses to print integers with thousands of digits.
         return "an integer with thousands of digits"
 

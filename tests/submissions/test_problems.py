@@ -409,6 +409,11 @@ def test_a_value_is_shown_in_a_line(value: object, shown: str) -> None:
     assert message == f"got {shown}; expected a number"
 
 
+def test_an_array_is_shown_in_a_line_too() -> None:
+    message = problems.WRONG_TYPE.text(found=np.zeros((2, 1)), expected="a number")
+    assert message == "got array([[0.], [0.]]); expected a number; use .tolist()"
+
+
 @pytest.mark.parametrize(
     ("found", "remedy"),
     [

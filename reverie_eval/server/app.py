@@ -8,16 +8,7 @@ from fastapi import Depends, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from reverie_eval.server.http.middleware import (
-    BodyLimits,
-    FormCharsets,
-    HeadRequests,
-    OwnCookies,
-    PathPrefix,
-    RateLimits,
-    SecurityHeaders,
-    UntrustedProxies,
-)
+from reverie_eval.server.http import middleware
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
@@ -114,20 +105,22 @@ def contact_of(settings: Settings) -> dict[str, str] | None:
 def add_edge(app: FastAPI, settings: Settings) -> None:
     """Put around the routes what every request passes, the innermost first."""
     limits, runtime = settings.limits, app.state.runtime
-    app.add_middleware(HeadRequests)
-    app.add_middleware(FormCharsets)
+    app.add_middleware(middleware.HeadRequests)
+    app.add_middleware(middleware.FormCharsets)
     app.add_middleware(
-        BodyLimits,
+        middleware.BodyLimits,
         seconds=limits.seconds_for_body,
         kibibytes_per_second=limits.kibibytes_per_second,
     )
-    app.add_middleware(RateLimits, per_minute=limits.requests_per_minute, counts=runtime.counts)
-    app.add_middleware(OwnCookies)
+    app.add_middleware(
+        middleware.RateLimits, per_minute=limits.requests_per_minute, counts=runtime.counts
+    )
+    app.add_middleware(middleware.OwnCookies)
     app.add_middleware(RequestTelemetry, metrics=runtime.metrics)
-    app.add_middleware(SecurityHeaders)
+    app.add_middleware(middleware.SecurityHeaders)
     if settings.trusted_proxies:
         trusted = [str(network) for network in settings.trusted_proxies]
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)
-    app.add_middleware(UntrustedProxies, trusted=settings.trusted_proxies)
+    app.add_middleware(middleware.UntrustedProxies, trusted=settings.trusted_proxies)
     if settings.path_prefix:
-        app.add_middleware(PathPrefix, prefix=settings.path_prefix)
+        app.add_middleware(middleware.PathPrefix, prefix=settings.path_prefix)

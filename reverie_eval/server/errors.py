@@ -2,30 +2,6 @@
 
 Each class has the status, the code, the heading of its page and an example. Problem documents,
 pages, the OpenAPI description and the metrics all take them from here.
-
-RequestError
-    RejectedFileError     the submission has problems; all are listed
-    NotSignedInError      no token or session, or it is no longer valid
-    NotAllowedError       the caller may not do this
-    ForgedError           a cookie without the session's CSRF token; another site may have sent it
-    NotFoundError         does not exist, or the caller may not see it
-    NotOpenError          the split accepts no submissions now
-    ConflictError         not possible in the current state
-    MalformedError        the request is invalid, not the submission in it
-    QuotaSpentError       no submissions left; says when there will be one
-    BytesSpentError       the team has sent too many bytes today; says when it may send more
-    TooManyError          more requests than an address, a token or a session may make
-    TooLargeError         the body is larger than the limit
-    TooSlowError          the upload did not arrive in time
-    BusyError             too many uploads are waiting, or what scores them starts again
-    WrongMethodError      the address does not accept this method
-    DatabaseDownError     the database does not answer
-    DamagedError          stored data cannot be read
-    KeyReplacedError      the signing key was replaced since this server started
-    StorageFullError      the disk or the database is full
-    FaultError            the server failed
-
-TableError                a file that an organiser imports has problems; a MalformedError in replies
 """
 
 from collections.abc import Iterable, Mapping, Sequence

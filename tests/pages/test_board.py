@@ -13,8 +13,8 @@ import pytest
 from reverie_eval import CATALOGUE
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.service import Phase, Verdict
-from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.reviews import lift_review
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.intake.submissions import SubmissionService, submission_of
 from reverie_eval.server.state import Reading
 from reverie_eval.tasks.reverie import TASK as REVERIE

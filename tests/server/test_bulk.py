@@ -13,7 +13,7 @@ import pytest
 
 from reverie_eval.reporting.service import METHOD_COSTS
 from reverie_eval.schemas.service import Phase
-from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.intake.bulk import Archive, archive_of
 from reverie_eval.server.state import Reading
 from reverie_eval.server.store.tables import Submission

@@ -15,7 +15,7 @@ from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.audit.log import entries
 from reverie_eval.server.errors import MalformedError, NotFoundError, RequestError
-from reverie_eval.server.intake.emailed_files import EmailedFiles
+from reverie_eval.server.intake.emailed_files import submit_for_sender
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.scoring.boards import Board
 from tests.support.acting import NOON
@@ -422,4 +422,4 @@ def emailed(
     about = {"split": OPEN, "team": TEAM, "person": OWNER, "received_at": NOON, "publish": False}
     file = EmailedFile.model_validate({**about, **changes})
     method = Method(name="Walker")
-    return server.state.get(EmailedFiles).submit(ORGANISER, file, filename, content, method)
+    return submit_for_sender(server.state, ORGANISER, file, content, method, filename=filename)

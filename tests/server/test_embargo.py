@@ -10,10 +10,9 @@ from pydantic import ValidationError
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.organising import EmailedFile
 from reverie_eval.schemas.service import Envelope, Method, Phase
-from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.reviews import any_submission
-from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.intake.emailed_files import EmailedFiles
+from reverie_eval.server.boards.schedules import Schedules, View
+from reverie_eval.server.intake.emailed_files import submit_for_sender
 from reverie_eval.server.intake.submissions import publication
 from reverie_eval.server.settings import Split
 from reverie_eval.server.state import Reading
@@ -203,12 +202,13 @@ def test_a_file_that_came_by_e_mail_is_held_back_by_the_phase_of_its_date(server
     body = {"phases": [challenge], "release_scores": "phase-end"}
     server.ask(ORGANISER, "PUT", path, json=body).raise_for_status()
     server.clock.turn(hours=1)
-    organiser, office = server.person(ORGANISER), server.state.get(EmailedFiles)
+    organiser = server.person(ORGANISER)
     file = EmailedFile(
         split=PRIVATE, team="Blue", person=OWNER, received_at=NOON + timedelta(minutes=9)
     )
     content = server.distinct(PRIVATE)
-    told = office.submit(organiser, file, "a.json", content, Method(name="Walker"))
+    method = Method(name="Walker")
+    told = submit_for_sender(server.state, organiser, file, content, method, filename="a.json")
     emailed = told.submission.id
     assert told.submission.scores_held_until == CLOSES
     assert "RGSPL" not in told.reply

@@ -9,7 +9,7 @@ from sqlalchemy import event, select
 
 from reverie_eval.server.audit.log import AuditLog, entries
 from reverie_eval.server.audit.receipts import Signer
-from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.intake import intake
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.tables import Submission

@@ -23,7 +23,7 @@ from reverie_eval.server import app as application
 from reverie_eval.server import jobs as runner
 from reverie_eval.server.app import add_rooms, create_app, jobs_of
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.home import pages as home
+from reverie_eval.server.home import room as home
 from reverie_eval.server.jobs import Job, Jobs, one_line
 from reverie_eval.server.operations import health
 from reverie_eval.server.settings import Settings

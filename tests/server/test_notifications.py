@@ -24,10 +24,9 @@ from sqlalchemy import select
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.app import jobs_of
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.messages import smtp
-from reverie_eval.server.messages.delivery import SIGNATURE
+from reverie_eval.server.messages import delivery
+from reverie_eval.server.messages.delivery import SIGNATURE, DeliveryError
 from reverie_eval.server.messages.queue import LEASE, PATIENCE, claim, notify
-from reverie_eval.server.messages.smtp import DeliveryError
 from reverie_eval.server.operations import health
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.settings import Mail, Settings, SettingsError, Webhook, load_settings
@@ -459,7 +458,7 @@ def test_why_no_mail_is_sent_is_said_by_the_setting(
         with monkeypatch.context() as patched:
             patched.setenv("REVERIE_EVAL_MAIL__PASSWORD", "hunter2")
             if section.get("port") == tls_port:  # which waits for the client to begin
-                patched.setattr(smtp, "SECONDS_TO_SEND", 1)
+                patched.setattr(delivery, "SECONDS_TO_SEND", 1)
             said = reason(folder, run, **section)
         assert said.startswith(expected), said
         assert "hunter2" not in said

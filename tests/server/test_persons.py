@@ -13,9 +13,9 @@ from reverie_eval.server.accounts.people import change_person, merge_teams, pers
 from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.audit.log import audit_reports, entries, name_digest
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.intake.team_page import team_of
+from reverie_eval.server.intake.pages import team_of
 from reverie_eval.server.state import Reading
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.paging import Page

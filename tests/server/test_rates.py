@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.middleware import FAILED_COST, site_of
 from reverie_eval.server.intake.submissions import list_submissions

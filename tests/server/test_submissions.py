@@ -20,8 +20,8 @@ from reverie_eval import CATALOGUE, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.audit.log import entries
-from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.reviews import lift_review
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.intake.submissions import publication, result_on, submission_of
 from reverie_eval.server.scoring.boards import Board

@@ -11,15 +11,7 @@ from sqlalchemy import Update, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased, selectinload
 
-from reverie_eval.schemas.organising import (
-    MergeReport,
-    NewMerge,
-    NewPerson,
-    NewTeam,
-    PersonChange,
-    PersonReport,
-    TeamReport,
-)
+from reverie_eval.schemas import organising as schemas
 from reverie_eval.server.audit.log import new_name_digest
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError, NotFoundError
@@ -32,7 +24,7 @@ MOST_LISTED = 200
 """Rows of a table that the entry of a merge lists, at most."""
 
 
-def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
+def add_team(transaction: Transaction, new: schemas.NewTeam) -> schemas.TeamReport:
     """Add a team. Raises ConflictError if a team has that name, or one that looks the same."""
     _check_name(transaction.session, new.name)
     team = Team(name=new.name, created_at=transaction.now)
@@ -41,7 +33,7 @@ def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
     return team_report(team)
 
 
-def rename_team(transaction: Transaction, name: str, new: NewTeam) -> TeamReport:
+def rename_team(transaction: Transaction, name: str, new: schemas.NewTeam) -> schemas.TeamReport:
     """Rename a team; receipts keep the name under which they were signed.
 
     Raises
@@ -59,7 +51,7 @@ def rename_team(transaction: Transaction, name: str, new: NewTeam) -> TeamReport
     return team_report(team)
 
 
-def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
+def merge_teams(transaction: Transaction, new: schemas.NewMerge) -> schemas.MergeReport:
     """Give one team's people, submissions and grants to another.
 
     Quotas count the submissions of both from then on. If both have submitted the same file, only
@@ -84,7 +76,7 @@ def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
         for table in _MOVED
     }
     marked = _mark_repeats(session, team, into)
-    report = MergeReport(
+    report = schemas.MergeReport(
         team=team.name,
         into=into.name,
         people=sum(person.deleted_at is None for person in team.people),
@@ -106,7 +98,7 @@ def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
     return report
 
 
-def add_person(transaction: Transaction, new: NewPerson) -> PersonReport:
+def add_person(transaction: Transaction, new: schemas.NewPerson) -> schemas.PersonReport:
     """Add a person to a team.
 
     Raises
@@ -128,7 +120,9 @@ def add_person(transaction: Transaction, new: NewPerson) -> PersonReport:
     return person_report(person)
 
 
-def change_person(transaction: Transaction, person_id: int, change: PersonChange) -> PersonReport:
+def change_person(
+    transaction: Transaction, person_id: int, change: schemas.PersonChange
+) -> schemas.PersonReport:
     """Rename a person, change their address, or move them to another team.
 
     Their submissions stay with the team that they were in when they submitted.
@@ -160,13 +154,13 @@ def change_person(transaction: Transaction, person_id: int, change: PersonChange
     return person_report(person)
 
 
-def list_teams(session: Session, page: Page) -> Listed[TeamReport]:
+def list_teams(session: Session, page: Page) -> Listed[schemas.TeamReport]:
     """List the teams by name."""
     teams = select(Team).where(Team.merged_at.is_(None)).options(selectinload(Team.people))
     return list_page(session, teams, Team.name, page, team_report)
 
 
-def list_people(session: Session, page: Page) -> Listed[PersonReport]:
+def list_people(session: Session, page: Page) -> Listed[schemas.PersonReport]:
     """List all people in the order in which they were added."""
     people = select(Person).where(Person.deleted_at.is_(None))
     return list_page(session, people, Person.id, page, person_report)
@@ -183,13 +177,13 @@ def names_by_key(session: Session) -> dict[str, str]:
     return {row.name_key: row.name for row in session.execute(select(Team.name_key, Team.name))}
 
 
-def everybody(session: Session) -> Sequence[PersonReport]:
+def everybody(session: Session) -> Sequence[schemas.PersonReport]:
     """Return all people by name, and by team if several have it."""
     # Columns only: thousands of rows of the ORM, each with its team, take twice as long.
     columns = (Person.id, Person.name, Person.email, Team.name.label("team"), Person.role)
     people = select(*columns, Person.created_at).join(Team)
     current = people.where(Person.deleted_at.is_(None)).order_by(Person.name, Team.name)
-    return [read_stored(PersonReport, row) for row in session.execute(current)]
+    return [read_stored(schemas.PersonReport, row) for row in session.execute(current)]
 
 
 def team_named(session: Session, name: str) -> Team:
@@ -243,15 +237,15 @@ def find_person(session: Session, person_id: int) -> Person:
     return person
 
 
-def team_report(team: Team) -> TeamReport:
+def team_report(team: Team) -> schemas.TeamReport:
     """Return a team as organisers see it."""
     people = sorted(person.name for person in team.people if person.deleted_at is None)
-    return team.as_report(TeamReport, people=people)
+    return team.as_report(schemas.TeamReport, people=people)
 
 
-def person_report(person: Person) -> PersonReport:
+def person_report(person: Person) -> schemas.PersonReport:
     """Return a person as organisers see them."""
-    return person.as_report(PersonReport, team=person.team.name)
+    return person.as_report(schemas.PersonReport, team=person.team.name)
 
 
 def same_name(session: Session, name: str) -> Team | None:

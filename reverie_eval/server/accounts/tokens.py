@@ -1,12 +1,4 @@
-"""Tokens, and invitations that can be exchanged for a token once: created, listed and revoked.
-
-A token is 32 random bytes; the database stores its SHA-256. Random tokens cannot be guessed, so
-this needs no salt and no slow hash.
-
-A session's cookie is its id, signed, so reading the database is not enough to forge one. A session
-is a row: signing out ends it for every copy of the cookie. It is valid only while the token that it
-began with is valid.
-"""
+"""Tokens, and invitations that can be exchanged for a token once: created, listed and revoked."""
 
 import secrets
 from collections.abc import Iterable

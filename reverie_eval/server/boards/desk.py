@@ -21,10 +21,9 @@ from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.service import NewsReport, ProblemDocument, ReleaseScores, ReportedMethod
 from reverie_eval.schemas.wire import LONGEST_ID
 from reverie_eval.server.boards import news, reported, reviews, schedules
-from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.entries import is_anonymous
 from reverie_eval.server.boards.reported_files import as_printed
-from reverie_eval.server.boards.schedules import Schedules, Timetable
+from reverie_eval.server.boards.schedules import Schedules, Timetable, View
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.http import desk as forms
 from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted, SplitName

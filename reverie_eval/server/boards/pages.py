@@ -1,10 +1,10 @@
-"""The leaderboards, their charts and feeds, comparing two results, and export for papers."""
+"""Leaderboards, their charts and feeds, export for papers, and the public results of a team."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import ceil
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar
 from urllib.parse import urlencode
 
 import msgspec
@@ -18,7 +18,7 @@ from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import Amount, InputClass, SampleSize
-from reverie_eval.server.boards.charts import chart_of, timeline_of
+from reverie_eval.server.boards.charts import chart_of, rank_chart, timeline_of
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.feed import (
     MOST_ITEMS,
@@ -37,8 +37,9 @@ from reverie_eval.server.boards.leaderboard import (
 )
 from reverie_eval.server.boards.news import announcements, corrections_of, latest_news
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.errors import WRONG_FORM, MalformedError
+from reverie_eval.server.errors import WRONG_FORM, MalformedError, NotFoundError
 from reverie_eval.server.http.callers import Server, Visitor
+from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.rendering import address_of_site, page, render
 from reverie_eval.server.scoring.boards import Board, without_version
 from reverie_eval.server.state import ServerState
@@ -471,3 +472,42 @@ def _numbers(here: int, pages: int) -> Sequence[int | None]:
 def _address(request: Request, query: BoardQuery) -> str:
     path = request.app.url_path_for("show_board", **request.path_params)
     return address_of_site(request, f"{path}{query.link()}").removesuffix("?")
+
+
+class TeamResults(NamedTuple):
+    """What a team has on a leaderboard."""
+
+    board: Board
+    rows: Sequence[Row]
+    """At least one."""
+    metrics: Sequence[Metric]
+    rank_over_time: str
+    """A picture; empty if no result has a rank."""
+
+
+@router.get("/teams/{team_id}")
+def show_public_team(team_id: Number, visitor: Visitor) -> Response:
+    """Show what everyone may see of a team; results for which it is anonymous are left out."""
+    server = visitor.server
+    with visitor.reading() as reading:
+        rankings = server.get(Rankings).rankings(reading.session, [*server.boards.values()])
+        found = [each for ranking in rankings if ranking for each in _of_team(ranking, team_id)]
+        if not found:
+            raise NotFoundError("there is no team with published results here")
+        name = found[0].rows[0].entry.team
+        return page(reading, "public-team.html", name=name, results=found)
+
+
+def _of_team(ranking: Ranking, team_id: int) -> Sequence[TeamResults]:
+    """Return the results on a leaderboard; none if there are none, or all are anonymous."""
+
+    def is_own(entry: Entry) -> bool:
+        return entry.team_id == team_id and ranking.team(entry) != ""
+
+    rows = [row for row in (*ranking.rows, *ranking.apart) if is_own(row.entry)]
+    if not rows:
+        return ()
+    task = ranking.board.task
+    metrics = task.headline_metrics({key for row in rows for key in row.entry.scores})
+    title = f"Best rank of {rows[0].entry.team} on {ranking.board.label}"
+    return [TeamResults(ranking.board, rows, metrics, rank_chart(ranking, title, is_own))]

@@ -5,7 +5,7 @@ from datetime import datetime
 
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.boards import desk, pages, routes, team_page
+from reverie_eval.server.boards import desk, pages, routes
 from reverie_eval.server.boards.schedules import Schedules, notify_of_ends, untold_ends
 from reverie_eval.server.jobs import SOON, Job
 from reverie_eval.server.rooms import Room, Tab
@@ -32,7 +32,7 @@ def jobs(server: ServerState) -> Iterable[Job]:
 
 ROOM = Room(
     routes=[routes.router, routes.public, desk.routes],
-    pages=[pages.router, team_page.router, desk.pages],
+    pages=[pages.router, desk.pages],
     jobs=jobs,
     desk=[
         Tab("Results", 1, "Reviews", "/desk/reviews"),

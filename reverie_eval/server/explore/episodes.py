@@ -35,7 +35,7 @@ from reverie_eval.scoring import (
     failure_modes,
     outcome_indices,
 )
-from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.explore.side_by_side import (
     MOST_COMPARED,

@@ -14,10 +14,10 @@ from reverie_eval.reporting import report_sections as sections
 from reverie_eval.schemas.service import ScoredSubmission
 from reverie_eval.scoring import OUTCOMES, Scores
 from reverie_eval.server.boards.charts import rank_chart
-from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.entries import Row
 from reverie_eval.server.boards.leaderboard import Ranking, Rankings
 from reverie_eval.server.boards.reviews import any_submission
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.explore.episodes import instructions_of
 from reverie_eval.server.http.callers import CallReading, Visitor

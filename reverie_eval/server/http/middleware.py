@@ -28,14 +28,7 @@ from python_multipart.multipart import parse_options_header
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from reverie_eval.server.errors import (
-    BusyError,
-    MalformedError,
-    NotSignedInError,
-    TooLargeError,
-    TooManyError,
-    TooSlowError,
-)
+from reverie_eval.server import errors
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.exchange import address_of, exchange_of, session_of, token_of
 from reverie_eval.server.scoring.contexts import SECONDS_TO_RETRY
@@ -184,7 +177,7 @@ class RateLimits(Middleware):
         """Count a request as being answered; those without token and session are not counted."""
         if sender and self._answering[sender] >= MOST_AT_ONCE:
             why = f"the server is answering {MOST_AT_ONCE} other requests of yours"
-            raise BusyError(SECONDS_TO_RETRY, why)
+            raise errors.BusyError(SECONDS_TO_RETRY, why)
         self._answering[sender] += 1
         try:
             yield
@@ -202,7 +195,7 @@ class RateLimits(Middleware):
 
         async def watching(message: Message) -> None:
             nonlocal is_throttled
-            if message.get("status") == NotSignedInError.status and attempts:
+            if message.get("status") == errors.NotSignedInError.status and attempts:
                 self._counts.hit(self._failed_limit, "wrong token", token)
                 is_throttled = not self._counts.hit(self._failed_limit, "failed", address)
             if not is_throttled:
@@ -212,9 +205,9 @@ class RateLimits(Middleware):
         if is_throttled:
             raise self._error(self._failed_limit, "failed", address)
 
-    def _error(self, limit: RateLimitItem, kind: str, whose: str) -> TooManyError:
+    def _error(self, limit: RateLimitItem, kind: str, whose: str) -> errors.TooManyError:
         until = self._counts.get_window_stats(limit, kind, whose).reset_time
-        return TooManyError(max(1, math.ceil(until - time.time())))
+        return errors.TooManyError(max(1, math.ceil(until - time.time())))
 
 
 def _digest(shown: str) -> str:
@@ -368,7 +361,7 @@ class BodyLimits(Middleware):
             message = await _in_time(receive, allowance, exchange.received)
             exchange.received += len(message.get("body", b""))
             if exchange.received > allowance.size:
-                raise TooLargeError(allowance.size)
+                raise errors.TooLargeError(allowance.size)
             is_whole = not message.get("more_body", False)
             return message
 
@@ -393,7 +386,7 @@ class FormCharsets(Middleware):
         media_type, options = _content_type(Headers(scope=scope))
         charset = options.get(b"charset", _UTF_8).lower()
         if media_type in _FORMS and charset not in _NAMES_OF_UTF_8:
-            raise MalformedError(
+            raise errors.MalformedError(
                 "the form's content type names a charset other than UTF-8; send the fields as "
                 "UTF-8 and leave `charset` out"
             )
@@ -419,7 +412,7 @@ async def _in_time(receive: Receive, allowance: Allowance, received: int) -> Mes
             return await receive()
     except TimeoutError:
         is_slow = until < allowance.until
-        raise TooSlowError(
+        raise errors.TooSlowError(
             _too_slow(allowance, received) if is_slow else _too_late(allowance)
         ) from None
 

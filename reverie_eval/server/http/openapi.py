@@ -14,18 +14,7 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.responses import JSONResponse
 
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.errors import (
-    ERRORS,
-    DamagedError,
-    DatabaseDownError,
-    FaultError,
-    ForgedError,
-    KeyReplacedError,
-    MalformedError,
-    StorageFullError,
-    TooManyError,
-    phrase_of,
-)
+from reverie_eval.server import errors
 from reverie_eval.server.http.callers import CSRF_HEADER
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.paging import known_query
@@ -43,10 +32,10 @@ SUBMISSION = [
 
 _MODELS = "#/components/schemas/"
 _EVERYWHERE: tuple[str, ...] = (
-    TooManyError.code,
-    DatabaseDownError.code,
-    DamagedError.code,
-    FaultError.code,
+    errors.TooManyError.code,
+    errors.DatabaseDownError.code,
+    errors.DamagedError.code,
+    errors.FaultError.code,
 )
 _OF_FASTAPI = ("HTTPValidationError", "ValidationError")
 _CHANGING = frozenset({"post", "patch", "put", "delete"})
@@ -62,12 +51,12 @@ def problems(*codes: str) -> dict[int | str, Document]:
     """Declare the problems that a route can return, by their codes."""
     declared: dict[int | str, Document] = {}
     for code in codes:
-        status = ERRORS[code].status
+        status = errors.ERRORS[code].status
         content = {"schema": {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}, "examples": {}}
-        empty = {"description": phrase_of(status), "content": {MEDIA_TYPE: content}}
+        empty = {"description": errors.phrase_of(status), "content": {MEDIA_TYPE: content}}
         reply = declared.setdefault(status.value, empty)
         reply["content"][MEDIA_TYPE]["examples"][code] = {
-            "value": ERRORS[code].example().document().model_dump(mode="json")
+            "value": errors.ERRORS[code].example().document().model_dump(mode="json")
         }
     return declared
 
@@ -123,14 +112,14 @@ def _complete(method: str, operation: Document) -> None:
     everywhere = _EVERYWHERE
     if "HTTPValidationError" in str(replies.get("422")):
         del replies["422"]
-        everywhere += (MalformedError.code,)
+        everywhere += (errors.MalformedError.code,)
     if method in _CHANGING:
-        everywhere += (StorageFullError.code, KeyReplacedError.code)
+        everywhere += (errors.StorageFullError.code, errors.KeyReplacedError.code)
     if method in _CHANGING and any("APIKeyCookie" in way for way in operation.get("security", ())):
         operation["security"] = [
             {**way, "csrf": []} if "APIKeyCookie" in way else way for way in operation["security"]
         ]
-        everywhere += (ForgedError.code,)
+        everywhere += (errors.ForgedError.code,)
     for status, reply in problems(*everywhere).items():
         declared = reply["content"][MEDIA_TYPE]
         content = replies.setdefault(str(status), reply)["content"]

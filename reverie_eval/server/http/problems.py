@@ -18,20 +18,7 @@ from starlette.exceptions import HTTPException
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.errors import (
-    WRONG_FORM,
-    DamagedError,
-    DatabaseDownError,
-    FaultError,
-    MalformedError,
-    NotFoundError,
-    NotSignedInError,
-    QuotaSpentError,
-    RequestError,
-    StorageFullError,
-    WrongMethodError,
-    request_error,
-)
+from reverie_eval.server import errors
 from reverie_eval.server.http.callers import refusal_of
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.openapi import MEDIA_TYPE
@@ -87,19 +74,19 @@ def reply_to(request: Request, error: Exception) -> Response:
 def log_fault(request: Request, error: Exception) -> None:
     """Write the exception to the log."""
     exchange = exchange_of(request.scope)
-    exchange.outcome = FaultError.code
+    exchange.outcome = errors.FaultError.code
     LOGGER.error("fault", exc_info=error, extra={"fields": {"id": exchange.id}})
 
 
 def _on_error(request: Request, error: Exception) -> Response:
     if isinstance(error, RequestValidationError):
         values = [wrong_value(detail) for detail in error.errors()]
-        known: RequestError | None = MalformedError(WRONG_FORM, values)
+        known: errors.RequestError | None = errors.MalformedError(errors.WRONG_FORM, values)
     elif isinstance(error, HTTPException):
         known = _of_framework(error)
     else:
-        known = request_error(error)
-    if isinstance(known, MalformedError) and exchange_of(request.scope).asks_database:
+        known = errors.request_error(error)
+    if isinstance(known, errors.MalformedError) and exchange_of(request.scope).asks_database:
         known = refusal_of(request) or known
     reply = _reply(request, known or _fault(request, error))
     if isinstance(error, HTTPException):
@@ -107,38 +94,40 @@ def _on_error(request: Request, error: Exception) -> Response:
     return reply
 
 
-def _of_framework(error: HTTPException) -> RequestError | None:
+def _of_framework(error: HTTPException) -> errors.RequestError | None:
     """Return one of the framework's errors with a message of ours."""
     cause = error.__cause__
-    if isinstance(cause, RequestError):
+    if isinstance(cause, errors.RequestError):
         return cause  # the framework wraps every error that is raised while it reads a body
     match error.status_code:
         case HTTPStatus.NOT_FOUND:
-            return NotFoundError("there is no page at this address")
+            return errors.NotFoundError("there is no page at this address")
         case HTTPStatus.METHOD_NOT_ALLOWED:
-            return WrongMethodError()
+            return errors.WrongMethodError()
         case HTTPStatus.BAD_REQUEST if cause is None:
-            return MalformedError(f"the form cannot be read: {error.detail}")
+            return errors.MalformedError(f"the form cannot be read: {error.detail}")
         case HTTPStatus.BAD_REQUEST if isinstance(cause, RecursionError | ValueError):
-            return MalformedError("the body cannot be read as JSON", [unreadable_json(cause)])
+            return errors.MalformedError(
+                "the body cannot be read as JSON", [unreadable_json(cause)]
+            )
         case HTTPStatus.BAD_REQUEST if cause is not None:
             raise cause
     return None
 
 
-def _fault(request: Request, error: Exception) -> RequestError:
+def _fault(request: Request, error: Exception) -> errors.RequestError:
     """Log an unexpected exception; the reply does not say what it was."""
     log_fault(request, error)
     exchange = exchange_of(request.scope)
     exchange.asks_database = False
     if is_full(error):
-        return StorageFullError(exchange.id)
+        return errors.StorageFullError(exchange.id)
     if damage_in(error) is not None:
-        return DamagedError(exchange.id)
-    return (DatabaseDownError if is_unreachable(error) else FaultError)(exchange.id)
+        return errors.DamagedError(exchange.id)
+    return (errors.DatabaseDownError if is_unreachable(error) else errors.FaultError)(exchange.id)
 
 
-def _reply(request: Request, error: RequestError) -> Response:
+def _reply(request: Request, error: errors.RequestError) -> Response:
     exchange = exchange_of(request.scope)
     exchange.outcome = error.code
     document = error.document()
@@ -147,7 +136,7 @@ def _reply(request: Request, error: RequestError) -> Response:
     show: FaultPage = request.app.state.fault_page
     reply = show(request, document) or _document(document)
     wait = error.seconds
-    if isinstance(error, QuotaSpentError) and document.quota is not None:
+    if isinstance(error, errors.QuotaSpentError) and document.quota is not None:
         wait = document.quota.seconds_to_next or None
     if wait is not None:
         reply.headers["Retry-After"] = str(wait)
@@ -155,6 +144,6 @@ def _reply(request: Request, error: RequestError) -> Response:
 
 
 def _document(document: ProblemDocument) -> Response:
-    is_unknown = document.code == NotSignedInError.code
+    is_unknown = document.code == errors.NotSignedInError.code
     headers = {"WWW-Authenticate": "Bearer"} if is_unknown else {}
     return JSONResponse(document.model_dump(mode="json"), document.status, headers, MEDIA_TYPE)

@@ -33,27 +33,11 @@ from reverie_eval.reporting.service import (
     known_task,
     undeclared_of,
 )
+from reverie_eval.schemas import wire
 from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import InputClass, Method, ProblemDocument
-from reverie_eval.schemas.wire import (
-    LONGEST_EMAIL,
-    LONGEST_ID,
-    LONGEST_LINE,
-    LONGEST_LINK,
-    LONGEST_NAME,
-    LONGEST_SECRET,
-    LONGEST_TEXT,
-)
-from reverie_eval.server.errors import (
-    ERRORS,
-    ForgedError,
-    MalformedError,
-    NotAllowedError,
-    NotSignedInError,
-    QuotaSpentError,
-    RejectedFileError,
-)
+from reverie_eval.server import errors
 from reverie_eval.server.http.callers import CallReading, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
 from reverie_eval.server.http.labels import name_fields, place_of
@@ -276,7 +260,12 @@ def _environment() -> Environment:
         # Errors that templates show in a way of their own, by the names of their classes.
         **{
             kind.__name__: kind
-            for kind in (ForgedError, NotAllowedError, QuotaSpentError, RejectedFileError)
+            for kind in (
+                errors.ForgedError,
+                errors.NotAllowedError,
+                errors.QuotaSpentError,
+                errors.RejectedFileError,
+            )
         },
         "called": TOKEN_NAMES,
         "confidence": f"{100 * CONFIDENCE:g}",  # in percent
@@ -285,13 +274,13 @@ def _environment() -> Environment:
         "short_flags": {flag: short for flag, (short, _) in _SHORT_FLAGS.items()},
         "brief_flags": {flag: brief for flag, (_, brief) in _SHORT_FLAGS.items()},
         "longest": {
-            "email": LONGEST_EMAIL,
-            "id": LONGEST_ID,
-            "line": LONGEST_LINE,
-            "link": LONGEST_LINK,
-            "name": LONGEST_NAME,
-            "secret": LONGEST_SECRET,
-            "text": LONGEST_TEXT,
+            "email": wire.LONGEST_EMAIL,
+            "id": wire.LONGEST_ID,
+            "line": wire.LONGEST_LINE,
+            "link": wire.LONGEST_LINK,
+            "name": wire.LONGEST_NAME,
+            "secret": wire.LONGEST_SECRET,
+            "text": wire.LONGEST_TEXT,
         },
         "flags_of": flags_of,
         "costs_of_methods": METHOD_COSTS,
@@ -312,7 +301,7 @@ def _environment() -> Environment:
         "counted": count_text,
         "drawn": drawn,
         "headline": lambda report: headline_of(report.signature, report.scores),
-        "heading": lambda problem: ERRORS[problem.code].heading,
+        "heading": lambda problem: errors.ERRORS[problem.code].heading,
         "instant": instant,
         "metric": lambda value, key: CATALOGUE[key].display(value),
         "number": "{:,}".format,
@@ -423,7 +412,7 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
     """
     if request.url.path.startswith(_NOT_PAGES):
         return None
-    if problem.code == NotSignedInError.code:
+    if problem.code == errors.NotSignedInError.code:
         kept = "" if request.method == "GET" else "&form=kept"
         return see_other(f"/sign-in?back={quote(_came_from(request))}{kept}")
     if not exchange_of(request.scope).asks_database:
@@ -438,7 +427,7 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
 def _fault(request: Request, reading: CallReading | None, problem: ProblemDocument) -> Response:
     ways_on = [Place("Home", "/")]
     # To the same leaderboard if only its query was invalid.
-    if problem.code == MalformedError.code and request.url.path.startswith("/splits/"):
+    if problem.code == errors.MalformedError.code and request.url.path.startswith("/splits/"):
         split, name = (request.path_params.get(name, "") for name in ("split", "board"))
         url = f"/splits/{quote(split)}" + (f"/boards/{quote(name)}" if name else "")
         ways_on.insert(0, Place(f"Back to the {split} leaderboard", url))
@@ -446,7 +435,7 @@ def _fault(request: Request, reading: CallReading | None, problem: ProblemDocume
         names = state_of(request).boards
         ways_on += [Place(f"{name} leaderboard", f"/splits/{quote(name)}") for name in names]
         ways_on += [Place("Your team's submissions", "/team"), Place("Guide", "/guide")]
-    if problem.code == NotAllowedError.code:
+    if problem.code == errors.NotAllowedError.code:
         back = quote(_came_from(request))
         ways_on.insert(0, Place("Sign in as somebody else", f"/sign-in?back={back}"))
     about = {"problem": problem, "ways_on": ways_on}

@@ -18,16 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
-from reverie_eval.server.errors import (
-    BytesSpentError,
-    ConflictError,
-    FaultError,
-    MalformedError,
-    NotOpenError,
-    QuotaSpentError,
-    RejectedFileError,
-    request_error,
-)
+from reverie_eval.server import errors
 from reverie_eval.server.store.database import Database, is_unreachable
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.results import attempt_report
@@ -48,13 +39,13 @@ MOST_KEPT = 50_000
 """Rejected files use no submission, so anyone could fill the table with them."""
 
 FAILURES = (
-    RejectedFileError,
-    QuotaSpentError,
-    BytesSpentError,
-    NotOpenError,
-    ConflictError,
-    MalformedError,
-    FaultError,
+    errors.RejectedFileError,
+    errors.QuotaSpentError,
+    errors.BytesSpentError,
+    errors.NotOpenError,
+    errors.ConflictError,
+    errors.MalformedError,
+    errors.FaultError,
 )
 """The outcomes of uploads that were not scored."""
 HOURS = 24
@@ -123,9 +114,11 @@ class Attempts:
         try:
             yield attempt
         except Exception as error:
-            known = request_error(error)
-            attempt.outcome = known.code if isinstance(known, FAILURES) else FaultError.code
-            attempt.problems = len(known.problems) if isinstance(known, RejectedFileError) else 0
+            known = errors.request_error(error)
+            attempt.outcome = known.code if isinstance(known, FAILURES) else errors.FaultError.code
+            attempt.problems = (
+                len(known.problems) if isinstance(known, errors.RejectedFileError) else 0
+            )
             raise
         finally:
             if not attempt.is_recorded:

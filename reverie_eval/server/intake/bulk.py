@@ -18,7 +18,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.service import Method
-from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.csv_files import spreadsheet_cell
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.database import AT_ONCE

@@ -15,7 +15,7 @@ from fastapi.responses import StreamingResponse
 from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.accounts import people
-from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http import desk as forms
 from reverie_eval.server.http.callers import (
@@ -35,8 +35,8 @@ from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.intake import attempts, quotas, uploads
 from reverie_eval.server.intake.bulk import archive_of
-from reverie_eval.server.intake.emailed_files import EmailedFiles
-from reverie_eval.server.intake.submit_page import NOTHING, check_form
+from reverie_eval.server.intake.emailed_files import submit_for_sender
+from reverie_eval.server.intake.pages import NOTHING, check_form
 from reverie_eval.server.store.paging import Page
 
 routes, pages = organiser_router(), APIRouter()
@@ -118,8 +118,13 @@ def submit_emailed_file(
     given = uploads.fields_of(request, file)
     own = {name: given.pop(name) for name in schemas.EmailedFile.model_fields if name in given}
     emailed, method = read_model(schemas.EmailedFile, own), uploads.method_from(given)
-    report = organiser.server.get(EmailedFiles).submit(
-        organiser.person(), emailed, file.filename, file.packed, method
+    report = submit_for_sender(
+        organiser.server,
+        organiser.person(),
+        emailed,
+        file.packed,
+        method,
+        filename=file.filename,
     )
     exchange_of(request.scope).note(report)
     response.status_code = 200 if report.is_repeat else 201
@@ -139,8 +144,9 @@ def submit_emailed_file_at_desk(desk: Desk, file: PostedFile) -> Response:
     method = uploads.method_from(
         {name: typed[name] for name in Method.model_fields if name in typed}
     )
-    report = desk.server.get(EmailedFiles).submit(
-        desk.person(), read_model(schemas.EmailedFile, given), file.filename, file.packed, method
+    emailed = read_model(schemas.EmailedFile, given)
+    report = submit_for_sender(
+        desk.server, desk.person(), emailed, file.packed, method, filename=file.filename
     )
     exchange_of(desk.request.scope).note(report)
     return draw_files(desk, typed, report=report, filename=file.filename)

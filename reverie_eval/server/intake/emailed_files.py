@@ -4,8 +4,6 @@ For each file there is a reply to its sender, as text, even if it is refused.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Self
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.reporting.service import quota_lines, result_tables, submission_lines
@@ -21,75 +19,70 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.text import printable, time_text
 
 
-@dataclass(frozen=True, slots=True)
-class EmailedFiles:
-    """Submits files for the people who sent them."""
+def submit_for_sender(
+    server: ServerState,
+    organiser: Actor,
+    file: EmailedFile,
+    packed: bytes,
+    method: Method,
+    *,
+    filename: str,
+) -> EmailedFileReport:
+    """Score a file as if its sender had uploaded it when it was received.
 
-    server: ServerState
+    This is possible during a pause. A file that was submitted before gets its earlier result.
+    The reply names the file, if it has a name, and says how many submissions are left today.
 
-    @classmethod
-    def of(cls, server: ServerState) -> Self:
-        """Return the service of a server."""
-        return cls(server)
-
-    def submit(
-        self, organiser: Actor, file: EmailedFile, filename: str, packed: bytes, method: Method
-    ) -> EmailedFileReport:
-        """Score a file as if its sender had uploaded it when it was received.
-
-        This is possible during a pause. A file that was submitted before gets its earlier result.
-        The reply names the file, if it has a name, and says how many submissions are left today.
-
-        Raises
-        ------
-        NotFoundError
-            If the team has no such person, or the server no such split.
-        MalformedError
-            If the time is in the future.
-        RequestError
-            If the file is refused, as an upload would be; the error has the reply to the sender.
-        """
-        self.server.board(file.split)  # or there is no such split
-        with self.server.database.reading() as session:
-            sender = person_named(session, file.person, file.team)
-        if file.received_at > self.server.clock():
-            raise MalformedError(
-                f"the file was received at {time_text(file.received_at)}, which is in the future; "
-                "give the time at which the e-mail arrived"
-            )
-        named = f"file {printable(filename)}" if filename else "file"
-        about = f"Your {named}, received {time_text(file.received_at)}, was"
-        try:
-            accepted = self.server.get(Intake).submit(
-                sender,
-                file.split,
-                packed,
-                method,
-                key=None,
-                arrived=file.received_at,
-                organiser=organiser,
-            )
-        except ReverieEvalError as error:
-            refusal = request_error(error)
-            if not isinstance(refusal, FAILURES):
-                raise
-            opening = f"{about} not scored, and no submission was used."
-            refusal.reply = _letter(file, opening, _reason(error))
-            raise refusal from error
-        if accepted.is_repeat and accepted.submission.received_at != file.received_at:
-            ignored = [*accepted.ignored, "received_at"]
-            accepted = accepted.model_copy(update={"ignored": ignored})
-        # A withdrawn submission stays withdrawn until its team restores it.
-        if file.publish and accepted.submission.status == "unpublished":
-            change = SubmissionChange(published=True)
-            published = self.server.get(SubmissionService).change(
-                sender, accepted.submission.id, change, organiser
-            )
-            accepted = accepted.model_copy(update={"submission": published})
-        reply = _letter(
-            file, f"{about} scored on {file.split}.", *_result(accepted, self.server.settings.title)
+    Raises
+    ------
+    NotFoundError
+        If the team has no such person, or the server no such split.
+    MalformedError
+        If the time is in the future.
+    RequestError
+        If the file is refused, as an upload would be; the error has the reply to the sender.
+    """
+    server.board(file.split)  # or there is no such split
+    with server.database.reading() as session:
+        sender = person_named(session, file.person, file.team)
+    if file.received_at > server.clock():
+        raise MalformedError(
+            f"the file was received at {time_text(file.received_at)}, which is in the future; "
+            "give the time at which the e-mail arrived"
         )
-        return EmailedFileReport(**dict(accepted), reply=reply)
+    named = f"file {printable(filename)}" if filename else "file"
+    about = f"Your {named}, received {time_text(file.received_at)}, was"
+    try:
+        accepted = server.get(Intake).submit(
+            sender,
+            file.split,
+            packed,
+            method,
+            key=None,
+            arrived=file.received_at,
+            organiser=organiser,
+        )
+    except ReverieEvalError as error:
+        refusal = request_error(error)
+        if not isinstance(refusal, FAILURES):
+            raise
+        opening = f"{about} not scored, and no submission was used."
+        refusal.reply = _letter(file, opening, _reason(error))
+        raise refusal from error
+    if accepted.is_repeat and accepted.submission.received_at != file.received_at:
+        ignored = [*accepted.ignored, "received_at"]
+        accepted = accepted.model_copy(update={"ignored": ignored})
+    # A withdrawn submission stays withdrawn until its team restores it.
+    if file.publish and accepted.submission.status == "unpublished":
+        change = SubmissionChange(published=True)
+        published = server.get(SubmissionService).change(
+            sender, accepted.submission.id, change, organiser
+        )
+        accepted = accepted.model_copy(update={"submission": published})
+    reply = _letter(
+        file, f"{about} scored on {file.split}.", *_result(accepted, server.settings.title)
+    )
+    return EmailedFileReport(**dict(accepted), reply=reply)
 
 
 def _letter(file: EmailedFile, opening: str, *lines: str) -> str:

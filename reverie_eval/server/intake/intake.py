@@ -29,8 +29,7 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Actor, Transaction
-from reverie_eval.server.boards.embargo import View
-from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.boards.schedules import Schedules, View
 from reverie_eval.server.errors import ConflictError, NotOpenError
 from reverie_eval.server.intake.attempts import Attempts, Handled
 from reverie_eval.server.intake.quotas import check_quota, usage_of

@@ -1,27 +1,55 @@
-"""``/submissions/{id}``: a submission for its team, or its published part for others."""
+"""A team's own pages, and a submission as everyone sees it.
+
+``/submit``: checking files, and scoring them. ``/team``: people, quotas, submissions and tokens.
+``/submissions/{id}``: a submission for its team, or its published part for others.
+
+``/submit`` is one multipart form. With scripts, a chosen file is checked at once: the same form is
+sent in the background, and the outcome is inserted into the page. The CSRF token is a form field,
+not part of the address, because addresses are stored in browser histories and proxy logs. So the
+body is read before the token is checked. Only people who are signed in can cause that: requests
+from other sites have no session, which is known before the body is read.
+"""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.receipts import read
-from reverie_eval.schemas.service import Method, ProblemDocument, ScoredSubmission, SubmissionChange
+from reverie_eval.reporting.history import Timeline
+from reverie_eval.reporting.service import known_task
+from reverie_eval.schemas.service import (
+    Method,
+    ProblemDocument,
+    QuotaReport,
+    Schedule,
+    ScoredSubmission,
+    SubmissionChange,
+)
 from reverie_eval.server.audit.log import history
-from reverie_eval.server.boards.embargo import View
+from reverie_eval.server.boards.charts import progress_of
 from reverie_eval.server.boards.entries import is_anonymous
 from reverie_eval.server.boards.leaderboard import Rankings, ranks
 from reverie_eval.server.boards.reviews import is_disqualified, standing_reviews
-from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.http.callers import Call, CallReading, Member, Posted, Visitor
+from reverie_eval.server.boards.schedules import Schedules, View
+from reverie_eval.server.errors import MalformedError, NotFoundError, RejectedFileError
+from reverie_eval.server.http.callers import Call, CallReading, Member, Posted, Server, Visitor
+from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page, see_other, show_faults_with
-from reverie_eval.server.http.runtime import ScoringTurn
+from reverie_eval.server.http.runtime import Runtime, ScoringTurn
+from reverie_eval.server.identity import Sessions
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import (
     Publication,
@@ -29,15 +57,223 @@ from reverie_eval.server.intake.submissions import (
     publication,
     submission_of,
 )
+from reverie_eval.server.intake.uploads import Began, ReceivedFile, method_from, taken
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.database import count_rows
+from reverie_eval.server.store.tables import Person, Submission, Token
 
 router = APIRouter()
 
+NOTHING = dict.fromkeys(("split", *Method.model_fields), "")
+"""The input of an empty form."""
+MOST_SUBMISSIONS = 200
+"""The largest number on the page; the API lists all."""
 _EMPTY_IS_NONE = frozenset(
     name for name, field in Method.model_fields.items() if field.default is None
 )
 """Fields of a method that nobody has to fill in: links, and what it declares."""
+OK = 200
+
+
+@router.get("/submit")
+def show_submit(
+    member: Member,
+    split: Annotated[str, Query(max_length=64)] = "",
+    human: Literal["", "true"] = "",
+) -> Response:
+    """Show the form; the query can select the split, and say that people walked."""
+    return _draw_form(member, {"split": split, "human": human})
+
+
+async def posted_file(
+    request: Request, member: Member, server: Server, runtime: Runtime, began: Began
+) -> AsyncIterator[ReceivedFile]:
+    """Read the form when a place is free; after a problem, the input is kept."""
+    exchange = exchange_of(request.scope)
+    exchange.uploaded_to = ""
+    person = await run_in_threadpool(member.person)
+    async with taken(request, server, runtime, began, person) as file:
+        is_to_be_scored = file.fields.get("what") == "score"
+        exchange.uploaded_to = file.fields.get("split", "") if is_to_be_scored else None
+        check_form(member, file, _draw_problem)
+        async with runtime.scoring.hold(person.team_id):
+            yield file
+
+
+PostedFile = Annotated[ReceivedFile, Depends(posted_file, scope="function")]
+
+
+@router.post("/submit")
+def submit(member: Member, file: PostedFile) -> Response:
+    """Check a file, or score it and redirect to its page."""
+    server, person, typed = member.server, member.person(), file.fields
+    board = server.board(typed.get("split", ""))
+    if typed.get("what") != "score":
+        report = server.get(Intake).validate(person, board.split, file.packed)
+        return _draw_form(member, typed, report=report)
+    method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
+    accepted = server.get(Intake).submit(
+        person, board.split, file.packed, method, key=None, arrived=file.arrived
+    )
+    exchange_of(member.request.scope).note(accepted)
+    place = f"/submissions/{accepted.submission.id}"
+    if not accepted.is_repeat:
+        return see_other(f"{place}?done=scored")
+    ignored = "".join(f"&ignored={name}" for name in accepted.ignored)
+    return see_other(f"{place}?done=again{ignored}")
+
+
+def _draw_form(
+    member: Call, typed: Mapping[str, str], status: int = OK, **outcome: Any
+) -> Response:
+    """Show the form with its input and the outcome."""
+    server = member.server
+    with member.reading() as reading:
+        return page(
+            reading,
+            "submit.html",
+            status=status,
+            typed={**NOTHING, **typed},
+            splits=split_quotas(server, reading),
+            required=server.settings.required_metadata,
+            limit=server.settings.limits.upload_mebibytes,
+            **{"report": None, "other_split": "", **outcome},
+        )
+
+
+def _draw_problem(member: Call, typed: Mapping[str, str], problem: ProblemDocument) -> Response:
+    """Show the form with a problem; problems found by a check have status 200."""
+    is_answer = typed.get("what") == "check" and problem.code == RejectedFileError.code
+    status = OK if is_answer else problem.status
+    splits = [each.split for each in problem.problems if each.split in member.server.boards]
+    return _draw_form(member, typed, status, problem=problem, other_split=next(iter(splits), ""))
+
+
+def check_form(
+    call: Call,
+    file: ReceivedFile,
+    draw_problem: Callable[[Call, Mapping[str, str], ProblemDocument], Response],
+) -> None:
+    """Check that one of this server's pages sent a form, with a file; it shows further problems.
+
+    Raises
+    ------
+    ForgedError
+        If it has no valid CSRF token.
+    MalformedError
+        If no file was chosen.
+    """
+    # First, so that a form of an earlier session keeps what was typed: no other site can send a
+    # request of this session.
+    show_faults_with(call.request, partial(draw_problem, call, file.fields))
+    call.server.get(Sessions).check_csrf_token(
+        call.session_id or "", file.fields.get("csrf_token", "")
+    )
+    if not file.filename:
+        raise MalformedError("choose a file first")
+
+
+@router.get("/team")
+def show_team(member: Member) -> Response:
+    """Show the team's people, quotas, submissions and tokens."""
+    server = member.server
+    with member.reading() as reading:
+        team = team_of(reading.session, reading.person, MOST_SUBMISSIONS, View.of(reading))
+        left = [(each.board.split, each.quota) for each in split_quotas(server, reading)]
+        return page(
+            reading,
+            "team.html",
+            team=team,
+            person=reading.person,
+            left=left,
+            signed_in_with=reading.browser and reading.browser.token_id,
+            by_task=_by_task(team.submissions),
+            progress=_progress(team, server, reading.now),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TeamView:
+    """What people see of their own team."""
+
+    people: Sequence[Person]
+    submissions: Sequence[ScoredSubmission]
+    """The latest, the newest first."""
+    submitted: int
+    """The number of all submissions."""
+    tokens: Sequence[Token]
+    """The tokens of the person who asks, the newest first."""
+
+
+def team_of(session: Session, person: Person, most: int, view: View) -> TeamView:
+    """Return a person's team, with its latest submissions."""
+    of_team = Submission.team_id == person.team_id
+    latest = select(Submission).where(of_team).order_by(Submission.received_at.desc()).limit(most)
+    members = select(Person).where(Person.team_id == person.team_id, Person.deleted_at.is_(None))
+    tokens = select(Token).where(Token.person_id == person.id).order_by(Token.id.desc())
+    return TeamView(
+        people=session.scalars(members.order_by(Person.name)).all(),
+        submissions=[view.report(row) for row in session.scalars(latest)],
+        submitted=count_rows(session, Submission, of_team),
+        tokens=session.scalars(tokens).all(),
+    )
+
+
+def _progress(team: TeamView, server: ServerState, now: datetime) -> Mapping[str, Timeline]:
+    """Return the submissions over time, by split, of those with at least two scored ones."""
+    of_splits = {
+        split: [each for each in team.submissions if each.split == split] for split in server.boards
+    }
+    drawn = {
+        split: progress_of(submissions, server.board(split).primary, now)
+        for split, submissions in of_splits.items()
+    }
+    return {split: timeline for split, timeline in drawn.items() if timeline is not None}
+
+
+@dataclass(frozen=True, slots=True)
+class TaskSubmissions:
+    """The team's submissions to the splits of a task, which have the same columns."""
+
+    title: str
+    """The title of the task; empty if it is not installed any more."""
+    columns: Sequence[Metric]
+    primary: str
+    submissions: Sequence[ScoredSubmission]
+
+
+def _by_task(submissions: Sequence[ScoredSubmission]) -> Sequence[TaskSubmissions]:
+    """Group submissions by their tasks, in the order of the latest one to each."""
+    groups = defaultdict(list)
+    for each in submissions:
+        groups[known_task(each.report.signature)].append(each)
+    return [
+        TaskSubmissions("", [*CATALOGUE.values()], "", found)
+        if task is None
+        else TaskSubmissions(
+            task.title, task.headline_metrics(CATALOGUE), task.primary_metric(CATALOGUE).key, found
+        )
+        for task, found in groups.items()
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class SplitQuota:
+    """A split, for one person."""
+
+    board: Board
+    quota: QuotaReport
+    schedule: Schedule
+
+
+def split_quotas(server: ServerState, reading: CallReading) -> Sequence[SplitQuota]:
+    """Return the quota of every split for the visitor."""
+    quotas = server.get(Intake).quotas(reading.session, reading.person)
+    schedules = server.get(Schedules).in_effect(reading.session)
+    return [
+        SplitQuota(board, quotas[name], schedules[name]) for name, board in server.boards.items()
+    ]
 
 
 @router.get("/submissions/{submission_id}")

@@ -7,7 +7,7 @@ from functools import partial
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.audit.log import SERVER
-from reverie_eval.server.intake import desk, pages, routes, submit_page, team_page
+from reverie_eval.server.intake import desk, pages, routes
 from reverie_eval.server.intake.retention import Retention
 from reverie_eval.server.jobs import DAY, Job
 from reverie_eval.server.rooms import Room, Tab
@@ -27,7 +27,7 @@ def jobs(server: ServerState) -> Iterable[Job]:
 
 ROOM = Room(
     routes=[routes.splits, routes.router, desk.routes],
-    pages=[submit_page.router, team_page.router, pages.router, desk.pages],
+    pages=[pages.router, desk.pages],
     jobs=jobs,
     desk=[
         Tab("Today", 2, "Upload attempts", "/desk/attempts"),

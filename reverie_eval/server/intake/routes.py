@@ -9,21 +9,9 @@ from fastapi import APIRouter, Header, Path, Response, status
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from reverie_eval.reporting.scores import write_episodes
+from reverie_eval.schemas import service as schemas
 from reverie_eval.schemas.organising import NoticeReport
-from reverie_eval.schemas.service import (
-    Accepted,
-    BoardRules,
-    Checked,
-    Envelope,
-    PhaseReport,
-    QuotaReport,
-    Schedule,
-    ScoredSubmission,
-    SplitReport,
-    SubmissionChange,
-)
-from reverie_eval.server.boards.embargo import View
-from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.boards.schedules import Schedules, View
 from reverie_eval.server.http.callers import (
     Anybody,
     BoardName,
@@ -41,22 +29,13 @@ from reverie_eval.server.http.openapi import (
 )
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.runtime import ScoringTurn
+from reverie_eval.server.intake import uploads
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import (
     SubmissionService,
     list_submissions,
     result_on,
     submission_of,
-)
-from reverie_eval.server.intake.uploads import (
-    FILE_BODY,
-    METHOD_PARAMETERS,
-    OF_FILES,
-    OF_UPLOADS,
-    Counted,
-    Received,
-    Sender,
-    SentMethod,
 )
 from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.scoring.boards import Board
@@ -75,7 +54,7 @@ _FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
 
 
 @router.get("", responses=problems("not-signed-in"))
-def list_own(caller: Caller, paging: Paging) -> list[ScoredSubmission]:
+def list_own(caller: Caller, paging: Paging) -> list[schemas.ScoredSubmission]:
     """List your team's submissions, the newest first; the organiser sees those of all teams."""
     with caller.reading() as reading:
         person, view = reading.person, View.of(reading)
@@ -83,7 +62,7 @@ def list_own(caller: Caller, paging: Paging) -> list[ScoredSubmission]:
 
 
 @router.get("/{submission_id}", responses=_OF_ONE)
-def show_submission(submission_id: SubmissionId, caller: Caller) -> ScoredSubmission:
+def show_submission(submission_id: SubmissionId, caller: Caller) -> schemas.ScoredSubmission:
     """Show a submission of your team."""
     with caller.reading() as reading:
         return submission_of(reading.session, reading.person, submission_id, View.of(reading))
@@ -91,20 +70,22 @@ def show_submission(submission_id: SubmissionId, caller: Caller) -> ScoredSubmis
 
 @router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))
 def change_submission(
-    submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringTurn
-) -> ScoredSubmission:
+    submission_id: SubmissionId, change: schemas.SubmissionChange, caller: Caller, _: ScoringTurn
+) -> schemas.ScoredSubmission:
     """Publish, withdraw or edit a submission, or hide your team's name until a date."""
     return caller.server.get(SubmissionService).change(caller.person(), submission_id, change)
 
 
 @router.get("/{submission_id}/receipt", responses=_OF_ONE)
-def show_receipt(submission_id: SubmissionId, caller: Caller) -> Envelope:
+def show_receipt(submission_id: SubmissionId, caller: Caller) -> schemas.Envelope:
     """Return the signed receipt: an in-toto statement in a DSSE envelope."""
     return show_submission(submission_id, caller).receipt
 
 
 @router.get("/{submission_id}/boards/{board}/receipt", responses=_OF_ONE)
-def show_named_receipt(submission_id: SubmissionId, board: BoardName, caller: Caller) -> Envelope:
+def show_named_receipt(
+    submission_id: SubmissionId, board: BoardName, caller: Caller
+) -> schemas.Envelope:
     """Return the signed receipt of the result on another leaderboard of the split."""
     return result_on(board, show_submission(submission_id, caller)).receipt
 
@@ -134,7 +115,7 @@ def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringTur
 
 
 @splits.get("", responses=problems("not-signed-in"), openapi_extra=_FOR_ANYBODY)
-def list_splits(call: Anybody) -> list[SplitReport]:
+def list_splits(call: Anybody) -> list[schemas.SplitReport]:
     """List the splits, with your quota if you are signed in."""
     return _reports(call, call.server.boards.values())
 
@@ -144,7 +125,7 @@ def list_splits(call: Anybody) -> list[SplitReport]:
     responses=problems("not-signed-in", "not-found"),
     openapi_extra=_FOR_ANYBODY,
 )
-def show_split(split: SplitName, call: Anybody) -> SplitReport:
+def show_split(split: SplitName, call: Anybody) -> schemas.SplitReport:
     """Show a split, with your quota if you are signed in."""
     (report,) = _reports(call, [call.server.board(split)])
     return report
@@ -168,22 +149,22 @@ def download_split_episodes(split: SplitName, server: Server) -> Response:
     "/{split}/submissions",
     status_code=status.HTTP_201_CREATED,
     responses={
-        200: {"model": Accepted, "description": "The reply to the same file or key, again"},
-        **problems(*OF_UPLOADS),
+        200: {"model": schemas.Accepted, "description": "The reply to the same file or key, again"},
+        **problems(*uploads.OF_UPLOADS),
     },
-    openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
+    openapi_extra={**uploads.FILE_BODY, "parameters": uploads.METHOD_PARAMETERS},
 )
 def submit(
     *,
-    counted: Counted,
+    counted: uploads.Counted,
     split: SplitName,
-    person: Sender,
-    file: Received,
-    method: SentMethod,
+    person: uploads.Sender,
+    file: uploads.Received,
+    method: uploads.SentMethod,
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
     server: Server,
     response: Response,
-) -> Accepted:
+) -> schemas.Accepted:
     """Score an upload and return its scores, its receipt and the submissions left.
 
     Describe the method in the query, or in fields of the form. Uploading the same file again, or
@@ -199,10 +180,12 @@ def submit(
 
 @splits.post(
     "/{split}/validate",
-    responses=problems(*OF_FILES),
-    openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
+    responses=problems(*uploads.OF_FILES),
+    openapi_extra={**uploads.FILE_BODY, "parameters": uploads.METHOD_PARAMETERS},
 )
-def validate(split: SplitName, person: Sender, file: Received, server: Server) -> Checked:
+def validate(
+    split: SplitName, person: uploads.Sender, file: uploads.Received, server: Server
+) -> schemas.Checked:
     """Check a file as for scoring; nothing is stored, and no submission is used.
 
     The solution is not used. The parameters are those of an upload; the method is ignored.
@@ -210,7 +193,7 @@ def validate(split: SplitName, person: Sender, file: Received, server: Server) -
     return server.get(Intake).validate(person, split, file.packed)
 
 
-def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
+def _reports(call: Call, boards: Collection[Board]) -> list[schemas.SplitReport]:
     with call.reading() as reading:
         names = [board.split for board in boards]
         quotas = (
@@ -228,13 +211,15 @@ def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
 
 def _report(
     board: Board,
-    schedule: Schedule,
+    schedule: schemas.Schedule,
     notice: NoticeReport,
-    quota: QuotaReport | None,
+    quota: schemas.QuotaReport | None,
     now: datetime,
-) -> SplitReport:
-    phases = [PhaseReport(**dict(phase), is_open=phase.is_open(now)) for phase in schedule.phases]
-    return SplitReport(
+) -> schemas.SplitReport:
+    phases = [
+        schemas.PhaseReport(**dict(phase), is_open=phase.is_open(now)) for phase in schedule.phases
+    ]
+    return schemas.SplitReport(
         name=board.split,
         task=board.task.name,
         episodes=len(board.truth.episodes.instr_ids),
@@ -251,7 +236,7 @@ def _report(
         paused=schedule.is_paused_on(paused_server=notice.paused),
         one_per_team=board.settings.one_per_team,
         boards={
-            name: BoardRules(protocol=each.settings.protocol, track=each.settings.track)
+            name: schemas.BoardRules(protocol=each.settings.protocol, track=each.settings.track)
             for name, each in board.others.items()
         },
         quota=quota,

@@ -27,7 +27,6 @@ from reverie_eval.schemas.service import (
 from reverie_eval.scoring import Scores
 from reverie_eval.server.audit.log import INSPECTED
 from reverie_eval.server.audit.transactions import Actor, Transaction, difference
-from reverie_eval.server.boards.embargo import View
 from reverie_eval.server.boards.entries import is_anonymous
 from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.boards.reviews import (
@@ -36,6 +35,7 @@ from reverie_eval.server.boards.reviews import (
     is_disqualified,
     standing_reviews,
 )
+from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.scoring.contexts import Context, EpisodeValues, check_signature

@@ -108,7 +108,7 @@ def submissions(*, folder: Folder, split: str, output: Path) -> None:
     It has metadata.csv, with a row per submission, and every file as it was submitted, unpacked.
     The archive appears complete or not at all; a new one can be read by its owner alone.
     """
-    from reverie_eval.server.boards.embargo import View
+    from reverie_eval.server.boards.schedules import View
     from reverie_eval.server.intake.bulk import archive_of
     from reverie_eval.server.state import Reading
 

@@ -73,7 +73,7 @@ def submit(
     Exit status: 0 all were scored, 1 some were refused, 2 usage or system error.
     """
     from reverie_eval.server.errors import RequestError
-    from reverie_eval.server.intake.emailed_files import EmailedFiles
+    from reverie_eval.server.intake.emailed_files import submit_for_sender
 
     file = options.checked(
         EmailedFile, split=split, team=team, person=person, received_at=received, publish=publish
@@ -86,8 +86,8 @@ def submit(
     with folder.open() as state:
         for number, (path, each) in enumerate(zip(chosen, described, strict=True)):
             try:
-                report = state.get(EmailedFiles).submit(
-                    actor(), file, path.name, path.read_bytes(), each
+                report = submit_for_sender(
+                    state, actor(), file, path.read_bytes(), each, filename=path.name
                 )
             except RequestError as refusal:
                 # Without a text for the sender, the refusal is about the command, not about the

@@ -2,6 +2,7 @@
 
 import json
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 from reverie_eval.schemas.organising import NewSchedule
 from reverie_eval.schemas.service import Method, Phase, Schedule, first_overlap
-from reverie_eval.server.boards.schedules import Schedules, Timetable, closed, with_phase
+from reverie_eval.server.boards.schedules import Schedules, Timetable, close, with_phase
 from reverie_eval.server.errors import ConflictError, NotFoundError, NotOpenError
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.operations.checks import check_folder
@@ -246,6 +247,10 @@ def test_which_schedule_applied_at_a_moment() -> None:
     assert [timetable.at(each).paused for each in moments] == [False, True, True, False, True]
 
 
+def asked_for(new: NewSchedule, *_: object) -> NewSchedule:
+    return new
+
+
 def test_what_a_schedule_would_show_is_counted(folder: Path, open_server: OpenServer) -> None:
     first = Phase(name="a", closes=NOON + HOUR)
     settings = adjusted(settings_of(folder), phases=(first,), release_scores="phase-end")
@@ -257,8 +262,9 @@ def test_what_a_schedule_would_show_is_counted(folder: Path, open_server: OpenSe
     with server.state.database.reading() as session:
         for release, expected in (("at-once", 2), ("phase-end", 0)):
             asked = NewSchedule.model_validate({"phases": [first], "release_scores": release})
-            schedule, shown = server.state.get(Schedules).if_set(session, PRIVATE, asked, now)
-            assert (schedule.release_scores, shown) == (release, expected)
+            change = partial(asked_for, asked)
+            effect = server.state.get(Schedules).if_changed(session, PRIVATE, change, now)
+            assert (effect.after.release_scores, effect.shown) == (release, expected)
 
 
 PHASES = (
@@ -346,7 +352,7 @@ def test_the_status_of_a_phase(
 def test_to_close_ends_the_open_phases_with_this_second() -> None:
     schedule = Schedule(phases=PHASES, release_scores="phase-end", paused=True)
     over, running, coming = PHASES
-    end = closed(schedule, NOON + SECOND / 2)
+    end = close(Timetable(schedule, ()), NOON + SECOND / 2)
     assert end.model_dump() == {
         "phases": (
             over.model_dump(),
@@ -357,12 +363,12 @@ def test_to_close_ends_the_open_phases_with_this_second() -> None:
         "paused": True,
     }
     new = Phase(name="new", opens=NOON, closes=NOON + HOUR)
-    (shortest,) = closed(Schedule(phases=(new,)), NOON).phases or ()
+    (shortest,) = close(Timetable(Schedule(phases=(new,)), ()), NOON).phases or ()
     assert shortest.closes == NOON + SECOND, "it has to last a second"
-    without_start = Schedule(phases=(Phase(name="a"),))
-    assert [each.closes for each in closed(without_start, NOON).phases or ()] == [NOON]
+    without_start = Timetable(Schedule(phases=(Phase(name="a"),)), ())
+    assert [each.closes for each in close(without_start, NOON).phases or ()] == [NOON]
     with pytest.raises(ConflictError) as refused:
-        closed(Schedule(phases=(over, coming)), NOON)
+        close(Timetable(Schedule(phases=(over, coming)), ()), NOON)
     assert str(refused.value) == "no phase is open"
 
 
@@ -485,8 +491,9 @@ def test_a_leaderboard_follows_the_phase_in_effect(folder: Path, open_server: Op
     assert not scores()
     with server.state.database.reading() as session:
         asked = NewSchedule(phases=(phase,), release_scores="at-once")
-        _, released = server.state.get(Schedules).if_set(session, PRIVATE, asked, server.clock())
-    assert released == 1
+        schedules, change = server.state.get(Schedules), partial(asked_for, asked)
+        effect = schedules.if_changed(session, PRIVATE, change, server.clock())
+    assert effect.shown == 1
     put(server, PRIVATE, phases=later, release_scores="at-once")
     assert scores()
     server.clock.turn(minutes=1)

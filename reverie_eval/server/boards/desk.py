@@ -370,11 +370,12 @@ def post_notice(desk: Desk, form: Posted) -> Response:
 @forms.shown_by("phases.html")
 def draw_phases(desk: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
     """Compare settings and desk, and show the form of a split, with its input or what applies."""
-    timetables = desk.server.get(Schedules).read(reading.session)
+    service = desk.server.get(Schedules)
+    timetables = service.read(reading.session)
     chosen = typed.get("split", "")
     split = chosen if chosen in timetables else next(iter(timetables))
     return {
-        "reports": [timetable.report(name) for name, timetable in timetables.items()],
+        "reports": service.list_all(reading.session),
         "split": split,
         "releases": _RELEASES,
         "is_private": desk.server.board(split).is_private,

@@ -14,18 +14,7 @@ from threading import Lock
 from typing import Any, Self, TypeAlias
 
 import msgspec
-from sqlalchemy import (
-    CompoundSelect,
-    Select,
-    Text,
-    and_,
-    cast,
-    func,
-    literal,
-    null,
-    select,
-    union_all,
-)
+import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.service import ReportedMethod, ScoredSubmission, Standing
@@ -239,7 +228,7 @@ class EntriesCache:
 
 def _all_counts(session: Session) -> _Counts:
     # For all splits: for a single one, SQLite would read all of its submissions.
-    chosen = select(Submission.split, Submission.team_id, func.count())
+    chosen = sa.select(Submission.split, Submission.team_id, sa.func.count())
     chosen = chosen.where(Submission.repeat == "")
     counts: defaultdict[str, Counter[int]] = defaultdict(Counter)
     for split, team_id, submissions in session.execute(
@@ -253,7 +242,7 @@ def _counts_since(session: Session, known: int, earlier: _Counts) -> _Counts:
     """Return counts with the uploads after an entry of the audit log."""
     columns = (Submission.split, Submission.team_id)
     new = (
-        select(*columns, func.count())
+        sa.select(*columns, sa.func.count())
         .join(AuditEntry, AuditEntry.subject == Submission.id)
         .where(AuditEntry.id > known, AuditEntry.action == SUBMITTED)
         .group_by(*columns)
@@ -303,23 +292,23 @@ def _entries_of(number: int, board: Board, entries: Sequence[Entry]) -> BoardEnt
     )
 
 
-def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
+def _results(boards: Sequence[Board]) -> sa.CompoundSelect[Any]:
     """Select what leaderboards show: submissions as they were published, then reported results.
 
     A submission has a row for each of its current reviews, the earliest first, but at least one.
     """
     splits = [board.split for board in boards]
     is_named = any(board.name for board in boards)
-    is_current = and_(Review.submission_id == Submission.id, Review.lifted_at.is_(None))
+    is_current = sa.and_(Review.submission_id == Submission.id, Review.lifted_at.is_(None))
     scored = (
         _as_result(
             split=Submission.split,
-            number=literal(0),
+            number=sa.literal(0),
             id=Submission.id,
             team_id=Submission.team_id,
             team=Team.name,
-            method=cast(Submission.method, Text),
-            stored=cast(Submission.boards if is_named else Submission.report, Text),
+            method=sa.cast(Submission.method, sa.Text),
+            stored=sa.cast(Submission.boards if is_named else Submission.report, sa.Text),
             at=Submission.published_at,
             received_at=Submission.received_at,
             scored_at=Submission.scored_at,
@@ -337,8 +326,8 @@ def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
         split=ReportedResult.split,
         number=ReportedResult.id,
         team=ReportedResult.team,
-        method=cast(ReportedResult.method, Text),
-        stored=cast(ReportedResult.scores, Text),
+        method=sa.cast(ReportedResult.method, sa.Text),
+        stored=sa.cast(ReportedResult.scores, sa.Text),
         at=ReportedResult.created_at,
         source=ReportedResult.source,
         date=ReportedResult.date,
@@ -346,12 +335,12 @@ def _results(boards: Sequence[Board]) -> CompoundSelect[Any]:
     ).where(ReportedResult.split.in_(splits), ReportedResult.removed_at.is_(None))
     # Results in papers are assumed to be under the split's own rules.
     shown = [scored] if is_named else [scored, reported]
-    return union_all(*shown).order_by("number", "at", "id", "review")
+    return sa.union_all(*shown).order_by("number", "at", "id", "review")
 
 
-def _as_result(**columns: Any) -> Select[*tuple[Any, ...]]:
+def _as_result(**columns: Any) -> sa.Select[*tuple[Any, ...]]:
     """Select columns of one of the two kinds of results; it has no others of :data:`_COLUMNS`."""
-    return select(*(columns.get(name, null()).label(name) for name in _COLUMNS))
+    return sa.select(*(columns.get(name, sa.null()).label(name) for name in _COLUMNS))
 
 
 def _scored(board: Board, rows: Sequence[Any], timetable: Timetable, now: datetime) -> Entry | None:

@@ -196,17 +196,6 @@ class Schedules:
         """Return what a change would do. Raises the errors of :meth:`set`."""
         timetable = self.of_split(session, split)
         new = change(timetable, now)
-        after, shown = self.if_set(session, split, new, now)
-        return Effect(new, timetable.latest, after, shown)
-
-    def if_set(
-        self, session: Session, split: str, new: NewSchedule, now: datetime
-    ) -> tuple[Schedule, int]:
-        """Return what would be in effect, and the number of submissions whose scores it would show.
-
-        Raises the errors of :meth:`set`.
-        """
-        timetable = self.of_split(session, split)
         changed = timetable.with_one_more(self._row(timetable, split, new, now))
         times = select(Submission.received_at, Submission.scored_at)
         shown = [
@@ -214,7 +203,7 @@ class Schedules:
             and changed.held_until(received, scored, now) is None
             for received, scored in session.execute(times.where(Submission.split == split))
         ]
-        return changed.latest, sum(shown)
+        return Effect(new, timetable.latest, changed.latest, sum(shown))
 
     def _row(
         self, timetable: Timetable, split: str, new: NewSchedule, now: datetime
@@ -342,15 +331,8 @@ def reset(timetable: Timetable, _: datetime) -> NewSchedule:
 
 
 def close(timetable: Timetable, now: datetime) -> NewSchedule:
-    """End the open phases; raises the error of :func:`closed`."""
-    return closed(timetable.latest, now)
-
-
-def closed(schedule: Schedule, now: datetime) -> NewSchedule:
-    """Return a schedule whose open phases end with this second.
-
-    Raises ConflictError if none is open.
-    """
+    """End the open phases with this second. Raises ConflictError if none is open."""
+    schedule = timetable.latest
     if not schedule.is_open(now):
         raise ConflictError("no phase is open")
     end = now.replace(microsecond=0)

@@ -10,22 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from typing import Any
 
-from sqlalchemy import (
-    JSON,
-    URL,
-    Boolean,
-    Column,
-    ColumnElement,
-    Connection,
-    Integer,
-    String,
-    Table,
-    and_,
-    func,
-    or_,
-    select,
-    type_coerce,
-)
+import sqlalchemy as sa
 from sqlalchemy.exc import DataError, DBAPIError
 
 from reverie_eval.server.store.database import (
@@ -56,7 +41,7 @@ _MEMORY = "cache_size = -262144"
 """KiB; the check of indexes looks up each row in each of them, in any order."""
 
 
-def find_damage(url: URL) -> Sequence[str]:
+def find_damage(url: sa.URL) -> Sequence[str]:
     """Return what is wrong with SQLite's file; empty for a sound one, and for PostgreSQL.
 
     The tables must be those of this version. The file is read on a connection of its own, because
@@ -127,14 +112,14 @@ def _damages(database: Database) -> Iterator[str]:
                 yield f"a stored value of {table.name} cannot be read"
 
 
-def _is_readable(connection: Connection, table: Table) -> bool:
+def _is_readable(connection: sa.Connection, table: sa.Table) -> bool:
     """Whether each value of a table is one that its column may have."""
     texts = [
-        type_coerce(column, String)  # as it is stored
+        sa.type_coerce(column, sa.String)  # as it is stored
         for column in table.columns
-        if isinstance(column.type, String | JSON)
+        if isinstance(column.type, sa.String | sa.JSON)
     ]
-    chosen = select(*texts, and_(*map(_is_sound, table.columns)))
+    chosen = sa.select(*texts, sa.and_(*map(_is_sound, table.columns)))
     try:
         rows = connection.execute(chosen.execution_options(yield_per=AT_ONCE))
         return all(row[-1] for row in rows)
@@ -144,19 +129,19 @@ def _is_readable(connection: Connection, table: Table) -> bool:
         return False
 
 
-def _is_sound(column: Column[Any]) -> ColumnElement[bool]:
+def _is_sound(column: sa.Column[Any]) -> sa.ColumnElement[bool]:
     """Return the condition that a column's value is of its type; SQLite takes any."""
-    kind = func.typeof(column)
+    kind = sa.func.typeof(column)
     match column.type:
-        case JSON():
-            is_sound = func.json_valid(column) == 1
+        case sa.JSON():
+            is_sound = sa.func.json_valid(column) == 1
         case UtcDateTime():
-            is_sound = func.datetime(column).is_not(None) & (kind == "text")
-        case Boolean():
-            is_sound = type_coerce(column, Integer).in_((0, 1))
-        case Integer():
+            is_sound = sa.func.datetime(column).is_not(None) & (kind == "text")
+        case sa.Boolean():
+            is_sound = sa.type_coerce(column, sa.Integer).in_((0, 1))
+        case sa.Integer():
             is_sound = kind == "integer"
         case _:
-            has_nul = func.instr(column, func.char(0)) > 0
+            has_nul = sa.func.instr(column, sa.func.char(0)) > 0
             is_sound = (kind == "text") & ~has_nul
-    return or_(column.is_(None), is_sound) if column.nullable else is_sound
+    return sa.or_(column.is_(None), is_sound) if column.nullable else is_sound

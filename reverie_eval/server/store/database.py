@@ -14,21 +14,11 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
+import sqlalchemy as sa
 from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import (
-    URL,
-    ColumnElement,
-    Connection,
-    Dialect,
-    create_engine,
-    event,
-    func,
-    select,
-    text,
-)
 from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as NoConnectionLeftError
 from sqlalchemy.orm import DeclarativeBase, Session
@@ -72,8 +62,8 @@ class FileReplacedError(SQLAlchemyError):
 class Database:
     """Database sessions for reading and for writing."""
 
-    def __init__(self, url: URL | str) -> None:
-        self.engine = create_engine(
+    def __init__(self, url: sa.URL | str) -> None:
+        self.engine = sa.create_engine(
             url, pool_pre_ping=True, hide_parameters=True, json_deserializer=_read_json
         )
         self._write_lock = Lock()
@@ -85,8 +75,8 @@ class Database:
         isolation = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
         self._snapshots = self.engine.execution_options(**isolation)
         if self.is_sqlite:
-            event.listen(self.engine, "do_connect", self._connect_sqlite)
-            event.listen(self.engine, "begin", _begin_sqlite)
+            sa.event.listen(self.engine, "do_connect", self._connect_sqlite)
+            sa.event.listen(self.engine, "begin", _begin_sqlite)
 
     @property
     def is_sqlite(self) -> bool:
@@ -106,7 +96,7 @@ class Database:
         status = file.stat()
         return status.st_dev, status.st_ino
 
-    def _connect_sqlite(self, dialect: Dialect, _: Any, given: Any, named: Any) -> Any:
+    def _connect_sqlite(self, dialect: sa.Dialect, _: Any, given: Any, named: Any) -> Any:
         self.check_file()  # connecting would create the file
         connection = _connect_sqlite(dialect, given, named)
         self._opened = self._opened or self._file_now()
@@ -116,7 +106,9 @@ class Database:
         """Return the bytes that it takes on disk."""
         if not self.is_sqlite:
             with self.reading() as session:
-                return int(session.scalar(text("SELECT pg_database_size(current_database())")) or 0)
+                return int(
+                    session.scalar(sa.text("SELECT pg_database_size(current_database())")) or 0
+                )
         file = Path(self.engine.url.database or "")
         logs = (file.with_name(f"{file.name}{ending}") for ending in ("-wal", "-shm"))
         return sum(each.stat().st_size for each in (file, *logs) if each.exists())
@@ -149,7 +141,7 @@ class Database:
             migrate(connection, "head")
 
     @contextmanager
-    def migrating(self) -> Iterator[Connection]:
+    def migrating(self) -> Iterator[sa.Connection]:
         """Open a transaction in which tables can be changed.
 
         Changing a table in SQLite means copying and dropping it, which it refuses while other rows
@@ -165,11 +157,11 @@ class Database:
                 if self.is_sqlite:
                     _check_foreign_keys(connection)
 
-    def _take_write_lock(self, connection: Connection) -> None:
+    def _take_write_lock(self, connection: sa.Connection) -> None:
         if self.is_sqlite:  # it locked its file when the transaction began
             self.check_file()
         else:
-            connection.execute(text(f"SELECT pg_advisory_xact_lock({_WRITER_LOCK})"))
+            connection.execute(sa.text(f"SELECT pg_advisory_xact_lock({_WRITER_LOCK})"))
 
     def revision(self) -> str | None:
         """Return the current migration of the tables; None if there are no tables."""
@@ -188,12 +180,14 @@ class Database:
         self._opened = None
 
 
-def count_rows(session: Session, table: type[DeclarativeBase], *where: ColumnElement[bool]) -> int:
+def count_rows(
+    session: Session, table: type[DeclarativeBase], *where: sa.ColumnElement[bool]
+) -> int:
     """Return the number of rows of a table that meet all conditions."""
-    return session.scalar(select(func.count()).select_from(table).where(*where)) or 0
+    return session.scalar(sa.select(sa.func.count()).select_from(table).where(*where)) or 0
 
 
-def migrate(connection: Connection, revision: str) -> None:
+def migrate(connection: sa.Connection, revision: str) -> None:
     """Migrate the tables to a revision, in the connection's transaction."""
     command.upgrade(_alembic(connection), revision)
 
@@ -204,7 +198,7 @@ def known_revisions() -> frozenset[str]:
     return frozenset(script.revision for script in revisions)
 
 
-def broken_references(connection: Connection) -> Sequence[str]:
+def broken_references(connection: sa.Connection) -> Sequence[str]:
     """Return the tables of an SQLite file that have rows that refer to missing rows."""
     rows = connection.exec_driver_sql("PRAGMA foreign_key_check")
     return sorted({table for table, *_ in rows})
@@ -257,14 +251,14 @@ class _UndoneError(Exception):
     """Ends a transaction that is to leave no trace."""
 
 
-def _alembic(connection: Connection) -> Config:
+def _alembic(connection: sa.Connection) -> Config:
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
     config.attributes["connection"] = connection
     return config
 
 
-def _connect_sqlite(dialect: Dialect, given: Any, named: Any) -> Any:
+def _connect_sqlite(dialect: sa.Dialect, given: Any, named: Any) -> Any:
     """Open the file; on a full disk without the index that processes share, which takes space.
 
     Then no other connection can use the file, but what is in it can still be read. If a server is
@@ -291,7 +285,7 @@ def _prepared(connection: Any, pragmas: Sequence[str]) -> Any:
     return connection
 
 
-def _check_foreign_keys(connection: Connection) -> None:
+def _check_foreign_keys(connection: sa.Connection) -> None:
     if broken := broken_references(connection):
         raise ReverieEvalError(
             f"the database is damaged: rows of {first_few(broken)} refer to missing rows; nothing "
@@ -299,6 +293,6 @@ def _check_foreign_keys(connection: Connection) -> None:
         )
 
 
-def _begin_sqlite(connection: Connection) -> None:
+def _begin_sqlite(connection: sa.Connection) -> None:
     writes = connection.get_execution_options().get("writes")
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -127,6 +127,15 @@ def test_each_file_is_scored_and_answered(office: Office, mailed: Path) -> None:
     assert [each for each in examine(office.folder) if each.kind == "fault"] == []
 
 
+def test_a_run_is_described_by_its_card(office: Office, tmp_path: Path) -> None:
+    walker = tmp_path / "walker"
+    assert office.run("run", "stop", "--split", OPEN, "-o", str(walker)).status == 0
+    assert office.submit(walker).status == 0
+    (method,) = (each["method"] for each in office.submissions())
+    assert (method["name"], method["input_class"]) == ("stop", "geometry")
+    assert method["actions_per_episode"] == 1
+
+
 def test_they_score_what_uploads_score(office: Office, tmp_path: Path) -> None:
     content = submission_for(PRIVATE)
     (tmp_path / "mine.json").write_bytes(content)

@@ -124,8 +124,8 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return options.together(*texts, *flags, shown, size, *costs)(with_method)
 
 
-def _with_run(method: MethodOptions, submission: str) -> MethodOptions:
-    """Return what options say of the method and, for a run's folder, what its card says besides."""
+def with_card(method: MethodOptions, submission: str) -> MethodOptions:
+    """Return what options say of a method and, for a run's folder, what its card says besides."""
     from reverie_eval.runner import read_card
 
     card = read_card(Path(submission)) if is_run(submission) else None
@@ -200,7 +200,7 @@ def submit(
 
     # Everything that can be wrong on this side is looked at before anything is sent.
     token, name = server.token(), name_on_server(task, split)
-    method = _with_run(method, submission)
+    method = with_card(method, submission)
     described = method.method(submission)  # wrong options are reported before anything is sent
     try:
         content = read_bytes(submission)

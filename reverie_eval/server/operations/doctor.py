@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 from pydantic import ValidationError
-from sqlalchemy import ScalarResult, Select, func, select, text
+from sqlalchemy import func, select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
@@ -128,9 +128,11 @@ def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, ScoredS
 
 
 def _at_uploads(session: Session, uploads: Uploads, track: Track) -> Iterator[Finding]:
-    number = session.scalar(select(func.count()).select_from(_files().subquery())) or 0
+    kept = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None)).distinct()
+    number = session.scalar(select(func.count()).select_from(kept.subquery())) or 0
+    streamed = kept.order_by(Submission.sha256).execution_options(yield_per=AT_ONCE)
     sound = 0
-    for sha256 in track(_streamed(session), "uploads", number):
+    for sha256 in track(session.scalars(streamed), "uploads", number):
         trouble = _trouble(uploads, sha256)
         sound += not trouble
         if trouble:
@@ -140,16 +142,6 @@ def _at_uploads(session: Session, uploads: Uploads, track: Track) -> Iterator[Fi
             message = f"{name_of(sha256)} of submission {whose} {trouble}; {remedy}"
             yield Finding("uploads", "fault", message)
     yield Finding("uploads", "ok", f"{sound:,} of {count_text(number, 'upload')} intact")
-
-
-def _files() -> Select[str]:
-    """Select the SHA-256 of all uploads that are kept, in order."""
-    kept = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None))
-    return kept.distinct().order_by(Submission.sha256)
-
-
-def _streamed(session: Session) -> ScalarResult[str]:
-    return session.scalars(_files().execution_options(yield_per=AT_ONCE))
 
 
 def _trouble(uploads: Uploads, sha256: str) -> str:

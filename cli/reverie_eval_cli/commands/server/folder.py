@@ -62,7 +62,7 @@ def doctor(*, folder: Folder, quick: bool) -> int:
     """Check that the server can start, and all stored data.
 
     To start, it needs settings, ground truth, a signing key, its database and uploads. Of the
-    stored data, uploads, reports, receipts, the audit log and the disk are checked, and faults are
+    stored data, uploads, receipts, the audit log and the disk are checked, and faults are
     also sent to the mail recipients and the webhook in the settings.
 
     Exit status: 0 no faults, 1 faults to fix, 2 usage or system error.

@@ -28,7 +28,7 @@ from reverie_eval.submissions import find_files
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.commands.submit import MethodOptions, method_options
+from reverie_eval_cli.commands.submit import MethodOptions, method_options, with_card
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, minute, print_list, read_text, server_folder
 from reverie_eval_cli.output import note, with_progress
@@ -78,10 +78,10 @@ def submit(
     file = options.checked(
         EmailedFile, split=split, team=team, person=person, received_at=received, publish=publish
     )
-    found = map(Path, find_files([str(files)]))
+    found = [Path(path) for path in find_files([str(files)])]
     chosen = [submission_in(path) if is_run(path) else path for path in found]
     # All are described before the first is scored, so that a wrong option leaves nothing half done.
-    described = [method.method(str(path)) for path in chosen]
+    described = [with_card(method, str(path)).method(str(path)) for path in found]
     failed = False
     with folder.open() as state:
         for number, (path, each) in enumerate(zip(chosen, described, strict=True)):

@@ -10,7 +10,7 @@ from sqlalchemy import event, select
 from reverie_eval.server.audit.log import AuditLog, entries
 from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.boards.schedules import View
-from reverie_eval.server.intake import intake
+from reverie_eval.server.intake import intake, quotas
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import FolderUploads
@@ -42,7 +42,7 @@ def left(server: Serving) -> int:
         pytest.param(Board, "score", id="scoring"),
         pytest.param(Board, "report", id="rounding"),
         pytest.param(FolderUploads, "staged", id="keeping the file"),
-        pytest.param(intake, "usage_of", id="counting the quota"),
+        pytest.param(quotas, "usage_of", id="counting the quota"),
         pytest.param(Signer, "sign", id="signing"),
         pytest.param(AuditLog, "append", id="the audit log"),
         pytest.param(View, "report", id="wording the reply"),

@@ -21,7 +21,7 @@ from fixtures.clustered_worlds import (
     simulated_power_of_runs,
 )
 from reverie_eval.arrays import FloatArray
-from reverie_eval.metrics.published import Spread
+from reverie_eval.metrics.published import ResultSpread
 from reverie_eval.scoring import clusters_of
 
 WORLDS = 4000
@@ -63,7 +63,7 @@ def print_spread(bundle: str, files: list[str]) -> None:
     cluster = clusters_of(truth, "target")
 
     def correlation(values: FloatArray) -> float:
-        spread = Spread.of(
+        spread = ResultSpread.of(
             values[None, :, None], cluster, np.unique(cluster, return_counts=True)[1]
         )
         return float(spread.correlation[0])

@@ -16,7 +16,7 @@ from benchmarks.bars import judge
 from reverie_eval import GroundTruth
 from reverie_eval.agents import AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.runner import Limits, Plan, run
+from reverie_eval.runner import Limits, RunPlan, run
 from reverie_eval.simulator import Action, Environment, Observation, Turn, run_episode
 
 STEPS = 200
@@ -58,7 +58,7 @@ def time_run(truth: GroundTruth, steps: int) -> float:
     agent = AgentSource(f"{__file__}:turn")
     with TemporaryDirectory() as folder:
         began = time.perf_counter()
-        run(Plan(agent, truth, limits=Limits(steps=steps)), Path(folder, "run"))
+        run(RunPlan(agent, truth, limits=Limits(steps=steps)), Path(folder, "run"))
         return time.perf_counter() - began
 
 

@@ -7,7 +7,7 @@ nothing can be a function that does what ``act`` does.
 
 from reverie_eval.agents._episode import Agent, BatchAgent, Episode, Solved
 from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
-from reverie_eval.agents._finding import BUILT_IN, ENTRY_POINTS, AgentSource
+from reverie_eval.agents._finding import AGENT_ENTRY_POINTS, BUILT_IN_AGENTS, AgentSource
 from reverie_eval.agents._reference import (
     AGENTS,
     DEMO_AGENT,
@@ -20,9 +20,9 @@ from reverie_eval.agents.chat import ChatAgent
 
 __all__ = [
     "AGENTS",
-    "BUILT_IN",
+    "AGENT_ENTRY_POINTS",
+    "BUILT_IN_AGENTS",
     "DEMO_AGENT",
-    "ENTRY_POINTS",
     "MAX_RANDOM_STEPS",
     "Agent",
     "AgentSource",

@@ -25,10 +25,10 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Observation
 from reverie_eval.text import did_you_mean
 
-ENTRY_POINTS = "reverie_eval.agents"
+AGENT_ENTRY_POINTS = "reverie_eval.agents"
 """The group of entry points by which packages offer agents of their own."""
 
-BUILT_IN: Mapping[str, type[Agent]] = MappingProxyType(
+BUILT_IN_AGENTS: Mapping[str, type[Agent]] = MappingProxyType(
     {
         **AGENTS,
         "nearest-first": NearestFirstAgent,
@@ -49,10 +49,10 @@ class AgentSource:
     Parameters
     ----------
     name : str
-        A name in ``BUILT_IN``, an entry point, the folder of a trained model, ``module:Name``,
-        ``file.py:Name``, or ``file.py``, whose agent is called ``Agent``. What is named is a class
-        with the methods of :class:`Agent` or :class:`BatchAgent`, or a function that takes an
-        observation and returns an action.
+        A name in ``BUILT_IN_AGENTS``, an entry point, the folder of a trained model,
+        ``module:Name``, ``file.py:Name``, or ``file.py``, whose agent is called ``Agent``. What is
+        named is a class with the methods of :class:`Agent` or :class:`BatchAgent`, or a function
+        that takes an observation and returns an action.
     options : mapping, optional
         Arguments of the class, or further ones of the function.
     """
@@ -146,8 +146,8 @@ class AgentSource:
         return bool(getattr(self._find(), "needs_solution", False))
 
     def _find(self) -> Callable[..., Any]:
-        if self.name in BUILT_IN:
-            return BUILT_IN[self.name]
+        if self.name in BUILT_IN_AGENTS:
+            return BUILT_IN_AGENTS[self.name]
         if Path(self.name).is_dir():
             from reverie_eval.agents.trained import find_trained  # torch takes seconds to import
 
@@ -159,7 +159,7 @@ class AgentSource:
         if module_name:
             found = getattr(_import(module_name), name, None)
         else:
-            offered = entry_points(group=ENTRY_POINTS, name=self.name)
+            offered = entry_points(group=AGENT_ENTRY_POINTS, name=self.name)
             found = next((each.load() for each in offered), None)
         # Of other things that can be called, nothing says in which file they are.
         if not isinstance(found, (type, FunctionType, MethodType)):
@@ -171,8 +171,8 @@ class AgentSource:
         if module_name:
             return f"{module_name} has no class or function {name!r}"
         return (
-            f"there is no agent {self.name!r}{did_you_mean(self.name, BUILT_IN)}, a file.py, or "
-            "module:Class"
+            f"there is no agent {self.name!r}{did_you_mean(self.name, BUILT_IN_AGENTS)}, "
+            "a file.py, or module:Class"
         )
 
 

@@ -186,7 +186,7 @@ def against(
     """
     # Only comparisons and intervals need scipy, which these import.
     from reverie_eval.metrics.engine import IntervalEngine
-    from reverie_eval.metrics.published import PublishedDifference, Spread
+    from reverie_eval.metrics.published import PublishedDifference, ResultSpread
 
     truth = scored.ground_truth
     whole = truth
@@ -218,7 +218,7 @@ def against(
                 means=crossed_means(runs, keys, cluster),
                 published=np.array(list(published.values())),
                 n_published=n_published,
-                spread=Spread.of(values, row_cluster, sizes),
+                spread=ResultSpread.of(values, row_cluster, sizes),
                 bounds=bounds_of(keys, attrgetter("bounds")),
                 n_episodes=n_episodes,
             ),

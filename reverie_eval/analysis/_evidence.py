@@ -31,7 +31,7 @@ _ALMOST = 1e-6
 _STEP = 1e-3
 
 
-class Spread(NamedTuple):
+class ChangeSpread(NamedTuple):
     """How unevenly a team's changes are spread over the episodes that changed."""
 
     files: int
@@ -111,7 +111,7 @@ def nearest_earlier(codes: IntArray) -> tuple[IntArray, IntArray]:
     return nearest, changed
 
 
-def spread_of_changes(codes: IntArray, cluster: IntArray) -> Spread | None:
+def spread_of_changes(codes: IntArray, cluster: IntArray) -> ChangeSpread | None:
     """Test whether a team's changes return to the same episodes, as those of a method do.
 
     Between the files of one method, predictions change where the method is uncertain: the same
@@ -131,7 +131,7 @@ def spread_of_changes(codes: IntArray, cluster: IntArray) -> Spread | None:
 
     Returns
     -------
-    Spread or None
+    ChangeSpread or None
         None with fewer than ``FEWEST_FILES`` files that differ from the most frequent predictions
         in at most ``MOST_CHANGED`` of the episodes, or without any change.
 
@@ -158,7 +158,9 @@ def spread_of_changes(codes: IntArray, cluster: IntArray) -> Spread | None:
     # The jackknife's variance: (g - 1) / g times the sum of squares.
     over_files = np.sqrt((len(parts) - 1) * np.var(parts)) if parts else 0.0
     error = float(np.hypot(whole.standard_error, over_files))
-    return Spread(files, whole.value, error, float(norm.cdf((whole.value - HONEST_SPREAD) / error)))
+    return ChangeSpread(
+        files, whole.value, error, float(norm.cdf((whole.value - HONEST_SPREAD) / error))
+    )
 
 
 def _dispersion(codes: IntArray, cluster: IntArray) -> Estimate | None:

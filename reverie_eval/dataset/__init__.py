@@ -3,10 +3,10 @@
 from reverie_eval.dataset._box_building import (
     EXCLUDED_NAMES,
     MAX_DISTANCE,
-    Box,
     BoxRules,
     Occlusion,
     Scan,
+    Xywh,
     build_boxes,
     find_scans,
     list_objects,
@@ -29,7 +29,6 @@ from reverie_eval.dataset._rules import Count, Finding, Spread
 __all__ = [
     "EXCLUDED_NAMES",
     "MAX_DISTANCE",
-    "Box",
     "BoxRules",
     "Count",
     "DatasetDescription",
@@ -45,6 +44,7 @@ __all__ = [
     "SplitDescription",
     "Spread",
     "TargetDescription",
+    "Xywh",
     "build_boxes",
     "compile_for_training",
     "compile_split",

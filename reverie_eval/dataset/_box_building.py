@@ -72,9 +72,9 @@ class BoxRules:
     """Objects with these names are not listed and do not hide others."""
 
 
-Box: TypeAlias = Sequence[int]
+Xywh: TypeAlias = Sequence[int]
 """Left, top, width and height in pixels."""
-ListedBoxes: TypeAlias = Mapping[int, Mapping[int, Box]]
+ListedBoxes: TypeAlias = Mapping[int, Mapping[int, Xywh]]
 """The boxes of a viewpoint by object id and view index; an object without boxes is listed but not
 visible."""
 
@@ -97,7 +97,7 @@ def list_objects(house: House, position: FloatArray, rules: BoxRules) -> ListedB
     if rules.occlusion == "paper":
         shown = ~is_hidden(view, box_xywh, _distances(near, position)[box])
         box, view, box_xywh = box[shown], view[shown], box_xywh[shown]
-    boxes_of: dict[int, dict[int, Box]] = {object_id: {} for object_id in near.object_id.tolist()}
+    boxes_of: dict[int, dict[int, Xywh]] = {object_id: {} for object_id in near.object_id.tolist()}
     columns = near.object_id[box].tolist(), view.tolist(), box_xywh.tolist()
     for object_id, index, xywh in zip(*columns, strict=True):
         boxes_of[object_id][index] = xywh

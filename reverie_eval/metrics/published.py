@@ -44,7 +44,7 @@ _INSIDE = 1e-9
 
 
 @dataclass(frozen=True)
-class Spread:
+class ResultSpread:
     """How results vary between the episodes of a split and within its targets, by metric."""
 
     variance: FloatArray
@@ -55,7 +55,7 @@ class Spread:
     """Shape (n_clusters,): the number of the split's episodes with each target."""
 
     @classmethod
-    def of(cls, values: FloatArray, cluster: IntArray, sizes: IntArray) -> "Spread":
+    def of(cls, values: FloatArray, cluster: IntArray, sizes: IntArray) -> "ResultSpread":
         """Estimate it.
 
         Parameters
@@ -106,7 +106,7 @@ class PublishedDifference:
     """Shape (n_metrics,)."""
     n_published: int
     """The number of episodes that the published means are over."""
-    spread: Spread
+    spread: ResultSpread
     bounds: FloatArray
     """Shape (2, n_metrics): the smallest and the largest possible value of each metric."""
     n_episodes: int | None = None

@@ -156,7 +156,7 @@ class Histogram:
 
 
 @dataclass(frozen=True, eq=False)
-class Walks:
+class WalkLengths:
     """Walked and shortest length of every episode; all shapes are (n_episodes,)."""
 
     shortest: FloatArray

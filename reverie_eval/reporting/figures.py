@@ -17,7 +17,7 @@ import numpy as np
 from reverie_eval.analysis import BudgetCurve, Comparison, GroupingKey
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting.charts import Chart, Histogram, Walks, budget_chart
+from reverie_eval.reporting.charts import Chart, Histogram, WalkLengths, budget_chart
 from reverie_eval.reporting.drawing import (
     BLUE,
     GREEN,
@@ -171,7 +171,7 @@ class Plots:
             If the metric is not scored.
         """
         if metric == "path_length":
-            return _plot_walks(Walks.of(self.scores), ax)
+            return _plot_walks(WalkLengths.of(self.scores), ax)
         return _plot_histogram(Histogram.of({"": self.scores}, metric), ax)
 
 
@@ -310,7 +310,7 @@ def _plot_histogram(histogram: Histogram, ax: "Axes | None") -> "Axes":
     return axes
 
 
-def _plot_walks(walks: Walks, ax: "Axes | None") -> "Axes":
+def _plot_walks(walks: WalkLengths, ax: "Axes | None") -> "Axes":
     with styled_axes(ax) as axes:
         _draw_chart(walks.chart(float(np.ceil(walks.walked.max())) or 1.0), axes)
         _explain_beside(axes)

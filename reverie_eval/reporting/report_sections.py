@@ -12,7 +12,7 @@ from reverie_eval.analysis import GROUPINGS, Comparison, Grouping, logged
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.logs import cost_name
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting.charts import Histogram, Walks, budget_chart
+from reverie_eval.reporting.charts import Histogram, WalkLengths, budget_chart
 from reverie_eval.reporting.comparisons import cost_notes, cost_table
 from reverie_eval.reporting.resources import as_markup
 from reverie_eval.reporting.tables import metric_cell
@@ -111,7 +111,7 @@ class Breakdown:
 
 
 @dataclass(frozen=True)
-class Chart:
+class CaptionedChart:
     """A distribution with its caption."""
 
     picture: "Markup"
@@ -302,7 +302,7 @@ class Costs:
 
     names: Sequence[str]
     table: "Markup"
-    chart: Chart | None
+    chart: CaptionedChart | None
     notes: Sequence[str]
 
 
@@ -318,7 +318,7 @@ def costs(scores: Submissions, comparison: Comparison | None, cluster: Clusterin
     except ProtocolError as error:
         return Costs(list(runs), table, None, [*notes, f"no success within a budget: {error}"])
     first = next(iter(curves.values()))
-    chart = Chart(
+    chart = CaptionedChart(
         as_markup(budget_chart(curves).svg()),
         f"{first.metric.label} within a budget",
         f"Share of all episodes that were solved ({first.metric.name}) at a cost of at most the "
@@ -327,20 +327,20 @@ def costs(scores: Submissions, comparison: Comparison | None, cluster: Clusterin
     return Costs(list(runs), table, chart, notes)
 
 
-def charts(scores: Submissions) -> Iterator[Chart]:
+def charts(scores: Submissions) -> Iterator[CaptionedChart]:
     """Draw lengths and distances of walks, and overlaps of boxes, if they are scored."""
     if has_walks(scores):
         yield from _walk_charts(scores)
     yield from _box_charts(scores)
 
 
-def _walk_charts(scores: Submissions) -> Iterator[Chart]:
+def _walk_charts(scores: Submissions) -> Iterator[CaptionedChart]:
     (name, first), *_ = scores.items()
     # The first submission alone: dots of two would cover each other.
-    walks = Walks.of(first)
+    walks = WalkLengths.of(first)
     hidden = int((~walks.is_shown).sum())
     longer = f" Not shown: {count_text(hidden, 'longer walk')}." if hidden else ""
-    yield Chart(
+    yield CaptionedChart(
         as_markup(walks.chart(walks.longest_shown).svg()),
         f"Walked and shortest length{_of(name, scores)}",
         "A dot for each episode, blue where the agent stopped at the goal. On the dashed line it "
@@ -349,7 +349,7 @@ def _walk_charts(scores: Submissions) -> Iterator[Chart]:
     )
     stops = Histogram.of(scores, "navigation_error")
     at_end = (first.episodes["navigation_error"] == 0).sum()
-    yield Chart(
+    yield CaptionedChart(
         as_markup(stops.chart(list(scores)).svg()),
         "Distance at stop",
         f"Metres from the stop to the end of the annotated path: {_medians(stops, scores)}. "
@@ -358,7 +358,7 @@ def _walk_charts(scores: Submissions) -> Iterator[Chart]:
     )
 
 
-def _box_charts(scores: Submissions) -> Iterator[Chart]:
+def _box_charts(scores: Submissions) -> Iterator[CaptionedChart]:
     boxes = {name: each.boxes for name, each in scores.items() if each.boxes is not None}
     if boxes:
         overlaps = Histogram.of({name: scores[name] for name in boxes}, "iou")
@@ -367,7 +367,7 @@ def _box_charts(scores: Submissions) -> Iterator[Chart]:
             f"{_of(name, scores)}"
             for name, each in boxes.items()
         ]
-        yield Chart(
+        yield CaptionedChart(
             as_markup(overlaps.chart(list(scores)).svg()),
             "Overlap of boxes",
             f"IoU of predicted boxes with the target's box: {_medians(overlaps, scores)}. "

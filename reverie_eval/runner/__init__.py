@@ -19,7 +19,7 @@ from reverie_eval.runner._records import (
     run_schema,
 )
 from reverie_eval.runner._run import Progress, Record, run, run_agent
-from reverie_eval.runner._walking import Plan, check_agent
+from reverie_eval.runner._walking import RunPlan, check_agent
 
 __all__ = [
     "FAILED_IN_A_ROW",
@@ -32,11 +32,11 @@ __all__ = [
     "Circumstance",
     "Identity",
     "Limits",
-    "Plan",
     "Progress",
     "Record",
     "RunCard",
     "RunError",
+    "RunPlan",
     "Step",
     "Totals",
     "TransientError",

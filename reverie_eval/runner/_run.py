@@ -19,7 +19,7 @@ from reverie_eval.logs import EPISODES, SUBMISSION, Attempt, read_attempts
 from reverie_eval.runner._failures import FAILED_IN_A_ROW, WAITS
 from reverie_eval.runner._folder import RunFolder
 from reverie_eval.runner._records import KEPT, Circumstance, Identity, Totals
-from reverie_eval.runner._walking import Job, Plan, Rows, Walker
+from reverie_eval.runner._walking import Job, Rows, RunPlan, Walker
 from reverie_eval.runner._workers import walk_in_workers, walk_with_executor
 from reverie_eval.scoring import Executor
 from reverie_eval.simulator import Environment, Stop
@@ -40,7 +40,7 @@ class Progress(NamedTuple):
 
 
 def run(
-    plan: Plan,
+    plan: RunPlan,
     folder: str | PathLike[str],
     *,
     jobs: int = 1,
@@ -53,7 +53,7 @@ def run(
 
     Parameters
     ----------
-    plan : Plan
+    plan : RunPlan
     folder : path
         A new folder, or one of a run that was ended before its time: that goes on.
     jobs : int
@@ -137,7 +137,7 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     GroundTruthError
         If the agent needs the solution, and the bundle is public.
     """
-    plan = Plan(AgentSource(name), ground_truth, seed=seed)
+    plan = RunPlan(AgentSource(name), ground_truth, seed=seed)
     _check_solution(plan)
     jobs = iter([Job(each, 1) for each in ground_truth.episodes.instr_ids])
     kept = {}
@@ -149,7 +149,7 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     return _records(plan, plan.environment(), kept)
 
 
-def _check_solution(plan: Plan) -> None:
+def _check_solution(plan: RunPlan) -> None:
     if plan.agent.needs_solution:
         plan.ground_truth.require_solution()
 
@@ -216,7 +216,7 @@ class _Queue:
         self.waiting.clear()
 
 
-def _records(plan: Plan, environment: Environment, kept: Mapping[str, Attempt]) -> list[Record]:
+def _records(plan: RunPlan, environment: Environment, kept: Mapping[str, Attempt]) -> list[Record]:
     """Return the submission's records in the order of the split, missing ones filled."""
     records = [
         dict(kept[each].record or {}) if each in kept else _stop_at(environment, each)
@@ -231,7 +231,7 @@ def _stop_at(environment: Environment, episode: str) -> Record:
     return environment.record(episode)
 
 
-def _identity(plan: Plan, environment: Environment) -> Identity:
+def _identity(plan: RunPlan, environment: Environment) -> Identity:
     truth = plan.ground_truth
     return Identity(
         task=truth.task.name,
@@ -251,14 +251,14 @@ def _identity(plan: Plan, environment: Environment) -> Identity:
     )
 
 
-def _source_of_boxes(plan: Plan) -> str:
+def _source_of_boxes(plan: RunPlan) -> str:
     if plan.boxes is None:
         return "none" if plan.ground_truth.solution is None else "solution"
     path = Path(plan.boxes)
     return _sizes([path]) if path.is_dir() else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _source_of_pictures(plan: Plan) -> str:
+def _source_of_pictures(plan: RunPlan) -> str:
     if plan.pictures is None:
         return "none"
     scans = sorted(set(plan.ground_truth.graph.scan_ids))
@@ -274,7 +274,7 @@ def _sizes(folders: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
-def _circumstance(plan: Plan, jobs: int) -> Circumstance:
+def _circumstance(plan: RunPlan, jobs: int) -> Circumstance:
     return Circumstance(
         started=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         jobs=jobs,

@@ -40,7 +40,7 @@ Rows: TypeAlias = Generator[Step | Attempt]
 
 
 @dataclass(frozen=True)
-class Plan:
+class RunPlan:
     """The task of a run: which agent, on which episodes, with what to observe, and how long."""
 
     agent: AgentSource
@@ -60,7 +60,7 @@ class Walker:
 
     Parameters
     ----------
-    plan : Plan
+    plan : RunPlan
     environment : Environment, optional
         One of the plan, if there is one already.
     most : int, optional
@@ -68,7 +68,7 @@ class Walker:
     """
 
     def __init__(
-        self, plan: Plan, environment: Environment | None = None, most: int | None = None
+        self, plan: RunPlan, environment: Environment | None = None, most: int | None = None
     ) -> None:
         self._plan = plan
         agent: Any = plan.agent.make()
@@ -129,7 +129,7 @@ class Walker:
 class _Walk:
     """An attempt so far."""
 
-    def __init__(self, job: Job, plan: Plan, environment: Environment) -> None:
+    def __init__(self, job: Job, plan: RunPlan, environment: Environment) -> None:
         truth = plan.ground_truth
         self._job = job
         self._plan = plan
@@ -250,7 +250,7 @@ def _seed(seed: int, episode: str) -> int:
 # A check for agents of your own, for a test of yours to call.
 
 
-def check_agent(plan: Plan, *, number: int = 5) -> frozenset[str]:
+def check_agent(plan: RunPlan, *, number: int = 5) -> frozenset[str]:
     """Let an agent walk some episodes twice, and return what it read, as a run's record says it.
 
     The second time is in reverse order, and one episode at a time: an agent that remembers what it
@@ -258,7 +258,7 @@ def check_agent(plan: Plan, *, number: int = 5) -> frozenset[str]:
 
     Parameters
     ----------
-    plan : Plan
+    plan : RunPlan
         The agent, and the episodes of which it walks the first.
     number : int
         Episodes that are walked.

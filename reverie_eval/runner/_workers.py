@@ -13,7 +13,7 @@ from typing import Any
 
 from reverie_eval.errors import ReverieEvalError, RunError
 from reverie_eval.logs import Attempt, Step
-from reverie_eval.runner._walking import Job, Plan, Rows, Take, Walker
+from reverie_eval.runner._walking import Job, Rows, RunPlan, Take, Walker
 from reverie_eval.scoring import Executor
 from reverie_eval.simulator import Environment
 
@@ -28,7 +28,7 @@ _LOCAL = threading.local()
 
 
 def walk_in_workers(
-    plan: Plan, environment: Environment, take: Take, jobs: int, *, threads: bool
+    plan: RunPlan, environment: Environment, take: Take, jobs: int, *, threads: bool
 ) -> Rows:
     """Yield what happens as several workers run episodes, each with an agent of its own.
 
@@ -84,7 +84,7 @@ def _serve(workers: Sequence[Connection], take: Take) -> Rows:
                 worker.send(None)  # nothing more is paid for until this is on disk
 
 
-def _work(plan: Plan, connection: Connection, environment: Environment | None = None) -> None:
+def _work(plan: RunPlan, connection: Connection, environment: Environment | None = None) -> None:
     """Run the episodes that the other end gives, until it has none or is closed."""
 
     def take() -> Job | None:
@@ -105,7 +105,7 @@ def _work(plan: Plan, connection: Connection, environment: Environment | None = 
         connection.close()  # whatever it was, the other end must not wait
 
 
-def _work_alone(plan: Plan, connection: Connection) -> None:
+def _work_alone(plan: RunPlan, connection: Connection) -> None:
     signal(SIGINT, SIG_IGN)  # Ctrl-C reaches the whole group; the other end decides
     os.dup2(2, 1)  # what an agent prints is not a result
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -120,7 +120,7 @@ def _end_with_parent() -> None:
 
 
 def walk_with_executor(
-    plan: Plan, take: Take, executor: Executor, is_stopped: Callable[[], bool]
+    plan: RunPlan, take: Take, executor: Executor, is_stopped: Callable[[], bool]
 ) -> Rows:
     """Yield what happened when an executor has run some episodes; closing it cancels the others.
 

@@ -16,10 +16,10 @@ from reverie_eval.agents.trained._advice import AdvisedWorld, best_names
 from reverie_eval.agents.trained._coding import Layout, Panorama, Vocabulary
 from reverie_eval.agents.trained._imitation import Walks, imitation_loss
 from reverie_eval.agents.trained._navigating import (
+    ActionScores,
     Decision,
     Navigator,
     Reading,
-    Scores,
     Slots,
     State,
     WordEncoder,
@@ -160,13 +160,13 @@ class Stub(Navigator):
         self.value = value
         self.logits, self.progress = torch.tensor(logits), progress
 
-    def forward(self, reading: Reading, state: State, slots: Slots) -> Scores:  # noqa: ARG002
+    def forward(self, reading: Reading, state: State, slots: Slots) -> ActionScores:  # noqa: ARG002
         """Score actions."""
         shape = slots.valid.shape
         logits = self.logits[: shape[1]].expand(shape).masked_fill(~slots.valid, -torch.inf)
         progress = None if self.progress is None else torch.full(shape[:1], self.progress)
         value = None if self.value is None else torch.full(shape[:1], self.value)
-        return Scores(logits, state.h, state.c, torch.zeros(*shape, 2), progress, value)
+        return ActionScores(logits, state.h, state.c, torch.zeros(*shape, 2), progress, value)
 
 
 def test_teacher_forcing_is_worked_out_by_hand(world: World) -> None:

@@ -13,14 +13,14 @@ import pytest
 from safetensors.torch import load_file, save_file
 
 from reverie_eval.agents import DEMO_AGENT, AgentSource
-from reverie_eval.agents.trained import RECIPES, Epoch, TrainingPlan, read_card, train
+from reverie_eval.agents.trained import RECIPES, Epoch, TrainingPlan, read_model_card, train
 from reverie_eval.agents.trained import _recipes as recipes
 from reverie_eval.agents.trained import _training as training
 from reverie_eval.agents.trained._agent import WalkingAgent
 from reverie_eval.dataset import DatasetFiles
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.ground_truth import find_ground_truth
-from reverie_eval.runner import Plan, read_steps
+from reverie_eval.runner import RunPlan, read_steps
 from reverie_eval.runner import run as run_plan
 from tests.support.flat_world import Run
 from tests.support.runs import some
@@ -170,7 +170,7 @@ def test_company_in_a_batch_changes_no_score(
     walked = []
     for size in 1, 512:
         monkeypatch.setattr(WalkingAgent, "batch_size", size)
-        run_plan(Plan(AgentSource(str(navigator)), some(40)), folder := tmp_path / str(size))
+        run_plan(RunPlan(AgentSource(str(navigator)), some(40)), folder := tmp_path / str(size))
         walked.append(
             {
                 (each.episode, each.step): (each.viewpoint_id, each.action, each.notes)
@@ -236,11 +236,11 @@ def test_a_file_that_is_not_a_model_is_refused(
             }[damage]
         )
     with pytest.raises(ReverieEvalError, match=re.escape(message)):
-        read_card(file)
+        read_model_card(file)
 
 
 def test_the_agent_of_the_demo_walks_as_its_submission_says(tmp_path: Path) -> None:
-    run_plan(Plan(AgentSource(str(DEMO_AGENT)), find_ground_truth(None, "val_seen")), tmp_path)
+    run_plan(RunPlan(AgentSource(str(DEMO_AGENT)), find_ground_truth(None, "val_seen")), tmp_path)
     walked = (tmp_path / "submission.json").read_bytes()
     assert walked == (DEMO_AGENT / "val_seen.json").read_bytes()
     assert sum(each.stat().st_size for each in DEMO_AGENT.glob("*.safetensors")) < 300_000

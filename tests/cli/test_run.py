@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from reverie_eval import GroundTruth, evaluate
-from reverie_eval.agents import BUILT_IN, AgentSource
+from reverie_eval.agents import BUILT_IN_AGENTS, AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
-from reverie_eval.runner import Plan, check_agent
+from reverie_eval.runner import RunPlan, check_agent
 from reverie_eval_cli.commands.agents import run_agent
 from reverie_eval_cli.main import main
 from tests.conftest import REPOSITORY, SAMPLES
@@ -47,7 +47,7 @@ def test_the_agent_of_the_page_runs_and_scores_what_the_page_says(folder: Path, 
 
 def test_the_batch_of_the_page_passes_as_an_agent(folder: Path, demo: GroundTruth) -> None:
     (folder / "batch.py").write_text(BATCH)
-    assert check_agent(Plan(AgentSource("batch.py"), demo), number=40) == set()
+    assert check_agent(RunPlan(AgentSource("batch.py"), demo), number=40) == set()
 
 
 def test_an_edited_agent_does_not_pass_for_the_one_that_ran(folder: Path, run: Run) -> None:
@@ -184,8 +184,8 @@ def test_a_failed_episode_is_filled_on_request_and_the_table_says_so(
 
 
 def test_the_help_lists_our_agents() -> None:
-    assert all(name in (run_agent.help or "") for name in BUILT_IN)
-    assert all(f"`{name}`" in PAGE for name in BUILT_IN)
+    assert all(name in (run_agent.help or "") for name in BUILT_IN_AGENTS)
+    assert all(f"`{name}`" in PAGE for name in BUILT_IN_AGENTS)
 
 
 def test_a_language_model_runs_by_options_of_its_own(

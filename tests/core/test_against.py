@@ -11,7 +11,7 @@ from fixtures.published import published_folder
 from reverie_eval import CATALOGUE, PROTOCOLS, ProtocolError, Runs, evaluate, published_results
 from reverie_eval.analysis import against
 from reverie_eval.metrics.engine import CrossedMeans
-from reverie_eval.metrics.published import PublishedDifference, Spread
+from reverie_eval.metrics.published import PublishedDifference, ResultSpread
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run
@@ -28,7 +28,7 @@ def of_rate(successes: int, n: int, published: float, n_published: int) -> Publi
         means=CrossedMeans.of(values, alone),
         published=np.array([published]),
         n_published=n_published,
-        spread=Spread.of(values, alone, np.ones(10 * n, dtype=np.int64)),
+        spread=ResultSpread.of(values, alone, np.ones(10 * n, dtype=np.int64)),
         bounds=RATE,
     )
 
@@ -51,7 +51,7 @@ def test_what_episodes_are_worth_by_hand(
 ) -> None:
     """The correlation within targets, how many independent episodes, and which part is left out."""
     column = np.array(values, dtype=float)[None, :, None]
-    spread = Spread.of(column, np.array(cluster), np.array(sizes))
+    spread = ResultSpread.of(column, np.array(cluster), np.array(sizes))
     found = (spread.correlation[0], spread.independent(n)[0], spread.left_out(n)[0])
     assert found == pytest.approx(expected)
 

@@ -118,6 +118,34 @@ def test_a_name_means_one_thing(name: str, other_thing: str) -> None:
     assert [each for each in found if each.package != "server"] == []
 
 
+SEVERAL = {
+    "Episode": "what an agent is given of an episode, and what became of it",
+}
+"""Names that two packages export, each with its things: neither is used where the other is."""
+
+
+def exported_from(package: Path) -> Iterator[tuple[str, str]]:
+    """Yield the names in the ``__all__`` of a package, each with the module that defines it."""
+    tree = ast.parse((package / "__init__.py").read_bytes())
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            for each in node.names:
+                yield each.name, node.module
+
+
+def test_an_exported_name_is_that_of_one_thing() -> None:
+    packages = [each.parent for each in CODE["core"].rglob("*/__init__.py")]
+    found: dict[str, set[str]] = {}
+    for package in packages:
+        if "server" not in package.parts:
+            for name, module in exported_from(package):
+                found.setdefault(name, set()).add(module)
+    # A package may export what another one does.
+    public = {".".join(("reverie_eval", *it.relative_to(CODE["core"]).parts)) for it in packages}
+    own = {name: modules - public for name, modules in found.items()}
+    assert {name: its for name, its in own.items() if len(its) > 1}.keys() == SEVERAL.keys()
+
+
 def docstrings(path: Path) -> Iterator[str]:
     """Yield where each docstring of a file is, with its text: those of fields, too."""
     for node in ast.walk(ast.parse(path.read_bytes())):

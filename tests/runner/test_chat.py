@@ -18,7 +18,7 @@ from reverie_eval import GroundTruth, ReverieEvalError
 from reverie_eval.agents import AgentSource
 from reverie_eval.agents.chat import _asking
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.runner import Plan, RunCard, RunError, Totals, read_attempts, read_steps, run
+from reverie_eval.runner import RunCard, RunError, RunPlan, Totals, read_attempts, read_steps, run
 from reverie_eval.simulator import Environment
 from tests.support.endpoints import USAGE, Behaviour, Endpoint, endpoint, failing, saying
 from tests.support.runs import EPISODES, WORLD, forget_end, some
@@ -53,7 +53,7 @@ class Chat:
     def run(self, episodes: int = 1, **changes: Any) -> Totals:
         """Run some episodes."""
         truth = self.truth.subset(EPISODES[:episodes])
-        return run(Plan(AgentSource("chat", self.options(**changes)), truth), self.folder)
+        return run(RunPlan(AgentSource("chat", self.options(**changes)), truth), self.folder)
 
     @property
     def notes(self) -> list[Mapping[str, Any]]:
@@ -490,7 +490,7 @@ def asked(chat: Chat, **options: Any) -> list[Mapping[str, Any]]:
     """Return the messages of the last request of a walk through the demo world."""
     chat.truth = some(1)
     chat.served.script += [*WALK, saying(STOP)]
-    run(Plan(AgentSource("chat", chat.options(moves=2, **options)), chat.truth), chat.folder)
+    run(RunPlan(AgentSource("chat", chat.options(moves=2, **options)), chat.truth), chat.folder)
     messages: list[Mapping[str, Any]] = chat.served.requests[-1]["messages"]
     return messages
 
@@ -529,7 +529,7 @@ def test_a_task_without_targets_has_no_answers(chat: Chat) -> None:
     truth = GroundTruth.load(DEMO_BUNDLES / "r2r" / "val_unseen.npz")
     chat.truth = truth.subset(truth.episodes.instr_ids[:1])
     chat.served.script.append(saying(STOP))
-    run(Plan(AgentSource("chat", chat.options()), chat.truth), chat.folder)
+    run(RunPlan(AgentSource("chat", chat.options()), chat.truth), chat.folder)
     (request,) = chat.served.requests
     assert "Follow it, and end where it leads to." in request["messages"][0]["content"]
     schema = request["response_format"]["json_schema"]["schema"]
@@ -545,7 +545,7 @@ def test_views_are_six_pictures_around(chat: Chat, tmp_path: Path) -> None:
         saying('{"action": "answer", "picture": 2, "box": [410, 220, 90, 60]}'),
     ]
     source = AgentSource("chat", chat.options(observe="views"))
-    totals = run(Plan(source, truth, pictures=pictures), chat.folder)
+    totals = run(RunPlan(source, truth, pictures=pictures), chat.folder)
     assert totals.read == ("geometry", "instruction", "pictures")
     text, *shown = chat.served.requests[0]["messages"][-1]["content"]
     assert text["text"].partition("\n\n")[2].splitlines()[:7] == [

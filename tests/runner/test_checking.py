@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from reverie_eval import GroundTruth
-from reverie_eval.agents import BUILT_IN, AgentSource
-from reverie_eval.runner import Limits, Plan, check_agent
+from reverie_eval.agents import BUILT_IN_AGENTS, AgentSource
+from reverie_eval.runner import Limits, RunPlan, check_agent
 from reverie_eval.simulator.conformance import ConformanceError
 
 AGENTS = """
@@ -60,19 +60,21 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_ours_pass_and_read_no_more_than_they_say(
     name: str, read: list[str], demo: GroundTruth
 ) -> None:
-    assert sorted(check_agent(Plan(AgentSource(name), demo))) == read
+    assert sorted(check_agent(RunPlan(AgentSource(name), demo))) == read
 
 
 def test_every_agent_is_checked() -> None:
     (mark,) = test_ours_pass_and_read_no_more_than_they_say.pytestmark  # type: ignore[attr-defined]
-    assert {each.values[0] for each in mark.args[1]} == set(BUILT_IN) - {"chat"}  # has a test
+    assert {each.values[0] for each in mark.args[1]} == set(BUILT_IN_AGENTS) - {
+        "chat"
+    }  # has a test
 
 
 def test_a_batch_passes_if_its_episodes_do_not_matter_to_each_other(
     file: Path, demo: GroundTruth
 ) -> None:
-    assert check_agent(Plan(AgentSource(f"{file}:Batch"), demo)) == set()
-    assert check_agent(Plan(AgentSource(f"{file}:reader"), demo)) == {"instruction", "names"}
+    assert check_agent(RunPlan(AgentSource(f"{file}:Batch"), demo)) == set()
+    assert check_agent(RunPlan(AgentSource(f"{file}:reader"), demo)) == {"instruction", "names"}
 
 
 @pytest.mark.parametrize(
@@ -87,4 +89,4 @@ def test_a_batch_passes_if_its_episodes_do_not_matter_to_each_other(
 )
 def test_what_is_wrong_is_found(name: str, says: str, file: Path, demo: GroundTruth) -> None:
     with pytest.raises(ConformanceError, match=says):
-        check_agent(Plan(AgentSource(f"{file}:{name}"), demo, limits=Limits(steps=9)))
+        check_agent(RunPlan(AgentSource(f"{file}:{name}"), demo, limits=Limits(steps=9)))

@@ -13,7 +13,15 @@ import pytest
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.agents import AgentSource
-from reverie_eval.runner import FAILED_IN_A_ROW, TREATMENTS, WAITS, Plan, RunError, read_steps, run
+from reverie_eval.runner import (
+    FAILED_IN_A_ROW,
+    TREATMENTS,
+    WAITS,
+    RunError,
+    RunPlan,
+    read_steps,
+    run,
+)
 from reverie_eval.runner._failures import treatment_of
 from reverie_eval.simulator import Go, Observation, Stop, Turn
 from tests.support.runs import EPISODES, STAYED, Act, Home, Scripted, scripted, some, stop
@@ -207,7 +215,7 @@ def test_a_log_that_is_not_json_stops_the_run(home: Home) -> None:
 def test_a_process_that_is_killed_stops_the_run(tmp_path: Path) -> None:
     file = tmp_path / "deadly.py"
     file.write_text("import os, signal\ndef Agent(seen): os.kill(os.getpid(), signal.SIGKILL)\n")
-    plan = Plan(AgentSource(str(file)), some(2))
+    plan = RunPlan(AgentSource(str(file)), some(2))
     with pytest.raises(RunError, match="a worker was killed"):
         run(plan, tmp_path / "run", jobs=2)
 
@@ -216,4 +224,4 @@ def test_processes_say_why_they_have_no_agent(tmp_path: Path) -> None:
     file = tmp_path / "unready.py"
     file.write_text("class Agent:\n    def __init__(self): raise KeyError('MY_KEY')\n")
     with pytest.raises(ReverieEvalError, match="cannot be made: KeyError: 'MY_KEY'"):
-        run(Plan(AgentSource(str(file)), some(2)), tmp_path / "run", jobs=2)
+        run(RunPlan(AgentSource(str(file)), some(2)), tmp_path / "run", jobs=2)

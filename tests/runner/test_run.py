@@ -13,7 +13,7 @@ import pytest
 from reverie_eval import GroundTruth
 from reverie_eval.agents import AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
-from reverie_eval.runner import Limits, Plan, read_steps, run, run_agent, run_schema
+from reverie_eval.runner import Limits, RunPlan, read_steps, run, run_agent, run_schema
 from reverie_eval.simulator import Answer, Environment, Go, Observation, Stop, Turn
 from tests.support.runs import EPISODES, Home, Scripted, scripted, stop, to_the_end
 
@@ -148,7 +148,7 @@ def test_the_solution_is_read_by_those_who_ask_for_it(home: Home) -> None:
 @pytest.mark.parametrize("task", ["reverie", "r2r", "r4r", "rxr", "ndh", "soon"])
 def test_every_task_has_runs(task: str, tmp_path: Path) -> None:
     truth = GroundTruth.load(DEMO_BUNDLES / task.replace("reverie", "") / "val_unseen.npz")
-    run(Plan(AgentSource("shortest"), truth), tmp_path / "run")
+    run(RunPlan(AgentSource("shortest"), truth), tmp_path / "run")
     submission = json.loads((tmp_path / "run" / "submission.json").read_text())
     assert submission == json.loads(json.dumps(run_agent("shortest", truth)))
 
@@ -160,10 +160,10 @@ def test_an_episode_is_random_in_its_own_way(tmp_path: Path) -> None:
     truth = GroundTruth.load(DEMO_BUNDLES / "val_unseen.npz")
     some = truth.subset(truth.episodes.instr_ids[10:15])
     whole, part, other, several = (tmp_path / name for name in ("a", "b", "c", "d"))
-    run(Plan(AgentSource("random"), truth), whole)
-    run(Plan(AgentSource("random"), some), part)
-    run(Plan(AgentSource("random"), some, seed=1), other)
-    run(Plan(AgentSource("random"), some), several, jobs=2)
+    run(RunPlan(AgentSource("random"), truth), whole)
+    run(RunPlan(AgentSource("random"), some), part)
+    run(RunPlan(AgentSource("random"), some, seed=1), other)
+    run(RunPlan(AgentSource("random"), some), several, jobs=2)
     texts = [(each / "submission.json").read_text() for each in (whole, part, other, several)]
     records = [json.loads(each) for each in texts]
     assert records[0][10:15] == records[1]
@@ -216,9 +216,9 @@ def test_an_episode_is_stopped_after_some_seconds(
 def test_a_public_bundle_is_enough(tmp_path: Path) -> None:
     public = GroundTruth.from_bundle(Bundle.load(DEMO_BUNDLES / "val_unseen.npz").public())
     boxes = DEMO_BUNDLES / "val_unseen.npz"
-    run(Plan(AgentSource("word-match"), public, boxes=boxes), tmp_path / "with")
+    run(RunPlan(AgentSource("word-match"), public, boxes=boxes), tmp_path / "with")
     whole = GroundTruth.load(boxes)
-    run(Plan(AgentSource("word-match"), whole), tmp_path / "whole")
+    run(RunPlan(AgentSource("word-match"), whole), tmp_path / "whole")
     texts = [(tmp_path / name / "submission.json").read_text() for name in ("with", "whole")]
     assert texts[0] == texts[1]
     environment = Environment(public)

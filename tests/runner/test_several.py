@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from reverie_eval.agents import AgentSource
-from reverie_eval.runner import Plan, RunError, read_attempts, read_steps, run
+from reverie_eval.runner import RunError, RunPlan, read_attempts, read_steps, run
 from tests.conftest import REPOSITORY
 from tests.support.executors import EXECUTORS
 from tests.support.runs import some
@@ -45,21 +45,21 @@ class Agent:
 def expected(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """Return the submission of the random agent, with one episode at a time in one process."""
     folder = tmp_path_factory.mktemp("alone")
-    run(Plan(AgentSource("random"), some(45)), folder)
+    run(RunPlan(AgentSource("random"), some(45)), folder)
     return (folder / "submission.json").read_bytes()
 
 
 @pytest.mark.parametrize("name", EXECUTORS)
 def test_an_executor_changes_nothing(name: str, expected: bytes, tmp_path: Path) -> None:
     with EXECUTORS[name]() as executor:
-        totals = run(Plan(AgentSource("random"), some(45)), tmp_path, executor=executor)
+        totals = run(RunPlan(AgentSource("random"), some(45)), tmp_path, executor=executor)
     assert (tmp_path / "submission.json").read_bytes() == expected
     assert (totals.ended, totals.attempts) == (45, 45)
     assert len(list(read_steps(tmp_path))) == totals.steps
 
 
 def test_threads_change_nothing(expected: bytes, tmp_path: Path) -> None:
-    run(Plan(AgentSource("random"), some(45)), tmp_path, jobs=3, threads=True)
+    run(RunPlan(AgentSource("random"), some(45)), tmp_path, jobs=3, threads=True)
     assert (tmp_path / "submission.json").read_bytes() == expected
 
 
@@ -69,7 +69,7 @@ def test_a_thread_that_ends_ends_the_run(tmp_path: Path) -> None:
     others = set(threading.enumerate())
     with pytest.raises(RunError, match="a worker was killed while it ran an episode"):
         run(
-            Plan(AgentSource(f"{tmp_path}/agent.py"), some(9)),
+            RunPlan(AgentSource(f"{tmp_path}/agent.py"), some(9)),
             tmp_path / "run",
             jobs=2,
             threads=True,
@@ -82,7 +82,7 @@ def test_a_thread_that_ends_ends_the_run(tmp_path: Path) -> None:
 def test_a_batch_changes_nothing(how: Mapping[str, Any], expected: bytes, tmp_path: Path) -> None:
     (tmp_path / "agent.py").write_text(BATCH)
     folder = tmp_path / "run"
-    totals = run(Plan(AgentSource(f"{tmp_path}/agent.py"), some(45)), folder, **how)
+    totals = run(RunPlan(AgentSource(f"{tmp_path}/agent.py"), some(45)), folder, **how)
     assert (folder / "submission.json").read_bytes() == expected
     assert totals.input_tokens == 45  # of the first step of each
     episodes = [each.episode for each in read_steps(folder)]
@@ -91,7 +91,7 @@ def test_a_batch_changes_nothing(how: Mapping[str, Any], expected: bytes, tmp_pa
 
 def test_a_batch_with_too_few_actions_stops_the_run(tmp_path: Path) -> None:
     (tmp_path / "agent.py").write_text(BATCH)
-    plan = Plan(AgentSource(f"{tmp_path}/agent.py", {"wrong": 1}), some(9))
+    plan = RunPlan(AgentSource(f"{tmp_path}/agent.py", {"wrong": 1}), some(9))
     with pytest.raises(RunError, match=r"TypeError: act_batch returned \[.*\] for 4 episodes"):
         run(plan, tmp_path / "run")
     assert [each.state for each in read_attempts(tmp_path / "run")] == ["failed"] * 4
@@ -100,7 +100,7 @@ def test_a_batch_with_too_few_actions_stops_the_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", EXECUTORS)
 def test_an_error_elsewhere_stops_the_run(name: str, tmp_path: Path) -> None:
     (tmp_path / "agent.py").write_text("def Agent(seen): return {}['key']")
-    plan = Plan(AgentSource(f"{tmp_path}/agent.py"), some(45))
+    plan = RunPlan(AgentSource(f"{tmp_path}/agent.py"), some(45))
     with (
         EXECUTORS[name]() as executor,
         pytest.raises(RunError, match=r"stopped: \w+: KeyError: 'key' \(agent.py, line 1\)"),
@@ -114,17 +114,17 @@ def test_an_executor_that_fails_is_named(tmp_path: Path) -> None:
     failed.set_exception(OSError("the worker is gone"))
     broken = SimpleNamespace(submit=lambda *_: failed)
     with pytest.raises(RunError, match="could not run some episodes: OSError: the worker is gone"):
-        run(Plan(AgentSource("stop"), some(2)), str(tmp_path), executor=broken)
+        run(RunPlan(AgentSource("stop"), some(2)), str(tmp_path), executor=broken)
 
 
 PROGRAM = """
 import sys
 from pathlib import Path
 from reverie_eval.agents import AgentSource
-from reverie_eval.runner import Plan, run
+from reverie_eval.runner import RunPlan, run
 from tests.support.runs import some
 if __name__ == "__main__":
-    run(Plan(AgentSource(sys.argv[1]), some(2)), Path(sys.argv[2]), jobs=2)
+    run(RunPlan(AgentSource(sys.argv[1]), some(2)), Path(sys.argv[2]), jobs=2)
 """
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from reverie_eval import GroundTruth
 from reverie_eval.agents import AgentSource, Episode, RandomAgent
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.runner import Plan, run
+from reverie_eval.runner import RunPlan, run
 from reverie_eval.simulator import Action, Observation
 
 PAUSE = 0.004
@@ -49,6 +49,6 @@ def run_chat(url: str, folder: str, episodes: int, jobs: int = 1) -> None:
     run(plan, Path(folder), jobs=jobs, threads=True)
 
 
-def _plan(agent: AgentSource, split: str, episodes: int) -> Plan:
+def _plan(agent: AgentSource, split: str, episodes: int) -> RunPlan:
     truth = GroundTruth.load(DEMO_BUNDLES / f"{split}.npz")
-    return Plan(agent, truth.subset(truth.episodes.instr_ids[:episodes]))
+    return RunPlan(agent, truth.subset(truth.episodes.instr_ids[:episodes]))

@@ -13,7 +13,7 @@ import pytest
 from reverie_eval import GroundTruth
 from reverie_eval.agents import AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.runner import Attempt, Plan, Progress, RunCard, Totals, read_attempts, run
+from reverie_eval.runner import Attempt, Progress, RunCard, RunPlan, Totals, read_attempts, run
 from reverie_eval.simulator import Answer, Go, Observation, Stop
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import ground_truth_of
@@ -62,7 +62,7 @@ class Home:
     def __init__(self, folder: Path, script: type[Scripted]) -> None:
         self.folder = folder / "run"
         self.script = script
-        self.plan = Plan(AgentSource("scripted:Agent"), ground_truth_of(WORLD))
+        self.plan = RunPlan(AgentSource("scripted:Agent"), ground_truth_of(WORLD))
         self.progress: list[Progress] = []
 
     def run(self, act: Act, **changes: Any) -> Totals:

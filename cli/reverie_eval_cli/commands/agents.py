@@ -17,7 +17,7 @@ from reverie_eval.agents.chat import History, InputClass
 from reverie_eval.files import parse_toml, read_toml
 from reverie_eval.logs import read_text
 from reverie_eval.reporting.scores import scores_printout
-from reverie_eval.runner import SUBMISSION, Limits, Plan, Progress, Totals, read_attempts, run
+from reverie_eval.runner import SUBMISSION, Limits, Progress, RunPlan, Totals, read_attempts, run
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.options import TruthOptions
@@ -142,9 +142,9 @@ class RunOptions:
     max_steps: int
     max_seconds: float | None
 
-    def plan(self, agent: str, truth: GroundTruth, named: Mapping[str, Any]) -> Plan:
+    def plan(self, agent: str, truth: GroundTruth, named: Mapping[str, Any]) -> RunPlan:
         """Return what is to be run; some of the agent's options have names of their own."""
-        return Plan(
+        return RunPlan(
             agent=AgentSource(agent, {**named, **self.agent_options()}),
             ground_truth=truth,
             boxes=self.boxes,

@@ -7,7 +7,7 @@ networks of the papers are in ``navigators`` and ``pointers``.
 """
 
 from reverie_eval.agents.trained._agent import MODEL, POINTER, find_trained
-from reverie_eval.agents.trained._model_file import Epoch, ModelCard, read_card
+from reverie_eval.agents.trained._model_file import Epoch, ModelCard, read_model_card
 from reverie_eval.agents.trained._recipes import RECIPES, Recipe, find_recipe
 from reverie_eval.agents.trained._training import TrainingPlan, train
 
@@ -21,6 +21,6 @@ __all__ = [
     "TrainingPlan",
     "find_recipe",
     "find_trained",
-    "read_card",
+    "read_model_card",
     "train",
 ]

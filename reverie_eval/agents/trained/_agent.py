@@ -19,7 +19,7 @@ from reverie_eval.agents.trained._model_file import (
     ModelCard,
     coder_of,
     load_weights,
-    read_card,
+    read_model_card,
     set_threads,
 )
 from reverie_eval.agents.trained._navigating import Decision, Navigator, Reading, State, collate
@@ -45,7 +45,7 @@ def find_trained(folder: Path) -> type[Agent | BatchAgent]:
     ReverieEvalError
         If the folder has no model.
     """
-    card = read_card(folder / MODEL)
+    card = read_model_card(folder / MODEL)
     kind = PointingAgent if recipe_of(card).is_pointer else WalkingAgent
     files = [file for name in (MODEL, POINTER) if (file := folder / name).exists()]
     version = "+".join(
@@ -59,7 +59,7 @@ class LoadedPointer:
 
     def __init__(self, file: Path) -> None:
         set_threads()
-        card = read_card(file)
+        card = read_model_card(file)
         self.digest = hashlib.sha256(file.read_bytes()).hexdigest()
         """SHA-256 of its file."""
         self.coder = coder_of(card)
@@ -157,7 +157,7 @@ class WalkingAgent:
 
     def __init__(self, walk: Walk | None = None) -> None:
         file, pointer = self.folder / MODEL, self.folder / POINTER
-        card = read_card(file)
+        card = read_model_card(file)
         self._recipe = recipe_of(card)
         self._walk = walk or self._recipe.walk
         if self._walk not in WALKS:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from reverie_eval.agents.trained._navigating import Navigator, Scores, collate
+from reverie_eval.agents.trained._navigating import ActionScores, Navigator, collate
 from reverie_eval.agents.trained._world import World
 from reverie_eval.arrays import IntArray
 
@@ -31,7 +31,7 @@ class Step(NamedTuple):
     """int (B,): their episodes."""
     viewpoints: IntArray
     """int (B,): where each of them is."""
-    scores: Scores
+    scores: ActionScores
 
 
 class Walks:

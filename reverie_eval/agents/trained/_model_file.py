@@ -83,7 +83,7 @@ def save_model(path: Path, tensors: Mapping[str, Tensor], card: ModelCard) -> No
         file.write(save(dict(tensors), metadata={_KEY: content}))
 
 
-def read_card(path: Path) -> ModelCard:
+def read_model_card(path: Path) -> ModelCard:
     """Read what is said about a model, and check that its words are those that it learned.
 
     Raises

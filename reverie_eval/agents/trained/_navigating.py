@@ -22,7 +22,7 @@ FORGETTING = 0.3
 
 
 @dataclass(frozen=True)
-class Inputs:
+class SlotInputs:
     """The parts of observations that a navigator is given; each is concatenated to the others."""
 
     names: bool = True
@@ -146,7 +146,7 @@ class State(NamedTuple):
         return State(self.h[rows], self.c[rows], self.action[rows])
 
 
-class Scores(NamedTuple):
+class ActionScores(NamedTuple):
     """What a navigator says about B decisions."""
 
     logits: Tensor
@@ -218,7 +218,7 @@ class Attention(nn.Module):
 class SlotEncoder(nn.Module):
     """g(v): the vector of each slot, of its names, geometry, matches and viewpoint."""
 
-    def __init__(self, embedding: int, size: int, inputs: Inputs, n_remembered: int) -> None:
+    def __init__(self, embedding: int, size: int, inputs: SlotInputs, n_remembered: int) -> None:
         super().__init__()
         self._inputs = inputs
         memory = embedding // 2
@@ -278,5 +278,5 @@ class Navigator(nn.Module, ABC):
         return Reading(context, self.encoder.names(tokens)), State(h, c, torch.zeros_like(h))
 
     @abstractmethod
-    def forward(self, reading: Reading, state: State, slots: Slots) -> Scores:
+    def forward(self, reading: Reading, state: State, slots: Slots) -> ActionScores:
         """Score the actions of B decisions."""

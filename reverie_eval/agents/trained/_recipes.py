@@ -9,7 +9,7 @@ from torch import nn
 
 from reverie_eval.agents.trained._coding import Coder
 from reverie_eval.agents.trained._model_file import ModelCard
-from reverie_eval.agents.trained._navigating import Inputs
+from reverie_eval.agents.trained._navigating import SlotInputs
 from reverie_eval.agents.trained.navigators import Follower, Rcm, SelfMonitor
 from reverie_eval.agents.trained.pointers import MAttNet, NameRnn, Pointer
 from reverie_eval.errors import ReverieEvalError
@@ -37,7 +37,7 @@ class Recipe:
     """The share of batches with student forcing."""
     reinforced_from: int | None = None
     """The epoch from which batches with student forcing have the policy gradient instead."""
-    inputs: Inputs = field(default_factory=Inputs)
+    inputs: SlotInputs = field(default_factory=SlotInputs)
     """What a navigator is given."""
     erases: bool = False
     """Whether a pointer reads expressions again without their most important word."""
@@ -63,7 +63,7 @@ class Recipe:
         ReverieEvalError
             If an option does not exist, or its value has the wrong type or is out of range.
         """
-        inputs = [] if self.is_pointer else [each.name for each in fields(Inputs)]
+        inputs = [] if self.is_pointer else [each.name for each in fields(SlotInputs)]
         known = [*_LEAST, *inputs]
         for name, value in options.items():
             if name not in known:
@@ -99,9 +99,9 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
         "self-monitor": _SELF_MONITOR,
         "fast-short": replace(_SELF_MONITOR, walk="fast"),
         "fast-lan-only": replace(
-            _SELF_MONITOR, walk="fast", inputs=Inputs(names=False, matches=False, memory=False)
+            _SELF_MONITOR, walk="fast", inputs=SlotInputs(names=False, matches=False, memory=False)
         ),
-        "interactive": replace(_SELF_MONITOR, walk="fast", inputs=Inputs(top=True)),
+        "interactive": replace(_SELF_MONITOR, walk="fast", inputs=SlotInputs(top=True)),
         "name-rnn": Recipe(NameRnn, epochs=12, learning_rate=3e-3),
         "mattnet": Recipe(MAttNet, epochs=8),
         "cm-erase": Recipe(MAttNet, epochs=8, erases=True),

@@ -21,7 +21,7 @@ from reverie_eval.agents.trained._model_file import (
     Epoch,
     ModelCard,
     encode_card,
-    read_card,
+    read_model_card,
     save_model,
     set_threads,
 )
@@ -227,7 +227,7 @@ class _Files:
         path = self._folder / MODEL
         if not path.exists():
             return None
-        done = read_card(path)
+        done = read_model_card(path)
         self._check_same(card, done)
         return done
 
@@ -240,7 +240,7 @@ class _Files:
             if any(not each.name.startswith(".") for each in self._folder.iterdir()):
                 raise ReverieEvalError(f"{self._folder} is not empty; choose a new folder")
             return card
-        begun = read_card(path)
+        begun = read_model_card(path)
         self._check_same(card, begun)
         tensors = load_file(path)
         kept = {name: tensors.pop(name) for name in model.state_dict()}

@@ -12,12 +12,12 @@ from torch.nn import functional
 
 from reverie_eval.agents.trained._coding import MAX_WORDS
 from reverie_eval.agents.trained._navigating import (
+    ActionScores,
     Attention,
-    Inputs,
     Navigator,
     Reading,
-    Scores,
     SlotEncoder,
+    SlotInputs,
     Slots,
     State,
     WordEncoder,
@@ -38,7 +38,7 @@ class Follower(Navigator):
         self,
         n_words: int,
         n_remembered: int,
-        inputs: Inputs,
+        inputs: SlotInputs,
         *,
         embedding: int = 64,
         hidden: int = 128,
@@ -54,7 +54,7 @@ class Follower(Navigator):
         self.score = nn.Linear(hidden, hidden, bias=False)
         self.dropout = nn.Dropout(dropout)
 
-    def forward(self, reading: Reading, state: State, slots: Slots) -> Scores:
+    def forward(self, reading: Reading, state: State, slots: Slots) -> ActionScores:
         """Score the actions of B decisions."""
         u = self.dropout(self.slots(slots, reading.names))  # (B, S, H)
         v, _ = self.see(state.h, u, slots.valid)  # (B, H)
@@ -62,7 +62,7 @@ class Follower(Navigator):
         x, _ = self.listen(self.dropout(h), reading.context)  # c_t of the paper, (B, H)
         h_tilde = self.combine(torch.cat([x, self.dropout(h)], dim=-1)).tanh()
         logits: Tensor = (u @ self.score(self.dropout(h_tilde))[..., None])[..., 0]  # (B, S)
-        return Scores(logits.masked_fill(~slots.valid, -torch.inf), h, c, u, None)
+        return ActionScores(logits.masked_fill(~slots.valid, -torch.inf), h, c, u, None)
 
 
 class Rcm(Follower):
@@ -79,7 +79,7 @@ class Rcm(Follower):
         self,
         n_words: int,
         n_remembered: int,
-        inputs: Inputs,
+        inputs: SlotInputs,
         *,
         embedding: int = 64,
         hidden: int = 128,
@@ -87,7 +87,7 @@ class Rcm(Follower):
         super().__init__(n_words, n_remembered, inputs, embedding=embedding, hidden=hidden)
         self.critic = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
 
-    def forward(self, reading: Reading, state: State, slots: Slots) -> Scores:
+    def forward(self, reading: Reading, state: State, slots: Slots) -> ActionScores:
         """Score the actions of B decisions."""
         scores = super().forward(reading, state, slots)
         # The critic judges states; it does not shape them.
@@ -116,7 +116,7 @@ class SelfMonitor(Navigator):
         self,
         n_words: int,
         n_remembered: int,
-        inputs: Inputs,
+        inputs: SlotInputs,
         *,
         embedding: int = 64,
         hidden: int = 128,
@@ -135,7 +135,7 @@ class SelfMonitor(Navigator):
         self.progress = nn.Linear(MAX_WORDS + hidden, 1)
         self.dropout = nn.Dropout(dropout)
 
-    def forward(self, reading: Reading, state: State, slots: Slots) -> Scores:
+    def forward(self, reading: Reading, state: State, slots: Slots) -> ActionScores:
         """Score the actions of B decisions."""
         g = self.dropout(self.slots(slots, reading.names))  # (B, S, H)
         n_words = reading.context.shape[1]
@@ -150,4 +150,4 @@ class SelfMonitor(Navigator):
         h_pm = c.sigmoid() * self.monitor(torch.cat([state.h, v], dim=-1)).tanh()
         padded = functional.pad(alpha, (0, MAX_WORDS - n_words))
         p_pm = self.progress(torch.cat([padded, h_pm], dim=-1)).tanh()[..., 0]
-        return Scores(o.masked_fill(~slots.valid, -torch.inf), h, c, g, p_pm)
+        return ActionScores(o.masked_fill(~slots.valid, -torch.inf), h, c, g, p_pm)

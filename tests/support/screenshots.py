@@ -152,6 +152,7 @@ def _draw_buildings(browser: Browser, folder: Path, dataset: Path) -> None:
     """Show what is drawn of the published buildings, if they are here."""
     published = published_folder()
     if published is None:
+        print("no published files, so no drawings; name their folder in REVERIE_DATA")  # noqa: T201
         return
     read = read_dataset(DatasetFiles.find(unpack_dataset(published, dataset)), no_progress)
     graph = read.graphs.ground_truth()

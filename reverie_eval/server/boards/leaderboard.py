@@ -411,10 +411,14 @@ class Rankings:
             for board in boards
         ]
 
-    def with_details(self, session: Session, ranking: Ranking) -> Ranking:
-        """Add how often each team has submitted, and which ranks each result may have."""
+    def detailed(self, session: Session, board: Board, metric: str | None = None) -> Ranking:
+        """Return a leaderboard with counts of submissions, and the ranks that results may have.
+
+        Raises the errors of :func:`leaderboard`.
+        """
+        ranking = self.with_rank_intervals(session, self.ranking(session, board, metric))
         counts = self._entries.submissions_of_teams(session, ranking.board.split)
-        return replace(self.with_rank_intervals(session, ranking), counts=counts)
+        return replace(ranking, counts=counts)
 
     def with_rank_intervals(self, session: Session, ranking: Ranking) -> Ranking:
         """Add which ranks each result may have."""

@@ -247,8 +247,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
     query = query.on(board)
     with visitor.reading() as reading:
         session, server = reading.session, visitor.server
-        ranking = server.get(Rankings).ranking(session, board, query.ranked_by(board))
-        ranking = server.get(Rankings).with_details(session, ranking)
+        ranking = server.get(Rankings).detailed(session, board, query.ranked_by(board))
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
         charted = query.shown.of(ranking.rows, ranking)
         is_copy = visitor.request.app.state.is_copy

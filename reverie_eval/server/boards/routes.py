@@ -83,9 +83,7 @@ def download_named_leaderboard(
 def _as_json(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
     board = server.board(split, name)
     with server.database.reading() as session:
-        ranking = server.get(Rankings).with_details(
-            session, server.get(Rankings).ranking(session, board, metric)
-        )
+        ranking = server.get(Rankings).detailed(session, board, metric)
         corrections = corrections_of(session, [board])[board.split]
     content = as_json(ranking, corrections, server.settings.organiser)
     return Response(content, media_type="application/json")
@@ -94,9 +92,7 @@ def _as_json(server: ServerState, metric: str | None, split: str, name: str = ""
 def _as_csv(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
     board = server.board(split, name)
     with server.database.reading() as session:
-        ranking = server.get(Rankings).with_details(
-            session, server.get(Rankings).ranking(session, board, metric)
-        )
+        ranking = server.get(Rankings).detailed(session, board, metric)
     return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 

@@ -66,9 +66,7 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
     corrections: list[Row] = []
     with state.database.reading() as session:
         for board in state.all_boards:
-            ranking = state.get(Rankings).with_details(
-                session, state.get(Rankings).ranking(session, board)
-            )
+            ranking = state.get(Rankings).detailed(session, board)
             told = corrections_of(session, [board])[board.split]
             shown = json.loads(as_json(ranking, told, state.settings.organiser))
             boards.append({name: shown[name] for name in _BOARD})

@@ -200,6 +200,13 @@ def test_a_wrong_name_is_said_before_wrong_files(run: Run, tmp_path: Path) -> No
     assert wrong.err == f"{message}{', '.join(RECIPES)}\n"
 
 
+@pytest.mark.parametrize("seed", [-1, 2**63])
+def test_a_seed_that_numpy_or_torch_refuses(seed: int, run: Run, tmp_path: Path) -> None:
+    wrong = run("train", "mattnet", "--seed", str(seed), "-o", str(tmp_path / "model"))
+    assert wrong.status == 2
+    assert f"Invalid value for '--seed': {seed} is not in the range" in wrong.err
+
+
 def test_a_navigator_is_trained_on_another_task(demo_world: Path, tmp_path: Path) -> None:
     files = DatasetFiles.find(demo_world, split="val_seen", task="r2r")
     card = train(TrainingPlan("r2r-tf", files, "val_seen"), tmp_path / "model")

@@ -578,6 +578,13 @@ def test_a_terminal_is_no_place_for_it() -> None:
     assert "<html" not in shown
 
 
+def test_a_report_is_not_a_pdf(tmp_path: Path, run: Run) -> None:
+    page = tmp_path / "report.pdf"
+    status, out, err = run(*REPORT, "-o", str(page))
+    assert (status, out, page.exists()) == (2, "", False)
+    assert "expected a name that ends in .html; a browser prints the page as PDF" in err
+
+
 @pytest.mark.parametrize("by", ["target", "scan"])
 @pytest.mark.usefixtures("here")
 def test_one_cluster_has_a_report_without_intervals(by: str, run: Run) -> None:

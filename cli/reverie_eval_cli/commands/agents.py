@@ -321,7 +321,14 @@ def _print_scores(submission: Path, truth: GroundTruth, totals: Totals) -> None:
 @options.dataset_task
 @options.with_default("--split", default="train", metavar="NAME", help="The split to train on.")
 @options.new_path("FOLDER", "The model's folder: a new one, or one to go on with.")
-@options.with_default("--seed", type=int, default=0, help="Seed of all random choices.")
+@options.with_default(
+    "--seed",
+    metavar="N",
+    # What numpy and torch can be seeded with.
+    type=options.Number(min=0, max=2**63 - 1),
+    default=0,
+    help="Seed of all random choices.",
+)
 @_agent_option
 @click.option(
     "--pointer",

@@ -162,6 +162,10 @@ def report(
     # A page of HTML would flood the terminal.
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
+    if output is not None and Path(output).suffix not in ("", ".html", ".htm"):
+        raise click.UsageError(
+            f"{output}: expected a name that ends in .html; a browser prints the page as PDF"
+        )
     evaluator = scoring.evaluator(scoring.find(episodes_from))
     scored = score_each(submissions, evaluator)
     scores = dict(zip(submission_names(submissions), scored, strict=True))

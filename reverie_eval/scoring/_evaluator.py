@@ -234,11 +234,11 @@ class ScoredFiles(Mapping[str, Scores]):
             return {}
         key = _ranking_key(self)
         values = {file: each[key] for file, each in self.items() if key in each}
-        place: dict[float, int] = {}
+        rank_of: dict[float, int] = {}
         for index, value in enumerate(values.values(), start=1):
             # Equal values share the better rank, and the next rank is left out.
-            place.setdefault(value, index)
-        return {file: place[values[file]] if file in values else None for file in self}
+            rank_of.setdefault(value, index)
+        return {file: rank_of[values[file]] if file in values else None for file in self}
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a row per file, best first, with every metric of the score table.

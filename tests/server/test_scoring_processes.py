@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Empty
 from typing import Any
 
 import httpx
@@ -26,7 +27,7 @@ from reverie_eval.server.errors import BusyError
 from reverie_eval.server.scoring import processes as scoring_processes
 from reverie_eval.server.scoring.boards import load_boards
 from reverie_eval.server.scoring.contexts import Context, open_file
-from reverie_eval.server.scoring.processes import ScoringProcesses
+from reverie_eval.server.scoring.processes import Line, ScoringProcesses
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
@@ -67,6 +68,35 @@ def processes(folder: Path) -> Iterator[ScoringProcesses]:
     settings = settings_of(folder)
     with ScoringProcesses(settings, load_boards(settings), 2) as processes:
         yield processes
+
+
+def test_what_waits_for_a_process_comes_before_what_asks_again() -> None:
+    """As an upload, or a check of health, while a job scores one file after another."""
+    line, order = Line[str](), list[str]()
+    line.give("process")
+
+    def work(who: str) -> None:
+        process = line.take(PATIENCE)
+        order.append(who)
+        line.give(process)
+
+    with ThreadPoolExecutor(2) as waiting:
+        process = line.take(PATIENCE)
+        for number, who in enumerate(("upload", "check"), 1):
+            waiting.submit(work, who)
+            wait_until(lambda number=number: line.waiting == number)
+        line.give(process)
+        work("job")
+    assert order == ["upload", "check", "job"]
+
+
+def test_what_waits_too_long_leaves_the_line() -> None:
+    line = Line[str]()
+    with pytest.raises(Empty):
+        line.take(0)
+    assert line.waiting == 0
+    line.give("process")
+    assert line.take(0) == "process"
 
 
 def number(_: Context) -> int:

@@ -104,11 +104,12 @@ def _is_method(entry: Entry) -> bool:
 def show_home(visitor: Visitor) -> Response:
     """Show the task by an example, the first of every leaderboard, and how to take part."""
     server = visitor.server
-    showcase = _showcase_of(server)
+    # Nobody waits for what a job is computing; a moment later, it is there.
+    showcase = None if server.warming.is_set() else _showcase_of(server)
     links = {name.casefold(): str(url) for name, url in server.settings.links.items()}
     task, *_ = server.tasks
     with visitor.reading() as reading:
-        leaders = _leaders(server, reading.session)
+        leaders = _leaders(server, reading.session, showcase)
         real = [each for each in leaders[task.title] if not each.board.truth.is_demo]
         return page(
             reading,
@@ -116,8 +117,7 @@ def show_home(visitor: Visitor) -> Response:
             task=task,
             leaders=leaders,
             standings=[standing for each in real if (standing := Standing.of(each))],
-            # Nobody waits for what a job is computing; a moment later, it is there.
-            example=None if server.warming.is_set() or showcase is None else showcase.example(),
+            example=None if showcase is None else showcase.example(),
             # A link in the settings comes before what is known of the task.
             data=links.get("data", f"https://{task.source}"),
             paper_page=links.get("paper", task.paper.url if task.paper else ""),
@@ -127,14 +127,15 @@ def show_home(visitor: Visitor) -> Response:
 
 
 def warm_up(server: ServerState) -> None:
-    """Compute what takes long the first time: the example, reference agents, leaderboards."""
+    """Compute what the first page shows and takes long the first time.
+
+    Reference agents walk only where it shows them: on a split of real size, they take seconds.
+    """
     showcase = _showcase_of(server)
     if showcase is not None:
         showcase.example()
-        for board in server.boards.values():
-            showcase.references(board)
     with server.database.reading() as session:
-        _leaders(server, session)
+        _leaders(server, session, showcase)
 
 
 def _showcase_of(server: ServerState) -> Showcase | None:
@@ -143,21 +144,18 @@ def _showcase_of(server: ServerState) -> Showcase | None:
     return next((server.get(kind) for kind in kinds if kind is not None), None)
 
 
-def _leaders(server: ServerState, session: Session) -> Mapping[str, Sequence[Leaders]]:
+def _leaders(
+    server: ServerState, session: Session, showcase: Showcase | None
+) -> Mapping[str, Sequence[Leaders]]:
     """Return the first rows of every leaderboard, by the title of its task."""
     schedules = server.get(Schedules).in_effect(session)
     found: dict[str, list[Leaders]] = {task.title: [] for task in server.tasks}
-    showcase = _showcase_of(server)
     boards = sorted(server.boards.values(), key=lambda board: board.truth.is_demo)
     for board, ranking in zip(boards, server.get(Rankings).rankings(session, boards), strict=True):
         all_rows = () if ranking is None else ranking.rows
         rows = all_rows[:MOST_LEADERS]
         has_results = any(row.entry.is_ranked for row in all_rows)
-        references = (
-            []
-            if has_results or server.warming.is_set() or showcase is None
-            else showcase.references(board)
-        )
+        references = [] if has_results or showcase is None else showcase.references(board)
         scale = Scale.of(rows, board.primary.key)
         found[board.task.title].append(
             Leaders(board, ranking, schedules[board.split], rows, references, scale)

@@ -14,6 +14,7 @@ import resource
 import signal
 import sys
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
@@ -23,8 +24,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from pickle import PickleBuffer, PicklingError
 from queue import Empty, SimpleQueue
-from threading import Thread
-from typing import Any, Concatenate, NamedTuple, Self
+from threading import Lock, Thread
+from typing import Any, Concatenate, Generic, NamedTuple, Self, TypeVar
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.server.errors import BusyError
@@ -59,6 +60,8 @@ _BYTES_KEPT = 16 << 20
 _PROCESS_SIZE = Path("/proc/self/statm")
 """On Linux: the first number is the size of the address space, in pages."""
 
+Thing = TypeVar("Thing")
+
 _LOGGER = logging.getLogger("reverie_eval.server.scoring")
 
 
@@ -82,7 +85,7 @@ class ScoringProcesses(Scoring):
         context.set_forkserver_preload([__name__])
         self.number, self.turns = number, 2 * number
         self._all = [_Process(settings, boards, context) for _ in range(number)]
-        self._free: SimpleQueue[_Process] = SimpleQueue()
+        self.line: Line[_Process] = Line()
         self._starting = Thread(target=self._start, name="scoring processes", daemon=True)
 
     def __enter__(self) -> Self:
@@ -105,20 +108,61 @@ class ScoringProcesses(Scoring):
                 pass
             except Exception:  # whatever it is, the first call that needs the process tries again
                 _LOGGER.exception("scoring process not ready")
-            self._free.put(each)
+            self.line.give(each)
 
     @contextmanager
     def hold(self) -> Iterator[Runner]:
         """Wait for a process and hold it. Raises BusyError if none becomes free."""
         try:
-            process = self._free.get(timeout=_MOST_SECONDS)
+            process = self.line.take(_MOST_SECONDS)
         except Empty:
             raise BusyError(SECONDS_TO_RETRY) from None
         try:
             process.revive()
             yield process
         finally:
-            self._free.put(process)
+            self.line.give(process)
+
+
+class Line(Generic[Thing]):
+    """Hands things out to those who wait, in the order in which they came.
+
+    A queue of the standard library does not: what gives a thing back and asks for the next one at
+    once, as a job does, takes it before a thread that waits has woken up, each time.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._free: deque[Thing] = deque()
+        self._waiting: deque[SimpleQueue[Thing]] = deque()
+
+    @property
+    def waiting(self) -> int:
+        """How many wait."""
+        return len(self._waiting)
+
+    def give(self, thing: Thing) -> None:
+        """Hand a thing to the one who has waited longest, or keep it for the next who comes."""
+        with self._lock:
+            if self._waiting:
+                self._waiting.popleft().put(thing)
+            else:
+                self._free.append(thing)
+
+    def take(self, seconds: float) -> Thing:
+        """Wait for a thing. Raises queue.Empty if none is handed out in time."""
+        with self._lock:
+            if self._free:
+                return self._free.popleft()
+            self._waiting.append(own := SimpleQueue[Thing]())
+        try:
+            return own.get(timeout=seconds)
+        except Empty:
+            with self._lock:
+                if own in self._waiting:
+                    self._waiting.remove(own)
+                    raise
+            return own.get()  # it was handed out in the same moment
 
 
 class _Call(NamedTuple):

@@ -1,11 +1,11 @@
 """What holds of every page in a real browser, whoever looks, on whatever screen."""
 
 from collections.abc import Callable, Iterator
-from functools import cache, partial
+from functools import cache
 from typing import NamedTuple
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Page, expect
 
 from tests.support.browser import (
     NARROW,
@@ -18,6 +18,7 @@ from tests.support.browser import (
     cost_of,
     exceeded,
     new_context,
+    show_part,
 )
 from tests.support.demo_site import OPEN, OWNER, PRIVATE, Site
 from tests.support.page_routes import EXAMPLES, Example
@@ -109,18 +110,12 @@ def test_nothing_moves_while_a_page_comes(
     places: list[dict[str, list[float]]] = []
     for share in SHARES:
         body = whole[: int(share * len(whole))]
-        page.route(f"**{path}", partial(fulfill, body=body))
-        page.goto(path)
+        show_part(page, path, body)
         places.append(page.evaluate(PLACES, parts))
     *early, final = places
     assert list(final) == parts
     assert early == [{name: final[name] for name in some} for some in early]
     assert len(early[-1]) > 1
-
-
-def fulfill(route: Route, body: str) -> None:
-    """Answer with a page that ends early, under the policy of all pages."""
-    route.fulfill(response=route.fetch(), body=body)
 
 
 def test_two_results_are_compared_and_neither_one_nor_three(

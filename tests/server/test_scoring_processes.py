@@ -82,9 +82,10 @@ def test_what_waits_for_a_process_comes_before_what_asks_again() -> None:
 
     with ThreadPoolExecutor(2) as waiting:
         process = line.take(PATIENCE)
-        for number, who in enumerate(("upload", "check"), 1):
-            waiting.submit(work, who)
-            wait_until(lambda number=number: line.waiting == number)
+        waiting.submit(work, "upload")
+        wait_until(lambda: line.waiting == 1)
+        waiting.submit(work, "check")
+        wait_until(lambda: line.waiting == 2)
         line.give(process)
         work("job")
     assert order == ["upload", "check", "job"]

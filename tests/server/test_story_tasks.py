@@ -157,7 +157,7 @@ def look_at_ranking(lab: Serving, board: Board, scores: Mapping[str, float]) -> 
     columns = next(csv.reader(io.StringIO(lab.ask(None, "GET", f"{place}.csv").text)))
     assert {*columns} & CATALOGUE.keys() == {*scores}
     page = lab.client.get(f"/splits/{board.split}").text
-    names = re.findall(r'<th scope="col" class="number (?:first)?".*?title="(.*?)"', page)
+    names = re.findall(r'<th scope="col" class="number[^>]*><a href="[^"]*" title="(.*?)"', page)
     assert {*names} == {CATALOGUE[key].name for key in board.task.headline}
     unknown = lab.ask(None, "GET", f"{place}?metric=iou")
     assert (unknown.status_code, "cannot sort by 'iou'" in unknown.text) == (400, True)

@@ -235,6 +235,13 @@ def exceeded(cost: Cost) -> Sequence[str]:
     return [f"{name}: {found:g} of {most:g}" for name, found, most in pairs if found > most]
 
 
+def show_part(page: Page, path: str, part: str) -> None:
+    """Show so much of a page as has arrived, under the policy of all pages."""
+    page.unroute_all()
+    page.route(f"**{path}", lambda route: route.fulfill(response=route.fetch(), body=part))
+    page.goto(path)
+
+
 def sign_in(page: Page, token: str) -> None:
     """Sign in as people do."""
     page.goto("/sign-in")

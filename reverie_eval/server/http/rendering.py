@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -310,6 +310,7 @@ def _environment() -> Environment:
         "primary": primary_of,
         "sentence": sentence,
         "task": lambda report: known_task(report.signature),
+        "widest": widest,
     }
     return environment
 
@@ -372,6 +373,15 @@ def ordinal(number: int) -> str:
     is_teen = number // 10 % 10 == 1
     ending = "th" if is_teen else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number:,}{ending}"
+
+
+def widest(numbers: Iterable[str]) -> str:
+    """Return the number that needs most room: all digits are equally wide; empty if there are none.
+
+    >>> widest(["7.25", "-", "100.00"])
+    '100.00'
+    """
+    return max(numbers, key=len, default="")
 
 
 def sentence(text: str) -> str:

@@ -15,6 +15,7 @@ import reverie_eval as rv
 from reverie_eval.analysis import WalkOutcomes, find_grouping
 from reverie_eval.reporting.report_sections import Breakdown, GroupRow
 from reverie_eval.server.app import jobs_of
+from reverie_eval.server.explore import method_page
 from reverie_eval.server.explore.episodes import EpisodeService
 from reverie_eval.server.explore.method_page import Analysis
 from reverie_eval.server.explore.side_by_side import (
@@ -93,7 +94,7 @@ def test_difficulty_counts_only_methods_that_show_their_episodes(server: Serving
 
     server.ask(OWNER, "PATCH", f"/submissions/{good}", json={"shows_episodes": False})
     assert "1 method whose episodes" in said(server.client.get(LIST))
-    assert len(server.state.get(EpisodeService).comparing.walks) == 1
+    assert len(server.state.get(EpisodeService).comparing.walks.kept) == 1
 
 
 @pytest.mark.parametrize(
@@ -183,6 +184,22 @@ def test_what_a_result_consists_of(server: Serving) -> None:
     assert "Near misses" in page.text
     assert "Near misses" not in server.client.get(f"/submissions/{other}/analysis").text
     assert "1 of 2" in page.text, "the rank over time"
+
+
+def test_nobody_waits_for_the_analysis_of_many_episodes(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    episodes = len(server.state.boards[OPEN].truth.episodes.instr_ids)
+    one, other = (publish(server, OWNER, GOOD.read_bytes() + b" " * each) for each in range(2))
+    monkeypatch.setattr(method_page, "EPISODES_AWAITED", episodes)
+    assert "Strengths and weaknesses" in said(server.client.get(f"/submissions/{one}/analysis"))
+    monkeypatch.setattr(method_page, "EPISODES_AWAITED", episodes - 1)
+    page = f"/submissions/{other}/analysis"
+    first = server.client.get(page)
+    assert "The server is analysing this result." in said(first)
+    assert f'<a href="{page}">Reload' in first.text
+    assert "Strengths and weaknesses" not in first.text
+    wait_until(lambda: "Strengths and weaknesses" in said(server.client.get(page)))
 
 
 def test_one_sees_where_one_s_result_fails_before_it_is_published(server: Serving) -> None:

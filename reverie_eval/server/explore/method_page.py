@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Self
 
 from fastapi import APIRouter
@@ -20,14 +19,15 @@ from reverie_eval.server.boards.reviews import any_submission
 from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.explore.episodes import instructions_of
-from reverie_eval.server.http.callers import CallReading, Visitor
+from reverie_eval.server.explore.file_results import FileResults
+from reverie_eval.server.http.callers import Call, CallReading, Visitor
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import ScoringTurn
 from reverie_eval.server.intake.submissions import SubmissionService, publication, submission_of
 from reverie_eval.server.scoring.boards import Board, find_board
-from reverie_eval.server.scoring.contexts import Context, Scoring
+from reverie_eval.server.scoring.contexts import Context
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.uploads import UploadsError, stored_upload
+from reverie_eval.server.store.uploads import stored_upload
 
 router = APIRouter()
 
@@ -35,6 +35,8 @@ SHOWN_GROUPS = 8
 """Rows of a breakdown that are not folded."""
 NEIGHBOURS = 3
 """Results above and below one that are shown with it."""
+EPISODES_AWAITED = 1000
+"""Episodes of a split whose analysis a page waits for, at most; that of more takes seconds."""
 _KEPT = 32
 
 
@@ -97,18 +99,13 @@ def _without_small_groups(table: sections.Breakdown) -> sections.Breakdown:
     return replace(table, rows=[row for row in table.rows if row.name not in small])
 
 
-class Analyses:
-    """The analyses of results, each made once: a breakdown with intervals takes a second."""
-
-    def __init__(self, scoring: Scoring) -> None:
-        self.kept = lru_cache(_KEPT)(
-            lambda split, _signature, sha256: scoring.run(analyse, split, sha256)
-        )
+class Analyses(FileResults[Analysis]):
+    """The analyses of results."""
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
         """Return those of a server."""
-        return cls(server.scoring)
+        return cls(server.scoring, analyse, _KEPT)
 
 
 def analyse(context: Context, split: str, sha256: str) -> Analysis:
@@ -126,17 +123,15 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
         server.get(SubmissionService).check_episodes(shown)
         board = find_board(server.boards, shown.split)
         ranking = _ranking(reading, board)
-        try:
-            analysis = server.get(Analyses).kept(board.split, board.signature, shown.sha256)
-        except UploadsError:
-            message = "its stored file is missing or damaged; the organiser is told"
-            raise NotFoundError(message) from None
+        analysis = _analysis(visitor, board, shown.sha256)
+        if analysis is not None and not has_episodes:
+            analysis = analysis.without_small_groups()
         return page(
             reading,
             "method-analysis.html",
             shown=shown,
             board=board,
-            analysis=analysis if has_episodes else analysis.without_small_groups(),
+            analysis=analysis,
             few_episodes=sections.FEW_EPISODES,
             has_episodes=has_episodes,
             instructions=instructions_of(board),
@@ -150,6 +145,23 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
                 lambda entry: entry.submission_id == shown.id,
             ),
         )
+
+
+def _analysis(visitor: Call, board: Board, sha256: str) -> Analysis | None:
+    """Return the analysis of a file; None while it is made in the background.
+
+    Raises NotFoundError if the file cannot be read.
+    """
+    is_short = len(board.truth.episodes.instr_ids) <= EPISODES_AWAITED
+    # A copy's pages are read once.
+    most_awaited = 1 if is_short or visitor.request.app.state.is_copy else 0
+    found = visitor.server.get(Analyses).find(board, [sha256], most_awaited)
+    if found is None:
+        return None
+    analysis = found[sha256]
+    if analysis is None:
+        raise NotFoundError("its stored file is missing or damaged; the organiser is told")
+    return analysis
 
 
 def _shown(reading: CallReading, submission_id: str) -> tuple[ScoredSubmission, bool]:

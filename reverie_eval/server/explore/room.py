@@ -78,7 +78,7 @@ def jobs(server: ServerState) -> Iterable[Job]:
         with server.database.reading() as session:
             shown = [(board, episodes.shown_methods(session, board)) for board in episodes.boards]
         for board, methods in shown:
-            episodes.comparing.score(board, methods)
+            episodes.comparing.compare(board, methods)
 
     yield Job("methods", compare, None)
 

@@ -5,23 +5,20 @@ method did in an episode.
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from threading import Lock, Thread
 from typing import NamedTuple
 
 import numpy as np
 
 from reverie_eval.analysis import WalkOutcomes
 from reverie_eval.arrays import BoolArray, IntArray
-from reverie_eval.errors import SubmissionError
 from reverie_eval.reporting.outcome_matrix import outcome_matrix
 from reverie_eval.reporting.walk_faults import WalkFaults
-from reverie_eval.server.errors import BusyError
+from reverie_eval.server.explore.file_results import FileResults
 from reverie_eval.server.scoring.boards import Board
-from reverie_eval.server.scoring.contexts import Context, Scoring, check_signature
-from reverie_eval.server.store.uploads import UploadsError, stored_upload
+from reverie_eval.server.scoring.contexts import Context, Scoring
+from reverie_eval.server.store.uploads import stored_upload
 
 MOST_COMPARED = 60
 """Methods side by side, at most: the newest."""
@@ -119,33 +116,25 @@ class SideBySide:
 
 
 class Comparing:
-    """Puts methods side by side; each of their files is scored once."""
+    """Puts methods side by side."""
 
     def __init__(self, scoring: Scoring) -> None:
-        self._scoring = scoring
-        self._is_busy = Lock()
-        self.walks: dict[tuple[str, str, str], WalkOutcomes | None] = {}
-        """By split, signature and file; None if the file could not be read."""
+        self.walks = FileResults(scoring, summarise_walks)
         self._latest: dict[str, tuple[object, SideBySide]] = {}
         """By split, with what it was made of."""
 
     def side_by_side(
         self, board: Board, methods: Sequence[ShownMethod], scans: Sequence[str]
     ) -> tuple[SideBySide | None, bool]:
-        """Return the methods side by side, and whether they are still being scored.
+        """Return the methods side by side, and whether they are still being compared.
 
-        None if there are no methods, or not yet. Nobody waits for many files, as after a
-        correction: they are scored in the background. A method whose file is missing or damaged is
-        left out; the search for damaged files tells the organiser.
+        None if there are no methods, or not yet. A method whose file cannot be read is left out.
         """
-        new = [each for each in methods if _key(board, each) not in self.walks]
-        is_busy = self._is_busy.locked()
-        if len(new) > MOST_AWAITED or (new and is_busy):
-            if not is_busy:
-                Thread(target=self._score_if_possible, args=(board, new), daemon=True).start()
+        files = [each.sha256 for each in methods]
+        walks = self.walks.find(board, files, MOST_AWAITED)
+        if walks is None:
             return None, True
-        walks = {each: self._walks_of(board, each) for each in methods}
-        found = {method: each for method, each in walks.items() if each is not None}
+        found = {each: its for each in methods if (its := walks[each.sha256]) is not None}
         if not found:
             return None, False
         made_of = board.signature, tuple(found)
@@ -153,39 +142,12 @@ class Comparing:
         if beside is None or known != made_of:
             beside = SideBySide(board, [*found], [*found.values()], scans)
             self._latest[board.split] = made_of, beside
-            self._forget_others(board, methods)
+            self.walks.forget_others(board, files)
         return beside, False
 
-    def _forget_others(self, board: Board, methods: Sequence[ShownMethod]) -> None:
-        """Forget the walks of a split that are no longer shown, as after a correction."""
-        shown = {_key(board, each) for each in methods}
-        for key in [key for key in [*self.walks] if key[0] == board.split and key not in shown]:
-            self.walks.pop(key, None)  # another page may be forgetting it, too
-
-    def score(self, board: Board, methods: Sequence[ShownMethod]) -> None:
+    def compare(self, board: Board, methods: Sequence[ShownMethod]) -> None:
         """Score files in advance, one after the other. Raises BusyError if they must wait."""
-        with self._is_busy:
-            for each in methods:
-                self._walks_of(board, each)
-
-    def _score_if_possible(self, board: Board, methods: Sequence[ShownMethod]) -> None:
-        with suppress(BusyError):  # the next page tries again
-            self.score(board, methods)
-
-    def _walks_of(self, board: Board, method: ShownMethod) -> WalkOutcomes | None:
-        """Return the walks of a method; None while its file cannot be read."""
-        key = _, signature, _ = _key(board, method)
-        found = self.walks.get(key)
-        if found is None:
-            with suppress(UploadsError, SubmissionError):
-                found = self._scoring.run(summarise_walks, board.split, method.sha256)
-                check_signature(board, signature)
-            self.walks[key] = found
-        return found
-
-
-def _key(board: Board, method: ShownMethod) -> tuple[str, str, str]:
-    return board.split, board.signature, method.sha256
+        self.walks.compute(board, [each.sha256 for each in methods])
 
 
 def summarise_walks(context: Context, split: str, sha256: str) -> WalkOutcomes:

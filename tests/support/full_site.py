@@ -1,6 +1,6 @@
-"""A server as full as a real one: REVERIE's own files, many methods, and six years of results.
+"""A server as full as a real one: many methods, and six years of results.
 
-Where the published files are not there, a made-up world of their size takes their place.
+It is of REVERIE's own files or, where they are not, of a made-up world of their size.
 """
 
 import csv
@@ -15,7 +15,9 @@ from pathlib import Path
 from random import Random
 from typing import Any, TypeAlias
 
-from fixtures.published import published_folder, unpack_dataset
+import httpx
+
+from fixtures.published import unpack_dataset
 from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
@@ -29,6 +31,7 @@ from tests.support.crowded_site import METHODS, TEAMS
 from tests.support.demo_site import BOLD, ENDLESS, ORGANISER, PEOPLE, WALKER, Site
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.serving import OPEN, PRIVATE, populate, running
+from tests.support.waiting import PATIENCE, wait_until
 from tests.support.worlds import write_world
 
 Record: TypeAlias = Mapping[str, Any]
@@ -45,11 +48,14 @@ _DAYS = 900
 
 
 @contextmanager
-def full_site(folder: Path, methods: int = MANY) -> Iterator[Site]:
-    """Run a server until the end, with methods on val_unseen and rows of an earlier leaderboard."""
+def full_site(folder: Path, published: Path | None, methods: int = MANY) -> Iterator[Site]:
+    """Run a server until the end, with methods on val_unseen and rows of an earlier leaderboard.
+
+    ``published`` is the folder of the published files; the made-up world needs none.
+    """
     server = folder / "server"
     make_folder(server)
-    truths = write_bundles(folder / "dataset", server / "bundles")
+    truths = write_bundles(folder / "dataset", published, server / "bundles")
     people = PEOPLE | {f"Person {number}": team for number, team in enumerate(TEAMS)}
     with acting(load_settings(server), "test") as transaction:
         tokens = populate(transaction, people)
@@ -57,18 +63,21 @@ def full_site(folder: Path, methods: int = MANY) -> Iterator[Site]:
     instr_ids = truths[OPEN].episodes.instr_ids
     with running(server, **UNLIMITED) as (_, url):
         scan = truths[OPEN].graph.scan_ids[0]
+        # Until reference agents have walked, a busy machine may refuse uploads.
+        wait_until(lambda: httpx.get(f"{url}/readyz", timeout=PATIENCE).is_success)
         site = Site(url, server, tokens, {}, instr_ids[len(instr_ids) // 2], scan)
         ids = {**_send(site, truths[OPEN], authors, OPEN, methods)}
         ids |= _send(site, truths[PRIVATE], authors, PRIVATE, max(3, methods // 9))
-        _import(site)
+        _import(site, published)
         snapshot = {"split": OPEN, "title": "The first month"}
         site.ask(ORGANISER, "POST", "/organiser/snapshots", json=snapshot)
         yield replace(site, ids=ids)
 
 
-def write_bundles(dataset: Path, bundles: Path) -> Mapping[str, GroundTruth]:
+def write_bundles(
+    dataset: Path, published: Path | None, bundles: Path
+) -> Mapping[str, GroundTruth]:
     """Compile val_unseen, and a private split of the same form, into a server's folder."""
-    published = published_folder()
     if published is None:
         root, test = made_up_world(dataset), OPEN
     else:
@@ -223,15 +232,24 @@ def _back(way: Sequence[Any]) -> Sequence[Any]:
     return [*way[-2::-1]][:3]
 
 
-def _import(site: Site) -> None:
-    """Add the rows of the leaderboard of 2020 to 2026, and those of the paper."""
-    published = published_folder()
+def earlier_rows(published: Path | None) -> str:
+    """Return the rows of the leaderboard of 2020 to 2026, as CSV."""
     if published is None:
-        rows, paper = _made_up_rows(), _made_up_paper()
-    else:
-        rows = (published / "legacy_leaderboard.csv").read_text()
-        paper = (published / "paper_results.json").read_text()
+        return _made_up_rows()
+    return (published / "legacy_leaderboard.csv").read_text()
+
+
+def paper_table(published: Path | None) -> str:
+    """Return the results of the paper, as JSON."""
+    if published is None:
+        return _made_up_paper()
+    return (published / "paper_results.json").read_text()
+
+
+def _import(site: Site, published: Path | None) -> None:
+    """Add the rows of the earlier leaderboard, and those of the paper."""
     source = "https://eval.ai/web/challenges/challenge-page/606"
+    rows, paper = earlier_rows(published), paper_table(published)
     old = {"split": PRIVATE, "text": rows, "source": source, "dataset": "REVERIE v2"}
     site.ask(ORGANISER, "POST", "/organiser/reported/import", json=old)
     about = {"source": "Qi et al., CVPR 2020", "date": "2020-06", "dataset": "REVERIE v1"}

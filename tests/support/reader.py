@@ -13,6 +13,8 @@ class Learnt(NamedTuple):
     """What somebody knows after a visit."""
 
     leader: str
+    metric: str
+    """What the leader and people are compared by."""
     best: float
     human: float | None
     failure: str
@@ -27,29 +29,23 @@ def read(page: Page, url: str, history: str) -> Learnt:
     """
     page.goto(url)
     line = page.locator(".standing-line", has_text=history)
-    told = re.search(r"best \w+ ([\d.]+) % \((.*?)\)(?:, human ([\d.]+))?,", line.inner_text())
+    told = re.search(r"best (\w+) ([\d.]+) % \((.*?)\)(?:, human ([\d.]+))?,", line.inner_text())
     assert told, line.inner_text()
-    best, _, human = told.groups()
+    metric, best, leader, human = told.groups()
     _see_what_is_hard(page)
     failure = _see_why_the_leader_fails(page)
     _play(page)
     _compare(page)
     far = None if human is None else float(human)
-    return Learnt(told[2], float(best), far, failure, _find(page, history, "2021"))
+    best_of_2021 = _find(page, history, "2021")
+    return Learnt(leader, metric, float(best), far, failure, best_of_2021)
 
 
 def _see_what_is_hard(page: Page) -> None:
-    """Open a split's episodes, and come again while its methods are being compared."""
+    """Open a split's episodes, and the hardest building."""
     page.get_by_role("link", name="Episodes", exact=True).first.click()
     page.locator(f"a[href$='/episodes/{OPEN}']").first.click()
-    reload = page.get_by_role("link", name="Reload this page")
-
-    def is_compared() -> bool:
-        if reload.count():
-            reload.click()
-        return page.get_by_role("heading", name="Difficulty").count() > 0
-
-    wait_until(is_compared)
+    _come_again_for(page, "Difficulty")
     page.get_by_role("region", name="Buildings, the hardest first").locator("a").first.click()
     expect(page.get_by_role("heading", name="Where walks end in")).to_be_visible()
 
@@ -59,10 +55,22 @@ def _see_why_the_leader_fails(page: Page) -> str:
     page.get_by_role("navigation", name="Main").get_by_role("link", name=OPEN).click()
     page.locator("table.board th[scope=row] a.what").first.click()
     page.get_by_role("link", name="Where it succeeds and fails").click()
-    expect(page.get_by_role("heading", name="Outcomes")).to_be_visible()
+    _come_again_for(page, "Outcomes")
     page.locator("dl.near a").first.click()
     expect(page.get_by_text(re.compile(r"Solved by \d+ of \d+ methods?"))).to_be_visible()
     return page.locator(".walk-card .outcome").inner_text()
+
+
+def _come_again_for(page: Page, heading: str) -> None:
+    """Reload a page, as it asks for, until the server has computed a part of it."""
+    reload = page.get_by_role("link", name="Reload this page")
+
+    def is_there() -> bool:
+        if reload.count():
+            reload.click()
+        return page.get_by_role("heading", name=heading).count() > 0
+
+    wait_until(is_there)
 
 
 def _play(page: Page) -> None:

@@ -102,7 +102,7 @@ def main(folder: Path, *only: str) -> int:
         with _empty_site(Path(temporary) / "empty") as site:
             bare = [each for each in wanted if not _needs_results(each)]
             _take_all(browser, site, bare, folder, "empty")
-        with full_site(Path(temporary) / "full") as site:
+        with full_site(Path(temporary) / "full", published_folder()) as site:
             print(read(browser.new_page(), site.url, PRIVATE))  # noqa: T201
             few = [
                 each for each in wanted if each.route == "/" or each.route.startswith(SHOWN_FULL)

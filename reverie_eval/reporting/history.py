@@ -123,8 +123,9 @@ class Timeline:
 
     @cached_property
     def _axis(self) -> "Years":
-        first = min(each.years for each in self.dated)
-        return Years(math.floor(first), max(years_of(self.until), first + 0.5))
+        dates = [each.years for each in self.dated]
+        end = max(years_of(self.until), *dates)
+        return Years(min(math.floor(min(dates)), end - 0.5), end)
 
     @cached_property
     def _ticks(self) -> Sequence[float]:
@@ -272,14 +273,15 @@ def rank_svg(ranks: Sequence[RankAt], until: float, title: str) -> str:
 
     def line(rank: Callable[[RankAt], int]) -> str:
         points = [(axis.across(each.years), y(rank(each))) for each in ranks]
-        return steps(points, axis.across(max(until, last.years)))
+        return steps(points, end)
 
+    end, told = axis.across(max(until, last.years)), f"{last.rank} of {last.results}"
     own, count = line(attrgetter("rank")), line(attrgetter("results"))
     shapes = [
         *axis.labels(_RANK_HEIGHT - 4),
         *(line_across(y(rank), f"{rank}") for rank in sorted({1, most})),
         stretched_paths(_RANK_HEIGHT, [("count", count), ("curve series-1", own)]),
-        text_across(_LAST, y(last.rank) - 5, f"{last.rank} of {last.results}", "end", "leader"),
+        text_across(end, y(last.rank) - 5, told, "end", "leader"),
     ]
     return wide_svg(title, _RANK_HEIGHT, shapes)
 

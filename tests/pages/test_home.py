@@ -113,7 +113,7 @@ def test_a_line_says_how_far_methods_are_from_people(open_server: OpenServer, fo
     assert line in said(get(server, path="/"))
     report_result(server, "People", human=True, rgs=0.7784)
     report_result(server, "Chance", reference=True, rgs=1.0, rgspl=1.0)
-    line = "val_unseen: best RGS 50.00 % (Ant), human 77.84, 3 methods. open"
+    line = "val_unseen: best RGS 50.00 % (Ant), human 77.84 %, 3 methods. open"
     assert line in said(get(server, path="/"))
 
 

@@ -29,7 +29,7 @@ def read(page: Page, url: str, history: str) -> Learnt:
     """
     page.goto(url)
     line = page.locator(".standing-line", has_text=history)
-    told = re.search(r"best (\w+) ([\d.]+) % \((.*?)\)(?:, human ([\d.]+))?,", line.inner_text())
+    told = re.search(r"best (\w+) ([\d.]+) % \((.*?)\)(?:, human ([\d.]+) %)?,", line.inner_text())
     assert told, line.inner_text()
     metric, best, leader, human = told.groups()
     _see_what_is_hard(page)

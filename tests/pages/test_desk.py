@@ -197,6 +197,7 @@ def test_what_does_harm_is_asked_for_twice(verdict: str, desk: Visitor) -> None:
     asked = sending(desk, "/desk/reviews", **form)
     assert "this submission?" in said(asked)
     assert MARKUP not in asked.text
+    assert f"{verdict} its answers {MARKUP} (the organiser)" in said(asked)
     with desk.server.state.database.reading() as session:
         assert list(standing_reviews(session, submission_id)) == []
     assert hidden(asked).keys() == {"submission_id", "verdict", "reason", "confirmed"}

@@ -70,9 +70,15 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    # Scoring a file needs none of them, and they take a fifth of all other imports.
-    if name in {"Comparison", "Runs", "Sweep", "compare", "plan", "sweep"}:
-        value: object = getattr(import_module("reverie_eval.analysis"), name)
-        return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __dir__() -> list[str]:
+    # A notebook's completion offers what is used, not what was imported to define it.
+    return __all__
+
+
+if not TYPE_CHECKING:  # else a type checker would take each misspelt name for an object
+
+    def __getattr__(name: str) -> object:
+        # Scoring a file needs none of them, and they take a fifth of all other imports.
+        if name in {"Comparison", "Runs", "Sweep", "compare", "plan", "sweep"}:
+            return getattr(import_module("reverie_eval.analysis"), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from zipfile import ZipFile
 
+import mypy.api
 import pytest
 from hatchling.build import build_wheel
 
@@ -54,6 +55,22 @@ def test_every_public_name_can_be_imported() -> None:
     namespace: dict[str, object] = {}
     exec("from reverie_eval import *", namespace)
     assert namespace.keys() - {"__builtins__"} == set(NAMES)
+
+
+def test_completion_offers_these_names() -> None:
+    assert dir(reverie_eval) == sorted(NAMES)
+
+
+def test_a_misspelt_name_is_found_by_a_type_checker(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("import reverie_eval as rv\n\nrv.compare\nrv.evalute\n")
+    package = str(REPOSITORY / "reverie_eval" / "__init__.py")
+    options = ["--follow-imports=skip", f"--cache-dir={tmp_path}"]
+    found, _, status = mypy.api.run([*options, package, str(script)])
+    assert status == 1
+    assert found.splitlines()[0].endswith(
+        'script.py:4: error: Module has no attribute "evalute"; maybe "evaluate"?  [attr-defined]'
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -6,13 +6,14 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import click
 
 from reverie_eval import ReverieEvalError, SubmissionError, validate
 from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.logs import is_run
+from reverie_eval.schemas.service import Method
 from reverie_eval.tasks import name_on_server
 from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
@@ -28,7 +29,7 @@ from reverie_eval_cli.servers import (
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
-    from reverie_eval.schemas.service import Accepted, Method, ScoredSubmission, SplitReport
+    from reverie_eval.schemas.service import Accepted, ScoredSubmission, SplitReport
 
 _AGAIN = "send the same file again, which uses no submission,"
 
@@ -37,21 +38,6 @@ _TEXTS = {
     "description": ("--description", "TEXT", "A description in a few sentences."),
     "paper": ("--paper", "URL", "Where the paper is."),
     "code": ("--code", "URL", "Where the code is."),
-}
-_FLAGS = {
-    "extra_data": "It was trained on more than the benchmark's training split.",
-    "pre_exploration": "It saw the test buildings before the instructions.",
-    "ground_truth_objects": "It was given the annotated objects of a viewpoint.",
-    "ensemble": "Several models decide together.",
-    "navigation_only": "It only navigates: the file has no answers.",
-    "human": "People walked the episodes, not a program.",
-}
-_COSTS = {
-    "actions_per_episode": "Mean number of actions in an episode.",
-    "seconds_per_episode": "Mean time of an episode, in seconds.",
-    "input_tokens_per_episode": "Mean number of tokens sent in an episode, cached ones included.",
-    "output_tokens_per_episode": "Mean number of tokens that came back, reasoning included.",
-    "money_per_episode": "Mean price of an episode, in US dollars.",
 }
 _LONGEST_NAME = 100
 
@@ -62,16 +48,14 @@ class MethodOptions:
 
     given: Mapping[str, Any]
 
-    def method(self, submission: str) -> "Method":
+    def method(self, submission: str) -> Method:
         """Return the method; if it has no name, it gets the file's."""
-        from reverie_eval.schemas.service import Method
-
         # Standard input has no name to take.
         stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
         name = printable(stem)[:_LONGEST_NAME].strip() or "unnamed"
         return options.checked(Method, _option_of, **{"name": name, **self.given})
 
-    def changes(self, before: "Method", submission: str) -> Mapping[str, Any]:
+    def changes(self, before: Method, submission: str) -> Mapping[str, Any]:
         """Return the fields that were given and differ from what the server has."""
         given = self.method(submission).model_dump(include=set(self.given))
         # A field that is the same already is not asked for: sending the file again stays without
@@ -85,43 +69,33 @@ def _option_of(field: str) -> str:
 
 def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add an option for each field of a method; the command gets them as ``method``."""
+    fields = Method.model_fields
 
     @functools.wraps(command)
     def with_method(**values: Any) -> Any:
         # None is not declared; False is declared not to be so. The server keeps the difference.
-        names = (*_TEXTS, *_FLAGS, "input_class", "sample_size", *_COSTS)
-        fields = {field: values.pop(field) for field in names}
-        given = {field: value for field, value in fields.items() if value is not None}
+        given = {field: value for field in fields if (value := values.pop(field)) is not None}
         return command(method=MethodOptions(given), **values)
 
-    texts = [
-        click.option(option, field, metavar=metavar, help=meaning)
-        for field, (option, metavar, meaning) in _TEXTS.items()
-    ]
-    flags = [
-        click.option(
-            f"{_option_of(field)}/--no-{field.replace('_', '-')}", field, default=None, help=meaning
-        )
-        for field, meaning in _FLAGS.items()
-    ]
-    shown = click.option(
-        "--input-class",
-        type=options.Choice(["geometry", "objects", "views", "other"]),
-        help="What it was shown of a place; objects are the annotators': perfect perception.",
-    )
-    size = click.option(
-        "--sample-size",
-        metavar="N",
-        type=options.Number(min=1),
-        help="Number of episodes that it was run on, if others were filled in without it.",
-    )
-    costs = [
-        click.option(
-            _option_of(field), field, metavar="X", type=options.Decimal(min=0), help=meaning
-        )
-        for field, meaning in _COSTS.items()
-    ]
-    return options.together(*texts, *flags, shown, size, *costs)(with_method)
+    added = [_option(field, about.annotation, about.description) for field, about in fields.items()]
+    return options.together(*added)(with_method)
+
+
+def _option(field: str, kind: Any, meaning: str | None) -> Callable[[Any], Any]:
+    """Return the option for a field, by the type and the meaning that the API gives it."""
+    name = _option_of(field)
+    if field in _TEXTS:
+        _, metavar, meaning = _TEXTS[field]
+        return click.option(name, field, metavar=metavar, help=meaning)
+    declared, _ = get_args(kind)  # or None
+    if declared is bool:
+        switch = f"{name}/--no-{name.removeprefix('--')}"
+        return click.option(switch, field, default=None, help=meaning)
+    if get_origin(declared) is Literal:
+        return click.option(name, field, type=options.Choice(get_args(declared)), help=meaning)
+    is_whole = get_args(declared)[0] is int
+    number = options.Number(min=1) if is_whole else options.Decimal(min=0)
+    return click.option(name, field, metavar="N" if is_whole else "X", type=number, help=meaning)
 
 
 def with_card(method: MethodOptions, submission: str) -> MethodOptions:

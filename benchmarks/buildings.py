@@ -252,15 +252,16 @@ def draw_plans(
 
 def plan_picture(graph: NavigationGraph, scan: Scan, building: Building) -> BuildingPicture:
     """Return a picture of all levels, without a walk: as if all viewpoints were goals."""
-    every = np.arange(len(scan.position))
+    rows = graph.viewpoints_of(scan.name)
+    every = np.arange(len(rows))
     return BuildingPicture(
         EpisodeMap(
             instr_id=scan.name,
             scan=scan.name,
             instruction="",
             graph=graph,
-            graph_row=graph.viewpoints_of(scan.name),
-            viewpoint_ids=[],
+            graph_row=rows,
+            viewpoint_ids=[graph.viewpoint_ids[row] for row in rows],
             position=scan.position,
             building=building,
             edges=scan.edges,

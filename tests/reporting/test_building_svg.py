@@ -12,9 +12,11 @@ import pytest
 from imageio_ffmpeg import get_ffmpeg_exe
 
 import reverie_eval as rv
+from benchmarks.buildings import Scan, plan_picture
 from reverie_eval.analysis import Episode
-from reverie_eval.geometry import Line, door_spans
+from reverie_eval.geometry import Line, Sightings, door_spans
 from reverie_eval.reporting.building_svg import BuildingPicture
+from reverie_eval.reporting.buildings import building_of
 from reverie_eval.reporting.floors_svg import wall_pieces
 from reverie_eval.reporting.map_layout import WIDTH
 from reverie_eval.reporting.map_svg import interactive_map_svg
@@ -98,6 +100,18 @@ def test_what_is_far_from_the_walk_is_left_out(scores: rv.Scores) -> None:
     assert {each.findtext("title") for each in drawn} == near
     levels = several.levels(several.visited)
     assert len(near) < sum(level in levels for level in several.storey + 1)
+
+
+def test_plans_for_contact_sheets_have_all_levels(scores: rv.Scores) -> None:
+    truth, name = scores.ground_truth, "DemoMansion"
+    rows = truth.graph.viewpoints_of(name)
+    nobody = np.zeros(0, dtype=np.int64)
+    unseen = Sightings(nobody, nobody, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2)), ())
+    scan = Scan(name, truth.graph.viewpoint_position[rows], truth.graph.edges_of(name), unseen, ())
+    building = building_of(truth.graph, truth.require_solution(), name)
+    svg = plan_picture(truth.graph, scan, building).svg()
+    assert [each.text for each in of_class(svg, "level")] == ["level 2", "level 1"]
+    assert len(of_class(svg, "room")) == len(building.rooms)
 
 
 def test_all_is_on_the_page(episode: Episode) -> None:

@@ -32,9 +32,10 @@ _INCHES: Mapping[Columns, float] = {1: 3.3, 2: 6.9}
 _PIXELS_PER_INCH = 300
 # In units of the page: a panel is as wide as a map.
 _GAP, _HEADING, _LINE, _SIGN = 16.0, 19.0, 19.0, 46.0
-_WIDEST_NAME = 230.0
-# Letters of Arial by their widths, in units of the page at the size of the key.
-_WIDTHS = (("ijlI'|.,:; ", 3.4), ("frt()[]/-", 4.1), ("wABCDEGHKNOPQRSUVXY", 9.5), ("mMW%@", 12))
+_WIDEST_NAME = 200.0
+# Letters of DejaVu Sans by their widths, in units of the page at the size of the key. It stands in
+# for Arial on most Linux systems without that, and none of the others is wider.
+_WIDTHS = (("ijlI'|.,:; ", 4.1), ("frt()[]/-", 5.0), ("wABCDEGHKNOPQRSUVXY", 9.9), ("mMW%@", 12))
 
 
 class _Panel(NamedTuple):
@@ -194,7 +195,7 @@ def _key_line(line: Sequence[tuple[str, str, float]], left: float, top: float) -
 def _width(text: str) -> float:
     """Return about how wide a text of the key is, in units of the page; never less than it is."""
     widths = {letter: width for letters, width in _WIDTHS for letter in letters}
-    return sum(widths.get(letter, 6.8 if letter.isascii() else 12.0) for letter in text)
+    return sum(widths.get(letter, 7.7 if letter.isascii() else 12.0) for letter in text)
 
 
 def without_variables(style: str) -> str:

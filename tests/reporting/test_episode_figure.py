@@ -45,7 +45,7 @@ UNREADABLE = """
 @pytest.fixture(scope="module")
 def homes(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, rv.Scores]:
     """Score two submissions in a home of two storeys."""
-    walks = {"HAMT": WALKS, "W" * 19: OTHER_WALKS}
+    walks = {"HAMT": WALKS, "W" * 16: OTHER_WALKS}
     return {
         name: home_scores(tmp_path_factory.mktemp("home"), each) for name, each in walks.items()
     }

@@ -367,11 +367,17 @@ def _trajectory_problems(
     is_wrong[first] |= viewpoint[first] != start[length > 0]
     if not is_wrong.any():
         return  # nearly always: the record of each pose is needed for problems alone
+    # A walk in another building is one mistake, told at its first pose.
+    begin = np.repeat(viewpoint[first], length[length > 0])
+    follows = graph.component[viewpoint] == graph.component[begin]
+    follows &= (viewpoint != _UNKNOWN) & (begin != _UNKNOWN)
+    follows[first] = False
+    is_wrong &= ~follows
     record = row_of(predictions.offsets)
     for pose in np.flatnonzero(is_wrong & (episode[record] != _UNKNOWN)).tolist():
         if predictions.viewpoint_id(pose) is not None:  # None was reported while reading
-            begin = int(start[record[pose]])
-            yield _pose_problem(predictions, pose, int(viewpoint[pose]), begin, graph)
+            expected = int(start[record[pose]])
+            yield _pose_problem(predictions, pose, int(viewpoint[pose]), expected, graph)
 
 
 def _pose_problem(

@@ -178,6 +178,20 @@ faults = pytest.mark.parametrize(
             id="start in another scan",
         ),
         pytest.param(
+            [FIRST, SECOND, record("8_2_0", "hall", "kitchen", "hall")],
+            "other-scan",
+            "[2].trajectory[0][0]",
+            "viewpoint hall belongs to scan house, but the episode is in scan barn",
+            id="walk in another scan",
+        ),
+        pytest.param(
+            [FIRST, SECOND, record("8_2_0", "cellar", "loft")],
+            "unknown-viewpoint",
+            "[2].trajectory[0][0]",
+            "viewpoint 'cellar' is not in the navigation graph of scan barn",
+            id="unknown start of a walk in the right scan",
+        ),
+        pytest.param(
             [FIRST, record("7_1_1", "kitchen", "hall"), THIRD],
             "wrong-start",
             "[1].trajectory[0]",

@@ -30,7 +30,7 @@ _TOP, _LINE = 18, 16
 _FIRST, _LAST = 7.0, 97.0
 _WEEK = 7 / 365
 # Names are placed for this width in pixels; narrower pages show those of the best alone.
-_WIDTH, _LETTER = 640.0, 6.6
+_WIDTH, _PHONE, _LETTER = 640.0, 320.0, 6.6
 _LONGEST_NAME = 24
 # Pixels.
 _RANK_HEIGHT = 150
@@ -196,8 +196,11 @@ class Timeline:
         leader = min(best, key=lambda it: self._cost(it.value), default=None)
         for each in sorted(best, key=lambda it: (self._cost(it.value), it.years)):
             name = _short(each.name)
-            right = self._axis.across(each.years) / 100 * _WIDTH - 7
-            left, y = right - _LETTER * len(name), self._y(each.value) - 6
+            across, width = self._axis.across(each.years), _LETTER * len(name)
+            # On a phone, too, the leader's name is there: at the right, if it must be.
+            to_left = each is not leader or across / 100 * _PHONE > width
+            right = across / 100 * _WIDTH + (-7 if to_left else width)
+            left, y = right - width, self._y(each.value) - 6
             overlaps = any(
                 left < its_right and its_left < right and abs(y - its_y) < _LINE
                 for its_left, its_right, its_y in taken
@@ -205,7 +208,7 @@ class Timeline:
             if left >= 0 and not overlaps:
                 taken.append((left, right, y))
                 kind = "leader" if each is leader else "was-best"
-                yield text_across(self._axis.across(each.years), y, name, "end", kind)
+                yield text_across(across, y, name, "end" if to_left else "start", kind)
 
 
 def _short(name: str) -> str:

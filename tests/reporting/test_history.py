@@ -72,6 +72,30 @@ def test_a_timeline_has_a_mark_with_all_words_for_every_result() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("date", "anchor"),
+    [
+        pytest.param("2020-02-01", "start", id="no room to the left"),
+        pytest.param("2023-09-01", "end", id="to the left"),
+    ],
+)
+def test_the_leader_s_name_stays_on_a_phone(date: str, anchor: str) -> None:
+    results = [PastResult("A method with a name", date, 0.4, "v1")]
+    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-01").svg())
+    (name,) = (each for each in picture.iter("text") if each.get("class") == "leader")
+    assert name.get("text-anchor") == anchor
+
+
+def test_a_short_history_ends_today() -> None:
+    results = [PastResult("New", "2024-01-08", 0.4, "v1")]
+    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-20").svg())
+    months = [
+        each.text or "" for each in picture.iter("text") if each.get("text-anchor") == "middle"
+    ]
+    assert months[0].startswith("2023-")
+    assert months[-1] == "2024-01"
+
+
 def test_names_never_overlap() -> None:
     crowd = [PastResult(f"Method {n}", f"2020-{n:02}", n / 100, "v1") for n in range(1, 13)]
     picture = drawn(Timeline(CATALOGUE["rgspl"], crowd, "2026-01-01").svg())

@@ -33,6 +33,7 @@ Request = TypeVar("Request", bound="WireModel")
 ALL_PROTOCOLS = "all"
 """Instead of a protocol: all of the task."""
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
+_SPLIT_NAMES = "train, val_seen, val_unseen or test."
 _PER_CENT = 100
 _NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?")
 PATH = click.Path(path_type=Path)
@@ -49,6 +50,14 @@ class Choice(click.Choice[str]):
         """Say what was given, and what can be."""
         # click would list all choices; after a slip, the closest one is enough.
         return f"unknown value {value!r}{did_you_mean(value, self.choices)}"
+
+
+class _SplitName(click.types.StringParamType):
+    """The name of a split; which there are is known with the ground truth."""
+
+    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None) -> str:  # noqa: ARG002
+        """Say what most splits are called."""
+        return f"Name the split of the file: {_SPLIT_NAMES}"
 
 
 class Number(click.IntRange):
@@ -184,10 +193,11 @@ def split_named(*names: str) -> Callable[[Command], Command]:
     return click.option(
         *names,
         "split",
+        type=_SplitName(),
         required=True,
         metavar="NAME",
         shell_complete=complete_split,
-        help="train, val_seen, val_unseen or test.",
+        help=_SPLIT_NAMES,
     )
 
 

@@ -47,6 +47,13 @@ BROKEN_WORD = quote(str(BROKEN))
             "none.json {split}", 2, "reverie-eval: none.json: No such file", id="missing file"
         ),
         pytest.param(
+            "submit.json",
+            2,
+            "Missing option '--split' / '--report'. Name the split of the file: train, val_seen, "
+            "val_unseen or test.",
+            id="no split",
+        ),
+        pytest.param(
             "folder {split}", 2, "reverie-eval: folder: no submission found", id="no file"
         ),
         pytest.param(

@@ -244,12 +244,12 @@ def _unwrap(document: Any, log: ReadingLog) -> Any:
 
 
 def _decode_records(texts: Sequence[str], log: ReadingLog) -> Sequence[Any]:
-    """Parse records that are JSON texts in a list; return the texts if one is not JSON."""
+    """Parse records that are JSON texts in a list; return the texts if one cannot be read."""
     import json
 
     try:
         records = [json.loads(text, object_pairs_hook=_build_object) for text in texts]
-    except ValueError:
+    except (ValueError, RecursionError):
         return texts
     log.add_whole_file_fault(faults.ENCODED_RECORDS, texts[0])
     return records

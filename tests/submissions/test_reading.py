@@ -114,6 +114,13 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
             id="brackets in a field that nobody reads",
         ),
         pytest.param(
+            json.dumps(['{"note": ' + "[" * HUNDRED_THOUSAND]).encode(),
+            "wrong-type",
+            "[0]",
+            "expected an object with",
+            id="brackets in a record within a text",
+        ),
+        pytest.param(
             gzip.compress(document(record()))[:-10],
             "damaged-gzip",
             "file",

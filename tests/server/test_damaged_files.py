@@ -314,6 +314,13 @@ def test_files_that_the_server_may_not_read_are_named(
         assert name in fault or name == DATABASE
 
 
+def test_uploads_that_cannot_be_listed_are_a_fault(folder: Path, laptop: Laptop) -> None:
+    (folder / "uploads").chmod(0)
+    checked = laptop.like_anybody("server", "doctor", str(folder))
+    assert checked.status == 1
+    assert re.search(r"^uploads +fault +they cannot be listed: ", checked.out, re.MULTILINE)
+
+
 @pytest.fixture
 def killed(folder: Path, tmp_path: Path) -> Path:
     """Return a copy of a server's folder as it is when the server is killed between two uploads."""
@@ -341,6 +348,31 @@ def test_a_server_that_was_killed_starts_again(
     (killed / f"{DATABASE}-shm").write_bytes(Random(0).randbytes(1 << 15))
     listed = laptop.run("server", "team", "list", killed)
     assert "Team 1" in listed.out
+
+
+def without_log(log: Path) -> None:
+    log.unlink()
+
+
+def with_damaged_log(log: Path) -> None:
+    content = bytearray(log.read_bytes())
+    content[LOG_HEADER + 100] ^= 1
+    log.write_bytes(content)
+
+
+@pytest.mark.parametrize("damage", [without_log, with_damaged_log])
+def test_a_submission_that_the_log_alone_had_is_missed(
+    damage: Callable[[Path], None], lively: Serving, tmp_path: Path, laptop: Laptop
+) -> None:
+    assert lively.upload(OWNER, lively.distinct()).status_code == 201
+    killed = Path(shutil.copytree(lively.state.settings.folder, tmp_path / "killed"))
+    assert (
+        " fault "
+        not in laptop.run("server", "doctor", shutil.copytree(killed, tmp_path / "it")).out
+    )
+    damage(killed / f"{DATABASE}-wal")
+    (killed / f"{DATABASE}-shm").unlink()
+    assert " without a submission: " in laptop.run("server", "doctor", killed, status=1).out
 
 
 def test_damage_that_postgresql_finds_is_recognised(postgresql: NewDatabase) -> None:

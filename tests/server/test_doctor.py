@@ -431,6 +431,19 @@ def test_damage_to_several_is_named_all_at_once(kept: Path, run: Run) -> None:
     assert faults == ["uploads", "receipts", "audit log"]
 
 
+def test_an_upload_whose_row_was_lost_is_named(kept: Path) -> None:
+    upload = next((kept / "uploads").glob("*/*.gz"))
+    shutil.copy(upload, upload.parent / f"{'0' * 64}.json.gz")
+    (fault,) = faults_of(kept)
+    assert fault.startswith(f"1 upload without a submission: {upload.parent.name}/{'0' * 64}.json")
+    assert "ask teams to send theirs again" in fault
+
+
+def test_a_file_that_was_never_finished_is_no_fault(kept: Path, run: Run) -> None:
+    (next((kept / "uploads").iterdir()) / ".tmp1a2b3c4d").touch()
+    assert run("server", "doctor", str(kept)).status == 0
+
+
 def test_a_split_that_was_removed_is_no_fault(kept: Path, run: Run) -> None:
     shutil.copy(kept / "bundles" / "val_seen.npz", kept / "bundles" / "spare.npz")
     settings = kept / "reverie-eval.toml"

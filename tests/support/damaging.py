@@ -71,18 +71,14 @@ def _number(content: bytes | bytearray, place: int) -> int:
 
 
 def rows_of_file(database: Path) -> Rows | None:
-    """Return the schema and all rows of a file, read without our code; None if it cannot be read.
-
-    Fingerprints of uploads are left out: they are computed again when they are lost.
-    """
+    """Return schema and rows of a file, read without our code; None if it cannot be read."""
     with suppress(sqlite3.DatabaseError), closing(sqlite3.connect(database)) as file:
         file.text_factory = bytes
         schema = file.execute("SELECT type, name, sql FROM sqlite_schema")
         kept = {"schema": sorted(schema, key=repr)}
         for (name,) in file.execute("SELECT name FROM sqlite_schema WHERE type = 'table'"):
-            if name != b"fingerprint":
-                rows = file.execute(f'SELECT * FROM "{name.decode()}" NOT INDEXED')
-                kept[name.decode()] = sorted(rows, key=repr)
+            rows = file.execute(f'SELECT * FROM "{name.decode()}" NOT INDEXED')
+            kept[name.decode()] = sorted(rows, key=repr)
         return kept
     return None
 

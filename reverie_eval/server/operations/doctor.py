@@ -40,13 +40,14 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
 from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
-from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
+from reverie_eval.server.store.uploads import ENDING, Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
 
 Track = Callable[[Iterable[str], str, int], Iterable[str]]
 """Shows progress while iterating over items: what they are, and how many."""
 
 _RESTORE = "restore the key or the database from the last backup"
+_KEPT = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None)).distinct()
 _LITTLE_SPACE = 1 << 30
 """Bytes; a thousand typical uploads to the largest split, unpacked, take a few times as much."""
 
@@ -63,6 +64,7 @@ def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Fi
     with closing(state.database), state.database.reading() as session:
         yield from guarded("database", _at_references(state.database, session))
         yield from guarded("submissions", _at_submissions(session, state, track))
+        yield from guarded("uploads", _at_lost(state))
         yield from guarded("snapshots", _at_snapshots(session, state))
         yield from guarded("audit log", _at_audit_log(session, state.audit_log))
         yield from guarded("messages", _at_messages(session))
@@ -128,9 +130,8 @@ def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, ScoredS
 
 
 def _at_uploads(session: Session, uploads: Uploads, track: Track) -> Iterator[Finding]:
-    kept = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None)).distinct()
-    number = session.scalar(select(func.count()).select_from(kept.subquery())) or 0
-    streamed = kept.order_by(Submission.sha256).execution_options(yield_per=AT_ONCE)
+    number = session.scalar(select(func.count()).select_from(_KEPT.subquery())) or 0
+    streamed = _KEPT.order_by(Submission.sha256).execution_options(yield_per=AT_ONCE)
     sound = 0
     for sha256 in track(session.scalars(streamed), "uploads", number):
         trouble = _trouble(uploads, sha256)
@@ -142,6 +143,29 @@ def _at_uploads(session: Session, uploads: Uploads, track: Track) -> Iterator[Fi
             message = f"{name_of(sha256)} of submission {whose} {trouble}; {remedy}"
             yield Finding("uploads", "fault", message)
     yield Finding("uploads", "ok", f"{sound:,} of {count_text(number, 'upload')} intact")
+
+
+def _at_lost(state: ServerState) -> Iterator[Finding]:
+    """Find uploads without a submission: the database may have lost its last rows.
+
+    SQLite forgets transactions without a word if its write-ahead log is damaged or missing.
+    """
+    try:
+        names = [name for name in state.uploads.names() if name.endswith(ENDING)]
+    except (OSError, UploadsError) as error:
+        yield Finding("uploads", "fault", f"they cannot be listed: {error}")
+        return
+    # In a later snapshot than that of other checks: a submission that came meanwhile is not lost.
+    with state.database.reading() as session:
+        known = set(map(name_of, session.scalars(_KEPT)))
+    lost = [name for name in names if name not in known]
+    if lost:
+        message = (
+            f"{count_text(len(lost), 'upload')} without a submission: {first_few(lost)}; after a "
+            "crash or a restore, the database may lack submissions that have a receipt: ask teams "
+            "to send theirs again. If nobody misses one, delete the file"
+        )
+        yield Finding("uploads", "fault", message)
 
 
 def _trouble(uploads: Uploads, sha256: str) -> str:

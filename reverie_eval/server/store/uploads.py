@@ -26,6 +26,8 @@ from reverie_eval.errors import ReverieEvalError
 
 PIECE = 256 << 10
 """Bytes of an upload that are in memory during a download."""
+ENDING = ".json.gz"
+"""How the names of uploads end; a file that is still being written has another name."""
 _NO_UPLOAD = "0" * 64
 _LEVEL = 1
 """Compresses trajectories to less than a third; level 2 gains 2 %."""
@@ -115,7 +117,7 @@ def _unusable(sha256: str, why: str) -> UploadsError:
 
 def name_of(sha256: str) -> str:
     """Return the name of an upload's file, in a folder of the first two letters."""
-    return f"{sha256[:2]}/{sha256}.json.gz"
+    return f"{sha256[:2]}/{sha256}{ENDING}"
 
 
 def pack(content: bytes) -> bytes:
@@ -271,7 +273,7 @@ class S3Uploads:
         try:
             yield partial(self._copy, staging, self._key(sha256))
         finally:
-            with suppress(UploadsError), self._asking():  # the doctor lists what is left over
+            with suppress(UploadsError), self._asking():  # what is left over harms nobody
                 self._client.delete_object(Bucket=self._bucket, Key=staging)
 
     def put(self, sha256: str, content: bytes) -> None:

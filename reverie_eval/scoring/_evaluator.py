@@ -220,7 +220,7 @@ class ScoredFiles(Mapping[str, Scores]):
     def __len__(self) -> int:
         return len(self.scores)
 
-    # Computed once, from all files: callers ask for it again with each of them.
+    # Kept, because it looks at all files, and tables ask for it with each of them.
     @cached_property
     def metrics(self) -> Sequence[Metric]:
         """The metrics of a score table that has any of them."""

@@ -1,8 +1,8 @@
 """Running the server until it is stopped, and its log: one JSON object per line on standard error.
 
 The log never contains bodies, tokens or answers. A fault is logged with all its frames, but
-exception messages only if they come from the operating system or the database: others may quote an
-answer.
+exception messages only if they come from the operating system, the database or the store of
+uploads: others may quote an answer.
 """
 
 import json
@@ -29,6 +29,7 @@ from reverie_eval.server.scoring.processes import settle_memory
 from reverie_eval.server.scoring.rules import record_rules, rules_of
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.damage import damage_in
+from reverie_eval.server.store.uploads import UploadsError
 
 WORKERS = max(2, os.cpu_count() or 1)
 """Processes that read and score files, unless another number is wanted. With two, a file that takes
@@ -37,7 +38,7 @@ SECONDS_TO_FINISH = 90
 """Seconds that requests that have begun may take to finish when the server is stopped."""
 _WAITING = 2048
 """Connections that may wait to be accepted."""
-_SAID_BY_OTHERS = (OSError, SQLAlchemyError)
+_SAID_BY_OTHERS = (OSError, SQLAlchemyError, UploadsError)
 """Errors whose messages are logged."""
 
 

@@ -194,6 +194,19 @@ def test_a_request_or_command_that_meets_damage_is_told_so(
     assert told.splitlines()[1:] == [f"database: is damaged ({damage}); {REMEDY}"]
 
 
+@pytest.mark.parametrize(
+    ("what", "how"),
+    [*(("episodes", how) for how in SPOILS), ("file", "missing"), ("file", "anything")],
+)
+def test_a_request_that_meets_a_damaged_upload_is_told_so(
+    what: str, how: str, lively: Serving
+) -> None:
+    sent = lively.upload(OWNER, lively.distinct(), OPEN).json()["submission"]
+    SPOILS[how](next((lively.state.settings.folder / "uploads").rglob(f"{sent['sha256']}*")))
+    reply = lively.ask(OWNER, "GET", f"/submissions/{sent['id']}/{what}")
+    assert (reply.status_code, reply.json()["code"]) == (503, "damaged")
+
+
 def test_a_row_that_a_leaderboard_cannot_show_is_damage(
     filled: Serving, copy_server: CopyServer
 ) -> None:

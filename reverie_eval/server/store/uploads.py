@@ -40,6 +40,10 @@ class UploadsError(ReverieEvalError):
     """Uploads, or the store that has them, cannot be read; says why, and what to do."""
 
 
+class DamagedUploadError(UploadsError):
+    """An upload in a store that answers is missing, unreadable, or another file."""
+
+
 class Uploads(typing.Protocol):
     """A store of uploads."""
 
@@ -79,7 +83,7 @@ def open_uploads(place: str, folder: Path) -> Uploads:
 def stored_upload(uploads: Uploads, sha256: str) -> bytes:
     """Return an upload that a row refers to.
 
-    Raises UploadsError if it is missing or cannot be read.
+    Raises UploadsError if the store does not answer, DamagedUploadError if the upload is damaged.
     """
     with _named(sha256):
         return uploads.get(sha256)
@@ -88,8 +92,8 @@ def stored_upload(uploads: Uploads, sha256: str) -> bytes:
 def stored_pieces(uploads: Uploads, sha256: str) -> Iterator[bytes]:
     """Yield an upload that a row refers to in pieces.
 
-    Raises UploadsError, at the latest after the last piece, if it is missing, cannot be read, or
-    is not the file that was uploaded.
+    Raises UploadsError if the store does not answer; DamagedUploadError, at the latest after the
+    last piece, if the upload is missing, cannot be read, or is not the file that was uploaded.
     """
     digest = hashlib.sha256()
     with _named(sha256):
@@ -97,7 +101,7 @@ def stored_pieces(uploads: Uploads, sha256: str) -> Iterator[bytes]:
             digest.update(piece)
             yield piece
     if digest.hexdigest() != sha256:
-        raise _unusable(sha256, "is not the file that was uploaded")
+        raise DamagedUploadError(_unusable(sha256, "is not the file that was uploaded"))
 
 
 @contextmanager
@@ -106,13 +110,14 @@ def _named(sha256: str) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError:
-        raise _unusable(sha256, "is missing") from None
+        raise DamagedUploadError(_unusable(sha256, "is missing")) from None
     except (OSError, UploadsError) as error:
-        raise _unusable(sha256, f"cannot be read ({error})") from error
+        kind = DamagedUploadError if isinstance(error, OSError) else UploadsError
+        raise kind(_unusable(sha256, f"cannot be read ({error})")) from error
 
 
-def _unusable(sha256: str, why: str) -> UploadsError:
-    return UploadsError(f"the upload {sha256} {why}; run `reverie-eval server doctor`")
+def _unusable(sha256: str, why: str) -> str:
+    return f"the upload {sha256} {why}; run `reverie-eval server doctor`"
 
 
 def name_of(sha256: str) -> str:

@@ -486,6 +486,11 @@ def reschedule(server: Serving) -> None:
     ("change", "is_missed"),
     [
         pytest.param(lambda server: server.upload(OWNER), False, id="an upload"),
+        pytest.param(
+            lambda server: [server.upload(who) for who in (OWNER, OTHER)],
+            False,
+            id="the same file from two teams",
+        ),
         pytest.param(disqualify, True, id="reviewed"),
         pytest.param(rename, True, id="a team's name"),
         pytest.param(reschedule, True, id="its phases"),

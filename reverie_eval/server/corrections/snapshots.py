@@ -34,6 +34,7 @@ from reverie_eval.server.store.database import is_unreachable
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.tables import (
     IS_CHANGE,
+    SAME_FILE,
     SNAPSHOT_TAKEN,
     AuditEntry,
     StoredSnapshot,
@@ -149,7 +150,7 @@ class Snapshots:
         return due
 
     def missed(self, session: Session, now: datetime) -> Sequence[Closing]:
-        """Return the closings whose leaderboard changed before a snapshot was taken of it.
+        """Return the closings whose leaderboard may have changed before a snapshot was taken.
 
         They are left out once there is a later snapshot of the split.
         """
@@ -230,7 +231,9 @@ def _lacking(session: Session, ended: set[Closing]) -> Sequence[Closing]:
 def _is_changed(session: Session, closing: Closing) -> bool:
     """Whether a leaderboard may have changed after a phase, as by anything but an upload."""
     changes = select(AuditEntry.id).where(
-        AuditEntry.at >= closing.at, IS_CHANGE, AuditEntry.action != SNAPSHOT_TAKEN
+        AuditEntry.at >= closing.at,
+        IS_CHANGE,
+        AuditEntry.action.not_in((SAME_FILE, SNAPSHOT_TAKEN)),
     )
     return session.scalars(changes.limit(1)).first() is not None
 

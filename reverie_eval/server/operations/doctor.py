@@ -279,8 +279,9 @@ def _at_snapshots(session: Session, state: ServerState) -> Iterator[Finding]:
         yield Finding("snapshots", "note", _not_compared(count_text(unread, "snapshot")))
     for missed in state.get(Snapshots).missed(session, state.clock()):
         message = (
-            f"none of {missed.split} was taken at the end of {missed.phase}: the leaderboard "
-            "changed before; take one as it is now with `reverie-eval server snapshot`"
+            f"none of {missed.split} was taken at the end of {missed.phase}, and the "
+            "leaderboard may have changed since; take one as it is now with `reverie-eval server "
+            "snapshot`"
         )
         yield Finding("snapshots", "note", message)
     yield Finding("snapshots", "ok", f"{count_text(sound, 'snapshot')} verified")

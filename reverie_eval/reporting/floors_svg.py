@@ -4,7 +4,7 @@ The lowest is at the bottom. Each has the floors of its rooms, low walls with ga
 furniture as solids, stairs and a title. What an episode does on them is drawn by others.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import groupby, pairwise
 from typing import NamedTuple
@@ -13,7 +13,7 @@ import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.geometry import door_spans, floors_of, sides_of
-from reverie_eval.reporting.drawing import line_data, path, path_data
+from reverie_eval.reporting.drawing import element, line_data, path, path_data
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_marks import draw_mark
 from reverie_eval.reporting.maps import EpisodeMap
@@ -30,6 +30,10 @@ _FLATTENED = 0.6
 _SMALL, _HANGS = 0.35, 0.9
 # Metres: the width of the floor beneath a way that leads through no room.
 _WAY = 1.2
+# Units of the page: where titles begin, left of all sheets; and how many heights are tried.
+_TITLE_LEFT, _HEIGHTS = 4.0, 9
+# Points along a wall: close enough that a title on it covers one.
+_ALONG = 64
 _FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
 """From what is drawn to the eye: to the right, away and up."""
 
@@ -78,7 +82,8 @@ class Floors:
     def _level(self, level: int) -> Iterator[str]:
         ways = [self._page(each, level) for each in self._ways_outside(level)]
         if ways:
-            yield path("way", path_data("way", ways))
+            width = f'stroke-width="{_WAY * self.scale:.1f}"'
+            yield element("path", f'class="way" d="{path_data("way", ways)}" {width}')
         for room in self._building.rooms_on(level):
             kind = f"room {room.name.partition(' ')[0]}".strip()
             yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))
@@ -86,7 +91,7 @@ class Floors:
         if treads:
             yield path("tread", path_data("tread", treads))
         yield f'<g class="solids">{"".join(self._solids(level))}</g>'
-        yield draw_mark(self._title(level))
+        yield draw_mark(self._titles[level])
 
     def _solids(self, level: int) -> Iterator[str]:
         """Draw walls and furniture, the farthest first."""
@@ -98,7 +103,7 @@ class Floors:
             yield path(kind, "".join(f"{line_data(outline[row])}z" for row in rows))
 
     def _ways_outside(self, level: int) -> Iterator[FloatArray]:
-        """Yield the floor beneath the edges and viewpoints that no room contains."""
+        """Yield the ends, shape (2, 2), of edges beside rooms; a viewpoint there, twice."""
         on_level = (self._map.storey == level) & self._is_near
         here = self._map.position[:, :2]
         is_outside = on_level.copy()
@@ -107,22 +112,32 @@ class Floors:
         edges = self._map.edges
         is_way = on_level[edges].all(axis=1) & is_outside[edges].any(axis=1)
         alone = np.repeat(np.flatnonzero(is_outside)[:, None], 2, axis=1)
-        for start, end in here[np.vstack([edges[is_way], alone])]:
-            along = end - start
-            along = along / np.hypot(*along) if along.any() else self._axes[0]
-            ahead, aside = _WAY / 2 * along, _WAY / 2 * np.array([-along[1], along[0]])
-            yield np.array(
-                [
-                    start - ahead - aside,
-                    end + ahead - aside,
-                    end + ahead + aside,
-                    start - ahead + aside,
-                ]
-            )
+        yield from here[np.vstack([edges[is_way], alone])]
+
+    @cached_property
+    def _titles(self) -> Mapping[int, Mark]:
+        return {level: self._title(level) for level in self.levels}
 
     def _title(self, level: int) -> Mark:
-        bottom = self._page(self._ground(level), level)[:, 1].max()
-        return Mark("right of", np.array([4.0, bottom - 2]), text=f"level {level + 1}")
+        """Place a title at the left: as low as it is beside the sheet, or else at its foot."""
+        down = self._page(self._ground(level), level)[:, 1]
+        heights = np.linspace(down.max() - 2, down.min(), _HEIGHTS)
+        places = [
+            Mark("right of", np.array([_TITLE_LEFT, y]), text=f"level {level + 1}") for y in heights
+        ]
+        outline = self._outlines(level)
+        return next((each for each in places if not _is_on(text_box(each), outline)), places[0])
+
+    def _outlines(self, level: int) -> FloatArray:
+        """Return points, shape (n, 2), close together along the feet and the tops of walls."""
+        share = np.linspace(0, 1, _ALONG)[:, None, None]
+        lines = [
+            outline + share * (np.roll(outline, -1, axis=0) - outline)
+            for room in self._building.rooms_on(level)
+            for outline in room.outlines
+        ]
+        along = np.concatenate([np.zeros((0, 2)), *(each.reshape(-1, 2) for each in lines)])
+        return np.concatenate([self._page(along, level, z) for z in (0.0, _WALL)])
 
     def _walls(self, level: int) -> _Faces:
         doors = self._building.doors_on(level)
@@ -166,7 +181,7 @@ class Floors:
     @property
     def taken(self) -> Sequence[FloatArray]:
         """Boxes, shape (2, 2), of the titles of levels."""
-        return [text_box(self._title(level)) for level in self.levels]
+        return [*map(text_box, self._titles.values())]
 
     def points(self, position: FloatArray, storey: int) -> FloatArray:
         """Return where positions are: on the floor of their storey; beside the page without it."""
@@ -191,6 +206,15 @@ class Floors:
     def _placed(self, flat: FloatArray, level: int) -> FloatArray:
         """Put projected points where their level is on the page."""
         return np.asarray(self.scale * (flat - (self._left, 0)) + (0, self._top[level]))
+
+
+def _is_on(box: FloatArray, points: FloatArray) -> bool:
+    """Whether a box, shape (2, 2), has a point, of shape (n, 2), in it.
+
+    A box that begins left of a sheet is on it only if it is on its outline.
+    """
+    low, high = box
+    return bool(((low < points) & (points < high)).all(axis=1).any())
 
 
 def _flattened(across: FloatArray, away: FloatArray, up: FloatArray | float) -> FloatArray:

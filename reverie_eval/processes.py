@@ -14,9 +14,12 @@ Result = TypeVar("Result")
 def can_start_processes() -> bool:
     """Whether the main script may run again in a process that starts afresh.
 
-    One that does not ask for its ``__name__`` would start processes in each process.
+    One that does not ask for its ``__name__`` would start processes in each process, and one that
+    comes from standard input cannot be read again.
     """
     script = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
+    if script.name == "<stdin>":
+        return False
     return not script.is_file() or b"__name__" in script.read_bytes()
 
 
@@ -46,8 +49,8 @@ def map_in_processes(
         return
     if not can_start_processes():
         raise ReverieEvalError(
-            "several jobs start this script again in each process; put its commands below "
-            'if __name__ == "__main__":'
+            "several jobs start this script again in each process; put its commands into a file, "
+            'below if __name__ == "__main__":'
         )
     # `multiprocessing.Pool` waits forever for a process that was killed, and `concurrent.futures`
     # cannot stop running ones.

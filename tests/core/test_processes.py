@@ -76,8 +76,20 @@ def test_a_script_that_processes_would_run_again_starts_none(
     monkeypatch.setattr(sys.modules["__main__"], "__file__", str(file), raising=False)
     assert can_start_processes() == can_start
     if not can_start:
-        with pytest.raises(ReverieEvalError, match='put its commands below if __name__ == "__main'):
+        with pytest.raises(ReverieEvalError, match='into a file, below if __name__ == "__main'):
             list(map_in_processes(len, ["a", "b"], 2))
+
+
+def test_a_script_from_standard_input_starts_none() -> None:
+    script = """if True:
+        from reverie_eval.processes import map_in_processes
+        print(*map_in_processes(len, ["a", "b"], 2))
+    """
+    ended = subprocess.run(
+        [sys.executable], input=script, capture_output=True, text=True, check=False
+    )
+    told = ended.stderr.splitlines()[-1]
+    assert "ReverieEvalError: several jobs start this script again" in told
 
 
 def test_processes_end_with_their_item_if_their_parent_is_killed(tmp_path: Path) -> None:

@@ -122,11 +122,11 @@ class Floors:
         """Place a title at the left: as low as it is beside the sheet, or else at its foot."""
         down = self._page(self._ground(level), level)[:, 1]
         heights = np.linspace(down.max() - 2, down.min(), _HEIGHTS)
-        places = [
+        marks = [
             Mark("right of", np.array([_TITLE_LEFT, y]), text=f"level {level + 1}") for y in heights
         ]
         outline = self._outlines(level)
-        return next((each for each in places if not _is_on(text_box(each), outline)), places[0])
+        return next((each for each in marks if not _is_on(text_box(each), outline)), marks[0])
 
     def _outlines(self, level: int) -> FloatArray:
         """Return points, shape (n, 2), close together along the feet and the tops of walls."""

@@ -164,7 +164,7 @@ def test_the_signature_has_the_protocol_not_its_alias() -> None:
     [
         pytest.param("mine", "choose", id="nothing like it"),
         pytest.param("", "choose", id="empty"),
-        pytest.param("DUET", "choose", id="in capitals"),
+        pytest.param("DUET", "did you mean duet? Choose", id="in capitals"),
         pytest.param("official", "did you mean official-v1? Choose", id="without its version"),
     ],
 )

@@ -244,7 +244,7 @@ def test_an_upload_that_is_cut_off_is_not_sent_as_a_whole(
         with pytest.raises(httpx.RemoteProtocolError):
             download()
         upload.unlink()
-        assert download().status_code == 500
+        assert download().status_code == 503
 
 
 class OfOurs(BaseModel):

@@ -77,7 +77,10 @@ def on_desk(server: Serving) -> str:
 
 
 def test_the_same_file_from_two_teams_is_told_at_once(
-    server_on: Serving, open_server: OpenServer, caplog: pytest.LogCaptureFixture
+    server_on: Serving,
+    open_server: OpenServer,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     server = open_server(telling(server_on.state.settings), server_on.tokens)
     first = sent(server, OWNER)
@@ -93,6 +96,7 @@ def test_the_same_file_from_two_teams_is_told_at_once(
     assert line.fields == fields  # type: ignore[attr-defined]
     page = on_desk(server)
     assert f"{ON_DESK}, once in the last 30 days, the last time on {PRIVATE}." in page
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", server.state.settings.database)
     findings = examine(server.state.settings.folder)
     assert [each for each in findings if each.kind == "fault"] == []
 

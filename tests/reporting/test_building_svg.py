@@ -103,7 +103,7 @@ def test_a_title_stands_above_a_room_that_fills_its_corner(episode: Episode) -> 
 
 
 def test_what_is_far_from_the_walk_is_left_out(scores: rv.Scores) -> None:
-    """Of each level there are the viewpoints within 4 m of one that the episode visits."""
+    """Each level has the viewpoints within 4 m of one that the episode visits."""
     maps = [EpisodeMap.of({"": scores.episode(each)}) for each in scores.instr_ids]
     several = next(each for each in maps if each.leaves_level)
     near = {

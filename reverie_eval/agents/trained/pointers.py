@@ -78,7 +78,7 @@ class Pointer(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, words: Tensor, tokens: Tensor, candidates: Candidates) -> Tensor:
-        """Score candidates: float (B, J), -inf where there is none.
+        """Return the scores of candidates, float (B, J): -inf where there is none.
 
         ``words`` is int (B, L), and ``tokens`` int (n_names, T): the words of all names.
         """

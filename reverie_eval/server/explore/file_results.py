@@ -44,8 +44,7 @@ class FileResults(Generic[Result]):
         """Return the result for each file; None while they are computed in the background.
 
         If more files than ``most_awaited`` are new, as after a correction, nobody waits for them.
-        The result for a file that is missing or damaged is None; the search for damaged files tells
-        the organiser.
+        The result for a file that is missing or damaged is None; the doctor tells the organiser.
         """
         new = [each for each in files if _key(board, each) not in self.kept]
         is_busy = self._is_busy.locked()

@@ -34,7 +34,7 @@ from reverie_eval.server.store.tables import Person
 _FORM_OVERHEAD = 64 << 10
 """Bytes that a form may have besides the file."""
 _MOST_FIELDS = 27
-"""Of a form with a file, which is one of them."""
+"""The fields that a form may have, one of which is the file."""
 _PACKED = {"schema": BINARY}
 
 

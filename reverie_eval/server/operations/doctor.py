@@ -40,7 +40,7 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
 from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
-from reverie_eval.server.store.uploads import ENDING, Uploads, UploadsError, name_of, open_uploads
+from reverie_eval.server.store.uploads import ENDING, Uploads, UploadsError, name_of
 from reverie_eval.text import count_text, first_few
 
 Track = Callable[[Iterable[str], str, int], Iterable[str]]
@@ -95,8 +95,7 @@ def _at_references(database: Database, session: Session) -> Iterator[Finding]:
 
 
 def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
-    uploads = open_uploads(state.settings.uploads, state.settings.folder)
-    yield from _at_uploads(session, uploads, track)
+    yield from _at_uploads(session, state.uploads, track)
     counted = select(Submission.split, func.count()).group_by(Submission.split)
     for split, number in session.execute(counted.order_by(Submission.split)):
         if split not in state.boards:

@@ -13,6 +13,7 @@ import pytest
 
 from reverie_eval.scoring import PreparedSubmission
 from reverie_eval.server.app import create_app
+from reverie_eval.server.operations import health
 from tests.support.amounts import amount, tell
 from tests.support.mutated_files import FileMaker
 from tests.support.page_routes import page_routes
@@ -35,8 +36,15 @@ MOST_SHOWN = 100
 
 
 @pytest.fixture
-def twins(folder: Path, open_server: OpenServer, tmp_path: Path) -> Twins:
-    """Return two servers whose private solutions differ."""
+def twins(
+    folder: Path, open_server: OpenServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Twins:
+    """Return two servers whose private solutions differ.
+
+    They check their health whenever they are asked for it: with a report kept by the one and out
+    of date at the other, the one would give out more ids.
+    """
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
     return open_twins(open_server, (folder, Path(shutil.copytree(folder, tmp_path / "twin"))), 1)
 
 

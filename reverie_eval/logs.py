@@ -320,7 +320,7 @@ def costs_text(costs: Mapping[str, FloatArray]) -> str:
 
 def read_text(parts: Collection[str]) -> str:
     """List the parts of observations that were read; say so if some are labels of annotators."""
-    listed = ", ".join(sorted(parts)) or "nothing"
+    listed = ", ".join(sorted(parts))
     if {"names", "boxes"}.isdisjoint(parts):
         return listed
     return f"{listed}; names and boxes are annotators' labels: perfect perception"

@@ -59,6 +59,11 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     return f"; {guess} one of: {', '.join(listed)}"
 
 
+def damage_text(error: Exception) -> str:
+    """Say why a packed file does not unpack: what libraries say is about markers and checksums."""
+    return "it was cut short" if isinstance(error, EOFError) else "some of its bytes are wrong"
+
+
 def category_text(name: str) -> str:
     """Return a category for people: the dataset's names have ``#`` for a space [1]_.
 

@@ -24,7 +24,7 @@ from pydantic import (
 
 from reverie_eval.arrays import INT32_END, LARGEST_OBJECT_ID
 from reverie_eval.tasks import Annotation
-from reverie_eval.text import first_few
+from reverie_eval.text import damage_text, first_few
 
 T = TypeVar("T")
 
@@ -76,7 +76,7 @@ class Reader:
         except ValidationError as error:
             reason = explain(error)
         except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-            reason = f"cannot be unpacked: {error}"
+            reason = f"cannot be unpacked: {damage_text(error)}"
         except (ValueError, RecursionError) as error:
             reason = f"not JSON: {error}"
         except OSError as error:

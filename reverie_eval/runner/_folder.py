@@ -139,8 +139,8 @@ class RunFolder:
         differences = list(mine.differences(begun))
         if differences:
             raise RunError(
-                f"{self.path} has another run: {'; '.join(differences)}. Go on as it was begun, or "
-                "choose a new folder"
+                f"{self.path} has another run ({'; '.join(differences)}); go on as it was begun, "
+                "or choose a new folder"
             )
 
     def _unfinished_steps(self) -> Mapping[tuple[str, int], list[Step]]:

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 import textwrap
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -64,12 +65,13 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     reverie_eval: str
     """The version that showed the observations."""
 
-    def differences(self, other: "Identity") -> Iterable[str]:
-        """Yield a line for each field that another identity has a different value in."""
-        for name in self.__struct_fields__:
-            mine, its = getattr(self, name), getattr(other, name)
-            if mine != its:
-                yield f"{name} was {_shown(its)}, and is {_shown(mine)} now"
+    def differences(self, begun: "Identity") -> Iterable[str]:
+        """Yield a line for each thing that was different when the run was begun."""
+        mine, its = _by_title(self), _by_title(begun)
+        for title in [*mine, *(each for each in its if each not in mine)]:
+            now, was = mine.get(title, "not given"), its.get(title, "not given")
+            if now != was:
+                yield f"{title}: {was}, now {now}"
 
 
 class Circumstance(msgspec.Struct, frozen=True, kw_only=True):
@@ -171,8 +173,34 @@ def _plain(value: Any) -> Any:
 _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
+_TITLES: Mapping[str, str] = MappingProxyType(
+    {
+        "fingerprint": "fingerprint of the ground truth",
+        "shown": "digest of instructions, names and headings",
+        "agent_version": "version of the agent",
+        "agent_digest": "digest of the agent's code",
+        "reverie_eval": "version of reverie-eval",
+    }
+)
+"""What fields are called in messages, if not by their name."""
+
+
+def _by_title(identity: Identity) -> Mapping[str, str]:
+    """Return the values of an identity as texts, by titles that messages can have."""
+    plain = msgspec.to_builtins(identity)
+    options, limits = plain.pop("options"), plain.pop("limits")
+    values = {
+        **{_TITLES.get(name, name): value for name, value in plain.items()},
+        **{f"option {name}": value for name, value in options.items()},
+        **{f"limit of {name}": value for name, value in limits.items()},
+    }
+    return {title: _shown(value) for title, value in values.items()}
+
+
 def _shown(value: object) -> str:
-    return repr(msgspec.to_builtins(value))
+    """Return a value as text; of a SHA-256, as much as a signature has."""
+    text = "none" if value in (None, "") else str(value)
+    return text[:12] if re.fullmatch("[0-9a-f]{64}", text) else text
 
 
 # The JSON Schemas of the files.

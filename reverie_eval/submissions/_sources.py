@@ -10,14 +10,14 @@ from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import BinaryIO, TextIO, TypeAlias
-from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo, is_zipfile
 
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.logs import is_run, submission_in
 from reverie_eval.submissions import _faults as faults
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._problems import show
-from reverie_eval.text import count_text, first_few
+from reverie_eval.text import count_text, damage_text, first_few
 
 Source: TypeAlias = str | PathLike[str] | bytes | BinaryIO | TextIO
 """A path, also of a run's folder, ``-`` for standard input, the content itself, or an open file."""
@@ -163,7 +163,8 @@ def _unpack_gzip(content: bytes, limit: int) -> bytes:
         with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
             return _read_pieces(file.read, limit)
     except (EOFError, OSError, zlib.error) as error:
-        raise SubmissionError([problems.DAMAGED_GZIP.of_file(reason=error)]) from error
+        reason = damage_text(error)
+        raise SubmissionError([problems.DAMAGED_GZIP.of_file(reason=reason)]) from error
 
 
 def _unpack_zip(content: bytes, limit: int) -> bytes:
@@ -178,7 +179,9 @@ def _unpack_zip(content: bytes, limit: int) -> bytes:
         ):
             return _read_pieces(file.read, limit)
     except _DAMAGED_ZIP as error:
-        raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason=error)]) from error
+        # An archive is recognised by its end.
+        reason = damage_text(error if is_zipfile(io.BytesIO(content)) else EOFError())
+        raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason=reason)]) from error
 
 
 def _read_pieces(read: Callable[[int], bytes], limit: int) -> bytes:

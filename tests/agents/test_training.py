@@ -143,7 +143,7 @@ def test_a_navigator_does_not_change_its_pointer(
 
 def test_a_pointer_is_led_to_the_goal(run: Run, pointer: Path, tmp_path: Path) -> None:
     out = run("run", str(pointer), "--split", "val_seen", "-o", str(tmp_path / "run"))
-    assert "read: boxes, geometry, instruction, names, solution" in out.err
+    assert "the agent read boxes, geometry, instruction, names, solution" in out.err
     assert out.out.splitlines()[1].split()[1:3] == ["100.00", "100.00"]  # SR and OSR
 
 
@@ -153,7 +153,7 @@ def test_a_navigator_walks_greedily_and_by_the_queue(
     words = ["run", str(navigator), "--split", "val_seen", "--option"]
     for walk in "greedy", "fast", "likeliest":
         out = run(*words, f"walk={walk}", "-o", str(tmp_path / walk))
-        assert "read: boxes, geometry, instruction, names; " in out.err
+        assert "the agent read boxes, geometry, instruction, names; " in out.err
         assert "cut off" not in out.err  # every walk ended by itself
     card = json.loads((tmp_path / "fast" / "run.json").read_text())["identity"]
     assert (card["agent"], card["options"]) == (navigator.name, {"walk": "fast"})
@@ -188,7 +188,7 @@ def test_directions_alone_read_no_names(run: Run, demo_world: Path, tmp_path: Pa
     assert "reads: geometry, instruction\n" in trained.out
     assert "note: epoch 1: loss " in trained.err
     out = run("run", model, "--split", "val_seen", "-o", str(tmp_path / "run"))
-    assert "read: geometry, instruction\n" in out.err
+    assert "the agent read geometry, instruction\n" in out.err
 
 
 def test_a_wrong_name_is_said_before_wrong_files(run: Run, tmp_path: Path) -> None:

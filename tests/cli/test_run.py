@@ -35,7 +35,7 @@ def test_the_agent_of_the_page_runs_and_scores_what_the_page_says(folder: Path, 
     assert (status, out.strip()) == (0, TABLE)
     assert len(AGENT.splitlines()) <= 30
     assert "84 ended; 84 attempts" in err
-    assert "read: instruction, names" in err
+    assert "the agent read instruction, names" in err
     written = {each.name for each in (folder / "runs" / "mine").iterdir()}
     assert written == {"episodes.jsonl", "run.json", "steps.jsonl", "submission.json"}
     assert all(f"`{name}`" in PAGE for name in written)
@@ -56,7 +56,7 @@ def test_an_edited_agent_does_not_pass_for_the_one_that_ran(folder: Path, run: R
     (folder / "my_agent.py").write_text(AGENT.replace("patience=15", "patience=1"))
     edited = run(*words)
     assert (edited.status, edited.out) == (2, "")
-    assert "agent_digest was " in edited.err
+    assert "digest of the agent's code: " in edited.err
 
 
 def test_why_episodes_were_stopped_is_said(folder: Path, run: Run) -> None:

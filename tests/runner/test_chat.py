@@ -320,11 +320,15 @@ def test_a_line_that_is_not_a_reply_is_named(chat: Chat) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        pytest.param({"model": "others"}, "'model': 'others'", id="model"),
-        pytest.param({"history": "map"}, "'history': 'map'", id="history"),
-        pytest.param({"observe": "geometry"}, "'observe': 'geometry'", id="input class"),
-        pytest.param({"settings": {}}, "'settings': {}", id="settings"),
-        pytest.param({"prompts": "mine"}, "options was ", id="prompts"),
+        pytest.param({"model": "others"}, "option model: words, now others", id="model"),
+        pytest.param({"history": "map"}, "option history: full, now map", id="history"),
+        pytest.param(
+            {"observe": "geometry"}, "option observe: objects, now geometry", id="input class"
+        ),
+        pytest.param(
+            {"settings": {}}, "option settings: {'temperature': 0}, now {}", id="settings"
+        ),
+        pytest.param({"prompts": "mine"}, "option prompts: ", id="prompts"),
     ],
 )
 def test_a_run_does_not_go_on_with_what_can_change_an_answer(

@@ -38,21 +38,47 @@ def with_another_heading() -> GroundTruth:
 
 
 BOXES = '{"house_hall": {"8": {"visible_pos": [12], "bbox2d": [[1, 2, 3, 4]]}}}'
-CHANGES: Mapping[str, Mapping[str, Any]] = {
-    "task": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "r2r" / "val_unseen.npz")},
-    "split": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "val_seen.npz")},
-    "fingerprint": {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "val_unseen.npz")},
-    "shown": {"ground_truth": with_another_heading()},
-    "episodes": {"ground_truth": ground_truth_of(WORLD).subset(EPISODES[:2])},
-    "agent": {"agent": AgentSource("stop")},
-    "agent_version": {"agent": AgentSource("stop")},
-    "agent_digest": {"agent": AgentSource("stop")},
-    "options": {"agent": AgentSource("nearest-first", {"viewpoints": 3})},
-    "seed": {"seed": 1},
-    "limits": {"limits": Limits(steps=7)},
-    "boxes": {"boxes": "boxes.json"},
-    "pictures": {"pictures": "pictures"},
-    "reverie_eval": {},
+DEMO = GroundTruth.load(DEMO_BUNDLES / "val_unseen.npz")
+# For each field, what is changed, and what the message says of it.
+CHANGES: Mapping[str, tuple[Mapping[str, Any], str]] = {
+    "task": (
+        {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "r2r" / "val_unseen.npz")},
+        "task: reverie, now r2r",
+    ),
+    "split": (
+        {"ground_truth": GroundTruth.load(DEMO_BUNDLES / "val_seen.npz")},
+        "split: val_unseen, now val_seen",
+    ),
+    "fingerprint": (
+        {"ground_truth": DEMO},
+        rf"fingerprint of the ground truth: \w{{12}}, now {DEMO.fingerprint[:12]}",
+    ),
+    "shown": (
+        {"ground_truth": with_another_heading()},
+        r"digest of instructions, names and headings: \w{12}, now \w{12}",
+    ),
+    "episodes": (
+        {"ground_truth": ground_truth_of(WORLD).subset(EPISODES[:2])},
+        r"episodes: all, now \w{12}",
+    ),
+    "agent": ({"agent": AgentSource("stop")}, "agent: scripted:Agent, now stop"),
+    "agent_version": (
+        {"agent": AgentSource("stop")},
+        r"version of the agent: 1, now [\w.]+",
+    ),
+    "agent_digest": (
+        {"agent": AgentSource("stop")},
+        r"digest of the agent's code: \w{12}, now \w{12}",
+    ),
+    "options": (
+        {"agent": AgentSource("nearest-first", {"viewpoints": 3})},
+        "option viewpoints: not given, now 3",
+    ),
+    "seed": ({"seed": 1}, "seed: 0, now 1"),
+    "limits": ({"limits": Limits(steps=7)}, "limit of steps: 200, now 7"),
+    "boxes": ({"boxes": "boxes.json"}, r"boxes: solution, now \w{12}"),
+    "pictures": ({"pictures": "pictures"}, r"pictures: none, now \w{12}"),
+    "reverie_eval": ({}, r"version of reverie-eval: [\w.]+, now 9\.9"),
 }
 
 
@@ -67,8 +93,9 @@ def test_another_identity_is_refused_by_name(
     before = {each.name: each.read_bytes() for each in home.folder.iterdir()}
     if name == "reverie_eval":
         monkeypatch.setattr("reverie_eval.runner._run.__version__", "9.9")
-    with pytest.raises(RunError, match=rf"has another run: .*\b{name} was .+, and is .+ now"):
-        home.run(stop, **CHANGES[name])
+    changes, message = CHANGES[name]
+    with pytest.raises(RunError, match=rf"has another run \((.*; )?{message}(;|\))"):
+        home.run(stop, **changes)
     assert {each.name: each.read_bytes() for each in home.folder.iterdir()} == before
 
 
@@ -80,7 +107,7 @@ def test_other_pictures_are_another_identity(home: Home, tmp_path: Path) -> None
     (tmp_path / "elsewhere" / "matterport_skybox_images" / "hall_skybox_small.jpg").touch()
     assert home.run(stop, pictures=tmp_path).attempts == 4
     (tmp_path / "house" / "matterport_skybox_images" / "hall_skybox_small.jpg").touch()
-    with pytest.raises(RunError, match="pictures was "):
+    with pytest.raises(RunError, match="pictures: "):
         home.run(stop, pictures=tmp_path)
 
 

@@ -90,7 +90,7 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
             id="line break in a text",
         ),
         pytest.param(b'["ok", "\xff"]', "not-json", "byte 8", "utf-8", id="invalid UTF-8"),
-        pytest.param(b"PK\x03\x04", "damaged-zip", "file", "not a zip file", id="no zip"),
+        pytest.param(b"PK\x03\x04", "damaged-zip", "file", "cut short", id="no zip"),
         pytest.param(b"<!doctype html>", "not-json", "file", "is a web page", id="web page"),
         pytest.param(
             record().encode(), "not-a-list", "file", "expected a list of", id="record without list"
@@ -124,17 +124,17 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
             gzip.compress(document(record()))[:-10],
             "damaged-gzip",
             "file",
-            "cannot be unpacked",
+            "cannot be unpacked (it was cut short); compress",
             id="truncated gzip",
         ),
         pytest.param(
-            bytes(DAMAGED), "damaged-gzip", "file", "CRC check failed", id="gzip with a wrong bit"
+            bytes(DAMAGED), "damaged-gzip", "file", "bytes are wrong", id="gzip with a wrong bit"
         ),
         pytest.param(
             gzip.compress(b"")[:10] + b"\xff" * 10,
             "damaged-gzip",
             "file",
-            "invalid block type",
+            "bytes are wrong",
             id="gzip of nonsense",
         ),
         pytest.param(

@@ -102,24 +102,26 @@ def test_other_content_is_left_unchanged(content: bytes) -> None:
 @pytest.mark.parametrize(
     ("packed", "code", "message"),
     [
-        pytest.param(gzip.compress(TEXT)[:-9], "damaged-gzip", "ended before", id="cut gzip"),
-        pytest.param(gzip.compress(TEXT) + b"x", "damaged-gzip", "Not a gz", id="gzip and more"),
-        pytest.param(b"\x1f\x8b\x07", "damaged-gzip", "", id="gzip of another method"),
-        pytest.param(zipped({"a": TEXT})[:-9], "damaged-zip", "not a zip file", id="cut zip"),
+        pytest.param(gzip.compress(TEXT)[:-9], "damaged-gzip", "cut short", id="cut gzip"),
+        pytest.param(
+            gzip.compress(TEXT) + b"x", "damaged-gzip", "bytes are wrong", id="gzip and more"
+        ),
+        pytest.param(b"\x1f\x8b\x07", "damaged-gzip", "cut short", id="gzip of another method"),
+        pytest.param(zipped({"a": TEXT})[:-9], "damaged-zip", "cut short", id="cut zip"),
         pytest.param(
             zipped({"a": TEXT}, ZIP_STORED).replace(b"7_1_0", b"7_1_1"),
             "damaged-zip",
-            "Bad CRC-32",
+            "bytes are wrong",
             id="zip with a wrong bit",
         ),
         pytest.param(encrypted(), "damaged-zip", "encrypted", id="encrypted"),
         pytest.param(zipped({"a": TEXT}, ZIP_BZIP2), "damaged-zip", "unusual", id="bzip2 in zip"),
         pytest.param(zipped({"a": TEXT}, ZIP_LZMA), "damaged-zip", "unusual", id="LZMA in zip"),
-        pytest.param(claiming(22), "damaged-zip", "Bad CRC-32", id="claims to be smaller"),
+        pytest.param(claiming(22), "damaged-zip", "bytes are wrong", id="claims to be smaller"),
         pytest.param(
             claiming(23, is_zip64=True, offset=2**64 - 1),
             "damaged-zip",
-            "too large",
+            "bytes are wrong",
             id="claims to lie beyond all files",
         ),
         pytest.param(zipped({}), "several-files", "with no file", id="empty zip"),

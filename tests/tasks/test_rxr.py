@@ -227,7 +227,7 @@ def test_faults_of_an_annotation_file_are_listed(tmp_path: Path) -> None:
         compile_split(files, "test_standard_public")
     place = files.annotations["test_standard_public"]
     place.write_bytes(place.read_bytes()[:-9])
-    with pytest.raises(DatasetError, match="cannot be unpacked: Compressed file ended"):
+    with pytest.raises(DatasetError, match="cannot be unpacked: it was cut short"):
         compile_split(files, "test_standard_public")
 
 

@@ -285,7 +285,8 @@ def _outcome(totals: Totals) -> Iterable[str]:
     ended = ", ".join(f"{number:,} {state}" for state, number in states.items() if number)
     steps = count_text(totals.steps, "step")
     yield f"{ended}; {count_text(totals.attempts, 'attempt')}, {steps}, {totals.seconds:,.1f} s"
-    yield f"read: {read_text(totals.read)}"
+    if totals.read:
+        yield f"the agent read {read_text(totals.read)}"
     tokens = (totals.input_tokens, totals.output_tokens)
     if tokens != (None, None):
         money = "unknown" if totals.money is None else f"${totals.money:,.2f}"

@@ -29,7 +29,6 @@ from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.dataset import DatasetFiles
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import read_dataset
-from reverie_eval.dataset._reader import no_progress
 from reverie_eval.geometry import (
     HEIGHT,
     NEAR,
@@ -46,6 +45,7 @@ from reverie_eval.geometry import (
     polygon_overlap,
 )
 from reverie_eval.ground_truth import NavigationGraph
+from reverie_eval.progress import no_progress
 from reverie_eval.reporting.answer_svg import room_shapes
 from reverie_eval.reporting.answers import seen_in
 from reverie_eval.reporting.building_svg import BuildingPicture

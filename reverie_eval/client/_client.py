@@ -15,9 +15,9 @@ from reverie_eval.client.sending import (
     Call,
     NotAServerError,
     Notice,
-    Progress,
     Sender,
     ServiceError,
+    TransferProgress,
     UnreachableError,
     check_private,
     incompatible_version,
@@ -176,7 +176,11 @@ class Client:
         return self._send(Checked, Call("POST", route, body=body, headers=_GZIP))
 
     def submit(
-        self, split: str, submission: Source, method: Method, progress: Progress | None = None
+        self,
+        split: str,
+        submission: Source,
+        method: Method,
+        progress: TransferProgress | None = None,
     ) -> Accepted:
         """Send a submission and return its scores.
 

@@ -63,7 +63,7 @@ class QuotaSpentError(RefusedError):
 # Requests.
 
 
-Progress = Callable[[int, int], None]
+TransferProgress = Callable[[int, int], None]
 """Called with the number of bytes sent so far and in total."""
 Notice = Callable[[str], None]
 """Called with a line of text that says why something takes longer."""
@@ -96,7 +96,7 @@ class Call:
     query: Mapping[str, str] = field(default_factory=dict)
     body: bytes = b""
     headers: Mapping[str, str] = field(default_factory=dict)
-    progress: Progress | None = None
+    progress: TransferProgress | None = None
     is_repeatable: bool = True
     """Whether sending it twice has the same effect as sending it once."""
 

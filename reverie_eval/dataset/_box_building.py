@@ -19,12 +19,13 @@ from reverie_eval.dataset._dataset import find_graphs, graph_name
 from reverie_eval.dataset._graphs import GRAPH_RULES, read_graphs
 from reverie_eval.dataset._houses import House, read_house
 from reverie_eval.dataset._lint import file_problems
-from reverie_eval.dataset._reader import Progress, Reader, no_progress
+from reverie_eval.dataset._reader import Reader
 from reverie_eval.dataset._rules import find_problems
 from reverie_eval.errors import DatasetError, Problem, ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.geometry import boxes_in_views
 from reverie_eval.processes import map_in_processes
+from reverie_eval.progress import Progress, no_progress
 from reverie_eval.text import count_text, first_few
 
 _HOUSE = ".house"

@@ -20,7 +20,7 @@ from reverie_eval.dataset._dataset import (
     read_split,
 )
 from reverie_eval.dataset._lint import check_sound
-from reverie_eval.dataset._reader import Progress, Reader, no_progress, target_of, viewpoints_of
+from reverie_eval.dataset._reader import Reader, target_of, viewpoints_of
 from reverie_eval.ground_truth import (
     CUSTOM_DATASET,
     Bundle,
@@ -28,6 +28,7 @@ from reverie_eval.ground_truth import (
     NavigationGraph,
     pack_texts,
 )
+from reverie_eval.progress import Progress, no_progress
 from reverie_eval.tasks import Annotation, find_task
 
 # The centre of an object of which none is published.

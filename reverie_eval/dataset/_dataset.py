@@ -25,13 +25,13 @@ from reverie_eval.dataset._reader import (
     ANNOTATIONS,
     OBJECT_POSITIONS,
     Position,
-    Progress,
     Reader,
     mentioned_by,
     target_of,
     viewpoints_of,
 )
 from reverie_eval.errors import DatasetError, Problem
+from reverie_eval.progress import Progress
 from reverie_eval.tasks import DEFAULT_TASK, Annotation, Task, find_task
 
 # The published splits, in the order in which they are shown.

@@ -22,9 +22,10 @@ from reverie_eval.dataset._dataset import (
     read_dataset,
 )
 from reverie_eval.dataset._graphs import FILE_RULES, GRAPH_RULES, graph_spreads
-from reverie_eval.dataset._reader import Progress, Reader, no_progress
+from reverie_eval.dataset._reader import Reader
 from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_problems
 from reverie_eval.errors import DatasetError, Problem
+from reverie_eval.progress import Progress, no_progress
 from reverie_eval.tasks import Task
 from reverie_eval.version import __version__
 

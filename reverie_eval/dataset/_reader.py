@@ -4,7 +4,6 @@ import gzip
 import hashlib
 import json
 import re
-import typing
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,22 +22,11 @@ from pydantic import (
 )
 
 from reverie_eval.arrays import INT32_END, LARGEST_OBJECT_ID
+from reverie_eval.progress import Progress, no_progress
 from reverie_eval.tasks import Annotation
 from reverie_eval.text import damage_text, first_few
 
 T = TypeVar("T")
-
-
-class Progress(typing.Protocol):
-    """Wraps what is about to be worked on, and may show how far that is."""
-
-    def __call__(self, items: Iterable[T], description: str, total: int, /) -> Iterable[T]:
-        """Return the items, ``total`` of them, one after another."""
-
-
-def no_progress(items: Iterable[T], description: str, total: int, /) -> Iterable[T]:  # noqa: ARG001
-    """Return the items, and show nothing."""
-    return items
 
 
 _SHOWN_ERRORS = 3

@@ -2,11 +2,10 @@
 
 import shutil
 import subprocess
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from itertools import repeat
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
@@ -18,12 +17,10 @@ from reverie_eval.errors import (
     naming_missing_parts,
 )
 from reverie_eval.files import staged_file
+from reverie_eval.progress import Progress, no_progress
 from reverie_eval.reporting.building_svg import SECONDS, BuildingPicture
 from reverie_eval.reporting.episode_figure import check_episodes, without_variables
 from reverie_eval.reporting.maps import EpisodeMap
-
-Progress: TypeAlias = Callable[[Sequence[float], str], Iterable[float]]
-"""Wraps the moments that are about to be drawn, and is given a description; may show progress."""
 
 _SUFFIXES = (".svg", ".gif", ".mp4")
 # Pictures in a second; the part of the time that the agents walk, as in `building.css`; pixels to a
@@ -42,12 +39,8 @@ def check_animation_name(file: Path) -> None:
         raise MissingPartError(f"{file}: MP4 needs the program ffmpeg; install it, or write .gif")
 
 
-def _no_progress(moments: Sequence[float], description: str) -> Iterable[float]:  # noqa: ARG001
-    return moments
-
-
 def save_animation(
-    episodes: Mapping[str, Episode], file: str | Path, progress: Progress = _no_progress
+    episodes: Mapping[str, Episode], file: str | Path, progress: Progress = no_progress
 ) -> None:
     """Write the walk of one or two submissions through the building of an episode.
 
@@ -60,7 +53,8 @@ def save_animation(
     file : str or Path
         A file whose name ends in .svg, .gif or .mp4.
     progress : callable, optional
-        Shows progress; called with the moments of the walk, in [0, 1], and a description.
+        Shows progress; called with the moments of the walk, in [0, 1], a description and their
+        number.
 
     Raises
     ------
@@ -92,7 +86,8 @@ def _frames(picture: BuildingPicture, progress: Progress) -> Sequence[bytes]:
         return vl_convert.svg_to_png(still, scale=_PIXELS)
 
     count = round(SECONDS * _RATE * _WALKING)
-    walking = [png(share) for share in progress(np.linspace(0, 1, count).tolist(), "Drawing")]
+    moments = np.linspace(0, 1, count).tolist()
+    walking = [png(share) for share in progress(moments, "Drawing", count)]
     return [*walking, *repeat(walking[-1], SECONDS * _RATE - count)]
 
 

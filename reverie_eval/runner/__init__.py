@@ -18,7 +18,7 @@ from reverie_eval.runner._records import (
     Totals,
     run_schema,
 )
-from reverie_eval.runner._run import Progress, Record, run, run_agent
+from reverie_eval.runner._run import AttemptEnd, Record, run, run_agent
 from reverie_eval.runner._walking import RunPlan, check_agent
 
 __all__ = [
@@ -29,10 +29,10 @@ __all__ = [
     "TREATMENTS",
     "WAITS",
     "Attempt",
+    "AttemptEnd",
     "Circumstance",
     "Identity",
     "Limits",
-    "Progress",
     "Record",
     "RunCard",
     "RunError",

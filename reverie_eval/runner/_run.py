@@ -31,8 +31,8 @@ Record: TypeAlias = dict[str, Any]
 """An episode's record in a submission, in the official form."""
 
 
-class Progress(NamedTuple):
-    """Something that was done in a run."""
+class AttemptEnd(NamedTuple):
+    """The end of an attempt at an episode."""
 
     attempt: Attempt
     wait: float | None
@@ -47,7 +47,7 @@ def run(
     threads: bool = False,
     executor: Executor | None = None,
     fill_missing: bool = False,
-    on_progress: Callable[[Progress], None] = lambda _: None,
+    on_attempt: Callable[[AttemptEnd], None] = lambda _: None,
 ) -> Totals:
     """Run the episodes that are left, and write the submission.
 
@@ -68,8 +68,8 @@ def run(
     fill_missing : bool
         Run nothing, and write a submission with a stop at the start, without an answer, for each
         episode that has no answer yet.
-    on_progress : callable
-        Is called after each attempt.
+    on_attempt : callable
+        Called when an attempt has ended.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def run(
 
         try:
             if queue.waiting:
-                queue.work_off(rows(), on_progress)
+                queue.work_off(rows(), on_attempt)
         finally:
             kept = files.kept
             left = [each for each in episodes if each not in kept]
@@ -173,13 +173,13 @@ class _Queue:
         self._in_a_row = 0
         self._stopped = ""
 
-    def work_off(self, rows: Rows, on_progress: Callable[[Progress], None]) -> None:
+    def work_off(self, rows: Rows, on_attempt: Callable[[AttemptEnd], None]) -> None:
         """Keep what happens as the attempts are made; raise RunError if an error stops the run."""
         with closing(rows):
             for row in rows:
                 self._files.add(row)
                 if isinstance(row, Attempt):
-                    on_progress(Progress(row, self._decide(row)))
+                    on_attempt(AttemptEnd(row, self._decide(row)))
         if self._stopped:
             raise RunError(f"the run stopped: {self._stopped}")
 

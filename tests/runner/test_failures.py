@@ -121,7 +121,7 @@ def test_an_error_that_passes_is_tried_again(home: Home) -> None:
         (2, "failed"),
         (3, "ended"),
     ]
-    assert [each.wait for each in home.progress] == [None, 0.0, 0.0, None, None, None]
+    assert [each.wait for each in home.ends] == [None, 0.0, 0.0, None, None, None]
     assert (totals.ended, totals.attempts, totals.input_tokens) == (4, 6, 6)
 
 

@@ -13,7 +13,7 @@ import pytest
 from reverie_eval import GroundTruth
 from reverie_eval.agents import AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.runner import Attempt, Progress, RunCard, RunPlan, Totals, read_attempts, run
+from reverie_eval.runner import Attempt, AttemptEnd, RunCard, RunPlan, Totals, read_attempts, run
 from reverie_eval.simulator import Answer, Go, Observation, Stop
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.worlds import ground_truth_of
@@ -63,14 +63,14 @@ class Home:
         self.folder = folder / "run"
         self.script = script
         self.plan = RunPlan(AgentSource("scripted:Agent"), ground_truth_of(WORLD))
-        self.progress: list[Progress] = []
+        self.ends: list[AttemptEnd] = []
 
     def run(self, act: Act, **changes: Any) -> Totals:
         """Run an agent that acts like this."""
         self.script.act_like = staticmethod(act)
         how = {name: changes.pop(name) for name in ("fill_missing",) if name in changes}
         plan = replace(self.plan, **changes)
-        return run(plan, self.folder, on_progress=self.progress.append, **how)
+        return run(plan, self.folder, on_attempt=self.ends.append, **how)
 
     @property
     def attempts(self) -> list[Attempt]:

@@ -17,8 +17,8 @@ from fixtures.published import published_folder, unpack_dataset
 from fixtures.servers import make_folder
 from reverie_eval.dataset import DatasetFiles
 from reverie_eval.dataset._dataset import read_dataset
-from reverie_eval.dataset._reader import no_progress
 from reverie_eval.geometry import RoomView, model_building
+from reverie_eval.progress import no_progress
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import AnswerView, seen_in
 from reverie_eval.server.opening import acting

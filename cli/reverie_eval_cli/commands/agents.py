@@ -17,7 +17,7 @@ from reverie_eval.agents.chat import History, InputClass
 from reverie_eval.files import parse_toml, read_toml
 from reverie_eval.logs import read_text
 from reverie_eval.reporting.scores import scores_printout
-from reverie_eval.runner import SUBMISSION, Limits, Progress, RunPlan, Totals, read_attempts, run
+from reverie_eval.runner import SUBMISSION, AttemptEnd, Limits, RunPlan, Totals, read_attempts, run
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.options import TruthOptions
@@ -245,12 +245,11 @@ def run_agent(
     episodes, done = len(truth.episodes.instr_ids), _done_in(output)
     with episode_bar(episodes, done) as advance:
 
-        def show(progress: Progress) -> None:
-            if progress.wait is None:
+        def show(end: AttemptEnd) -> None:
+            if end.wait is None:
                 advance()
             else:
-                attempt = progress.attempt
-                note(f"{attempt.episode}: {attempt.reason}; again in {progress.wait:g} s")
+                note(f"{end.attempt.episode}: {end.attempt.reason}; again in {end.wait:g} s")
 
         try:
             with redirect_stdout(sys.stderr):  # what an agent prints is not a result
@@ -260,7 +259,7 @@ def run_agent(
                     jobs=jobs,
                     threads=threads or agent == _CHAT,
                     fill_missing=fill_missing,
-                    on_progress=show,
+                    on_attempt=show,
                 )
         except KeyboardInterrupt:
             note("the same command goes on with this run")

@@ -2,17 +2,18 @@
 
 import shutil
 import stat
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import cache, partial
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
 from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.processes import map_in_processes
+from reverie_eval.progress import Progress, no_progress
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.corrections.corrections import (
     Corrections,
@@ -31,10 +32,9 @@ from reverie_eval.server.settings import Settings, Split
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.uploads import open_uploads
 
-Progress: TypeAlias = Callable[[Iterable[tuple[Job, Outcome]], int], Iterable[tuple[Job, Outcome]]]
-"""Shows progress while iterating over the outcomes; takes their number, too."""
 FOR_ONE = 100
 """Submissions for each process: starting one takes as long as scoring about 80 of val_unseen."""
+_SCORING = "scoring again"
 
 
 class Replaced(NamedTuple):
@@ -92,7 +92,7 @@ def rescore(
                 replaced = state.get(Corrections).replace_results(
                     actor, board, reason, waiting, outcomes
                 )
-                scored = dict(progress(replaced, len(waiting)))
+                scored = dict(progress(replaced, _SCORING, len(waiting)))
             with state.database.reading() as session:
                 found += changes(session, board, _named(scored), first_results=_first(waiting))
     return found
@@ -143,7 +143,7 @@ def replace_ground_truth(
         ):
             # Uploads that came since the last look; there is hardly ever one.
             for board, waiting in _missing(transaction.session, boards, outcomes):
-                found = _score(state, board, waiting, 1, _quietly)
+                found = _score(state, board, waiting, 1, no_progress)
                 outcomes[board.name] = _updated(outcomes[board.name], found)
             in_force, before = rules_of(state.boards), rules_of(earlier.boards)
             append_rules(
@@ -189,7 +189,8 @@ def _score(
     state: ServerState, board: Board, waiting: Sequence[Job], jobs: int, progress: Progress
 ) -> dict[Job, Outcome]:
     with _scoring(state, board, waiting, jobs) as outcomes:
-        return dict(progress(zip(waiting, outcomes, strict=True), len(waiting)))
+        scored = zip(waiting, outcomes, strict=True)
+        return dict(progress(scored, _SCORING, len(waiting)))
 
 
 @contextmanager
@@ -203,12 +204,6 @@ def _scoring(
     processes = min(jobs, 1 + len(waiting) // FOR_ONE)
     with closing(map_in_processes(partial(_score_one, source), waiting, processes)) as outcomes:
         yield outcomes
-
-
-def _quietly(
-    outcomes: Iterable[tuple[Job, Outcome]], _number: int
-) -> Iterable[tuple[Job, Outcome]]:
-    return outcomes
 
 
 def _named(outcomes: Mapping[Job, Outcome]) -> Mapping[str, Outcome]:

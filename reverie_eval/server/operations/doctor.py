@@ -2,7 +2,7 @@
 
 import hashlib
 import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from itertools import chain
 from pathlib import Path
@@ -12,6 +12,7 @@ from sqlalchemy import func, select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
+from reverie_eval.progress import Progress, no_progress
 from reverie_eval.receipts import Content, NewerVersionError, ReceiptError, read, verify_by_history
 from reverie_eval.schemas.service import (
     BoardResult,
@@ -43,16 +44,13 @@ from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submiss
 from reverie_eval.server.store.uploads import ENDING, Uploads, UploadsError, name_of
 from reverie_eval.text import count_text, first_few
 
-Track = Callable[[Iterable[str], str, int], Iterable[str]]
-"""Shows progress while iterating over items: what they are, and how many."""
-
 _RESTORE = "restore the key or the database from the last backup"
 _KEPT = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None)).distinct()
 _LITTLE_SPACE = 1 << 30
 """Bytes; a thousand typical uploads to the largest split, unpacked, take a few times as much."""
 
 
-def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Finding]:
+def examine(folder: Path, progress: Progress = no_progress) -> Iterator[Finding]:
     """Check what a server needs to start, then all stored data, if it can be read at all."""
     yield from (each for each in check_folder(folder) if each.check != NEWEST_UPLOAD)
     try:
@@ -63,7 +61,7 @@ def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Fi
         return
     with closing(state.database), state.database.reading() as session:
         yield from guarded("database", _at_references(state.database, session))
-        yield from guarded("submissions", _at_submissions(session, state, track))
+        yield from guarded("submissions", _at_submissions(session, state, progress))
         yield from guarded("uploads", _at_lost(state))
         yield from guarded("snapshots", _at_snapshots(session, state))
         yield from guarded("audit log", _at_audit_log(session, state.audit_log))
@@ -94,8 +92,8 @@ def _at_references(database: Database, session: Session) -> Iterator[Finding]:
         yield Finding("database", "fault", message)
 
 
-def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
-    yield from _at_uploads(session, state.uploads, track)
+def _at_submissions(session: Session, state: ServerState, progress: Progress) -> Iterator[Finding]:
+    yield from _at_uploads(session, state.uploads, progress)
     counted = select(Submission.split, func.count()).group_by(Submission.split)
     for split, number in session.execute(counted.order_by(Submission.split)):
         if split not in state.boards:
@@ -128,11 +126,11 @@ def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, ScoredS
                 yield name, None
 
 
-def _at_uploads(session: Session, uploads: Uploads, track: Track) -> Iterator[Finding]:
+def _at_uploads(session: Session, uploads: Uploads, progress: Progress) -> Iterator[Finding]:
     number = session.scalar(select(func.count()).select_from(_KEPT.subquery())) or 0
     streamed = _KEPT.order_by(Submission.sha256).execution_options(yield_per=AT_ONCE)
     sound = 0
-    for sha256 in track(session.scalars(streamed), "uploads", number):
+    for sha256 in progress(session.scalars(streamed), "uploads", number):
         trouble = _trouble(uploads, sha256)
         sound += not trouble
         if trouble:

@@ -24,6 +24,7 @@ from reverie_eval.analysis import (
 from reverie_eval.arrays import BoolArray, IntArray, last_of, offsets_of, row_of
 from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import CATALOGUE, jumps
+from reverie_eval.progress import Progress, no_progress
 from reverie_eval.schemas.evidence import (
     EvidenceReport,
     NamedSubmission,
@@ -141,7 +142,7 @@ def gather_evidence(
     server: ServerState,
     split: str,
     team: str | None = None,
-    track: Callable[[Iterable[Any], str, int], Iterable[Any]] = lambda items, *_: items,
+    progress: Progress = no_progress,
 ) -> EvidenceReport:
     """Read all submissions to a split, and report what their files have in common.
 
@@ -151,8 +152,8 @@ def gather_evidence(
     split : str
     team : str, optional
         A team of which each submission is reported, too.
-    track : callable
-        Shows progress while iterating over items: what they are, and how many.
+    progress : callable, optional
+        Shows progress; called with items, a description and their number.
 
     Raises
     ------
@@ -175,7 +176,7 @@ def gather_evidence(
             unreadable[each.id] = str(error)
         return None
 
-    compared = _compare(board, track(sent, "uploads", len(sent)), read, team)
+    compared = _compare(board, progress(sent, "uploads", len(sent)), read, team)
     return EvidenceReport(
         split=split,
         submissions=len(sent),

@@ -1,7 +1,7 @@
 """``reverie-eval server submit|submissions|review|rescore|import|reported``: results."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from itertools import groupby
 from operator import attrgetter
@@ -35,7 +35,6 @@ from reverie_eval_cli.output import note, with_progress
 from reverie_eval_cli.servers import keep_receipts
 
 if TYPE_CHECKING:
-    from reverie_eval.server.corrections.corrections import Job, Outcome
     from reverie_eval.server.store.tables import Submission
 
 
@@ -220,29 +219,29 @@ def rescore(
     settings, jobs = folder.settings, jobs or os.cpu_count() or 1
     # A preview needs no reason, because nothing is shown to anyone.
     if reason is None or dry_run:
-        changes = corrections.preview(settings, split, bundle, jobs=jobs, progress=_progress)
+        changes = corrections.preview(settings, split, bundle, jobs=jobs, progress=with_progress)
     else:
         new = options.checked(NewCorrection, split=split, reason=reason)
         if bundle is not None:
             changes, earlier = corrections.replace_ground_truth(
-                settings, split, bundle, new.reason, actor=actor(), jobs=jobs, progress=_progress
+                settings,
+                split,
+                bundle,
+                new.reason,
+                actor=actor(),
+                jobs=jobs,
+                progress=with_progress,
             )
             note(f"servers that run use the new ground truth; the earlier one is now {earlier}")
         else:
             changes = corrections.rescore(
-                settings, split, new.reason, actor=actor(), jobs=jobs, progress=_progress
+                settings, split, new.reason, actor=actor(), jobs=jobs, progress=with_progress
             )
     _print(changes, settings.tasks[split])
     failed = sum(bool(change.problem) for change in changes)
     if failed:
         note(f"{count_text(failed, 'submission')} cannot be scored again, and kept the old result")
     return 1 if failed else 0
-
-
-def _progress(
-    outcomes: "Iterable[tuple[Job, Outcome]]", number: int
-) -> "Iterable[tuple[Job, Outcome]]":
-    return with_progress(outcomes, "scoring again", number)
 
 
 def _print(changes: Sequence[ResultChange], task: Task) -> None:

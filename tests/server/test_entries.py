@@ -10,7 +10,7 @@ import pytest
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.boards import entries as entries_module
-from reverie_eval.server.boards.entries import BoardEntries, EntriesCache
+from reverie_eval.server.boards.entries import BoardEntries, EntriesCache, count_submissions
 from reverie_eval.server.boards.reviews import PublishedReview, lift_review
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.store.tables import Submission
@@ -146,15 +146,14 @@ def test_entries_are_over_when_scores_are_released(held: object, *, expected: bo
     assert entries.is_over(NOON + 0.9 * SECOND) is expected
 
 
-def test_submissions_of_teams_are_counted_on(server: Serving) -> None:
+def test_submissions_of_teams_are_counted_again_after_each_upload(server: Serving) -> None:
     cache = EntriesCache(server.state.get(Schedules))
     blue, red = (server.person(name).team_id for name in (OWNER, OTHER))
 
     def counts(split: str = OPEN) -> dict[int, int]:
         with server.state.database.reading() as session:
-            fresh = EntriesCache(server.state.get(Schedules)).submissions_of_teams(session, split)
             found = dict(cache.submissions_of_teams(session, split))
-        assert found == dict(fresh)
+            assert found == count_submissions(session, split)
         return found
 
     assert counts() == {}

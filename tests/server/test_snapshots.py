@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from reverie_eval.server.audit.transactions import Transactions
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import SnapshotError, Snapshots, snapshot_of
 from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.intake.retention import Retention
+from reverie_eval.server.intake.submissions import record_inspection
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import revoke_key, rotate_key
 from reverie_eval.server.settings import Settings
@@ -470,6 +473,18 @@ def disqualify(server: Serving) -> None:
         review(transaction, shown, "disqualified")
 
 
+def tidy(server: Serving) -> None:
+    """Delete the file of a submission that nobody published."""
+    assert server.upload(OWNER).status_code == 201
+    assert replace(server.state.get(Retention), days=0).tidy("test").files == 1
+
+
+def inspect(server: Serving) -> None:
+    submission = server.upload(OWNER).json()["submission"]["id"]
+    with server.acting() as transaction:
+        record_inspection(transaction, submission)
+
+
 def rename(server: Serving) -> None:
     with server.acting() as transaction:
         rename_team(transaction, "Red", NewTeam(name="Crimson"))
@@ -491,6 +506,8 @@ def reschedule(server: Serving) -> None:
             False,
             id="the same file from two teams",
         ),
+        pytest.param(tidy, False, id="a file that was deleted"),
+        pytest.param(inspect, False, id="values of episodes that somebody read"),
         pytest.param(disqualify, True, id="reviewed"),
         pytest.param(rename, True, id="a team's name"),
         pytest.param(reschedule, True, id="its phases"),

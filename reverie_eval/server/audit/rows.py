@@ -36,6 +36,7 @@ from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.paging import LARGEST
 from reverie_eval.server.store.tables import (
     SUBMITTED,
+    UPLOAD_DELETED,
     AuditEntry,
     Base,
     Correction,
@@ -310,7 +311,7 @@ _VISIBLE: Sequence[_Shown] = (
     _shown(SUBMITTED, Submission.scored_at),
     _shown("changed", Submission.published_at),
     _shown("changed", Submission.withdrawn_at),
-    _shown("upload deleted", Submission.upload_deleted_at),
+    _shown(UPLOAD_DELETED, Submission.upload_deleted_at),
     _shown("scored again", Submission.rescored_at),
     _shown("granted", Grant.created_at),
     _shown_as(Review.verdict, get_args(Verdict), Review.created_at),

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import groupby
 from threading import Lock
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 import msgspec
 import sqlalchemy as sa
@@ -24,15 +24,7 @@ from reverie_eval.server.boards.schedules import Schedules, Timetable
 from reverie_eval.server.scoring.boards import Board, without_version
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import UnreadableValueError
-from reverie_eval.server.store.tables import (
-    IS_SHOWN,
-    SUBMITTED,
-    AuditEntry,
-    ReportedResult,
-    Review,
-    Submission,
-    Team,
-)
+from reverie_eval.server.store.tables import IS_SHOWN, ReportedResult, Review, Submission, Team
 
 _KEY = ("split", "number", "id")
 """Columns that tell results apart: the number is that of a reported one, the id of a submission."""
@@ -157,10 +149,6 @@ class BoardEntries:
         return self.held_until is not None and now.replace(microsecond=0) > self.held_until
 
 
-_Counts: TypeAlias = Mapping[str, Counter[int]]
-"""The submissions of each team, by split."""
-
-
 class EntriesCache:
     """The entries of every leaderboard, always as recent as the last commit."""
 
@@ -168,8 +156,8 @@ class EntriesCache:
         self._schedules = schedules
         self._cached: dict[str, BoardEntries] = {}
         """By the path of the leaderboard."""
-        self._counts: tuple[int, _Counts] = (0, {})
-        """The number of the last entry of the audit log that they include, and the counts."""
+        self._counts: dict[str, tuple[int, Mapping[int, int]]] = {}
+        """By split: the number of the last entry of the audit log then, and the counts."""
         self._lock = Lock()
         """Makes concurrent requests read the entries only once."""
 
@@ -212,45 +200,28 @@ class EntriesCache:
         )
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
-        """Count the submissions of each team to a split, published or not.
-
-        Submissions are never deleted, so uploads only add to the counts. Anything else may have
-        changed them, as merging teams does; then all are counted again.
-        """
-        change, number, _ = last_recorded(session)
-        known, counts = self._counts
+        """Count the submissions of each team to a split, published or not."""
+        number = last_recorded(session).last
+        known, counts = self._counts.get(split, (-1, {}))
         if known < number:
-            is_changed = known < change or not known
-            counts = _all_counts(session) if is_changed else _counts_since(session, known, counts)
-            self._counts = number, counts
-        return counts.get(split, {})
+            counts = count_submissions(session, split)
+            self._counts[split] = number, counts
+        return counts
 
 
-def _all_counts(session: Session) -> _Counts:
-    # For all splits: for a single one, SQLite would read all of its submissions.
-    chosen = sa.select(Submission.split, Submission.team_id, sa.func.count())
-    chosen = chosen.where(Submission.repeat == "")
-    counts: defaultdict[str, Counter[int]] = defaultdict(Counter)
-    for split, team_id, submissions in session.execute(
-        chosen.group_by(Submission.split, Submission.team_id)
-    ):
-        counts[split][team_id] = submissions
-    return counts
+def count_submissions(
+    session: Session, split: str, until: datetime | None = None
+) -> Mapping[int, int]:
+    """Count the submissions of each team to a split, of other teams 0.
 
-
-def _counts_since(session: Session, known: int, earlier: _Counts) -> _Counts:
-    """Return counts with the uploads after an entry of the audit log."""
-    columns = (Submission.split, Submission.team_id)
-    new = (
-        sa.select(*columns, sa.func.count())
-        .join(AuditEntry, AuditEntry.subject == Submission.id)
-        .where(AuditEntry.id > known, AuditEntry.action == SUBMITTED)
-        .group_by(*columns)
+    Only those that were received before a time, if one is given.
+    """
+    counted = sa.select(Submission.team_id, sa.func.count()).where(
+        Submission.split == split, Submission.repeat == ""
     )
-    counts = defaultdict(Counter, {split: Counter(of) for split, of in earlier.items()})
-    for split, team_id, submissions in session.execute(new):
-        counts[split][team_id] += submissions
-    return counts
+    if until is not None:
+        counted = counted.where(Submission.received_at < until)
+    return Counter(dict(session.execute(counted.group_by(Submission.team_id)).all()))
 
 
 def _read_entries(

@@ -3,12 +3,11 @@
 The organiser can take one at any time. When a phase has ended, the server takes one before it
 writes anything else, so it shows the leaderboard exactly as it was when the phase ended, even if it
 is taken much later. If that fails, writing goes on. It is tried again, and still exact, until
-anything but an upload is logged; from then on, no snapshot is taken, nor for a phase that received
-nothing, or whose end was set after it had passed.
+something is logged that may change a leaderboard; from then on, no snapshot is taken, nor for a
+phase that received nothing, or whose end was set after it had passed.
 """
 
 import logging
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
@@ -21,9 +20,9 @@ from sqlalchemy.orm import Session, load_only
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.schemas.service import Envelope, Leaderboard, Snapshot, SnapshotEntry
-from reverie_eval.server.audit.log import SERVER
+from reverie_eval.server.audit.log import INSPECTED, SERVER
 from reverie_eval.server.audit.transactions import Transaction, Transactions
-from reverie_eval.server.boards.entries import EntriesCache
+from reverie_eval.server.boards.entries import EntriesCache, count_submissions
 from reverie_eval.server.boards.leaderboard import as_json, leaderboard
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.schedules import Schedules
@@ -36,6 +35,7 @@ from reverie_eval.server.store.tables import (
     IS_CHANGE,
     SAME_FILE,
     SNAPSHOT_TAKEN,
+    UPLOAD_DELETED,
     AuditEntry,
     StoredSnapshot,
     Submission,
@@ -177,12 +177,10 @@ class Snapshots:
         closing: Closing | None = None,
     ) -> SnapshotEntry:
         session, board = transaction.session, find_board(self.boards(), split)
-        cache = EntriesCache(self.schedules)
-        counts = cache.submissions_of_teams(session, split)
-        if closing is not None:
-            counts = _submissions_until(session, closing)
+        entries = EntriesCache(self.schedules)
         ranking = replace(
-            leaderboard(session, cache, board, board.primary.key, as_of), counts=counts
+            leaderboard(session, entries, board, board.primary.key, as_of),
+            counts=count_submissions(session, split, closing.at if closing else None),
         )
         corrections = corrections_of(session, [board])[split]
         last = select(func.max(StoredSnapshot.number)).where(StoredSnapshot.split == split)
@@ -229,11 +227,14 @@ def _lacking(session: Session, ended: set[Closing]) -> Sequence[Closing]:
 
 
 def _is_changed(session: Session, closing: Closing) -> bool:
-    """Whether a leaderboard may have changed after a phase, as by anything but an upload."""
+    """Whether a leaderboard may have changed after a phase.
+
+    Uploads do not change it, nor does deleting or inspecting the files of submissions.
+    """
     changes = select(AuditEntry.id).where(
         AuditEntry.at >= closing.at,
         IS_CHANGE,
-        AuditEntry.action.not_in((SAME_FILE, SNAPSHOT_TAKEN)),
+        AuditEntry.action.not_in((SAME_FILE, SNAPSHOT_TAKEN, UPLOAD_DELETED, INSPECTED)),
     )
     return session.scalars(changes.limit(1)).first() is not None
 
@@ -243,17 +244,6 @@ def _has_later_snapshot(session: Session, closing: Closing) -> bool:
         StoredSnapshot.split == closing.split, StoredSnapshot.as_of >= closing.at
     )
     return session.scalars(later.limit(1)).first() is not None
-
-
-def _submissions_until(session: Session, closing: Closing) -> Mapping[int, int]:
-    """Count the submissions of each team that were received until a phase ended."""
-    counted = select(Submission.team_id, func.count()).where(
-        Submission.split == closing.split,
-        Submission.repeat == "",
-        Submission.received_at < closing.at,
-    )
-    rows = session.execute(counted.group_by(Submission.team_id))
-    return Counter({team_id: number for team_id, number in rows})  # noqa: C416  # as above
 
 
 def _first_received(session: Session) -> Mapping[str, datetime]:

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.server.audit.transactions import Actor, Transactions
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.tables import IS_SHOWN, Submission
+from reverie_eval.server.store.tables import IS_SHOWN, UPLOAD_DELETED, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 
@@ -77,7 +77,7 @@ class Retention:
             rows = session.scalars(chosen.order_by(Submission.received_at)).all()
             for row in rows:
                 row.upload_deleted_at = transaction.now
-                transaction.record("upload deleted", row, row.id)
+                transaction.record(UPLOAD_DELETED, row, row.id)
             self.uploads.delete(sha256)
             return [row.id for row in rows]
 

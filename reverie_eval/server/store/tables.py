@@ -330,6 +330,7 @@ class Grant(Base):
 
 
 SUBMITTED, SNAPSHOT_TAKEN, SAME_FILE = "submitted", "snapshot taken", "same file"
+UPLOAD_DELETED = "upload deleted"
 """Actions in the audit log that change no leaderboard, or that the desk looks for."""
 _CHANGES = text(f"action <> '{SUBMITTED}'")
 

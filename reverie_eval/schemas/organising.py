@@ -338,20 +338,6 @@ class NewCorrection(WireModel):
     announced, that correction is continued and keeps its reason."""
 
 
-class CorrectionProgress(WireModel):
-    """Which submissions were scored again."""
-
-    split: SplitName
-    signature: str
-    """The signature of their scores now."""
-    scored: int = Field(examples=[20])
-    """Number of new results; a submission has one on each leaderboard of the split."""
-    rejected: dict[str, str] = Field(examples=[{}])
-    """Submissions that cannot be scored again, and why; they keep their earlier results."""
-    left: int = Field(examples=[65])
-    """Results still to be computed, on all leaderboards of the split."""
-
-
 class ResultChange(WireModel):
     """How a correction changed a result."""
 

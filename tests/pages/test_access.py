@@ -98,7 +98,6 @@ GET  /desk/reported/{result_id}     sign-in    403       403       403       200
 POST /desk/reported/{result_id}     sign-in    403       403       403       303
 POST /desk/reported/{result_id}/remove sign-in 403       403       403       303
 GET  /desk/corrections              sign-in    403       403       403       200
-POST /desk/corrections              sign-in    403       403       403       409
 GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
 GET  /desk/phases                   sign-in    403       403       403       200
@@ -144,7 +143,6 @@ FORMS: Mapping[str, dict[str, str]] = {
         "source": "https://example.org/",
         "spl": "7",
     },
-    "POST /desk/corrections": {"split": OPEN, "reason": "corrected targets"},
     "POST /desk/reported/import": {"split": OPEN, "source": "Them", "text": "team,SPL\nThem,8"},
     "POST /desk/reported/{result_id}": {
         "team": "Them",

@@ -16,7 +16,7 @@ from reverie_eval.schemas.organising import NewSchedule
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.accounts.people import person_named, team_named
 from reverie_eval.server.accounts.tokens import list_tokens
-from reverie_eval.server.audit.log import entries, row_name
+from reverie_eval.server.audit.log import entries
 from reverie_eval.server.boards.reported import list_reported
 from reverie_eval.server.boards.reviews import standing_reviews
 from reverie_eval.server.boards.schedules import Schedules
@@ -28,6 +28,7 @@ from reverie_eval.server.operations.health import Canary, UnhealthyError
 from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
 from tests.support.acting import NOON
+from tests.support.correcting import rescored
 from tests.support.serving import (
     BROKEN,
     OPEN,
@@ -585,7 +586,7 @@ def test_an_upload_on_the_page_is_noted_too(server: Serving) -> None:
 # Corrections.
 
 
-def test_submissions_are_scored_again_at_the_desk(
+def test_the_desk_says_what_has_to_be_scored_again(
     server: Serving, folder: Path, open_server: OpenServer
 ) -> None:
     name = sent(server)
@@ -595,14 +596,12 @@ def test_submissions_are_scored_again_at_the_desk(
     settings = adjusted(settings_of(folder), OPEN, bundle="bundles/changed.npz")
     later = open_server(settings, server.tokens)
     desk = signed_in(later, ORGANISER)
-    assert "1 result to be scored again" in said(desk.get("/desk/corrections"))
-    assert "reason" in said(sending(desk, "/desk/corrections", split=OPEN, reason=""))
-    page = told(desk, "/desk/corrections", split=OPEN, reason=MARKUP)
-    assert "All submissions were scored again" in page
-    assert "All submissions were scored with the current ground truth" in page
-    assert MARKUP in page, "its text, not its effect"
+    page = said(desk.get("/desk/corrections"))
+    assert "1 result to be scored again" in page
+    assert f"reverie-eval server rescore FOLDER {OPEN} --reason" in page
+    rescored(later, reason=MARKUP)
+    answer = desk.get("/desk/corrections")
+    assert "All submissions were scored with the current ground truth" in said(answer)
+    assert MARKUP in said(answer), "its text, not its effect"
+    assert MARKUP not in answer.text
     assert "Earlier results" in said(signed_in(later, OWNER).get(f"/submissions/{name}"))
-    person = row_name(later.person(ORGANISER))
-    assert later.actors()[-2:] == [person, person], "the correction, and the new result"
-    again = sending(desk, "/desk/corrections", split=OPEN, reason="again")
-    assert (again.status_code, "were scored with the current" in said(again)) == (409, True)

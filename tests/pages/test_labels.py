@@ -92,7 +92,6 @@ WRONG: Mapping[str, tuple[str, dict[str, str], str]] = {
     "news": ("/desk/news", {"text": ""}, "Text: must have"),
     "a notice": ("/desk/notice", {"banner": BAD}, "Banner: must be one line"),
     "a title": ("/desk/snapshots", {"split": OPEN, "title": ""}, "Title: must have"),
-    "a reason": ("/desk/corrections", {"split": OPEN, "reason": ""}, "Reason: must have"),
     "a person": ("/desk/people/1", {"name": BAD, "team": "Blue"}, "Name: must be one line"),
     "a submission": (
         "/submissions/{submission}",

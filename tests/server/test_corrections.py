@@ -23,7 +23,6 @@ from reverie_eval.server.audit.log import audit_reports, entries
 from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.boards.rank_intervals import cluster_sums
 from reverie_eval.server.corrections.corrections import (
-    Corrections,
     Job,
     Outcome,
     Rescored,
@@ -31,6 +30,8 @@ from reverie_eval.server.corrections.corrections import (
     count_outdated,
     list_corrections,
     outdated,
+    replace_at_once,
+    replace_results,
     rescore_one,
 )
 from reverie_eval.server.corrections.snapshots import Closing, Snapshots
@@ -45,6 +46,7 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
 from tests.support.acting import NOON, review
+from tests.support.correcting import WHY, rescored
 from tests.support.flat_world import Run
 from tests.support.serving import (
     BROKEN,
@@ -64,7 +66,6 @@ from tests.support.serving import (
 )
 from tests.support.signing import receipt_in
 
-WHY = "The target of a task was corrected."
 CORRECTED = "bundles/corrected.npz"
 
 
@@ -91,14 +92,6 @@ def sent(server: Serving, who: str, content: bytes, split: str = OPEN) -> dict[s
 def shown(server: Serving, submission: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = server.ask(ORGANISER, "GET", f"/submissions/{submission['id']}").json()
     return found
-
-
-def rescored(server: Serving, split: str = OPEN, reason: str = WHY) -> dict[str, Any]:
-    said = {"split": split, "reason": reason}
-    reply = server.ask(ORGANISER, "POST", "/organiser/corrections", json=said)
-    assert reply.status_code == 200, reply.text
-    report: dict[str, Any] = reply.json()
-    return report
 
 
 def board(server: Serving, split: str = OPEN) -> dict[str, Any]:
@@ -133,8 +126,7 @@ def corrected(server: Serving, folder: Path, open_server: OpenServer) -> Serving
 def test_every_submission_gets_what_its_file_scores_now(corrected: Serving) -> None:
     before = {each["id"]: each for each in corrected.ask(ORGANISER, "GET", "/submissions").json()}
     assert board(corrected)["rows"] == []
-    report = rescored(corrected)
-    assert (report["scored"], report["rejected"], report["left"]) == (2, {}, 0)
+    assert rescored(corrected) == (2, {})
     place = corrected.state.boards[OPEN]
     for submission in before.values():
         now, upload = (
@@ -214,9 +206,7 @@ def test_the_same_file_gets_the_current_result_and_the_earlier_one(corrected: Se
 
 def test_nothing_is_left_to_score_again(corrected: Serving) -> None:
     rescored(corrected)
-    said = {"split": OPEN, "reason": WHY}
-    reply = corrected.ask(ORGANISER, "POST", "/organiser/corrections", json=said)
-    assert (reply.status_code, reply.json()["code"]) == (409, "conflict")
+    assert rescored(corrected) == (0, {})
     assert len(board(corrected)["corrections"]) == 1
 
 
@@ -231,10 +221,11 @@ def test_a_run_goes_on_where_another_was_interrupted(corrected: Serving) -> None
     with state.database.reading() as session:
         jobs = outdated(session, place)
     outcomes = map(scoring_again(corrected, OPEN), jobs)
-    running = state.get(Corrections).replace_results(ORGANISER, place, WHY, jobs, outcomes)
+    running = replace_results(
+        state.transactions, place, jobs, outcomes, actor=ORGANISER, reason=WHY
+    )
     assert len(list(islice(running, 1))) == 1
-    report = rescored(corrected, reason="another reason")
-    assert (report["scored"], report["left"]) == (1, 0)
+    assert rescored(corrected, reason="another reason") == (1, {})
     assert [each["reason"] for each in board(corrected)["corrections"]] == [WHY]
     submissions = corrected.ask(ORGANISER, "GET", "/submissions").json()
     assert [result["reason"] for each in submissions for result in each["earlier"]] == [WHY] * 2
@@ -247,15 +238,11 @@ def test_two_runs_at_once_replace_each_result_once(corrected: Serving) -> None:
         jobs = outdated(session, place)
     outcomes = list(map(scoring_again(corrected, OPEN), jobs))
     for _ in range(2):
-        list(state.get(Corrections).replace_results(ORGANISER, place, WHY, jobs, outcomes))
+        list(
+            replace_results(state.transactions, place, jobs, outcomes, actor=ORGANISER, reason=WHY)
+        )
     submissions = corrected.ask(ORGANISER, "GET", "/submissions").json()
     assert [len(each["earlier"]) for each in submissions] == [1, 1]
-
-
-def test_a_few_at_a_time(corrected: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reverie_eval.server.corrections.corrections.AT_ONCE", 1)
-    reports = [rescored(corrected) for _ in range(2)]
-    assert [(report["scored"], report["left"]) for report in reports] == [(1, 1), (1, 0)]
 
 
 def test_corrections_that_follow_one_another(
@@ -282,9 +269,9 @@ def test_a_file_that_does_not_fit_the_correction_keeps_its_result(
     names[0] = "1_9_9"
     with_arrays(bundle, instr_id=names).save(folder / CORRECTED)
     later = open_server(adjusted(settings_of(folder), OPEN, bundle=CORRECTED), server.tokens)
-    report = rescored(later)
-    assert (report["scored"], report["left"]) == (0, 0)
-    (why,) = report["rejected"].values()
+    scored, rejected = rescored(later)
+    assert scored == 0
+    (why,) = rejected.values()
     assert why.startswith("rejected: ")
     assert shown(later, submission) == submission
     assert [row["standing"] for row in board(later)["apart"]] == ["other-rules"]
@@ -295,9 +282,9 @@ def test_a_missing_upload_does_not_stop_the_others(corrected: Serving) -> None:
     uploads = corrected.state.settings.folder / "uploads"
     (lost,) = uploads.rglob(f"{first['sha256']}*")
     lost.unlink()
-    report = rescored(corrected)
-    assert (report["scored"], list(report["rejected"])) == (1, [first["id"]])
-    assert "is missing" in report["rejected"][first["id"]]
+    scored, rejected = rescored(corrected)
+    assert (scored, [*rejected]) == (1, [first["id"]])
+    assert "is missing" in rejected[first["id"]]
 
 
 def test_changes_are_listed_with_ranks_the_largest_first(corrected: Serving) -> None:
@@ -451,7 +438,7 @@ def test_a_correction_and_each_new_result_are_logged(corrected: Serving) -> None
         each["id"]: each["report"]["signature"]
         for each in corrected.ask(ORGANISER, "GET", "/submissions").json()
     }
-    assert rescored(corrected)["signature"] == place.signature
+    assert rescored(corrected) == (2, {})
     with corrected.state.database.reading() as session:
         announced, *again = [
             (each.actor, each.action, each.row, each.subject, each.details)
@@ -490,15 +477,6 @@ def test_a_correction_and_each_new_result_are_logged(corrected: Serving) -> None
         scores = place.scored(corrected.state.uploads.get(sha)).scores
         assert scores is not None
         assert (sums[name].board, sums[name].sums) == ("", cluster_sums(scores))
-    said = {"split": OPEN, "reason": WHY}
-    reply = corrected.ask(ORGANISER, "POST", "/organiser/corrections", json=said)
-    assert reply.json()["detail"] == (
-        f"all submissions to {OPEN} were scored with the current ground truth and rules"
-    )
-    reply = corrected.ask(
-        ORGANISER, "POST", "/organiser/corrections", json={**said, "split": "none"}
-    )
-    assert reply.status_code == 404
 
 
 def test_first_results_on_a_leaderboard_correct_nothing(several: Serving) -> None:
@@ -509,9 +487,7 @@ def test_first_results_on_a_leaderboard_correct_nothing(several: Serving) -> Non
         session.delete(session.get_one(ClusterSums, (submission["id"], STRICT)))
     store(server, submission["id"], boards=others)
     server.clock.turn(hours=1)
-    report = rescored(server)
-    assert (report["scored"], report["left"]) == (1, 0)
-    assert report["signature"] == server.state.boards[OPEN].signature
+    assert rescored(server) == (1, {})
     now = shown(server, submission)
     assert now["boards"] == submission["boards"]
     with server.state.database.reading() as session:
@@ -848,7 +824,7 @@ def test_the_new_ground_truth_comes_last_and_the_earlier_one_stays_private(
     place.chmod(0o600)
     found: list[bytes] = []
     copied: list[int] = []
-    real_replace, real_copy = Corrections.replace_at_once, shutil.copyfileobj
+    real_replace, real_copy = replace_at_once, shutil.copyfileobj
 
     def watched(*given: Any) -> None:
         real_replace(*given)
@@ -858,7 +834,7 @@ def test_the_new_ground_truth_comes_last_and_the_earlier_one_stays_private(
         real_copy(source, target)
         copied.append(os.fstat(target.fileno()).st_mode & 0o077)
 
-    monkeypatch.setattr(Corrections, "replace_at_once", watched)
+    monkeypatch.setattr(corrections, "replace_at_once", watched)
     monkeypatch.setattr(shutil, "copyfileobj", watch_copy)
     corrects(run, folder)
     assert found == [before]

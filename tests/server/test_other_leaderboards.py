@@ -23,6 +23,7 @@ from reverie_eval.server.settings import SETTINGS_FILE, SettingsError, load_sett
 from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
+from tests.support.correcting import rescored
 from tests.support.flat_world import Run
 from tests.support.serving import (
     GOOD,
@@ -212,17 +213,7 @@ def added(server: Serving, folder: Path, open_server: OpenServer) -> Serving:
     return grown(server, folder, open_server)
 
 
-def rescored(server: Serving) -> dict[str, Any]:
-    said = {"split": OPEN, "reason": "More leaderboards."}
-    reply = server.ask(ORGANISER, "POST", "/organiser/corrections", json=said)
-    assert reply.status_code == 200, reply.text
-    report: dict[str, Any] = reply.json()
-    return report
-
-
-def test_an_added_leaderboard_is_filled_by_scoring_again(
-    added: Serving, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_added_leaderboard_is_filled_by_scoring_again(added: Serving, folder: Path) -> None:
     notes = [each.what for each in check_folder(folder) if each.kind == "note"]
     assert [
         f"no result on {name} under the current ground truth" in each
@@ -231,9 +222,7 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(
     before = board(added)
     corrections = signed_in(added, ORGANISER).get("/desk/corrections")
     assert "4 results to be scored again" in corrections.text
-    monkeypatch.setattr("reverie_eval.server.corrections.corrections.AT_ONCE", 1)
-    left = [rescored(added)["left"] for _ in range(4)]
-    assert left == [3, 2, 1, 0]
+    assert rescored(added, reason="More leaderboards.") == (4, {})
     assert board(added) == before
     fresh = sent(added, GOOD + b" ", who=OTHER)
     for name in (GROUNDING, STRICT):
@@ -274,8 +263,7 @@ def test_a_change_of_rules_keeps_both_results(
     (folder / SETTINGS_FILE).write_text(text)
     later = open_server(settings_of(folder), added.tokens)
     assert [row["standing"] for row in board(later, STRICT)["apart"]] == ["other-rules"] * 2
-    report = rescored(later)
-    assert (report["scored"], report["left"]) == (2, 0)
+    assert rescored(later, reason="More leaderboards.") == (2, {})
     found = board(later, STRICT)
     assert [row["rank"] for row in found["rows"]] == [1, 2]
     assert [each["board"] for each in found["corrections"]] == [STRICT]
@@ -299,12 +287,8 @@ def test_a_file_that_fits_no_longer_keeps_all_results(
     names[0] = "1_9_9"
     with_arrays(bundle, instr_id=names).save(place)
     later = open_server(settings_of(folder), several.tokens)
-    report = rescored(later)
-    assert (report["scored"], report["left"], list(report["rejected"])) == (
-        0,
-        0,
-        [submission["id"]],
-    )
+    scored, rejected = rescored(later)
+    assert (scored, [*rejected]) == (0, [submission["id"]])
     assert shown(later, submission)["boards"] == submission["boards"]
 
 

@@ -16,19 +16,17 @@ from sqlalchemy import delete
 
 from reverie_eval import evaluate
 from reverie_eval.runner import run_agent
-from reverie_eval.schemas.organising import NewCorrection
 from reverie_eval.server.boards import rank_intervals
 from reverie_eval.server.boards.entries import EntriesCache, Row
 from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.boards.rank_intervals import RankInterval, RankIntervals
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.corrections.corrections import Corrections
 from reverie_eval.server.store.tables import ClusterSums
+from tests.support.correcting import rescored
 from tests.support.entries import entered, entry, get, named, tables
 from tests.support.serving import (
     GOOD,
     OPEN,
-    ORGANISER,
     OTHER,
     OWNER,
     PRIVATE,
@@ -193,8 +191,7 @@ def test_scoring_again_renews_what_ranks_are_compared_by(
 ) -> None:
     submission = leaderboard(three)[0]["submission_id"]
     again = open_server(adjusted(settings_of(folder), OPEN, protocol="paper"), three.tokens)
-    new = NewCorrection(split=OPEN, reason="the paper's rules")
-    again.state.get(Corrections).rescore(again.person(ORGANISER), new)
+    rescored(again, reason="the paper's rules")
     scores = evaluate(GOOD, split=OPEN, protocol="paper")
     with again.state.database.reading() as session:
         stored = session.get_one(ClusterSums, (submission, "")).sums

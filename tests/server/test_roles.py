@@ -101,7 +101,6 @@ PATCH  /organiser/reported/{result_id}            401    403   403    403       
 DELETE /organiser/reported/{result_id}            401    403   403    403        200      401         401
 POST   /organiser/news                            401    403   403    403        201      401         401
 DELETE /organiser/news/{news_id}                  401    403   403    403        200      401         401
-POST   /organiser/corrections                     401    403   403    403        409      401         401
 GET    /organiser/notice                          401    403   403    403        200      401         401
 PUT    /organiser/notice                          401    403   403    403        200      401         401
 GET    /organiser/splits/{split}/submissions.tar  401    403   403    403        200      401         401
@@ -160,7 +159,6 @@ BODIES: Mapping[str, dict[str, Any]] = {
             "source": "https://example.org/paper",
         }
     },
-    "POST /organiser/corrections": {"json": {"split": OPEN, "reason": "corrected targets"}},
     "POST /organiser/reported/import": {
         "json": {"split": PRIVATE, "source": "Qi et al.", "text": "team,SR\nQi et al.,10\n"}
     },

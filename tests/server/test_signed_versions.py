@@ -32,6 +32,7 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.tables import StoredSnapshot, Submission
 from tests.server.test_receipts import RECEIPT, SIGNER, SNAPSHOT
 from tests.support.acting import NOON
+from tests.support.correcting import rescored
 from tests.support.entries import entered
 from tests.support.flat_world import Run
 from tests.support.serving import (
@@ -409,9 +410,7 @@ def test_scoring_again_keeps_the_bytes_of_a_newer_receipt_and_its_quota(
     newer = plant_receipt(server, submission, newer_receipt(hardware="a laptop"))
     replace_answers(folder, OPEN)
     later = open_server(settings_of(folder), server.tokens)
-    body = {"split": OPEN, "reason": "corrected"}
-    reply = later.ask(ORGANISER, "POST", "/organiser/corrections", json=body)
-    assert reply.json()["scored"] == 1, reply.text
+    assert rescored(later) == (1, {})
     now = shown(later, submission)
     assert [each.receipt for each in now.earlier] == [newer]
     assert receipt_in(now.receipt).quota == receipt_in(newer).quota

@@ -9,18 +9,16 @@ A leaderboard that is added to a split later gets its results in the same way.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
-from itertools import chain
-from typing import NamedTuple, Self, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import Metric
-from reverie_eval.schemas.organising import CorrectionProgress, NewCorrection, ResultChange
+from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult, Receipt
 from reverie_eval.server.audit.receipts import read_as
@@ -29,17 +27,12 @@ from reverie_eval.server.boards.leaderboard import ranks
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.boards.reviews import is_disqualified, reviews_of
-from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.scoring.boards import Board, find_board, without_version
-from reverie_eval.server.scoring.contexts import Context, Scoring
-from reverie_eval.server.state import ServerState
+from reverie_eval.server.scoring.contexts import Context
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.results import results_of, store_result, stored_in_report
 from reverie_eval.server.store.tables import Correction, Review, Submission, read_stored
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
-
-AT_ONCE = 20
-"""Submissions that a request scores, at most; the next request continues."""
 
 
 class Job(NamedTuple):
@@ -81,120 +74,65 @@ def rescore_one(context: Context, split: str, name: str, job: Job) -> Outcome:
     return Rescored(report, sums)
 
 
-@dataclass(frozen=True, slots=True)
-class Corrections:
-    """Scores the submissions of splits again."""
+def replace_results(
+    transactions: Transactions,
+    board: Board,
+    jobs: Sequence[Job],
+    outcomes: Iterable[Outcome],
+    *,
+    actor: Actor,
+    reason: str,
+) -> Iterator[tuple[Job, Outcome]]:
+    """Announce the correction and replace results one by one; without jobs, do nothing.
 
-    boards: Mapping[str, Board]
-    scoring: Scoring
-    transactions: Transactions
-
-    @classmethod
-    def of(cls, server: ServerState) -> Self:
-        """Return the service of a server."""
-        return cls(server.boards, server.scoring, server.transactions)
-
-    def rescore(self, actor: Actor, new: NewCorrection) -> CorrectionProgress:
-        """Score the next submissions that were scored with other ground truth or rules, or not yet.
-
-        Raises
-        ------
-        NotFoundError
-            If the server has no such split.
-        ConflictError
-            If all were scored with the current ground truth and rules.
-        """
-        main = find_board(self.boards, new.split)
-        with self.transactions.database.reading() as session:
-            waiting = [(board, outdated(session, board)) for board in main.all]
-        left = sum(len(jobs) for _, jobs in waiting)
-        if not left:
-            raise ConflictError(
-                f"all submissions to {new.split} were scored with the current ground truth and "
-                "rules"
-            )
-        outcomes = chain.from_iterable(
-            self.replace_results(
-                actor, board, new.reason, jobs, map(partial(self._score_again, board), jobs)
-            )
-            for board, jobs in waiting
-        )
-        scored, rejected = 0, {}
-        for job, outcome in outcomes:
-            left -= 1
-            if isinstance(outcome, str):
-                rejected[job.submission_id] = outcome
-            else:
-                scored += 1
-            if scored == AT_ONCE:
-                break
-        return CorrectionProgress(
-            split=new.split, signature=main.signature, scored=scored, rejected=rejected, left=left
-        )
-
-    def _score_again(self, board: Board, job: Job) -> Outcome:
-        return self.scoring.run(rescore_one, board.split, board.name, job)
-
-    def replace_results(
-        self,
-        actor: Actor,
-        board: Board,
-        reason: str,
-        jobs: Sequence[Job],
-        outcomes: Iterable[Outcome],
-    ) -> Iterator[tuple[Job, Outcome]]:
-        """Announce the correction and replace results one by one; without jobs, do nothing.
-
-        ``outcomes`` are those of the jobs, in their order. First results correct nothing, so they
-        are not announced.
-        """
-        if any(job.was_scored for job in jobs):
-            with self.transactions.begin(actor) as transaction:
-                reason = _announced(transaction, board, reason)
-        for job, outcome in zip(jobs, outcomes, strict=True):
-            if isinstance(outcome, Rescored):
-                with self.transactions.begin(actor) as transaction:
-                    self._replace(transaction, board, reason, job, outcome)
-            yield job, outcome
-
-    def replace_at_once(
-        self,
-        transaction: Transaction,
-        board: Board,
-        reason: str,
-        outcomes: Mapping[Job, Outcome],
-    ) -> None:
-        """Announce the correction, and replace all results in one transaction."""
-        if any(job.was_scored for job in outcomes):
+    ``outcomes`` are those of the jobs, in their order. First results correct nothing, so they are
+    not announced.
+    """
+    if any(job.was_scored for job in jobs):
+        with transactions.begin(actor) as transaction:
             reason = _announced(transaction, board, reason)
-        for job, outcome in outcomes.items():
-            if isinstance(outcome, Rescored):
-                self._replace(transaction, board, reason, job, outcome)
+    for job, outcome in zip(jobs, outcomes, strict=True):
+        if isinstance(outcome, Rescored):
+            with transactions.begin(actor) as transaction:
+                _replace(transaction, board, reason, job, outcome)
+        yield job, outcome
 
-    def _replace(
-        self, transaction: Transaction, board: Board, reason: str, job: Job, rescored: Rescored
-    ) -> None:
-        report = rescored.report
-        row = transaction.session.get_one(Submission, job.submission_id)
-        results = results_of(row)
-        known, quota = results.get(board.name), read_as(Receipt, results[""].receipt).quota
-        if known is not None and board.measures_as(known.report):
-            return  # another process has done it meanwhile
-        earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]
-        receipt = self.transactions.signer.sign_result(row, report, quota)
-        result = BoardResult(report=report, receipt=receipt, earlier=earlier)
-        store_result(row, board.name, result)
-        row.rescored_at = transaction.now
-        if rescored.sums is not None:
-            store_sums(transaction.session, row.id, {board.name: rescored.sums})
-        transaction.record(
-            "scored again",
-            row,
-            row.id,
-            board=board.name,
-            before="" if known is None else known.report.signature,
-            after=report.signature,
-        )
+
+def replace_at_once(
+    transaction: Transaction, board: Board, reason: str, outcomes: Mapping[Job, Outcome]
+) -> None:
+    """Announce the correction, and replace all results in one transaction."""
+    if any(job.was_scored for job in outcomes):
+        reason = _announced(transaction, board, reason)
+    for job, outcome in outcomes.items():
+        if isinstance(outcome, Rescored):
+            _replace(transaction, board, reason, job, outcome)
+
+
+def _replace(
+    transaction: Transaction, board: Board, reason: str, job: Job, rescored: Rescored
+) -> None:
+    report = rescored.report
+    row = transaction.session.get_one(Submission, job.submission_id)
+    results = results_of(row)
+    known, quota = results.get(board.name), read_as(Receipt, results[""].receipt).quota
+    if known is not None and board.measures_as(known.report):
+        return  # another process has done it meanwhile
+    earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]
+    receipt = transaction.audit_log.signer.sign_result(row, report, quota)
+    result = BoardResult(report=report, receipt=receipt, earlier=earlier)
+    store_result(row, board.name, result)
+    row.rescored_at = transaction.now
+    if rescored.sums is not None:
+        store_sums(transaction.session, row.id, {board.name: rescored.sums})
+    transaction.record(
+        "scored again",
+        row,
+        row.id,
+        board=board.name,
+        before="" if known is None else known.report.signature,
+        after=report.signature,
+    )
 
 
 def _replaced(known: BoardResult, transaction: Transaction, reason: str) -> EarlierResult:

@@ -1,7 +1,7 @@
 """What organisers do that must last, over the API and at their desk.
 
-``/desk/snapshots``: signed states of leaderboards, which never change. ``/desk/corrections``:
-scoring again after the ground truth or the rules were corrected. ``/desk/audit``: who did what.
+``/desk/snapshots``: signed states of leaderboards, which never change. ``/desk/corrections``: what
+has to be scored again, which a command does. ``/desk/audit``: who did what.
 """
 
 from collections import Counter
@@ -13,8 +13,7 @@ from fastapi.responses import Response
 from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.service import SnapshotEntry
 from reverie_eval.server.audit.log import list_entries, list_reports, names_in
-from reverie_eval.server.corrections import corrections
-from reverie_eval.server.corrections.corrections import Corrections
+from reverie_eval.server.corrections.corrections import count_outdated, list_corrections
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots
 from reverie_eval.server.http import desk as forms
 from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted
@@ -22,13 +21,12 @@ from reverie_eval.server.http.openapi import organiser_router, problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
-from reverie_eval.server.http.runtime import ScoringTurn
 from reverie_eval.server.scoring.boards import Board, read_each
 from reverie_eval.server.store.paging import Page
 
 routes, pages = organiser_router(), APIRouter()
 
-SNAPSHOTS, CORRECTIONS = "/desk/snapshots", "/desk/corrections"
+SNAPSHOTS = "/desk/snapshots"
 
 
 @forms.shown_at(pages, SNAPSHOTS, "snapshots.html")
@@ -65,13 +63,13 @@ def take_snapshot_at_desk(desk: Desk, form: Posted) -> Response:
     return forms.done(SNAPSHOTS, "taken")
 
 
-@forms.shown_at(pages, CORRECTIONS, "corrections.html")
+@forms.shown_at(pages, "/desk/corrections", "corrections.html")
 def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
     """Show the splits with submissions to score again, and all corrections."""
     session, server = reading.session, desk.server
 
     def count(boards: Sequence[Board]) -> Sequence[int]:
-        return [*corrections.count_outdated(session, boards).values()]
+        return [*count_outdated(session, boards).values()]
 
     boards, outdated = server.all_boards, Counter[str]()
     counts = read_each(boards, count)
@@ -82,32 +80,8 @@ def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.
         "unread": [
             each.label for each, number in zip(boards, counts, strict=True) if number is None
         ],
-        "corrections": corrections.list_corrections(session, forms.page_at(desk, "corrections")),
-        "at_once": corrections.AT_ONCE,
+        "corrections": list_corrections(session, forms.page_at(desk, "corrections")),
     }
-
-
-@routes.post("/corrections", responses=problems("not-found", "conflict"))
-def rescore(
-    new: schemas.NewCorrection, organiser: Organiser, _: ScoringTurn
-) -> schemas.CorrectionProgress:
-    """Score some submissions again after a correction of the ground truth or the rules.
-
-    Each request scores the next few; `left` says how many remain. `server rescore` scores all.
-    """
-    return organiser.server.get(Corrections).rescore(organiser.person(), new)
-
-
-@pages.post(CORRECTIONS)
-def rescore_at_desk(desk: Desk, form: Posted, _: ScoringTurn) -> Response:
-    """Score the next submissions to a split again."""
-    typed = forms.typed_by(desk, form, draw_corrections)
-    new = read_model(
-        schemas.NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")}
-    )
-    report = desk.server.get(Corrections).rescore(desk.person(), new)
-    outcome = "rejected" if report.rejected else "more" if report.left else "scored"
-    return forms.done(CORRECTIONS, outcome)
 
 
 @routes.get("/audit")

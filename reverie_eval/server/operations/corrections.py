@@ -16,11 +16,12 @@ from reverie_eval.processes import map_in_processes
 from reverie_eval.progress import Progress, no_progress
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.corrections.corrections import (
-    Corrections,
     Job,
     Outcome,
     changes,
     outdated,
+    replace_at_once,
+    replace_results,
     rescore_one,
 )
 from reverie_eval.server.errors import no_split
@@ -89,8 +90,8 @@ def rescore(
         for board in state.board(split).all:
             waiting = _outdated(state, board)
             with _scoring(state, board, waiting, jobs) as outcomes:
-                replaced = state.get(Corrections).replace_results(
-                    actor, board, reason, waiting, outcomes
+                replaced = replace_results(
+                    state.transactions, board, waiting, outcomes, actor=actor, reason=reason
                 )
                 scored = dict(progress(replaced, _SCORING, len(waiting)))
             with state.database.reading() as session:
@@ -150,8 +151,7 @@ def replace_ground_truth(
                 transaction, in_force, {name: before[name] for name in different(in_force, before)}
             )
             for board in boards:
-                of_board = outcomes[board.name]
-                state.get(Corrections).replace_at_once(transaction, board, reason, of_board)
+                replace_at_once(transaction, board, reason, outcomes[board.name])
             replacement.install()  # last, so that nobody finds it long before the new results
     changed: list[ResultChange] = []
     with opened_server(settings) as state, state.database.reading() as session:

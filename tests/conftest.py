@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import pytest
 from _pytest.doctest import DoctestModule
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from fixtures.demo_world import write_demo_world
 from fixtures.published import published_folder, unpack_dataset
@@ -18,7 +18,7 @@ from reverie_eval import PROTOCOLS, GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.tasks import find_task
 from reverie_eval_cli.main import main
-from tests.support.amounts import amount
+from tests.support.amounts import amount, is_evidence
 from tests.support.flat_world import Outcome, Run, write_flat
 from tests.support.sharing import shared_folder
 
@@ -30,8 +30,15 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Tests score by the embedded demo world, whatever the developer's environment names.
 os.environ.pop("REVERIE_EVAL_GROUND_TRUTH", None)
 
-# A slow machine is no failure. Every run tries other examples.
-settings.register_profile("unhurried", deadline=None, max_examples=amount(40))
+# A slow machine is no failure. The suite tries the same examples in every run, so that a change
+# fails only by its own fault; scripts/evidence tries others each time, and many more.
+settings.register_profile(
+    "unhurried",
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    derandomize=not is_evidence(),
+    max_examples=amount(40),
+)
 settings.load_profile("unhurried")
 
 REPOSITORY = Path(__file__).parents[1]

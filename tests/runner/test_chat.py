@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import httpx
 import msgspec
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from reverie_eval.simulator import Environment
 from tests.support.endpoints import USAGE, Behaviour, Endpoint, endpoint, failing, saying
 from tests.support.runs import EPISODES, WORLD, forget_end, some
 from tests.support.skyboxes import write_skybox
+from tests.support.waiting import PATIENCE
 from tests.support.worlds import ground_truth_of
 
 KEY = "sk-0123456789"
@@ -55,6 +57,13 @@ class Chat:
         truth = self.truth.subset(EPISODES[:episodes])
         return run(RunPlan(AgentSource("chat", self.options(**changes)), truth), self.folder)
 
+    def run_one_as_usual(self, **changes: Any) -> None:
+        """Run an episode that ends as if the endpoint always behaved well."""
+        totals = self.run(**changes)
+        (record,) = json.loads((self.folder / "submission.json").read_text())
+        assert [pose[0] for pose in record["trajectory"]] == ["hall", "north"]
+        assert (record["predObjId"], totals.ended, totals.attempts) == (5, 1, 1)
+
     @property
     def notes(self) -> list[Mapping[str, Any]]:
         """The notes of all steps."""
@@ -86,7 +95,6 @@ def chat(served: Endpoint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
         pytest.param([failing(429, Retry_After="7")], [7], 3, id="busy, and says when to ask"),
         pytest.param([failing(500), failing(503), failing(529)], [1, 2, 4], 5, id="broken"),
         pytest.param([replace(saying(STOP), is_cut=True)], [1], 3, id="cut connection"),
-        pytest.param([replace(saying(STOP), is_slow=True)], [1], 3, id="slow"),
         pytest.param([Behaviour("<html>wait</html>")], [1], 3, id="a page of a proxy"),
         pytest.param([Behaviour({"error": {"message": "no"}})], [1], 3, id="error after all"),
         pytest.param([Behaviour({"choices": []})], [1], 3, id="no choice"),
@@ -110,11 +118,25 @@ def test_what_passes_ends_in_the_same_submission(
     script: list[Behaviour], waits: list[float], requests: int, chat: Chat
 ) -> None:
     chat.served.script.extend(script)
-    totals = chat.run(timeout=0.2)
-    (record,) = json.loads((chat.folder / "submission.json").read_text())
-    assert [pose[0] for pose in record["trajectory"]] == ["hall", "north"]
-    assert (record["predObjId"], totals.ended, totals.attempts) == (5, 1, 1)
+    chat.run_one_as_usual()
     assert (chat.waits, len(chat.served.requests)) == (waits, requests)
+
+
+def test_a_reply_that_does_not_come_is_asked_for_again(
+    chat: Chat, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a short wait, which no other reply on a slow machine needs to keep to."""
+    timeout = httpx.Timeout(PATIENCE, read=0.2)
+
+    def sleep(seconds: float) -> None:
+        chat.waits.append(seconds)
+        timeout.read = PATIENCE
+
+    monkeypatch.setattr(httpx, "Timeout", lambda *_, **__: timeout)
+    monkeypatch.setattr(_asking, "sleep", sleep)
+    chat.served.script.append(replace(saying(STOP), is_slow=True))
+    chat.run_one_as_usual()
+    assert (chat.waits, len(chat.served.requests)) == ([1], 3)
 
 
 @pytest.mark.parametrize(
@@ -351,7 +373,7 @@ def test_a_run_goes_on_at_another_address_with_other_money_and_keys(
         chat.run()
     monkeypatch.setenv("OTHER", KEY)
     with endpoint(KEY) as other:
-        chat.run(endpoint=other.url, key_from="OTHER", prices=prices, max_cost=1.0, timeout=5.0)
+        chat.run(endpoint=other.url, key_from="OTHER", prices=prices, max_cost=1.0, timeout=100.0)
         assert len(other.requests) == 1
     card = msgspec.json.decode((chat.folder / "run.json").read_bytes(), type=RunCard)
     assert [each.options["key_from"] for each in card.circumstances] == ["MY_KEY", "OTHER"]

@@ -38,12 +38,11 @@ from tests.support.serving import (
     Serving,
     submission_for,
 )
+from tests.support.waiting import PATIENCE
 
 ROLES = {"visitor": ANYBODY, "participant": OWNER, "organiser": ORGANISER}
 REQUESTS_IN_SUITE = 1
 """For each operation, and for each of allowed and forbidden requests."""
-PATIENCE = 10
-"""Seconds: what takes longer hangs."""
 load_all_checks()
 EXPECTED: list[Any] = [
     check

@@ -90,7 +90,7 @@ class Scene(NamedTuple):
         checker.close()
         visitor.close()
         lines = (line.split() for line in beats(self.folder).read_text().splitlines())
-        stall = max(float(late) for at, late in lines if float(at) >= began)
+        stall = max((float(late) for at, late in lines if float(at) >= began), default=0.0)
         processes = [self.process, *scorers(self.folder / "log")]
         return Figures(checks, pages, stall, sum(map(peak_megabytes, processes)))
 

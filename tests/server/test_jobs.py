@@ -25,6 +25,7 @@ from reverie_eval.server.app import add_rooms, create_app, jobs_of
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.home import room as home
 from reverie_eval.server.jobs import Job, Jobs, one_line
+from reverie_eval.server.messages import delivery
 from reverie_eval.server.operations import health
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, Message, StoredSnapshot, Submission
@@ -344,6 +345,7 @@ def test_a_mail_server_that_hangs_delays_no_other_job(
 ) -> None:
     server = hanging
     monkeypatch.setattr(runner, "SECONDS_TO_STOP", 0.1)
+    monkeypatch.setattr(delivery, "SECONDS_TO_SEND", PATIENCE)  # until the test has ended
     assert server.upload(OWNER).status_code == 201
     with at_work(server) as client:
         wait_until(lambda: hook.events() == ["submission"])

@@ -316,14 +316,9 @@ def http_problems(_: str) -> str:
     from reverie_eval.server.errors import ERRORS
 
     return table(
-        ("code", "status", "what happened", "an example of `detail`"),
+        ("code", "status", "what happened"),
         (
-            (
-                f"`{code}`",
-                str(error.status.value),
-                _literals(_first_paragraph(error.__doc__)),
-                str(error.example()),
-            )
+            (f"`{code}`", str(error.status.value), _literals(_first_paragraph(error.__doc__)))
             for code, error in sorted(ERRORS.items(), key=lambda each: each[1].status.value)
         ),
     )
@@ -395,22 +390,52 @@ def _operation(address: str, operation: Mapping[str, Any]) -> Iterator[str]:
     for status, reply in operation["responses"].items():
         if int(status) < 400:
             yield from _example(f"Reply, {status}", reply.get("content", {}))
-        else:
-            for content in reply.get("content", {}).values():
-                refusals += content.get("examples", ())
-    yield f"Errors: {', '.join(f'`{code}`' for code in refusals)}.\n\n" if refusals else "\n"
+        elif problem := reply.get("content", {}).get("application/problem+json"):
+            refusals += problem["schema"]["properties"]["code"]["enum"]
+    yield f"Errors: {', '.join(f'`{code}`' for code in refusals)}.\n\n"
 
 
 def _example(heading: str, content: Mapping[str, Any]) -> Iterator[str]:
-    """Write the first example of a body as JSON."""
+    """Write an example of a body as JSON."""
     body = content.get("application/json")
     if body is None:
         forms = ", ".join(f"`{each}`" for each in content)
         yield f"{heading}: {forms}.\n" if forms else f"{heading}: no content.\n"
         return
-    examples = [example["value"] for example in body.get("examples", {}).values()]
-    value = body.get("example", examples[0] if examples else None)
+    value = body.get("example")
+    if value is None:
+        value = _example_of(body["schema"], _openapi()["components"]["schemas"])
     yield f"{heading}:\n\n```json\n{json.dumps(value, indent=2, ensure_ascii=False)}\n```\n"
+
+
+def _example_of(schema: Mapping[str, Any], models: Mapping[str, Any]) -> Any:
+    """Make an example of a value, as viewers of OpenAPI do: of the examples of its fields."""
+    if "$ref" in schema:
+        return _example_of(models[schema["$ref"].rpartition("/")[2]], models)
+    known = [*schema.get("examples", ()), *schema.get("enum", ())]
+    known += [schema[name] for name in ("const", "default") if name in schema]
+    known += [_example_of(each, models) for each in schema.get("anyOf", ())]
+    if known:
+        return known[0]
+    match schema["type"]:
+        case "object":
+            fields = schema.get("properties", {})
+            return {name: _example_of(field, models) for name, field in fields.items()}
+        case "array":
+            entries = schema.get("prefixItems") or [schema["items"]]
+            return [_example_of(each, models) for each in entries]
+        case kind:
+            return _EXAMPLES.get(schema.get("format", kind), "...")
+
+
+_EXAMPLES = {
+    "boolean": False,
+    "date-time": "2027-06-01T12:00:00Z",
+    "integer": 1,
+    "null": None,
+    "number": 0.5,
+}
+"""Of fields without examples of their own, by format or type."""
 
 
 # Files.

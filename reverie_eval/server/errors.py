@@ -1,23 +1,20 @@
 """The errors that a request can end in.
 
-Each class has the status, the code, the heading of its page and an example. Problem documents,
-pages, the OpenAPI description and the metrics all take them from here.
+Each class has the status, the code and the heading of its page; its docstring says what happened.
+Problem documents, pages, the OpenAPI description and the metrics all take them from here.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from http import HTTPStatus
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.report import ProblemReport
-from reverie_eval.schemas.service import WINDOWS, ProblemDocument, QuotaReport, QuotaWindow
+from reverie_eval.schemas.service import ProblemDocument, QuotaReport
 from reverie_eval.text import count_text, did_you_mean
 
-EXAMPLE_NOW = datetime(2027, 6, 1, 12, tzinfo=UTC)
-"""The time in all examples."""
-_EXAMPLE_REQUEST = "5f0c1be2a97d4e36"
 _PHRASES: Mapping[HTTPStatus, str] = MappingProxyType(
     {
         HTTPStatus.REQUEST_ENTITY_TOO_LARGE: "Content Too Large",
@@ -41,8 +38,6 @@ class RequestError(ReverieEvalError):
     """Stable, for programs."""
     heading: ClassVar[str]
     """The heading of the error's page."""
-    example_arguments: ClassVar[tuple[Any, ...]]
-    """The arguments that :meth:`example` passes."""
 
     problems: Sequence[Problem | ProblemReport] = ()
     seconds: int | None = None
@@ -52,11 +47,6 @@ class RequestError(ReverieEvalError):
     reply: str | None = None
     """The reply to the sender, if an organiser submitted the file."""
     request_id: str | None = None
-
-    @classmethod
-    def example(cls) -> Self:
-        """Return an example, for documentation."""
-        return cls(*cls.example_arguments)
 
     def document(self) -> ProblemDocument:
         """Return the problem document of the reply."""
@@ -78,15 +68,6 @@ class RejectedFileError(RequestError):
     status = HTTPStatus.UNPROCESSABLE_ENTITY
     code = "submission-rejected"
     heading = "File rejected"
-    example_arguments = (
-        [
-            Problem(
-                "unknown-viewpoint",
-                "[3].trajectory[0]",
-                "there is no viewpoint 0c0f3d11 in this building; see connectivity/",
-            )
-        ],
-    )
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = problems
@@ -102,7 +83,6 @@ class NotSignedInError(RequestError):
     status = HTTPStatus.UNAUTHORIZED
     code = "not-signed-in"
     heading = "Sign in first"
-    example_arguments = ("send your token: `Authorization: Bearer rv_...`",)
 
 
 class NotAllowedError(RequestError):
@@ -111,7 +91,6 @@ class NotAllowedError(RequestError):
     status = HTTPStatus.FORBIDDEN
     code = "not-allowed"
     heading = "Not allowed"
-    example_arguments = ("only organisers may do this",)
 
 
 class ForgedError(RequestError):
@@ -120,9 +99,6 @@ class ForgedError(RequestError):
     status = HTTPStatus.FORBIDDEN
     code = "csrf"
     heading = "Form expired"
-    example_arguments = (
-        "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session returns it",
-    )
 
 
 class NotFoundError(RequestError):
@@ -131,7 +107,6 @@ class NotFoundError(RequestError):
     status = HTTPStatus.NOT_FOUND
     code = "not-found"
     heading = "Not found"
-    example_arguments = ("your team has no submission '5f2b0c9a4d7e1f36'",)
 
 
 def no_split(name: str, known: Iterable[str]) -> NotFoundError:
@@ -145,9 +120,6 @@ class NotOpenError(RequestError):
     status = HTTPStatus.CONFLICT
     code = "not-open"
     heading = "Submissions are closed"
-    example_arguments = (
-        "test accepts no submissions now; the next phase opens 2027-07-01T12:00:00+00:00",
-    )
 
 
 class ConflictError(RequestError):
@@ -156,7 +128,6 @@ class ConflictError(RequestError):
     status = HTTPStatus.CONFLICT
     code = "conflict"
     heading = "Not possible now"
-    example_arguments = ("a withdrawn submission cannot be published; restore it first",)
 
 
 class MalformedError(RequestError):
@@ -165,10 +136,6 @@ class MalformedError(RequestError):
     status = HTTPStatus.BAD_REQUEST
     code = "malformed-request"
     heading = "Invalid request"
-    example_arguments = (
-        WRONG_FORM,
-        [ProblemReport(code="wrong-value", where="name", message="required but missing")],
-    )
 
     def __init__(self, message: str, problems: Sequence[ProblemReport] = ()) -> None:
         self.problems = problems
@@ -181,19 +148,6 @@ class QuotaSpentError(RequestError):
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "quota-spent"
     heading = "No submissions left"
-    example_arguments = (
-        QuotaReport(
-            remaining=0,
-            next_at=EXAMPLE_NOW + timedelta(days=1),
-            seconds_to_next=24 * 60 * 60,
-            windows=[
-                QuotaWindow(
-                    name=name, limit=limit, remaining=limit - 2, resets_at=EXAMPLE_NOW + length
-                )
-                for (name, length), limit in zip(WINDOWS.items(), (2, 10, 40), strict=True)
-            ],
-        ),
-    )
 
     def __init__(self, quota: QuotaReport) -> None:
         self.quota = quota
@@ -215,7 +169,6 @@ class BytesSpentError(RequestError):
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "bytes-spent"
     heading = "Too much data today"
-    example_arguments = (1024, 1020 << 20, 5 << 20, 3600)
 
     def __init__(self, limit: int, used: int, size: int, seconds: int | None) -> None:
         """Take the limit in MiB, what the team has sent and wants to send, and when it may."""
@@ -235,7 +188,6 @@ class TooManyError(RequestError):
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "too-many-requests"
     heading = "Too many requests"
-    example_arguments = (7,)
 
     def __init__(self, seconds: int, message: str = "") -> None:
         self.seconds = seconds
@@ -248,7 +200,6 @@ class TooLargeError(RequestError):
     status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
     code = "too-large"
     heading = "Too large"
-    example_arguments = (32 << 20,)
 
     def __init__(self, limit: int) -> None:
         """Take the limit in bytes; only uploads may have a mebibyte or more."""
@@ -266,12 +217,6 @@ class TooSlowError(RequestError):
     status = HTTPStatus.REQUEST_TIMEOUT
     code = "too-slow"
     heading = "Upload timed out"
-    example_arguments = (
-        (
-            "the upload did not arrive within 60 seconds; gzip it, or try again. No submission was "
-            "used"
-        ),
-    )
 
 
 class BusyError(RequestError):
@@ -280,7 +225,6 @@ class BusyError(RequestError):
     status = HTTPStatus.SERVICE_UNAVAILABLE
     code = "busy"
     heading = "Server busy"
-    example_arguments = (10,)
 
     def __init__(self, seconds: int, why: str = "too many uploads are waiting") -> None:
         self.seconds = seconds
@@ -298,7 +242,6 @@ class WrongMethodError(RequestError):
     status = HTTPStatus.METHOD_NOT_ALLOWED
     code = "method-not-allowed"
     heading = "Method not allowed"
-    example_arguments = ()
 
     def __init__(self) -> None:
         super().__init__("this URL does not support that method; see the Allow header")
@@ -310,7 +253,6 @@ class DatabaseDownError(RequestError):
     status = HTTPStatus.SERVICE_UNAVAILABLE
     code = "database-down"
     heading = "Server unavailable"
-    example_arguments = (_EXAMPLE_REQUEST,)
     seconds = 10
 
     def __init__(self, request_id: str) -> None:
@@ -327,7 +269,6 @@ class DamagedError(RequestError):
     status = HTTPStatus.SERVICE_UNAVAILABLE
     code = "damaged"
     heading = "Server data is damaged"
-    example_arguments = (_EXAMPLE_REQUEST,)
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
@@ -344,7 +285,6 @@ class KeyReplacedError(RequestError):
     status = HTTPStatus.SERVICE_UNAVAILABLE
     code = "key-replaced"
     heading = "Server must be restarted"
-    example_arguments = ("0d1c2b3a4f5e6d7c", "4ad1b0c9e2f86735")
     seconds = 10
 
     def __init__(self, ours: str, current: str) -> None:
@@ -361,7 +301,6 @@ class StorageFullError(RequestError):
     status = HTTPStatus.INSUFFICIENT_STORAGE
     code = "storage-full"
     heading = "Server storage is full"
-    example_arguments = (_EXAMPLE_REQUEST,)
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
@@ -377,7 +316,6 @@ class FaultError(RequestError):
     status = HTTPStatus.INTERNAL_SERVER_ERROR
     code = "internal"
     heading = "Server error"
-    example_arguments = (_EXAMPLE_REQUEST,)
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id

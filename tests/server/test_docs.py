@@ -125,3 +125,9 @@ def test_everything_the_doctor_checks_is_in_the_guide() -> None:
     checks = set(re.findall(r'(?:Finding|_guarded)\(\s*"([a-z ]+)"', "".join(source)))
     table = REFERENCE.partition("| check |")[2].partition("\n\n")[0]
     assert checks - {"stored data"} == set(re.findall(r"^\| ([a-z ]+?) \|", table, re.MULTILINE))
+
+
+def test_each_operation_of_the_reference_has_an_example() -> None:
+    reference = GENERATED["http_operations"]("")
+    assert '"team": "Blue"' in reference
+    assert "```json\nnull\n" not in reference

@@ -1,6 +1,6 @@
 """The description of the API: sound, complete, and its examples are what it says."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pytest
@@ -29,6 +29,14 @@ def bodies(operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
                 yield body
 
 
+def codes_of(body: dict[str, Any]) -> Sequence[str]:
+    """Return the codes of the problems that a body may be; empty if it is not a problem."""
+    codes: Sequence[str] = (
+        body.get("schema", {}).get("properties", {}).get("code", {}).get("enum", ())
+    )
+    return codes
+
+
 def test_it_is_openapi_3_1(description: Description) -> None:
     assert description.document["openapi"].startswith("3.1")
     validate(description.document)
@@ -44,7 +52,7 @@ def test_every_example_is_one(description: Description) -> None:
     for model in description.document["components"]["schemas"].values():
         for field in model.get("properties", {}).values():
             examples += [(field, each) for each in field.get("examples", ())]
-    assert len(examples) > 500
+    assert len(examples) > 200
     for schema, example in examples:
         description.check_value(schema, example)
 
@@ -60,9 +68,8 @@ def test_every_problem_has_its_status_and_its_media_type(description: Descriptio
                 continue
             ((media_type, body),) = reply["content"].items()
             assert media_type == "application/problem+json", name
-            for code, example in body["examples"].items():
-                said = example["value"]
-                assert (said["code"], said["status"]) == (code, int(status)), name
+            for code in codes_of(body):
+                assert ERRORS[code].status == int(status), name
 
 
 def test_every_operation_can_fail_and_says_how(description: Description) -> None:
@@ -78,22 +85,15 @@ def test_every_code_of_a_request_s_problems_is_declared_somewhere(
         code
         for _, operation in description.operations()
         for body in bodies(operation)
-        for code in body.get("examples", {})
+        for code in codes_of(body)
     }
     assert declared == set(ERRORS) - {"method-not-allowed"}  # which is of no operation
-
-
-@pytest.mark.parametrize("error", ERRORS.values(), ids=ERRORS)
-def test_every_error_says_how_it_is_shown(error: type[RequestError]) -> None:
-    document = error.example().document()
-    assert (document.code, document.status) == (error.code, error.status)
-    assert document.detail == str(error.example())
-    assert error.heading[0].isupper()
 
 
 def test_every_error_has_its_own_code_and_heading() -> None:
     kinds = RequestError.__subclasses__()
     assert len(ERRORS) == len(kinds) == len({kind.heading for kind in kinds})
+    assert all(kind.heading[0].isupper() for kind in kinds)
 
 
 def test_what_changes_something_needs_the_csrf_token_beside_the_cookie(

@@ -6,7 +6,9 @@ This adds what FastAPI does not know: that problems have their own media type, w
 operation can return, and that a cookie needs the CSRF token as well.
 """
 
+from collections.abc import Sequence
 from functools import cache
+from http import HTTPStatus
 from typing import Any
 
 from fastapi import APIRouter, Depends, FastAPI
@@ -31,6 +33,7 @@ SUBMISSION = [
 """An example of a result file."""
 
 _MODELS = "#/components/schemas/"
+_PROBLEM = {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}
 _EVERYWHERE: tuple[str, ...] = (
     errors.TooManyError.code,
     errors.DatabaseDownError.code,
@@ -49,16 +52,26 @@ def organiser_router() -> APIRouter:
 
 def problems(*codes: str) -> dict[int | str, Document]:
     """Declare the problems that a route can return, by their codes."""
-    declared: dict[int | str, Document] = {}
-    for code in codes:
-        status = errors.ERRORS[code].status
-        content = {"schema": {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}, "examples": {}}
-        empty = {"description": errors.phrase_of(status), "content": {MEDIA_TYPE: content}}
-        reply = declared.setdefault(status.value, empty)
-        reply["content"][MEDIA_TYPE]["examples"][code] = {
-            "value": errors.ERRORS[code].example().document().model_dump(mode="json")
-        }
-    return declared
+    kinds = [errors.ERRORS[code] for code in codes]
+    return {
+        status.value: _problem_reply(status, [kind.code for kind in kinds if kind.status is status])
+        for status in dict.fromkeys(kind.status for kind in kinds)
+    }
+
+
+def _problem_reply(status: HTTPStatus, codes: Sequence[str]) -> Document:
+    schema = {**_PROBLEM, "properties": {"code": {"enum": codes}}}
+    return {
+        "description": errors.phrase_of(status),
+        "content": {MEDIA_TYPE: {"schema": schema}},
+    }
+
+
+def _codes_in(reply: Document) -> Sequence[str]:
+    """Return the codes of the problems that a reply was declared with."""
+    problem = reply.get("content", {}).get(MEDIA_TYPE)
+    codes: Sequence[str] = problem["schema"]["properties"]["code"]["enum"] if problem else ()
+    return codes
 
 
 def file_reply(media_type: str, *codes: str, **content: Any) -> dict[int | str, Document]:
@@ -120,8 +133,7 @@ def _complete(method: str, operation: Document) -> None:
             {**way, "csrf": []} if "APIKeyCookie" in way else way for way in operation["security"]
         ]
         everywhere += (errors.ForgedError.code,)
-    for status, reply in problems(*everywhere).items():
-        declared = reply["content"][MEDIA_TYPE]
-        content = replies.setdefault(str(status), reply)["content"]
-        content.setdefault(MEDIA_TYPE, declared)["examples"] |= declared["examples"]
+    own = (code for reply in replies.values() for code in _codes_in(reply))
+    for status, reply in problems(*dict.fromkeys((*own, *everywhere))).items():
+        replies.setdefault(str(status), reply)["content"] |= reply["content"]
     operation["responses"] = dict(sorted(replies.items()))

@@ -121,6 +121,5 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
     if settings.trusted_proxies:
         trusted = [str(network) for network in settings.trusted_proxies]
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)
-    app.add_middleware(middleware.UntrustedProxies, trusted=settings.trusted_proxies)
     if settings.path_prefix:
         app.add_middleware(middleware.PathPrefix, prefix=settings.path_prefix)

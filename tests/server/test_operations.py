@@ -13,9 +13,7 @@ from fastapi.routing import iter_route_contexts
 from prometheus_client.parser import text_string_to_metric_families
 from starlette.routing import Mount
 
-from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.server.app import create_app, jobs_of
-from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.http.rendering import STATIC
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.intake import routes as submissions
@@ -357,22 +355,6 @@ def metrics_of(server: Serving, who: str | None = ORGANISER) -> Samples:
         for family in text_string_to_metric_families(reply.text)
         for sample in family.samples
     }
-
-
-def test_metrics_say_how_much_is_stored(server_on: Serving) -> None:
-    server_on.upload(OWNER)
-    server_on.upload(OTHER)  # the same file, which is stored once
-    other = submission_for(PRIVATE)
-    server_on.upload(OTHER, other, PRIVATE)
-    with server_on.acting() as transaction:
-        server_on.state.get(Snapshots).take(transaction, NewSnapshot(split=OPEN, title="Now"))
-    samples = metrics_of(server_on)
-    assert samples[("reverie_eval_uploads_bytes",)] == len(GOOD) + len(other)
-    assert samples[("reverie_eval_database_bytes",)] > 100_000
-    taken = ("reverie_eval_last_snapshot_timestamp_seconds", OPEN)
-    assert samples[taken] == server_on.clock().timestamp()
-    server_on.upload(OTHER, server_on.distinct())  # it is not measured at once again
-    assert metrics_of(server_on)[("reverie_eval_uploads_bytes",)] == len(GOOD) + len(other)
 
 
 def test_metrics_count_what_was_answered(server: Serving) -> None:

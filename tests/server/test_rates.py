@@ -131,34 +131,6 @@ def test_who_is_throttled_is_told_until_when(limited: Callable[..., Serving]) ->
 
 
 @pytest.mark.parametrize(
-    ("proxies", "warned"),
-    [
-        pytest.param((), 1, id="none"),
-        pytest.param(("10.0.0.0/8",), 1, id="another"),
-        pytest.param((PROXY,), 0, id="this one"),
-    ],
-)
-def test_a_proxy_that_is_not_trusted_is_warned_of_once(
-    proxies: tuple[str, ...],
-    warned: int,
-    limited: Callable[..., Serving],
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    server = limited(*proxies)
-    for number in range(3):
-        me(server, OWNER, f"192.0.2.{number}")
-    warnings = [record for record in caplog.records if record.levelname == "WARNING"]
-    assert [PROXY in record.getMessage() for record in warnings] == [True] * warned
-
-
-def test_who_sends_no_such_header_is_not_warned_of(
-    limited: Callable[..., Serving], caplog: pytest.LogCaptureFixture
-) -> None:
-    me(limited(), OWNER)
-    assert [record for record in caplog.records if record.levelname == "WARNING"] == []
-
-
-@pytest.mark.parametrize(
     ("path", "body"),
     [
         pytest.param("/tokens", {"invitation": "rv_wrong"}, id="invitations"),

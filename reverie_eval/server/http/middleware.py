@@ -10,16 +10,14 @@ is served over TLS alone.
 import asyncio
 import hashlib
 import ipaddress
-import logging
 import math
 import re
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 from limits import RateLimitItem, RateLimitItemPerMinute
 from limits.storage import Storage
@@ -58,9 +56,6 @@ EXEMPT = ("/healthz", "/readyz", "/static/")
 """Monitoring must never be refused, and its result is cached for some seconds; static files are
 cached by browsers."""
 
-Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
-
-_PROXY_LOGGER = logging.getLogger("reverie_eval.server.proxies")
 _IPV6_SITE = 64
 """Prefix length of the network that a provider assigns to one customer."""
 _OWN_COOKIE = re.compile(rb"%b=[\w.=-]*" % COOKIE.encode())
@@ -263,38 +258,6 @@ class PathPrefix(Middleware):
         if f"{path}/".startswith(f"{self._prefix}/"):
             scope = {**scope, "path": path.removeprefix(self._prefix) or "/"}
         await self.app(scope, receive, prefixing)
-
-
-class UntrustedProxies(Middleware):
-    """Warns once about a proxy that the settings do not name: its visitors share one rate limit.
-
-    Clients often make up the header of proxies, so only private addresses cause the warning.
-    """
-
-    def __init__(self, app: ASGIApp, trusted: Sequence[Network]) -> None:
-        super().__init__(app)
-        self._trusted = trusted
-        self._has_warned = False
-
-    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
-        if not self._has_warned and "x-forwarded-for" in Headers(scope=scope):
-            self._warn(address_of(scope))
-        await self.app(scope, receive, send)
-
-    def _warn(self, peer: str) -> None:
-        try:
-            parsed = ipaddress.ip_address(peer)
-        except ValueError:
-            return
-        if not parsed.is_private or any(parsed in network for network in self._trusted):
-            return
-        self._has_warned = True
-        message = (
-            f"X-Forwarded-For came from {peer}, which is not in trusted_proxies: if it is your "
-            "proxy, add it, or all visitors share one rate limit"
-        )
-        _PROXY_LOGGER.warning(message)
 
 
 def site_of(address: str) -> str:

@@ -7,8 +7,7 @@ a thread of its own, so refusing one request never delays another.
 """
 
 import logging
-import time
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
@@ -17,8 +16,6 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, gene
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
-from sqlalchemy import func, select
-from sqlalchemy.exc import SQLAlchemyError
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -37,8 +34,6 @@ from reverie_eval.server.http.exchange import (
 from reverie_eval.server.http.middleware import Middleware
 from reverie_eval.server.http.problems import log_fault, reply_to
 from reverie_eval.server.jobs import Jobs
-from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import StoredSnapshot, Submission
 
 MEDIA_TYPE = CONTENT_TYPE_LATEST
 """The media type of the metrics."""
@@ -50,19 +45,6 @@ _LOGGER = logging.getLogger("reverie_eval.server.requests")
 _TRACED = frozenset({NotSignedInError.status, TooManyError.status})
 """Statuses of guessed tokens and floods of requests; the log has the address of these."""
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
-
-
-_SECONDS_MEASURED = 60
-_LATEST_SNAPSHOTS = select(StoredSnapshot.split, func.max(StoredSnapshot.created_at)).group_by(
-    StoredSnapshot.split
-)
-_FILES = (  # several teams may have sent one
-    select(Submission.sha256, Submission.size)
-    .where(Submission.upload_deleted_at.is_(None))
-    .distinct()
-    .subquery()
-)
-_UPLOADED = select(func.sum(_FILES.c.size))
 
 
 class Metrics:
@@ -106,7 +88,6 @@ class Metrics:
             registry=registry,
         )
         registry.register(_JobMetrics(jobs))
-        registry.register(_StorageMetrics(jobs.database))
 
     def count(self, exchange: Exchange, scope: Scope) -> None:
         """Count a request that has been answered."""
@@ -166,49 +147,6 @@ class _JobMetrics(Collector):
             for kind, number in job.backlog.items():
                 backlog.add_metric([job.name, kind], number)
         return runs, failures, is_failing, last_success, backlog
-
-
-class _StorageMetrics(Collector):
-    """How much is stored; measured at most once a minute, because all submissions are added up."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
-        self._measured: Sequence[Metric] = ()
-        self._until = 0.0
-
-    def describe(self) -> Iterable[Metric]:
-        """Return nothing, so that registering it does not read the database."""
-        return ()
-
-    def collect(self) -> Iterable[Metric]:
-        """Return the metrics; none while the database is unavailable, which others show."""
-        if time.monotonic() >= self._until:
-            try:
-                self._measured = self._measure()
-            except (SQLAlchemyError, OSError):
-                self._measured = ()
-            self._until = time.monotonic() + _SECONDS_MEASURED
-        return self._measured
-
-    def _measure(self) -> Sequence[Metric]:
-        with self._database.reading() as session:
-            uploads = session.scalar(_UPLOADED) or 0
-            latest = session.execute(_LATEST_SNAPSHOTS).all()
-        snapshots = GaugeMetricFamily(
-            "reverie_eval_last_snapshot_timestamp_seconds",
-            "When the latest snapshot of a split was taken.",
-            labels=["split"],
-        )
-        for split, taken in latest:
-            snapshots.add_metric([split], taken.timestamp())
-        size = self._database.size()
-        return (
-            GaugeMetricFamily("reverie_eval_database_bytes", "Size of the database.", size),
-            GaugeMetricFamily(
-                "reverie_eval_uploads_bytes", "Size of all stored uploads, unpacked.", uploads
-            ),
-            snapshots,
-        )
 
 
 class RequestTelemetry(Middleware):

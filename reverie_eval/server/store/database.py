@@ -102,17 +102,6 @@ class Database:
         self._opened = self._opened or self._file_now()
         return connection
 
-    def size(self) -> int:
-        """Return the bytes that it takes on disk."""
-        if not self.is_sqlite:
-            with self.reading() as session:
-                return int(
-                    session.scalar(sa.text("SELECT pg_database_size(current_database())")) or 0
-                )
-        file = Path(self.engine.url.database or "")
-        logs = (file.with_name(f"{file.name}{ending}") for ending in ("-wal", "-shm"))
-        return sum(each.stat().st_size for each in (file, *logs) if each.exists())
-
     @contextmanager
     def reading(self) -> Iterator[Session]:
         """Open a session for reading that sees one snapshot of the database."""

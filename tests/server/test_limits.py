@@ -28,7 +28,7 @@ from starlette.types import Message, Receive, Scope, Send
 from fixtures.servers import make_folder
 from reverie_eval.server import run
 from reverie_eval.server.app import create_app
-from reverie_eval.server.http import middleware, timeouts
+from reverie_eval.server.http import middleware
 from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.http.middleware import MOST_AT_ONCE, BodyLimits
 from reverie_eval.server.opening import acting
@@ -459,7 +459,7 @@ class Impatient:
 
 @pytest.fixture
 def of_headers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timeouts, "SECONDS_FOR_HEADERS", 0.3)
+    monkeypatch.setattr(run, "SECONDS_FOR_HEADERS", 0.3)
 
 
 @pytest.fixture
@@ -469,8 +469,8 @@ def of_slow_senders(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def of_readers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timeouts, "SECONDS_FOR_HEADERS", PATIENCE)
-    monkeypatch.setattr(timeouts, "SECONDS_FOR_REPLY", 0.3)
+    monkeypatch.setattr(run, "SECONDS_FOR_HEADERS", PATIENCE)
+    monkeypatch.setattr(run, "SECONDS_FOR_REPLY", 0.3)
 
 
 @pytest.fixture

@@ -3,8 +3,9 @@
 import shutil
 import stat
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from functools import cache, partial
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,6 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
-from reverie_eval.processes import map_in_processes
 from reverie_eval.progress import Progress, no_progress
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.corrections.corrections import (
@@ -26,12 +26,12 @@ from reverie_eval.server.corrections.corrections import (
 )
 from reverie_eval.server.errors import no_split
 from reverie_eval.server.opening import opened_server
-from reverie_eval.server.scoring.boards import Board, load_board, load_boards
-from reverie_eval.server.scoring.contexts import Context
+from reverie_eval.server.scoring.boards import Board, load_boards
+from reverie_eval.server.scoring.contexts import Scoring
+from reverie_eval.server.scoring.processes import ScoringProcesses
 from reverie_eval.server.scoring.rules import append_rules, different, rules_of
-from reverie_eval.server.settings import Settings, Split
+from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.uploads import open_uploads
 
 FOR_ONE = 100
 """Submissions for each process: starting one takes as long as scoring about 80 of val_unseen."""
@@ -197,13 +197,21 @@ def _score(
 def _scoring(
     state: ServerState, board: Board, waiting: Sequence[Job], jobs: int
 ) -> Iterator[Iterable[Outcome]]:
-    """Score submissions in processes that each load the ground truth."""
-    settings = state.settings
-    rules = settings.splits[board.split].model_dump_json()
-    source = _Source(settings.folder, settings.uploads, board.split, board.name, rules)
-    processes = min(jobs, 1 + len(waiting) // FOR_ONE)
-    with closing(map_in_processes(partial(_score_one, source), waiting, processes)) as outcomes:
-        yield outcomes
+    """Score submissions, many of them in several processes; yield the outcomes in their order."""
+    number = min(jobs, 1 + len(waiting) // FOR_ONE)
+    here = state.scoring
+    with (
+        here if number == 1 else ScoringProcesses(state.settings, state.boards, number) as scoring,
+        ThreadPoolExecutor(number) as threads,
+    ):
+        try:
+            yield threads.map(partial(_rescore, scoring, board), waiting)
+        finally:
+            threads.shutdown(cancel_futures=True)  # after an error, nothing more is scored
+
+
+def _rescore(scoring: Scoring, board: Board, job: Job) -> Outcome:
+    return scoring.run(rescore_one, board.split, board.name, job)
 
 
 def _named(outcomes: Mapping[Job, Outcome]) -> Mapping[str, Outcome]:
@@ -213,28 +221,6 @@ def _named(outcomes: Mapping[Job, Outcome]) -> Mapping[str, Outcome]:
 def _first(jobs: Iterable[Job]) -> Collection[str]:
     """Return the submissions that had no result before."""
     return {job.submission_id for job in jobs if not job.was_scored}
-
-
-class _Source(NamedTuple):
-    """What a process needs to score; the key of a cache."""
-
-    folder: Path
-    uploads: str
-    split: str
-    name: str
-    rules: str
-    """The split's settings as JSON."""
-
-
-def _score_one(source: _Source, job: Job) -> Outcome:
-    return rescore_one(_context(source), source.split, source.name, job)
-
-
-@cache
-def _context(source: _Source) -> Context:
-    rules = Split.model_validate_json(source.rules)
-    board = load_board(source.split, rules, source.folder / rules.bundle)
-    return Context({source.split: board}, open_uploads(source.uploads, source.folder))
 
 
 class _Replacement(NamedTuple):

@@ -9,7 +9,6 @@ import ctypes
 import gc
 import logging
 import os
-import pickle
 import resource
 import signal
 import sys
@@ -22,7 +21,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from pickle import PickleBuffer, PicklingError
+from pickle import PicklingError
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from typing import Any, Concatenate, Generic, NamedTuple, Self, TypeVar
@@ -136,11 +135,6 @@ class Line(Generic[Thing]):
         self._free: deque[Thing] = deque()
         self._waiting: deque[SimpleQueue[Thing]] = deque()
 
-    @property
-    def waiting(self) -> int:
-        """How many wait."""
-        return len(self._waiting)
-
     def give(self, thing: Thing) -> None:
         """Hand a thing to the one who has waited longest, or keep it for the next who comes."""
         with self._lock:
@@ -240,7 +234,7 @@ class _Process:
             raise BusyError(SECONDS_TO_RETRY, STOPPED)
         call = _Call(rules_of(self._boards), SECONDS, MEBIBYTES, work, given, named)
         try:
-            _send(running.connection, call)
+            running.connection.send(call)
             has_answer = running.connection.poll(_MOST_SECONDS)
             answer = running.connection.recv() if has_answer else None
         except (EOFError, OSError):
@@ -266,26 +260,6 @@ class _Process:
         return BusyError(SECONDS_TO_RETRY, STOPPED)
 
 
-def _send(connection: Connection, call: _Call) -> None:
-    """Send a call, and after it the files in it: pickling them would stop all other threads."""
-    given = (PickleBuffer(each) if isinstance(each, bytes) else each for each in call.given)
-    files: list[PickleBuffer] = []
-    pickled = pickle.dumps(
-        call._replace(given=tuple(given)), protocol=5, buffer_callback=files.append
-    )
-    connection.send((pickled, len(files)))
-    for file in files:
-        connection.send_bytes(file)
-
-
-def _receive(connection: Connection) -> _Call:
-    pickled, files = connection.recv()
-    call: _Call = pickle.loads(  # noqa: S301  # the server sent it
-        pickled, buffers=[connection.recv_bytes() for _ in range(files)]
-    )
-    return call
-
-
 def _begin(_: Context) -> None:
     """Do nothing, but after the ground truth was loaded."""
 
@@ -300,7 +274,7 @@ def _serve(connection: Connection, settings: Settings) -> None:
     # The server closes its end, or has been killed.
     with suppress(EOFError, ConnectionError):
         while True:
-            call = _receive(connection)
+            call: _Call = connection.recv()
             try:
                 if context is None or call.rules != rules:
                     context, rules = _load(settings, call.rules), call.rules

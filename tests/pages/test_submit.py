@@ -12,7 +12,7 @@ from sqlalchemy import func, select
 from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
-from reverie_eval.server.accounts.pages import own_path
+from reverie_eval.server.accounts.access import own_path
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.messages.notices import Notices
 from reverie_eval.server.settings import Limits, Quota

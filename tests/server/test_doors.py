@@ -17,7 +17,7 @@ from reverie_eval import server
 
 SERVER, COMMANDS = Path(server.__path__[0]), Path(reverie_eval_cli.__path__[0])
 ROOMS = [SERVER / "identity.py", *SERVER.glob("*/*.py")]
-IS_DOOR = re.compile(r"routes|desk|(.*_)?pages?")
+IS_DOOR = re.compile(r"routes|access|desk|(.*_)?pages?")
 OVER_HTTP = [file for file in ROOMS if IS_DOOR.fullmatch(file.stem)]
 COMMAND_FILES = [*(COMMANDS / "commands/server").rglob("*.py")]
 DOORS = ("route", "page", "command")
@@ -100,7 +100,7 @@ def used_by(tree: ast.AST, imported: set[str]) -> set[str]:
 
 
 def is_route(door: ast.AST, file: Path) -> bool:
-    """Whether a function is a route of the API; those of organisers are beside their pages."""
+    """Whether a function is a route of the API; in some files, it is beside its page."""
     decorators = getattr(door, "decorator_list", ())
     return file.stem == "routes" or any("routes." in ast.unparse(each) for each in decorators)
 

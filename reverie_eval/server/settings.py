@@ -7,7 +7,6 @@ files or environment variables, never arguments.
 
 import os
 import re
-import shlex
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, time, timedelta
@@ -52,7 +51,6 @@ _NO_SETTINGS = frozenset(
     {GROUND_TRUTH_VARIABLE, PANORAMAS_VARIABLE, SERVER_VARIABLE, TOKEN_VARIABLE}
 )
 """Environment variables of other commands."""
-_SECOND = timedelta(seconds=1)
 _POSTGRESQL = "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
 _DATABASES = f"must be an SQLite file, sqlite:///FILE, or PostgreSQL, {_POSTGRESQL}"
 
@@ -76,19 +74,6 @@ class SettingsError(RejectedError):
 
 class PhasesError(ValueError):
     """The phases of a split overlap, or one of them has no end although it needs one."""
-
-    def __init__(self, message: str, phase: Phase, closes: datetime | None = None) -> None:
-        super().__init__(message)
-        self._phase = phase
-        """The phase to be closed."""
-        self._closes = closes
-        """Its latest possible end, if it depends on another phase."""
-
-    def remedy(self, folder: str, split: str) -> str:
-        """Return the command that closes the phase, if it was set at the desk."""
-        closes = "TIME" if self._closes is None else f"{self._closes:%Y-%m-%dT%H:%M:%SZ}"
-        name = shlex.quote(self._phase.name)
-        return f"reverie-eval server phase set {folder} {split} {name} --closes {closes}"
 
 
 def _known_task(name: str) -> str:
@@ -296,7 +281,7 @@ class Split(_Section):
         for phase in phases:
             if phase.closes is None:
                 message = "scores can be held back only if every phase has `closes`"
-                raise PhasesError(f"{message}, and {phase.name!r} has none", phase)
+                raise PhasesError(f"{message}, and {phase.name!r} has none")
 
     def check_overlap(self, phases: Sequence[Phase]) -> None:
         """Check that no submission belongs to two phases; PhasesError names two that overlap."""
@@ -305,9 +290,8 @@ class Split(_Section):
             return
         first, second = pair
         told = " and ".join(f"{each.name!r} ({each.period or 'always open'})" for each in pair)
-        closes = None if second.opens in {None, first.opens} else second.opens - _SECOND
-        message = f"{told} overlap; {first.name!r} must close before {second.name!r} opens"
-        raise PhasesError(f"the phases {message}", first, closes)
+        remedy = f"{first.name!r} must close before {second.name!r} opens"
+        raise PhasesError(f"the phases {told} overlap; {remedy}")
 
     @property
     def effective_quota(self) -> Quota:

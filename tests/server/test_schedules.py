@@ -122,7 +122,7 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
             PRIVATE,
             409,
             "only if every phase has `closes`, and 'a' has none; change it at /desk/phases or with "
-            "`reverie-eval server phase set FOLDER test a --closes TIME`",
+            "`reverie-eval server phase set`",
             id="held back for ever",
         ),
         pytest.param(
@@ -131,8 +131,7 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
             409,
             "the phases 'a b' (always open) and 'second' (from 2026-03-02T11:30:00Z until "
             "2026-03-02T13:00:00Z) overlap; 'a b' must close before 'second' opens; change it at "
-            "/desk/phases or with `reverie-eval server phase set FOLDER test 'a b' --closes "
-            "2026-03-02T11:29:59Z`",
+            "/desk/phases or with `reverie-eval server phase set`",
             id="overlap",
         ),
         pytest.param(
@@ -142,7 +141,7 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
             },
             PRIVATE,
             409,
-            "`reverie-eval server phase set FOLDER test second --closes TIME`",
+            "'second' must close before 'third' opens",
             id="overlap from the start",
         ),
         pytest.param(

@@ -220,7 +220,7 @@ class Schedules:
         try:
             self._splits[split].check_phases(phases, release_scores)
         except PhasesError as error:
-            remedy = f"change it at /desk/phases or with `{error.remedy('FOLDER', split)}`"
+            remedy = "change it at /desk/phases or with `reverie-eval server phase set`"
             raise ConflictError(f"{error}; {remedy}") from None
         except ValueError as error:
             raise ConflictError(f"{error}") from None

@@ -51,6 +51,7 @@ from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.opening import acting
 from reverie_eval.server.opening import open_server as open_state
+from reverie_eval.server.operations import health
 from reverie_eval.server.run import run_server
 from reverie_eval.server.scoring import boards
 from reverie_eval.server.scoring.boards import Board, load_board
@@ -68,7 +69,7 @@ from reverie_eval.server.store.tables import Person
 from tests.conftest import SAMPLES, unavailable
 from tests.support.acting import NOON, add_person, add_team, create_token
 from tests.support.forking import Forked, Surroundings
-from tests.support.waiting import wait_until
+from tests.support.waiting import PATIENCE, wait_until
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Role
@@ -354,6 +355,13 @@ def _files_are_read_once() -> Iterator[None]:
         patch(f"{describe.__module__}.get_openapi", describe_once),
         sharing_routes(),
     ):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _checks_of_health_take_their_time() -> Iterator[None]:
+    """Let no check fail because the machine is slow."""
+    with patch.object(health, "SECONDS_TO_ANSWER", PATIENCE):
         yield
 
 

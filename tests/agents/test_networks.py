@@ -20,9 +20,10 @@ from reverie_eval.agents.trained._navigating import (
     Decision,
     Navigator,
     Reading,
+    Sizes,
+    SlotInputs,
     Slots,
     State,
-    WordEncoder,
     collate,
 )
 from reverie_eval.agents.trained._queue import MOST_EXPANDED, Choice, Queue
@@ -155,8 +156,7 @@ class Stub(Navigator):
     def __init__(
         self, logits: list[float], progress: float | None, value: float | None = None
     ) -> None:
-        super().__init__()
-        self.encoder = WordEncoder(1000, 2, 2, 0.0)
+        super().__init__(Sizes(1000, 2, 2), SlotInputs(), 0)
         self.value = value
         self.logits, self.progress = torch.tensor(logits), progress
 
@@ -215,7 +215,7 @@ class Likes(Pointer):
     """Scores the first word of an expression times the number of a candidate."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(Sizes(1, 2, 2))
         self.factor = nn.Parameter(torch.tensor(0.01))
 
     def forward(self, words: Tensor, tokens: Tensor, candidates: Candidates) -> Tensor:  # noqa: ARG002
@@ -239,7 +239,8 @@ def test_the_ranking_loss_is_worked_out_by_hand(world: World) -> None:
 
 
 def test_the_word_that_is_attended_to_most_is_erased(batch: np.ndarray, world: World) -> None:
-    model = MAttNet(len(world.coder.vocabulary.words) + 1).eval()
+    model = RECIPES["mattnet"].build(world.coder).eval()
+    assert isinstance(model, MAttNet)
     words = torch.from_numpy(np.stack([world.words[row] for row in batch[:4]]))
     weights, attention, _ = model.language(words)
     for before, after, w, a in zip(words, erase(model, words), weights, attention, strict=True):
@@ -264,7 +265,8 @@ def test_every_weight_learns(name: str, world: World, truth: GroundTruth) -> Non
     else:
         its: World = world
         if recipe.inputs.top:
-            pointer = MAttNet(len(world.coder.vocabulary.words) + 1).eval()
+            pointer = RECIPES["mattnet"].build(world.coder).eval()
+            assert isinstance(pointer, Pointer)
             its = AdvisedWorld(truth, world.coder, pointer, world.coder)
         assert isinstance(model, Navigator)
         loss = imitation_loss(model, its, rows, is_student=False)

@@ -17,6 +17,8 @@ N_GEOMETRY = 7
 N_MATCHES = 3
 N_TOP = 3
 """Names of each neighbour's view that the pointer passes on. Source: Qi et al., 2020, section 4."""
+DROPOUT = 0.3
+"""The share of each vector that is left out while a network is trained."""
 FORGETTING = 0.3
 """The share of viewpoints in its memory that a navigator cannot look up while it is trained."""
 
@@ -167,17 +169,29 @@ class ActionScores(NamedTuple):
         return State(self.h, self.c, self.actions[torch.arange(len(action)), action])
 
 
+class Sizes(NamedTuple):
+    """How large a network is."""
+
+    n_words: int
+    """Words that it knows, and one for all others."""
+    embedding: int
+    """E."""
+    hidden: int
+    """H, an even number."""
+
+
 class WordEncoder(nn.Module):
     """A bidirectional LSTM over the words of an instruction, whose words are also those of names.
 
     All instructions of a batch have the same number of words, so nothing is padded.
     """
 
-    def __init__(self, n_words: int, embedding: int, hidden: int, dropout: float) -> None:
+    def __init__(self, sizes: Sizes) -> None:
         super().__init__()
-        self.embedding = nn.Embedding(n_words, embedding)
-        self.lstm = nn.LSTM(embedding, hidden // 2, batch_first=True, bidirectional=True)
-        self.dropout = nn.Dropout(dropout)
+        self.embedding = nn.Embedding(sizes.n_words, sizes.embedding)
+        half = sizes.hidden // 2  # of each direction
+        self.lstm = nn.LSTM(sizes.embedding, half, batch_first=True, bidirectional=True)
+        self.dropout = nn.Dropout(DROPOUT)
 
     def forward(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return X (B, L, H) and the last states h and c (B, H), of words (B, L)."""
@@ -218,9 +232,10 @@ class Attention(nn.Module):
 class SlotEncoder(nn.Module):
     """g(v): the vector of each slot, of its names, geometry, matches and viewpoint."""
 
-    def __init__(self, embedding: int, size: int, inputs: SlotInputs, n_remembered: int) -> None:
+    def __init__(self, sizes: Sizes, inputs: SlotInputs, n_remembered: int) -> None:
         super().__init__()
         self._inputs = inputs
+        embedding = sizes.embedding
         memory = embedding // 2
         width = (
             embedding * inputs.names
@@ -233,7 +248,7 @@ class SlotEncoder(nn.Module):
             self.top = nn.LSTM(embedding, embedding // 2, batch_first=True, bidirectional=True)
         if inputs.memory:
             self.memory = nn.Embedding(n_remembered + 1, memory, padding_idx=UNKNOWN)
-        self.linear = nn.Linear(width + 1, size)  # whether it is the slot of stopping
+        self.linear = nn.Linear(width + 1, sizes.hidden)  # whether it is the slot of stopping
 
     def forward(self, slots: Slots, names: Tensor) -> Tensor:
         """Return g(v), (B, S, H)."""
@@ -270,7 +285,11 @@ class SlotEncoder(nn.Module):
 class Navigator(nn.Module, ABC):
     """A model that scores actions; it neither acts nor searches nor decides when to stop."""
 
-    encoder: WordEncoder
+    def __init__(self, sizes: Sizes, inputs: SlotInputs, n_remembered: int) -> None:
+        super().__init__()
+        self.encoder = WordEncoder(sizes)
+        self.slots = SlotEncoder(sizes, inputs, n_remembered)
+        self.dropout = nn.Dropout(DROPOUT)
 
     def read(self, words: Tensor, tokens: Tensor) -> tuple[Reading, State]:
         """Read instructions (B, L), and the words of all names (n_names, T)."""

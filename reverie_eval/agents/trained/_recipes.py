@@ -9,7 +9,7 @@ from torch import nn
 
 from reverie_eval.agents.trained._coding import Coder
 from reverie_eval.agents.trained._model_file import ModelCard
-from reverie_eval.agents.trained._navigating import SlotInputs
+from reverie_eval.agents.trained._navigating import Sizes, SlotInputs
 from reverie_eval.agents.trained.navigators import Follower, Rcm, SelfMonitor
 from reverie_eval.agents.trained.pointers import MAttNet, NameRnn, Pointer
 from reverie_eval.errors import ReverieEvalError
@@ -43,7 +43,8 @@ class Recipe:
     """Whether a pointer reads expressions again without their most important word."""
     walk: Walk = "greedy"
     size: int | None = None
-    """The size of embeddings and hidden states; None for the network's own."""
+    """The size of embeddings and hidden states; None for 64, and hidden states of 128 in
+    navigators."""
 
     @property
     def is_pointer(self) -> bool:
@@ -83,10 +84,10 @@ class Recipe:
     def build(self, coder: Coder) -> nn.Module:
         """Return a network with random weights."""
         n_words = len(coder.vocabulary.words) + 1
-        sizes = {} if self.size is None else {"embedding": self.size, "hidden": self.size}
         if issubclass(self.network, Pointer):
-            return self.network(n_words, **sizes)
-        return self.network(n_words, len(coder.remembered), self.inputs, **sizes)
+            return self.network(Sizes(n_words, self.size or 64, self.size or 64))
+        sizes = Sizes(n_words, self.size or 64, self.size or 128)
+        return self.network(sizes, self.inputs, len(coder.remembered))
 
 
 _SELF_MONITOR = Recipe(SelfMonitor, epochs=8, student=0.5)

@@ -16,11 +16,10 @@ from reverie_eval.agents.trained._navigating import (
     Attention,
     Navigator,
     Reading,
-    SlotEncoder,
+    Sizes,
     SlotInputs,
     Slots,
     State,
-    WordEncoder,
 )
 
 
@@ -34,25 +33,14 @@ class Follower(Navigator):
     slots, attended to by its last state.
     """
 
-    def __init__(
-        self,
-        n_words: int,
-        n_remembered: int,
-        inputs: SlotInputs,
-        *,
-        embedding: int = 64,
-        hidden: int = 128,
-        dropout: float = 0.3,
-    ) -> None:
-        super().__init__()
-        self.encoder = WordEncoder(n_words, embedding, hidden, dropout)
-        self.slots = SlotEncoder(embedding, hidden, inputs, n_remembered)
+    def __init__(self, sizes: Sizes, inputs: SlotInputs, n_remembered: int) -> None:
+        super().__init__(sizes, inputs, n_remembered)
+        hidden = sizes.hidden
         self.see = Attention(hidden, hidden)
         self.lstm = nn.LSTMCell(2 * hidden, hidden)
         self.listen = Attention(hidden, hidden)
         self.combine = nn.Linear(2 * hidden, hidden, bias=False)
         self.score = nn.Linear(hidden, hidden, bias=False)
-        self.dropout = nn.Dropout(dropout)
 
     def forward(self, reading: Reading, state: State, slots: Slots) -> ActionScores:
         """Score the actions of B decisions."""
@@ -75,16 +63,9 @@ class Rcm(Follower):
     buildings of the evaluation.
     """
 
-    def __init__(
-        self,
-        n_words: int,
-        n_remembered: int,
-        inputs: SlotInputs,
-        *,
-        embedding: int = 64,
-        hidden: int = 128,
-    ) -> None:
-        super().__init__(n_words, n_remembered, inputs, embedding=embedding, hidden=hidden)
+    def __init__(self, sizes: Sizes, inputs: SlotInputs, n_remembered: int) -> None:
+        super().__init__(sizes, inputs, n_remembered)
+        hidden = sizes.hidden
         self.critic = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1))
 
     def forward(self, reading: Reading, state: State, slots: Slots) -> ActionScores:
@@ -112,19 +93,9 @@ class SelfMonitor(Navigator):
     is the vector of a slot.
     """
 
-    def __init__(
-        self,
-        n_words: int,
-        n_remembered: int,
-        inputs: SlotInputs,
-        *,
-        embedding: int = 64,
-        hidden: int = 128,
-        dropout: float = 0.3,
-    ) -> None:
-        super().__init__()
-        self.encoder = WordEncoder(n_words, embedding, hidden, dropout)
-        self.slots = SlotEncoder(embedding, hidden, inputs, n_remembered)
+    def __init__(self, sizes: Sizes, inputs: SlotInputs, n_remembered: int) -> None:
+        super().__init__(sizes, inputs, n_remembered)
+        hidden = sizes.hidden
         self.positions: Tensor
         self.register_buffer("positions", positions(MAX_WORDS, hidden), persistent=False)
         self.text = Attention(hidden, hidden)
@@ -133,7 +104,6 @@ class SelfMonitor(Navigator):
         self.action = nn.Linear(2 * hidden, hidden)
         self.monitor = nn.Linear(2 * hidden, hidden)
         self.progress = nn.Linear(MAX_WORDS + hidden, 1)
-        self.dropout = nn.Dropout(dropout)
 
     def forward(self, reading: Reading, state: State, slots: Slots) -> ActionScores:
         """Score the actions of B decisions."""

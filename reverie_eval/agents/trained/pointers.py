@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from reverie_eval.agents.trained._coding import N_AROUND, N_LOCATION, N_OFFSET, Panorama
-from reverie_eval.agents.trained._navigating import WordEncoder
+from reverie_eval.agents.trained._navigating import DROPOUT, Sizes, WordEncoder
 from reverie_eval.arrays import FloatArray
 
 
@@ -74,7 +74,9 @@ def candidates_of(questions: Sequence[Question]) -> Candidates:
 class Pointer(nn.Module, ABC):
     """A model that scores the objects at a viewpoint."""
 
-    encoder: WordEncoder
+    def __init__(self, sizes: Sizes) -> None:
+        super().__init__()
+        self.encoder = WordEncoder(sizes)
 
     @abstractmethod
     def forward(self, words: Tensor, tokens: Tensor, candidates: Candidates) -> Tensor:
@@ -92,11 +94,9 @@ class NameRnn(Pointer):
     name's words is what a candidate looks like; boxes are not read.
     """
 
-    def __init__(
-        self, n_words: int, *, embedding: int = 64, hidden: int = 64, dropout: float = 0.3
-    ) -> None:
-        super().__init__()
-        self.encoder = WordEncoder(n_words, embedding, hidden, dropout)
+    def __init__(self, sizes: Sizes) -> None:
+        super().__init__(sizes)
+        _, embedding, hidden = sizes
         self.expression = nn.Linear(hidden, hidden)
         self.candidate = nn.Sequential(
             nn.Linear(embedding, hidden), nn.ReLU(), nn.Linear(hidden, hidden)
@@ -129,10 +129,10 @@ class Phrases(NamedTuple):
 class Matching(nn.Module):
     """S(v | q): the cosine of a candidate's and a phrase's vector, each through an MLP."""
 
-    def __init__(self, size: int, phrase: int, hidden: int, dropout: float) -> None:
+    def __init__(self, size: int, phrase: int, hidden: int) -> None:
         super().__init__()
-        self.candidate = _mlp(size, hidden, dropout)
-        self.phrase = _mlp(phrase, hidden, dropout)
+        self.candidate = _mlp(size, hidden)
+        self.phrase = _mlp(phrase, hidden)
 
     def forward(self, candidates: Tensor, phrase: Tensor, row: Tensor) -> Tensor:
         """Return scores (n,), of candidates (n, V) and the phrases (B, E) of their rows (n,)."""
@@ -141,9 +141,9 @@ class Matching(nn.Module):
         return (v * q[row]).sum(dim=-1)
 
 
-def _mlp(size: int, hidden: int, dropout: float) -> nn.Sequential:
+def _mlp(size: int, hidden: int) -> nn.Sequential:
     return nn.Sequential(
-        nn.Linear(size, hidden), nn.ReLU(), nn.Dropout(dropout), nn.Linear(hidden, hidden)
+        nn.Linear(size, hidden), nn.ReLU(), nn.Dropout(DROPOUT), nn.Linear(hidden, hidden)
     )
 
 
@@ -160,16 +160,14 @@ class MAttNet(Pointer):
     it are the nearest of other names in any view, where MAttNet has one picture.
     """
 
-    def __init__(
-        self, n_words: int, *, embedding: int = 64, hidden: int = 64, dropout: float = 0.3
-    ) -> None:
-        super().__init__()
-        self.encoder = WordEncoder(n_words, embedding, hidden, dropout)
+    def __init__(self, sizes: Sizes) -> None:
+        super().__init__(sizes)
+        _, embedding, hidden = sizes
         self.attend = nn.Linear(hidden, len(MODULES), bias=False)  # f_m
         self.weigh = nn.Linear(hidden, len(MODULES))  # W_m
-        self.subject = Matching(embedding + 1, embedding, hidden, dropout)
-        self.location = Matching(N_LOCATION, embedding, hidden, dropout)
-        self.relation = Matching(embedding + N_OFFSET, embedding, hidden, dropout)
+        self.subject = Matching(embedding + 1, embedding, hidden)
+        self.location = Matching(N_LOCATION, embedding, hidden)
+        self.relation = Matching(embedding + N_OFFSET, embedding, hidden)
 
     def language(self, words: Tensor) -> Phrases:
         """Return what each module is to look for."""

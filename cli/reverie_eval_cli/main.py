@@ -40,8 +40,8 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
             },
             "Train and run an agent": {
                 "simulator": "shell:simulator",
-                "run": "agents:run_agent",
-                "train": "agents:train",
+                "run": "run:run_agent",
+                "train": "training:train",
             },
             "Send to an evaluation server": {
                 "login": "evaluation_server:login",

@@ -14,6 +14,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from reverie_eval import Evaluator, GroundTruth, ReverieEvalError, Scores, SubsetError
+from reverie_eval.files import parse_toml
 from reverie_eval.ground_truth import (
     GROUND_TRUTH_VARIABLE,
     bundled_splits,
@@ -460,4 +461,30 @@ jobs = click.option(
     metavar="N",
     type=Number(min=1),
     help="Number of worker processes.  [default: number of cores]",
+)
+
+
+def _read_agent_options(
+    _context: click.Context, _parameter: click.Parameter, given: Iterable[str]
+) -> dict[str, Any]:
+    """Read each NAME=VALUE: the value is one of TOML, or else text."""
+    return dict(map(_read_agent_option, given))
+
+
+def _read_agent_option(text: str) -> tuple[str, Any]:
+    name, mark, value = text.partition("=")
+    if not mark:
+        raise click.UsageError(f"--option {text}: expected NAME=VALUE")
+    try:
+        return name, parse_toml(f"value = {value}")["value"]
+    except ValueError:
+        return name, value
+
+
+agent_option = click.option(
+    "--option",
+    metavar="NAME=VALUE",
+    multiple=True,
+    callback=_read_agent_options,
+    help="An option of the agent; may be repeated.",
 )

@@ -82,7 +82,7 @@ def test_python_runs_the_module_alike(module: str) -> None:
 
 HEAVY = (
     *("fastapi", "pandas", "pydantic", "rich", "scipy", "shapely", "email.message"),
-    *("multiprocessing", "reverie_eval.analysis"),
+    *("multiprocessing", "reverie_eval.agents", "reverie_eval.analysis"),
 )
 LOADED = f"""
 import sys
@@ -94,10 +94,14 @@ sys.exit(status)
 
 
 @pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("options", [[], ["--protocol", "all"], ["--diagnose"]], ids=" ".join)
-def test_plain_scoring_imports_nothing_heavy(options: list[str]) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [SCORE, [*SCORE, "--protocol", "all"], [*SCORE, "--diagnose"], ["train", "--help"]],
+    ids=" ".join,
+)
+def test_what_needs_little_imports_nothing_heavy(words: list[str]) -> None:
     process = subprocess.run(
-        [sys.executable, "-c", LOADED, *SCORE, *options], capture_output=True, text=True, check=True
+        [sys.executable, "-c", LOADED, *words], capture_output=True, text=True, check=True
     )
     assert process.stderr == "[]\n"
 

@@ -10,7 +10,7 @@ from reverie_eval import GroundTruth, evaluate
 from reverie_eval.agents import BUILT_IN_AGENTS, AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.runner import RunPlan, check_agent
-from reverie_eval_cli.commands.agents import run_agent
+from reverie_eval_cli.commands.run import run_agent
 from reverie_eval_cli.main import main
 from tests.conftest import REPOSITORY, SAMPLES
 from tests.support.endpoints import endpoint

@@ -1,8 +1,10 @@
 """Work on many things in several processes."""
 
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from signal import SIG_BLOCK, SIG_SETMASK, SIGINT, pthread_sigmask
 from typing import TypeVar
 
 from reverie_eval.errors import ReverieEvalError
@@ -21,6 +23,22 @@ def can_start_processes() -> bool:
     if script.name == "<stdin>":
         return False
     return not script.is_file() or b"__name__" in script.read_bytes()
+
+
+@contextmanager
+def starting_processes() -> Iterator[None]:
+    """Start processes that Ctrl-C does not reach: a terminal sends it to all, and this one decides.
+
+    It is blocked here until they have started, and stays blocked in them, from their first moment.
+    """
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # otherwise the first process starts it, which ends blocking
+    blocked = pthread_sigmask(SIG_BLOCK, [SIGINT])
+    try:
+        yield
+    finally:
+        pthread_sigmask(SIG_SETMASK, blocked)
 
 
 def map_in_processes(
@@ -62,7 +80,9 @@ def map_in_processes(
     # has, may hang.
     with ProcessPool(jobs, context=get_context("spawn")) as pool:
         try:
-            yield from pool.map(work, items).result()
+            with starting_processes():
+                results = pool.map(work, items)
+            yield from results.result()
         except ProcessExpired as error:
             pool.stop()
             raise ReverieEvalError(

@@ -2,6 +2,7 @@
 
 import gc
 import os
+from signal import SIG_DFL, SIGINT, default_int_handler, getsignal, signal
 from typing import NoReturn
 
 
@@ -16,8 +17,14 @@ def run() -> NoReturn:
     # OpenBLAS, which numpy loads, starts a thread for each processor. Each would wait for work in a
     # busy loop first, for longer than scoring takes, also in processes that this one starts.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
+    # Nothing has begun while modules are imported: Ctrl-C ends the process without a word.
+    handler = getsignal(SIGINT)
+    if handler is default_int_handler:
+        signal(SIGINT, SIG_DFL)
     from reverie_eval_cli.main import main
 
+    if handler is default_int_handler:
+        signal(SIGINT, handler)
     os._exit(main())
 
 

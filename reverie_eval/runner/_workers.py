@@ -5,14 +5,15 @@ import pickle
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import islice
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
-from signal import SIG_IGN, SIGINT, signal
 from typing import Any
 
 from reverie_eval.errors import ReverieEvalError, RunError
 from reverie_eval.logs import Attempt, Step
+from reverie_eval.processes import starting_processes
 from reverie_eval.runner._walking import Job, Rows, RunPlan, Take, Walker
 from reverie_eval.scoring import Executor
 from reverie_eval.simulator import Environment
@@ -45,13 +46,16 @@ def walk_in_workers(
     pipes = [context.Pipe() for _ in range(jobs)]
     processes = []
     try:
-        for _, there in pipes:
-            if threads:
-                threading.Thread(target=_work, args=(plan, there, environment), daemon=True).start()
-                continue
-            processes.append(context.Process(target=_work_alone, args=(plan, there)))
-            processes[-1].start()
-            there.close()  # so that reading fails once its process has ended
+        with starting_processes():
+            for _, there in pipes:
+                if threads:
+                    work = partial(_work, plan, there, environment)
+                    threading.Thread(target=work, daemon=True).start()
+                    continue
+                process = context.Process(target=_work_alone, args=(plan, there))
+                process.start()
+                processes.append(process)
+                there.close()  # so that reading fails once its process has ended
         yield from _serve([here for here, _ in pipes], take)
     except (EOFError, ConnectionError):
         raise RunError(
@@ -106,7 +110,6 @@ def _work(plan: RunPlan, connection: Connection, environment: Environment | None
 
 
 def _work_alone(plan: RunPlan, connection: Connection) -> None:
-    signal(SIGINT, SIG_IGN)  # Ctrl-C reaches the whole group; the other end decides
     os.dup2(2, 1)  # what an agent prints is not a result
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _work(plan, connection)

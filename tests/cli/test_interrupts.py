@@ -1,0 +1,70 @@
+"""Ctrl-C, which a terminal sends to the command and to all processes that it has started."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import SAMPLES
+from tests.support.worlds import SPLIT
+
+# Python runs a module of this name before anything else, in each process.
+PRESSED = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "reverie_eval_cli.main":
+            press()
+
+def press():
+    try:
+        os.mkdir(os.environ["PRESSED"])  # once
+    except FileExistsError:
+        return
+    os.killpg(0, signal.SIGINT)
+
+if os.environ["WHEN"] == "importing":
+    sys.meta_path.insert(0, Finder())
+elif "--multiprocessing-fork" in sys.orig_argv:
+    press()
+"""
+
+
+def interrupted(when: str, words: list[str], folder: Path) -> tuple[int, str, str]:
+    """Return the status and both outputs of a command that is interrupted at a certain moment."""
+    (folder / "sitecustomize.py").write_text(PRESSED)
+    pressed = folder / "pressed"
+    process = subprocess.run(
+        [sys.executable, "-m", "reverie_eval_cli", *words],
+        env={**os.environ, "PYTHONPATH": str(folder), "PRESSED": str(pressed), "WHEN": when},
+        start_new_session=True,  # the group that is interrupted
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert pressed.exists()
+    return process.returncode, process.stdout, process.stderr
+
+
+def test_while_the_command_is_imported(tmp_path: Path) -> None:
+    assert interrupted("importing", ["--version"], tmp_path) == (-2, "", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "notes"),
+    [
+        pytest.param([str(SAMPLES), "--split", SPLIT, "--jobs", "2"], "", id="many files"),
+        pytest.param(
+            ["run", "random", "--split", SPLIT, "--jobs", "2", "-o", "{}/run"],
+            "note: the same command goes on with this run\n",
+            id="a run",
+        ),
+    ],
+)
+def test_while_processes_start(words: list[str], notes: str, tmp_path: Path) -> None:
+    words = [each.format(tmp_path) for each in words]
+    said = f"{notes}reverie-eval: interrupted\n"
+    assert interrupted("starting", words, tmp_path) == (2, "", said)

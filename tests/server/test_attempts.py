@@ -144,7 +144,7 @@ def test_what_cannot_be_noted_fails_no_upload(
     assert len(server.ask(OWNER, "GET", "/submissions").json()) == 1
 
 
-def test_what_was_noted_is_undone_with_the_submission(
+def test_a_submission_that_cannot_be_stored_is_noted_as_such(
     server: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
@@ -154,21 +154,6 @@ def test_what_was_noted_is_undone_with_the_submission(
         patch.setattr(Intake, "_worded", fail)  # the last that is done before the commit
         assert server.upload(OWNER).status_code >= 500
     assert [outcome for outcome, *_ in noted(server)] == ["internal"]
-    assert server.ask(OWNER, "GET", "/submissions").json() == []
-
-
-def test_a_database_that_is_lost_meanwhile_is_down(
-    server: Serving, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Going on without a connection would end in a reply with 500."""
-
-    def lose(*_: object) -> None:
-        raise OperationalError("", {}, Exception("gone"), connection_invalidated=True)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(attempts.Handled, "add", lose)
-        reply = server.upload(OWNER)
-    assert (reply.status_code, reply.json()["code"]) == (503, "database-down")
     assert server.ask(OWNER, "GET", "/submissions").json() == []
 
 

@@ -276,7 +276,7 @@ def test_an_upload_asks_no_more_than_it_needs(key: str | None, server: Serving) 
     with counting(server) as counts:
         assert server.upload(OWNER, server.distinct(), key=key).status_code == 201
     assert counts["statements"] <= UPLOAD
-    assert counts["transactions"] == 3  # who sends it; before and after it was scored
+    assert counts["transactions"] == 4  # who sends it; before and after it was scored; its record
 
 
 def test_other_leaderboards_take_no_statement_more(several: Serving) -> None:
@@ -294,8 +294,8 @@ def test_other_leaderboards_take_no_statement_more(several: Serving) -> None:
 @pytest.mark.parametrize(
     ("more", "statements", "transactions"),
     [
-        pytest.param({}, UPLOAD, 4, id="stored"),
-        pytest.param({"publish": "true"}, UPLOAD + PUBLICATION, 6, id="published"),
+        pytest.param({}, UPLOAD, 5, id="stored"),
+        pytest.param({"publish": "true"}, UPLOAD + PUBLICATION, 7, id="published"),
     ],
 )
 def test_a_file_of_somebody_else_is_an_upload_and_a_publication(

@@ -23,7 +23,6 @@ from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.transactions import Transactions
 from reverie_eval.server.http import middleware
 from reverie_eval.server.intake import uploads as reception
-from reverie_eval.server.intake.attempts import Attempts
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.run import run_server
 from reverie_eval.server.scoring.processes import ScoringProcesses, _Process
@@ -52,7 +51,6 @@ STEPS: Mapping[str, Step] = MappingProxyType(
         "it is scored": Step(FolderUploads, "staged"),
         "its file is written": Step(Transactions, "begin"),
         "its rows are written": Step(AuditLog, "append", "after"),
-        "its attempt is recorded": Step(Attempts, "record_with", "after"),
         "its file is named": Step(store, "_rename", "after"),
         "it is about to be committed": Step(DefaultDialect, "do_commit"),
         "it is committed": Step(DefaultDialect, "do_commit", "after"),

@@ -1,8 +1,7 @@
 """Every upload with its outcome, and counts of submissions: the start page of organisers.
 
-An upload is recorded in the transaction that stores its submission, or otherwise in one of its own,
-after it was handled. If that fails, the log says so, and the participant does not notice. Neither
-files nor their problems are stored.
+An upload is recorded after it was handled, in a transaction of its own. If that fails, the log says
+so, and the participant does not notice. Neither files nor their problems are stored.
 """
 
 import logging
@@ -13,13 +12,12 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
 
-from sqlalchemy import bindparam, delete, func, inspect, select
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy import bindparam, delete, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
 from reverie_eval.server import errors
-from reverie_eval.server.store.database import Database, is_unreachable
+from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.results import attempt_report
 from reverie_eval.server.store.tables import (
@@ -75,29 +73,6 @@ class Handled:
     """By the clock that measures how long it takes."""
     outcome: str = "scored"
     problems: int = 0
-    row: Attempt | None = None
-    """Its record."""
-
-    def add(self, session: Session, now: datetime) -> None:
-        """Insert the record, and delete those that are too old or too many."""
-        self.row = Attempt(
-            person_id=self.person.id,
-            split=self.split,
-            size=self.size,
-            outcome=self.outcome,
-            problems=self.problems,
-            milliseconds=round(1000 * (time.perf_counter() - self.began)),
-            at=now,
-        )
-        session.add(self.row)
-        session.flush()
-        before, last = now - timedelta(days=DAYS_KEPT), self.row.id - MOST_KEPT
-        session.execute(_DELETE_OLD, {"before": before, "last": last})
-
-    @property
-    def is_recorded(self) -> bool:
-        """Whether the record was inserted, and not undone with what else its transaction did."""
-        return self.row is not None and not inspect(self.row).transient
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,25 +96,25 @@ class Attempts:
             )
             raise
         finally:
-            if not attempt.is_recorded:
-                self._write(attempt)
+            self._record(attempt)
 
-    def record_with(self, session: Session, attempt: Handled) -> None:
-        """Record an upload in the transaction that stores its submission, if possible.
-
-        Raises SQLAlchemyError if the database cannot be reached: then nothing can be stored.
-        """
-        try:
-            with session.begin_nested():
-                attempt.add(session, self.clock())
-        except SQLAlchemyError as error:
-            if is_unreachable(error):
-                raise
-
-    def _write(self, attempt: Handled) -> None:
+    def _record(self, attempt: Handled) -> None:
+        """Insert the record, and delete those that are too old or too many."""
         try:
             with self.database.writing() as session:
-                attempt.add(session, self.clock())
+                row = Attempt(
+                    person_id=attempt.person.id,
+                    split=attempt.split,
+                    size=attempt.size,
+                    outcome=attempt.outcome,
+                    problems=attempt.problems,
+                    milliseconds=round(1000 * (time.perf_counter() - attempt.began)),
+                    at=self.clock(),
+                )
+                session.add(row)
+                session.flush()
+                before, last = row.at - timedelta(days=DAYS_KEPT), row.id - MOST_KEPT
+                session.execute(_DELETE_OLD, {"before": before, "last": last})
         except Exception:
             _LOGGER.exception("upload not recorded")
 

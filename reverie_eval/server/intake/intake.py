@@ -31,7 +31,7 @@ from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Actor, Transaction
 from reverie_eval.server.boards.schedules import Schedules, View
 from reverie_eval.server.errors import ConflictError, NotOpenError
-from reverie_eval.server.intake.attempts import Attempts, Handled
+from reverie_eval.server.intake.attempts import Attempts
 from reverie_eval.server.intake.quotas import check_quota, usage_of
 from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import Notices
@@ -204,7 +204,7 @@ class Intake:
                         score_file, split, navigation_only=method.navigation_only
                     )
                 accepted = (
-                    self.store(row, found, attempt, method, organiser)
+                    self.store(row, found, person, method, organiser)
                     if isinstance(found, Read)
                     else found
                 )
@@ -241,7 +241,7 @@ class Intake:
         self,
         row: Submission,
         read: Read,
-        attempt: Handled,
+        person: Person,
         method: Method,
         organiser: Actor | None,
     ) -> Accepted | None:
@@ -250,7 +250,6 @@ class Intake:
         Returns None if other rules than those that it was scored by are now in force.
         """
         row.id = secrets.token_hex(8)
-        person = attempt.person
         with (
             self.server.uploads.staged(row.sha256, read.packed) as keep,
             self.server.transactions.begin(organiser or person) as transaction,
@@ -280,7 +279,6 @@ class Intake:
             )
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {row.split}"
             notify(transaction, "submission", said, f"/submissions/{row.id}")
-            self.attempts.record_with(session, attempt)
             keep()
             # The receipt has the quota of the time at which a file was received, also long ago.
             left = usage.state(transaction.now) if organiser else quota

@@ -27,7 +27,8 @@ def read(server: Serving, name: str = "", cache: EntriesCache | None = None) -> 
     """Return the entries of a leaderboard of the open split."""
     cache = cache or EntriesCache(server.state.get(Schedules))
     with server.state.database.reading() as session:
-        return cache.entries(session, server.state.board(OPEN, name), server.clock())
+        (found,) = cache.entries(session, [server.state.board(OPEN, name)], server.clock())
+        return found
 
 
 def test_an_entry_has_what_is_published_and_nothing_else(several: Serving) -> None:

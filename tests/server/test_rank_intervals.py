@@ -88,7 +88,9 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
     lock: Any = WatchedLock(came)
     intervals = RankIntervals(_lock=lock)
     with state.database.reading() as session:
-        read = EntriesCache(state.get(Schedules)).entries(session, state.board(OPEN), three.clock())
+        (read,) = EntriesCache(state.get(Schedules)).entries(
+            session, [state.board(OPEN)], three.clock()
+        )
     rows = [Row(rank, entry) for rank, entry in enumerate(read.entries, 1)]
     with ThreadPoolExecutor(2) as pool:
         first, second = pool.map(compute, range(2))

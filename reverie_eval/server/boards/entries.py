@@ -166,12 +166,7 @@ class EntriesCache:
         """Return the cache of a server."""
         return cls(server.get(Schedules))
 
-    def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
-        """Return the entries of a leaderboard."""
-        (found,) = self.entries_of_all(session, [board], now)
-        return found
-
-    def entries_of_all(
+    def entries(
         self, session: Session, boards: Sequence[Board], now: datetime
     ) -> Sequence[BoardEntries]:
         """Return the entries of leaderboards of several splits, all with the same name.

@@ -19,7 +19,7 @@ from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.results import methods_table
 from reverie_eval.reporting.tables import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, ReportedMethod
-from reverie_eval.server.boards.entries import EntriesCache, Entry, Row, is_anonymous
+from reverie_eval.server.boards.entries import BoardEntries, EntriesCache, Entry, Row, is_anonymous
 from reverie_eval.server.boards.rank_intervals import RankInterval, RankIntervals
 from reverie_eval.server.csv_files import csv_text
 from reverie_eval.server.errors import MalformedError
@@ -118,9 +118,7 @@ class Filter:
         return since <= day <= until
 
 
-def leaderboard(
-    session: Session, cache: EntriesCache, board: Board, metric: str, now: datetime
-) -> Ranking:
+def leaderboard(board: Board, found: BoardEntries, metric: str, now: datetime) -> Ranking:
     """Rank the published submissions of a split, and sort reported results among them.
 
     Another leaderboard has only the submissions that have a result there.
@@ -137,15 +135,14 @@ def leaderboard(
     if metric not in board.sortable:
         known = ", ".join(board.sortable)
         raise MalformedError(f"cannot sort by {metric!r}; choose one of: {known}")
-    cached = cache.entries(session, board, now)
-    if metric not in cached.ranked:
-        cached.ranked[metric] = _ranked(cached.entries, CATALOGUE[metric])
+    if metric not in found.ranked:
+        found.ranked[metric] = _ranked(found.entries, CATALOGUE[metric])
     return Ranking(
         board=board,
         metric=metric,
-        rows=cached.ranked[metric],
-        apart=cached.apart,
-        metrics=cached.metrics,
+        rows=found.ranked[metric],
+        apart=found.apart,
+        metrics=found.metrics,
         now=now,
     )
 
@@ -399,16 +396,10 @@ class Rankings:
         now = server.clock()
         server.rules.follow(session)
         boards = [server.board(board.split, board.name) for board in boards]
-        self._entries.entries_of_all(session, boards, now)  # each is in the cache then
+        found = self._entries.entries(session, boards, now)
         return [
-            leaderboard(
-                session,
-                self._entries,
-                board,
-                board.primary.key if metric is None else metric,
-                now,
-            )
-            for board in boards
+            leaderboard(board, each, board.primary.key if metric is None else metric, now)
+            for board, each in zip(boards, found, strict=True)
         ]
 
     def detailed(self, session: Session, board: Board, metric: str | None = None) -> Ranking:

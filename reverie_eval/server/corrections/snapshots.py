@@ -177,9 +177,9 @@ class Snapshots:
         closing: Closing | None = None,
     ) -> SnapshotEntry:
         session, board = transaction.session, find_board(self.boards(), split)
-        entries = EntriesCache(self.schedules)
+        (entries,) = EntriesCache(self.schedules).entries(session, [board], as_of)
         ranking = replace(
-            leaderboard(session, entries, board, board.primary.key, as_of),
+            leaderboard(board, entries, board.primary.key, as_of),
             counts=count_submissions(session, split, closing.at if closing else None),
         )
         corrections = corrections_of(session, [board])[split]

@@ -9,7 +9,7 @@ import pytest
 from reverie_eval import evaluate
 from reverie_eval.agents import DEMO_AGENT
 from reverie_eval.runner import run_agent
-from reverie_eval.server.explore.episodes import EpisodeService
+from reverie_eval.server.explore.room import Showcase
 from tests.support.entries import entered, get, named, report_result, tables
 from tests.support.serving import (
     OPEN,
@@ -91,9 +91,9 @@ def test_a_team_that_hides_is_not_named(server: Serving) -> None:
 
 
 def test_an_example_with_its_instruction_and_answer(server: Serving) -> None:
-    page, shown = home(server), server.state.get(EpisodeService).example
+    page, shown = home(server), server.state.get(Showcase).example()
     assert shown is not None
-    board, example = shown
+    board, example = shown.board, shown.episode
     assert example.instruction in unescape(page)
     assert f"object {example.target_object}" in page
     assert f"Building of episode {example.instr_id}" in page

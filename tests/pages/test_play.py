@@ -19,9 +19,10 @@ from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.explore.episodes import Annotations, Browsing, EpisodeService
-from reverie_eval.server.explore.play import HumanWalk, sample
+from reverie_eval.server.explore.play_page import HumanWalk, sample
 from reverie_eval.server.scoring.boards import load_board
 from reverie_eval.server.settings import Split
+from reverie_eval.server.state import Reading
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.serving import (
     OPEN,
@@ -236,7 +237,8 @@ def test_a_sample_is_the_same_for_everyone_and_repeats_targets_last(server: Serv
 
 def browsing(server: Serving) -> Browsing:
     with server.state.database.reading() as session:
-        return server.state.get(EpisodeService).browse(session, None, OPEN, [])
+        reading = Reading(server.state, session, server.clock())
+        return server.state.get(EpisodeService).browse(reading, None, OPEN, [])
 
 
 def refused(error: type[Exception], action: Any, *given: Any) -> str:

@@ -21,7 +21,7 @@ from reverie_eval.agents import AGENTS, DEMO_AGENT
 from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
-from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
+from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED, Metric
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.report import ScoreReport
@@ -52,15 +52,14 @@ from reverie_eval.server.intake.submissions import (
     submission_of,
     with_public_episodes,
 )
-from reverie_eval.server.scoring.boards import Board, load_board, tasks_of
-from reverie_eval.server.scoring.contexts import Context, EpisodeValues, Scoring, check_signature
-from reverie_eval.server.settings import Split
-from reverie_eval.server.state import ServerState
+from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.scoring.contexts import Context, EpisodeValues, check_signature
+from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import Person, Submission, read_stored
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
 from reverie_eval.submissions import SubmissionColumns, read_headings
-from reverie_eval.tasks import DEFAULT_TASK, Task, name_on_server
+from reverie_eval.tasks import DEFAULT_TASK
 
 MOST_LISTED = 200
 """Submissions to choose from, at most; older ones can be opened by their links."""
@@ -235,56 +234,29 @@ class Browsing:
 class EpisodeService:
     """Access to episodes."""
 
-    def __init__(
-        self, boards: Mapping[str, Board], scoring: Scoring, submissions: SubmissionService
-    ) -> None:
-        self._first_task, *_ = tasks_of(boards)
-        self._boards, self._scoring, self._submissions = boards, scoring, submissions
-        self.comparing = Comparing(scoring)
-        # A correction changes the signatures.
-        self._example = lru_cache(1)(lambda _signatures: self._choose_example())
-        self._annotations = lru_cache(len(boards))(
+    def __init__(self, server: ServerState) -> None:
+        self._server, self._submissions = server, server.get(SubmissionService)
+        self.comparing = Comparing(server.scoring)
+        # A correction changes signatures.
+        self._annotations = lru_cache(len(server.boards))(
             lambda split, signature: Annotations.of(self._board_of(split, signature))
         )
-        self._walked = lru_cache(len(boards) * (len(AGENTS) + 1))(
+        self._walked = lru_cache(len(server.boards) * (len(AGENTS) + 1))(
             lambda split, signature, agent: self._walk(self._board_of(split, signature), agent)
         )
         self._headings = lru_cache(_HEADINGS_KEPT)(
-            lambda split, sha256, instr_id: self._scoring.run(headings_of, split, sha256, instr_id)
+            lambda *of_walk: server.scoring.run(headings_of, *of_walk)
         )
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
         """Return the service of a server."""
-        return cls(server.boards, server.scoring, server.get(SubmissionService))
+        return cls(server)
 
     @property
     def boards(self) -> Sequence[Board]:
         """The leaderboards of the open splits."""
-        return [board for board in self._boards.values() if not board.is_private]
-
-    @property
-    def signatures(self) -> tuple[str, ...]:
-        """What the open splits are scored by."""
-        return tuple(board.signature for board in self.boards)
-
-    @property
-    def example(self) -> tuple[Board, Episode] | None:
-        """An example of the first task, and its split: an open one, otherwise that of the demo.
-
-        Its shortest length is the median of all episodes. None if there is no such split.
-        """
-        return self._example(self.signatures)
-
-    def _choose_example(self) -> tuple[Board, Episode] | None:
-        own = [board for board in self.boards if board.task is self._first_task]
-        unseen_first = sorted(own, key=lambda board: board.truth.split != "val_unseen")
-        board = unseen_first[0] if unseen_first else _demo_board(self._first_task)
-        if board is None:
-            return None
-        scores = Annotations.of(board).scores
-        by_length = np.argsort(scores.episodes["shortest_length"], kind="stable")
-        return board, episode(scores, scores.instr_ids[by_length[len(by_length) // 2]])
+        return [board for board in self._server.boards.values() if not board.is_private]
 
     def _board_of(self, split: str, signature: str) -> Board:
         """Return the board of a split. Raises BusyError if it was corrected meanwhile."""
@@ -293,7 +265,7 @@ class EpisodeService:
         return board
 
     def _walk(self, board: Board, agent: str) -> Scores:
-        return self._scoring.run(score_agent, board.split, agent).scores(board)
+        return self._server.scoring.run(score_agent, board.split, agent).scores(board)
 
     def references(self, board: Board) -> Sequence[Reference]:
         """Return the reference agents' scores on a split, the best first; none on a private one.
@@ -309,7 +281,7 @@ class EpisodeService:
         return sorted(found, key=lambda each: each.scores[board.primary.key], reverse=True)
 
     def browse(
-        self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
+        self, reading: Reading, person: Person | None, split: str, submissions: Sequence[str]
     ) -> Browsing:
         """Return a split's episodes, with up to two submissions, for a person or a visitor.
 
@@ -327,10 +299,10 @@ class EpisodeService:
         return Browsing(
             board=board,
             annotations=annotations,
-            runs=self._runs(session, person, split, submissions),
-            choices=self.choices(session, person, [board])[split],
+            runs=self._runs(reading, person, split, submissions),
+            choices=self.choices(reading, person, [board])[split],
             compare=lambda: self.comparing.side_by_side(
-                board, self.shown_methods(session, board), annotations.scan
+                board, self.shown_methods(reading.session, board), annotations.scan
             ),
         )
 
@@ -363,35 +335,20 @@ class EpisodeService:
         return ShownMethod(row.id, _name_of_method(row), row.sha256, report.scores[key])
 
     def choices(
-        self, session: Session, person: Person | None, boards: Sequence[Board]
+        self, reading: Reading, person: Person | None, boards: Sequence[Board]
     ) -> Mapping[str, Sequence[Choice]]:
         """Return what a person may look at on open splits, by split.
 
         Their own submissions first, then those that everyone may see, each the newest first; then
         the reference agents. Raises UnreadableValueError if a row cannot be read.
         """
-        splits = [board.split for board in boards]
+        session, splits = reading.session, [board.split for board in boards]
         own = newest_of_each(session, person, splits, MOST_LISTED) if person else {}
         public = public_episodes_of_each(session, splits, MOST_LISTED)
         return {
-            board.split: self._choices(board, own.get(board.split, ()), public[board.split])
+            board.split: _choices(board, own.get(board.split, ()), public[board.split], reading.now)
             for board in boards
         }
-
-    def _choices(
-        self, board: Board, own: Sequence[Submission], public: Sequence[Submission]
-    ) -> Sequence[Choice]:
-        known = {row.id for row in own}
-        others = [
-            self._public(row)
-            for row in public
-            if row.id not in known and board.measures_as(read_stored(ScoreReport, row.report))
-        ]
-        theirs = [_own(row, row.team.name, _name_of_method(row)) for row in own]
-        return [*theirs, *others, *map(_agent, AGENTS)]
-
-    def _view(self, session: Session) -> View:
-        return self._submissions.view(session, self._submissions.server.clock())
 
     def _board(self, split: str) -> Board:
         board = next((board for board in self.boards if board.split == split), None)
@@ -403,23 +360,23 @@ class EpisodeService:
         return board
 
     def _runs(
-        self, session: Session, person: Person | None, split: str, chosen: Sequence[str]
+        self, reading: Reading, person: Person | None, split: str, chosen: Sequence[str]
     ) -> Sequence[Run]:
         # All at once, so that looking up each takes no statement.
         named = [each for each in chosen if each.isalnum() and each not in AGENTS]
-        ids = Submission.id.in_(named)
+        ids, session = Submission.id.in_(named), reading.session
         rows = session.scalars(select(Submission).where(ids)) if named else ()
         known = {row.id: row for row in rows}
         public = with_public_episodes(split).where(ids).with_only_columns(Submission.id)
         shown = set(session.scalars(public)) if known else set()
         return [
-            self._run(session, person, split, each, known[each] if each in shown else None)
+            self._run(reading, person, split, each, known[each] if each in shown else None)
             for each in chosen
         ]
 
     def _run(
         self,
-        session: Session,
+        reading: Reading,
         person: Person | None,
         split: str,
         chosen: str,
@@ -429,19 +386,15 @@ class EpisodeService:
         if chosen in AGENTS:
             return Run(_agent(chosen), self._walked(split, self._board(split).signature, chosen))
         if public is not None and (person is None or public.team_id != person.team_id):
-            report = scored_submission(public)
-            return Run(self._public(public), self._submissions.episodes(report), report.sha256)
-        if person is None:
+            report, choice = scored_submission(public), _public(public, reading.now)
+        elif person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
-        report = submission_of(session, person, chosen, self._view(session))
-        if report.split != split:
-            raise NotFoundError(f"your team has no submission {chosen!r}")
-        choice = _own(report, report.team, report.method.name)
+        else:
+            report = submission_of(reading.session, person, chosen, View.of(reading))
+            if report.split != split:
+                raise NotFoundError(f"your team has no submission {chosen!r}")
+            choice = _own(report, report.team, report.method.name)
         return Run(choice, self._submissions.episodes(report), report.sha256)
-
-    def _public(self, row: Submission) -> Choice:
-        team = public_team(row, self._submissions.server.clock())
-        return Choice(row.id, _name_of_method(row), "public", team, row.published_at)
 
 
 def instructions_of(board: Board) -> Mapping[str, str]:
@@ -467,13 +420,22 @@ def _demo_walks(board: Board) -> Path:
     return DEMO_AGENT / f"{board.truth.split}.json"
 
 
-def _demo_board(task: Task) -> Board | None:
-    """Return an open split of the demo world, which tasks of other packages do not have."""
-    bundle = bundle_folder(DEMO_BUNDLES, task.name) / "val_unseen.npz"
-    if not bundle.is_file():
-        return None
-    split = Split(bundle=bundle, visibility="open", task=task.name)
-    return load_board(name_on_server(task.name, "val_unseen"), split, bundle)
+def _choices(
+    board: Board, own: Sequence[Submission], public: Sequence[Submission], now: datetime
+) -> Sequence[Choice]:
+    known = {row.id for row in own}
+    others = [
+        _public(row, now)
+        for row in public
+        if row.id not in known and board.measures_as(read_stored(ScoreReport, row.report))
+    ]
+    theirs = [_own(row, row.team.name, _name_of_method(row)) for row in own]
+    return [*theirs, *others, *map(_agent, AGENTS)]
+
+
+def _public(row: Submission, now: datetime) -> Choice:
+    team = public_team(row, now)
+    return Choice(row.id, _name_of_method(row), "public", team, row.published_at)
 
 
 def _own(found: Submission | ScoredSubmission, team: str, method: str) -> Choice:

@@ -114,7 +114,7 @@ def show_splits(visitor: Visitor) -> Response:
     with visitor.reading() as reading:
 
         def read(boards: Sequence[Board]) -> Sequence[Sequence[Choice]]:
-            return [*episodes.choices(reading.session, reading.caller, boards).values()]
+            return [*episodes.choices(reading, reading.caller, boards).values()]
 
         boards = episodes.boards
         splits = [*zip(boards, read_each(boards, read), strict=True)]
@@ -220,7 +220,7 @@ def _faults(browsing: Browsing, scan: str) -> Sequence[tuple[str, str]]:
 def _browsing(visitor: Call, reading: CallReading, split: str, selection: Selection) -> Browsing:
     """Return the requested episodes and submissions, if the visitor may see them."""
     episodes, submissions = visitor.server.get(EpisodeService), selection.submissions
-    return episodes.browse(reading.session, reading.caller, split, submissions)
+    return episodes.browse(reading, reading.caller, split, submissions)
 
 
 def _episode_content(

@@ -5,20 +5,24 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Self
 
+import numpy as np
 from markupsafe import Markup
 
 from reverie_eval.analysis import Episode
+from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder
 from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import AnswerView
 from reverie_eval.reporting.building_svg import BuildingPicture
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.server.explore import compare_page, method_page, pages, play_page
-from reverie_eval.server.explore.episodes import EpisodeService, Reference
+from reverie_eval.server.explore.episodes import Annotations, EpisodeService, Reference
 from reverie_eval.server.http.rendering import drawn
 from reverie_eval.server.jobs import Job
 from reverie_eval.server.rooms import Room
-from reverie_eval.server.scoring.boards import Board
+from reverie_eval.server.scoring.boards import Board, load_board
+from reverie_eval.server.settings import Split
 from reverie_eval.server.state import ServerState
+from reverie_eval.tasks import Task, name_on_server
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,38 +40,58 @@ class Example:
 class Showcase:
     """What the first page shows of episodes."""
 
-    def __init__(self, episodes: EpisodeService) -> None:
-        self._episodes = episodes
+    def __init__(self, episodes: EpisodeService, first_task: Task) -> None:
+        self._episodes, self._first_task = episodes, first_task
         # Drawn once for the same signatures: it takes longer than the rest of the page.
-        self._drawn = lru_cache(1)(lambda _: self._draw())
+        self._drawn = lru_cache(1)(lambda _signatures: self._draw())
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
         """Return what a server shows."""
-        return cls(server.get(EpisodeService))
+        return cls(server.get(EpisodeService), server.tasks[0])
 
     def example(self) -> Example | None:
-        """Return an episode of the first task; None if there is no open split."""
-        return self._drawn(self._episodes.signatures)
+        """Return an episode of the first task; None if there is no open split.
+
+        Its shortest length is the median of all episodes.
+        """
+        return self._drawn(tuple(board.signature for board in self._episodes.boards))
 
     def references(self, board: Board) -> Sequence[Reference]:
         """Return the reference agents' scores on a split, the best first; none on a private one."""
         return self._episodes.references(board)
 
     def _draw(self) -> Example | None:
-        if self._episodes.example is None:
+        board = self._board()
+        if board is None:
             return None
-        board, episode = self._episodes.example
-        view = AnswerView.at_path_end(episode)
-        walk = EpisodeMap.of({"": episode}).along_path()
-        building = BuildingPicture(walk, episode.target_object)
+        scores = Annotations.of(board).scores
+        by_length = np.argsort(scores.episodes["shortest_length"], kind="stable")
+        shown = scores.episode(scores.instr_ids[by_length[len(by_length) // 2]])
+        view = AnswerView.at_path_end(shown)
+        walk = EpisodeMap.of({"": shown}).along_path()
+        building = BuildingPicture(walk, shown.target_object)
         return Example(
             board=board,
-            episode=episode,
+            episode=shown,
             is_browsable=board in self._episodes.boards,
             picture=drawn(building.svg(plays=True)),
             answer=None if view is None else drawn(answer_svg(view, 1)),
         )
+
+    def _board(self) -> Board | None:
+        """Return an open split of the first task: the server's own, or that of the demo world.
+
+        Tasks of other packages have no demo world.
+        """
+        own = [board for board in self._episodes.boards if board.task is self._first_task]
+        if own:
+            return min(own, key=lambda board: board.truth.split != "val_unseen")
+        bundle = bundle_folder(DEMO_BUNDLES, self._first_task.name) / "val_unseen.npz"
+        if not bundle.is_file():
+            return None
+        split = Split(bundle=bundle, visibility="open", task=self._first_task.name)
+        return load_board(name_on_server(split.task, "val_unseen"), split, bundle)
 
 
 def jobs(server: ServerState) -> Iterable[Job]:

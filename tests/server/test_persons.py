@@ -1,5 +1,6 @@
 """Persons: their e-mail addresses, names that several teams share, new names, moves."""
 
+import re
 from collections.abc import Iterator
 from datetime import timedelta
 from typing import Any
@@ -13,15 +14,14 @@ from reverie_eval.server.accounts.people import change_person, merge_teams, pers
 from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.audit.log import audit_reports, entries, name_digest
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.intake.pages import team_of
-from reverie_eval.server.state import Reading
+from reverie_eval.server.intake import pages
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.paging import Page
 from tests.support.acting import NOON, acting, add_person, add_team, create_token
 from tests.support.flat_world import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
+from tests.support.visiting import said, signed_in
 
 ADDRESS = "ada@example.org"
 
@@ -293,7 +293,9 @@ def test_lists_have_neither_merged_teams_nor_deleted_people(change_of: Transacti
     assert len(people.list_people(session, Page(limit=2)).rows) == 2
 
 
-def test_a_team_s_page_has_its_latest_submissions_and_one_s_own_tokens(server: Serving) -> None:
+def test_a_team_s_page_has_its_latest_submissions_and_one_s_own_tokens(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sent = []
     for who, hours in ((OWNER, 0), (MATE, 1), (OTHER, 2)):
         server.clock.now = NOON + timedelta(hours=hours)
@@ -303,11 +305,15 @@ def test_a_team_s_page_has_its_latest_submissions_and_one_s_own_tokens(server: S
         hint = create_token(transaction, OWNER).hint
         add_person(transaction, "Blue", "Gone")
         delete_person(transaction, person_named(transaction.session, "Gone").id)
-    with server.state.database.reading() as session:
-        view = View.of(Reading(server.state, session, NOON))
-        team = team_of(session, server.person(OWNER), 2, view)
-        latest = team_of(session, server.person(OWNER), 1, view)
-        assert [person.name for person in team.people] == ["Aaron", OWNER, MATE]
-        assert [token.hint for token in team.tokens] == [hint, server.tokens[OWNER][:11]]
-    assert [each.id for each in team.submissions] == [sent[1], sent[0]]
-    assert ([each.id for each in latest.submissions], latest.submitted) == ([sent[1]], 2)
+    visitor = signed_in(server, OWNER)
+    team = visitor.get("/team").text
+    line = re.search(r"<h1.*?</h1>\s*<p class=\"quiet\">(.*?)</p>", team, re.DOTALL)
+    assert line
+    assert line[1] == f"Aaron, {OWNER} (you), {MATE}"
+    own = [hint, server.tokens[OWNER][:11]]
+    assert re.findall(r"<code>(rv_[\w-]{8})", team) == own
+    assert re.findall(r'href="/submissions/(\w+)"', team) == [sent[1], sent[0]]
+    monkeypatch.setattr(pages, "MOST_SUBMISSIONS", 1)
+    latest = visitor.get("/team")
+    assert re.findall(r'href="/submissions/(\w+)"', latest.text) == [sent[1]]
+    assert "The latest 1 of 2 are shown" in said(latest)

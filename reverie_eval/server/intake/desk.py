@@ -6,6 +6,7 @@ all submissions to a split.
 """
 
 from collections.abc import AsyncIterator, Mapping
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -24,7 +25,6 @@ from reverie_eval.server.http.callers import (
     Desk,
     Organiser,
     Posted,
-    Server,
     SplitName,
 )
 from reverie_eval.server.http.exchange import exchange_of
@@ -32,7 +32,6 @@ from reverie_eval.server.http.openapi import BINARY, file_reply, organiser_route
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
-from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.intake import attempts, quotas, uploads
 from reverie_eval.server.intake.bulk import archive_of
 from reverie_eval.server.intake.emailed_files import submit_for_sender
@@ -69,15 +68,11 @@ def draw_files(
         )
 
 
-async def posted_file(
-    request: Request, desk: Desk, server: Server, runtime: Runtime, began: uploads.Began
-) -> AsyncIterator[uploads.ReceivedFile]:
+async def posted_file(upload: uploads.Arriving, desk: Desk) -> AsyncIterator[uploads.ReceivedFile]:
     """Read the form when a place is free; after a problem, the input is kept."""
-    organiser = await run_in_threadpool(desk.person)
-    async with uploads.taken(request, server, runtime, began, organiser) as file:
-        check_form(desk, file, draw_files)
-        async with runtime.scoring.hold(organiser.team_id):
-            yield file
+    check = partial(check_form, desk, draw_problem=draw_files)
+    async with upload.take(await run_in_threadpool(desk.person), check) as file:
+        yield file
 
 
 PostedFile = Annotated[uploads.ReceivedFile, Depends(posted_file, scope="function")]

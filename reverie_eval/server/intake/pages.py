@@ -19,7 +19,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Depends, Query
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 from sqlalchemy import select
@@ -32,8 +32,6 @@ from reverie_eval.reporting.service import known_task
 from reverie_eval.schemas.service import (
     Method,
     ProblemDocument,
-    QuotaReport,
-    Schedule,
     ScoredSubmission,
     SubmissionChange,
 )
@@ -44,11 +42,11 @@ from reverie_eval.server.boards.leaderboard import Rankings, ranks
 from reverie_eval.server.boards.reviews import is_disqualified, standing_reviews
 from reverie_eval.server.boards.schedules import Schedules, View
 from reverie_eval.server.errors import MalformedError, NotFoundError, RejectedFileError
-from reverie_eval.server.http.callers import Call, CallReading, Member, Posted, Server, Visitor
+from reverie_eval.server.http.callers import Call, CallReading, Member, Posted, Visitor
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page, see_other, show_faults_with
-from reverie_eval.server.http.runtime import Runtime, ScoringTurn
+from reverie_eval.server.http.runtime import ScoringTurn
 from reverie_eval.server.identity import Sessions
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import (
@@ -57,7 +55,7 @@ from reverie_eval.server.intake.submissions import (
     publication,
     submission_of,
 )
-from reverie_eval.server.intake.uploads import Began, ReceivedFile, method_from, taken
+from reverie_eval.server.intake.uploads import Arriving, ReceivedFile, method_from
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import count_rows
@@ -86,19 +84,18 @@ def show_submit(
     return _draw_form(member, {"split": split, "human": human})
 
 
-async def posted_file(
-    request: Request, member: Member, server: Server, runtime: Runtime, began: Began
-) -> AsyncIterator[ReceivedFile]:
+async def posted_file(upload: Arriving, member: Member) -> AsyncIterator[ReceivedFile]:
     """Read the form when a place is free; after a problem, the input is kept."""
-    exchange = exchange_of(request.scope)
+    exchange = exchange_of(member.request.scope)
     exchange.uploaded_to = ""
-    person = await run_in_threadpool(member.person)
-    async with taken(request, server, runtime, began, person) as file:
+
+    def check(file: ReceivedFile) -> None:
         is_to_be_scored = file.fields.get("what") == "score"
         exchange.uploaded_to = file.fields.get("split", "") if is_to_be_scored else None
         check_form(member, file, _draw_problem)
-        async with runtime.scoring.hold(person.team_id):
-            yield file
+
+    async with upload.take(await run_in_threadpool(member.person), check) as file:
+        yield file
 
 
 PostedFile = Annotated[ReceivedFile, Depends(posted_file, scope="function")]
@@ -135,7 +132,9 @@ def _draw_form(
             "submit.html",
             status=status,
             typed={**NOTHING, **typed},
-            splits=split_quotas(server, reading),
+            boards=server.boards.values(),
+            left=server.get(Intake).quotas(reading.session, reading.person),
+            schedules=server.get(Schedules).in_effect(reading.session),
             required=server.settings.required_metadata,
             limit=server.settings.limits.upload_mebibytes,
             **{"report": None, "other_split": "", **outcome},
@@ -176,58 +175,38 @@ def check_form(
 
 @router.get("/team")
 def show_team(member: Member) -> Response:
-    """Show the team's people, quotas, submissions and tokens."""
+    """Show the team's people, quotas and latest submissions, and one's own tokens."""
     server = member.server
     with member.reading() as reading:
-        team = team_of(reading.session, reading.person, MOST_SUBMISSIONS, View.of(reading))
-        left = [(each.board.split, each.quota) for each in split_quotas(server, reading)]
+        session, person, view = reading.session, reading.person, View.of(reading)
+        of_team = Submission.team_id == person.team_id
+        latest = select(Submission).where(of_team).order_by(Submission.received_at.desc())
+        rows = session.scalars(latest.limit(MOST_SUBMISSIONS))
+        submissions = [view.report(row) for row in rows]
+        people = select(Person).where(Person.team_id == person.team_id, Person.deleted_at.is_(None))
+        tokens = select(Token).where(Token.person_id == person.id).order_by(Token.id.desc())
         return page(
             reading,
             "team.html",
-            team=team,
-            person=reading.person,
-            left=left,
+            person=person,
+            people=session.scalars(people.order_by(Person.name)).all(),
+            submissions=submissions,
+            submitted=count_rows(session, Submission, of_team),
+            tokens=session.scalars(tokens).all(),
             signed_in_with=reading.browser and reading.browser.token_id,
-            by_task=_by_task(team.submissions),
-            progress=_progress(team, server, reading.now),
+            left=server.get(Intake).quotas(session, person),
+            by_task=_by_task(submissions),
+            progress=_progress(submissions, server, reading.now),
         )
 
 
-@dataclass(frozen=True, slots=True)
-class TeamView:
-    """What people see of their own team."""
-
-    people: Sequence[Person]
-    submissions: Sequence[ScoredSubmission]
-    """The latest, the newest first."""
-    submitted: int
-    """The number of all submissions."""
-    tokens: Sequence[Token]
-    """The tokens of the person who asks, the newest first."""
-
-
-def team_of(session: Session, person: Person, most: int, view: View) -> TeamView:
-    """Return a person's team, with its latest submissions."""
-    of_team = Submission.team_id == person.team_id
-    latest = select(Submission).where(of_team).order_by(Submission.received_at.desc()).limit(most)
-    members = select(Person).where(Person.team_id == person.team_id, Person.deleted_at.is_(None))
-    tokens = select(Token).where(Token.person_id == person.id).order_by(Token.id.desc())
-    return TeamView(
-        people=session.scalars(members.order_by(Person.name)).all(),
-        submissions=[view.report(row) for row in session.scalars(latest)],
-        submitted=count_rows(session, Submission, of_team),
-        tokens=session.scalars(tokens).all(),
-    )
-
-
-def _progress(team: TeamView, server: ServerState, now: datetime) -> Mapping[str, Timeline]:
+def _progress(
+    team: Sequence[ScoredSubmission], server: ServerState, now: datetime
+) -> Mapping[str, Timeline]:
     """Return the submissions over time, by split, of those with at least two scored ones."""
-    of_splits = {
-        split: [each for each in team.submissions if each.split == split] for split in server.boards
-    }
     drawn = {
-        split: progress_of(submissions, server.board(split).primary, now)
-        for split, submissions in of_splits.items()
+        split: progress_of([each for each in team if each.split == split], board.primary, now)
+        for split, board in server.boards.items()
     }
     return {split: timeline for split, timeline in drawn.items() if timeline is not None}
 
@@ -255,24 +234,6 @@ def _by_task(submissions: Sequence[ScoredSubmission]) -> Sequence[TaskSubmission
             task.title, task.headline_metrics(CATALOGUE), task.primary_metric(CATALOGUE).key, found
         )
         for task, found in groups.items()
-    ]
-
-
-@dataclass(frozen=True, slots=True)
-class SplitQuota:
-    """A split, for one person."""
-
-    board: Board
-    quota: QuotaReport
-    schedule: Schedule
-
-
-def split_quotas(server: ServerState, reading: CallReading) -> Sequence[SplitQuota]:
-    """Return the quota of every split for the visitor."""
-    quotas = server.get(Intake).quotas(reading.session, reading.person)
-    schedules = server.get(Schedules).in_effect(reading.session)
-    return [
-        SplitQuota(board, quotas[name], schedules[name]) for name, board in server.boards.items()
     ]
 
 

@@ -4,8 +4,9 @@ The body is the result file itself (plain, gzipped or in a zip archive, which is
 content) or a form with a field ``file``. The method is described in the query or in the form.
 """
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from io import BytesIO
 from typing import Annotated, Any, NamedTuple
@@ -192,15 +193,46 @@ async def counted(request: Request) -> Exchange:
 Counted = Annotated[Exchange, Depends(counted)]
 
 
-async def began(server: Server) -> datetime:
-    """Return when a request began, before it waits for anything."""
-    return server.clock()
+@dataclass(frozen=True, slots=True)
+class Incoming:
+    """An upload that is not read yet."""
+
+    request: Request
+    server: ServerState
+    runtime: RuntimeState
+    began: datetime
+    """When the request began, before it waited for anything."""
+
+    @asynccontextmanager
+    async def take(
+        self, person: Person, check: Callable[[ReceivedFile], None] = lambda _: None
+    ) -> AsyncIterator[ReceivedFile]:
+        """Read a person's upload as soon as there is room for it, and wait for a process.
+
+        Holds a place and the process until the end. An upload is not read while it waits for a
+        place, so its arrival is dated back by that time: a queue makes nobody late. What ``check``
+        refuses waits for no process.
+        """
+        server, exchange = self.server, exchange_of(self.request.scope)
+        exchange.team = person.team_id
+        async with self.runtime.uploads.hold(person.team_id):
+            waited = max(server.clock() - self.began, timedelta())
+            file = await receive(self.request, server.settings.limits, server.clock)
+            exchange.split = fields_of(self.request, file).get("split", "")
+            check(file)
+            async with self.runtime.scoring.hold(person.team_id):
+                yield file._replace(arrived=file.arrived - waited)
 
 
-Began = Annotated[datetime, Depends(began)]
+async def incoming(request: Request, server: Server, runtime: Runtime) -> Incoming:
+    """Return an upload before anything is read or looked up."""
+    return Incoming(request, server, runtime, server.clock())
 
 
-async def sender(_: Began, caller: Caller) -> Person:
+Arriving = Annotated[Incoming, Depends(incoming)]
+
+
+async def sender(_: Arriving, caller: Caller) -> Person:
     """Return the sender of an upload, before the upload is read."""
     return await run_in_threadpool(caller.person)
 
@@ -208,43 +240,20 @@ async def sender(_: Began, caller: Caller) -> Person:
 Sender = Annotated[Person, Depends(sender)]
 
 
-@asynccontextmanager
-async def taken(
-    request: Request, server: ServerState, runtime: RuntimeState, began: datetime, person: Person
-) -> AsyncIterator[ReceivedFile]:
-    """Read a person's upload as soon as there is room for it, and hold its place.
-
-    An upload is not read while it waits for a place, so its arrival is dated back by that time: a
-    queue makes nobody late.
-    """
-    exchange = exchange_of(request.scope)
-    exchange.team = person.team_id
-    async with runtime.uploads.hold(person.team_id):
-        waited = max(server.clock() - began, timedelta())
-        file = await receive(request, server.settings.limits, server.clock)
-        exchange.split = fields_of(request, file).get("split", "")
-        yield file._replace(arrived=file.arrived - waited)
-
-
-async def received(
-    request: Request, server: Server, runtime: Runtime, began: Began, person: Sender
-) -> AsyncIterator[ReceivedFile]:
+async def received(upload: Arriving, person: Sender) -> AsyncIterator[ReceivedFile]:
     """Read the upload when the sender is known and a place is free, and wait for a process.
 
     From here on, every problem document includes the submissions left.
     """
-    split = request.path_params["split"]
+    server, split = upload.server, upload.request.path_params["split"]
 
     def quota_left() -> QuotaReport:
         with server.database.reading() as session:
             return server.get(Intake).quotas(session, person, split)[split]
 
     if split in server.boards:
-        exchange_of(request.scope).quota = quota_left
-    async with (
-        taken(request, server, runtime, began, person) as file,
-        runtime.scoring.hold(person.team_id),
-    ):
+        exchange_of(upload.request.scope).quota = quota_left
+    async with upload.take(person) as file:
         yield file
 
 
@@ -253,14 +262,10 @@ Received = Annotated[ReceivedFile, Depends(received, scope="function")]
 
 
 async def received_by_organiser(
-    request: Request, organiser: Organiser, server: Server, runtime: Runtime, began: Began
+    upload: Arriving, organiser: Organiser
 ) -> AsyncIterator[ReceivedFile]:
     """Read a file that an organiser submits for a person."""
-    person = await run_in_threadpool(organiser.person)
-    async with (
-        taken(request, server, runtime, began, person) as file,
-        runtime.scoring.hold(person.team_id),
-    ):
+    async with upload.take(await run_in_threadpool(organiser.person)) as file:
         yield file
 
 

@@ -146,6 +146,10 @@ def test_health_does_not_wait_for_what_hangs(
         while (failed := _failed_within(seconds, server, monkeypatch)) != hanging:
             seconds *= 2  # on a slow machine, what does not hang takes its time as well
             assert seconds < PATIENCE, failed
+        remedies = health_of(server)[1]["remedies"]
+    late = f"not done after {seconds:g} seconds"
+    assert remedies["database"].startswith(f"{late}: the machine, the database or the store is too")
+    assert remedies["uploads"] == f"not checked, because 'database' was {late}"
 
 
 def _failed_within(

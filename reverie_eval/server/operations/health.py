@@ -144,9 +144,15 @@ class Health:
         with move_on_after(SECONDS_TO_ANSWER):
             await run_sync(self._run_checks, passed, abandon_on_cancel=True)
             jobs = await run_sync(self._jobs.reports, abandon_on_cancel=True)
-        failed = [name for name in self.checks if not passed.get(name)]
-        failed += [f"{JOB}{name}" for name in self._jobs.failing()]
-        return HealthReport.of({name: remedy_of(name) for name in failed}, jobs)
+        done = dict(passed)  # the thread may go on
+        failed = [name for name, is_well in done.items() if not is_well]
+        failing = [f"{JOB}{name}" for name in self._jobs.failing()]
+        remedies = {
+            **{name: remedy_of(name) for name in failed},
+            **_late([name for name in self.checks if name not in done]),
+            **{name: remedy_of(name) for name in failing},
+        }
+        return HealthReport.of(remedies, jobs)
 
     def _run_checks(self, passed: MutableMapping[str, bool]) -> None:
         """Run all checks and record each result at once, because a later check may hang."""
@@ -160,6 +166,20 @@ class Health:
                 passed[name] = False
             else:
                 passed[name] = True
+
+
+def _late(checks: Sequence[str]) -> Mapping[str, str]:
+    """Return what it means for checks that time ran out: during the first, before the others."""
+    if not checks:
+        return {}
+    slow, *others = checks
+    reason = f"not done after {SECONDS_TO_ANSWER:g} seconds"
+    _LOGGER.error("unhealthy", extra={"fields": {"failed": slow, "reason": reason}})
+    return {
+        slow: f"{reason}: the machine, the database or the store is too busy, or hangs; see which "
+        "before you repair anything",
+        **dict.fromkeys(others, f"not checked, because {slow!r} was {reason}"),
+    }
 
 
 def score_content(context: Context, split: str, name: str, content: bytes) -> ScoreReport:

@@ -72,10 +72,6 @@ class SettingsError(RejectedError):
     subject = "settings"
 
 
-class PhasesError(ValueError):
-    """The phases of a split overlap, or one of them has no end although it needs one."""
-
-
 def _known_task(name: str) -> str:
     try:
         return find_task(name).name
@@ -260,38 +256,24 @@ class Split(_Section):
         return self
 
     def check_phases(self, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
-        """Check that phases can apply; raises the errors of the two checks below."""
-        self.check_release(phases, release_scores)
-        self.check_overlap(phases)
-
-    def check_release(self, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
-        """Check that scores can be held back as long as they should be.
+        """Check that each submission is in one phase, and that scores are held back until an end.
 
         Raises
         ------
         ValueError
-            If the solution is public.
-        PhasesError
-            If a phase has no end.
+            If phases overlap, one has no end that needs one, or the solution is public anyway.
         """
-        if release_scores == "at-once":
-            return
-        if self.visibility == "open":
+        if release_scores == "phase-end" and self.visibility == "open":
             raise ValueError("scores of an open split cannot be held back; its solution is public")
-        for phase in phases:
+        for phase in phases if release_scores == "phase-end" else ():
             if phase.closes is None:
                 message = "scores can be held back only if every phase has `closes`"
-                raise PhasesError(f"{message}, and {phase.name!r} has none")
-
-    def check_overlap(self, phases: Sequence[Phase]) -> None:
-        """Check that no submission belongs to two phases; PhasesError names two that overlap."""
-        pair = first_overlap(phases)
-        if pair is None:
-            return
-        first, second = pair
-        told = " and ".join(f"{each.name!r} ({each.period or 'always open'})" for each in pair)
-        remedy = f"{first.name!r} must close before {second.name!r} opens"
-        raise PhasesError(f"the phases {told} overlap; {remedy}")
+                raise ValueError(f"{message}, and {phase.name!r} has none")
+        if pair := first_overlap(phases):
+            told = " and ".join(f"{each.name!r} ({each.period or 'always open'})" for each in pair)
+            first, second = pair
+            remedy = f"{first.name!r} must close before {second.name!r} opens"
+            raise ValueError(f"the phases {told} overlap; {remedy}")
 
     @property
     def effective_quota(self) -> Quota:

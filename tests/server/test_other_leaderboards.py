@@ -20,7 +20,6 @@ from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.platforms.export import export
 from reverie_eval.server.scoring.boards import Board, load_boards
 from reverie_eval.server.settings import SETTINGS_FILE, SettingsError, load_settings
-from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
 from tests.support.correcting import rescored
@@ -338,9 +337,9 @@ def test_the_doctor_and_the_check_look_at_all_of_them(several: Serving, folder: 
     submission = sent(several, submission_for(PRIVATE), split=PRIVATE)
     with several.state.database.writing() as session:
         row = session.get_one(Submission, submission["id"])
-        result = results_of(row)[STRICT]
+        result = row.results[STRICT]
         report = result.report.model_copy(update={"scores": {"rgs": 1 / 3}})
-        store_result(row, STRICT, result.model_copy(update={"report": report}))
+        row.store_result(STRICT, result.model_copy(update={"report": report}))
     faults = {each.check: each.what for each in examine(folder) if each.kind == "fault"}
     assert "exact values of 1 result were stored" in faults["secrets"]
     assert "the receipt differs from the submission's row" in faults["receipts"]

@@ -25,7 +25,6 @@ from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFoundError
 from reverie_eval.server.operations.keys import replace_key, revoke_key
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission
 from tests.support.acting import AUDIT_LOG, NOON
 from tests.support.serving import OPEN, OWNER, Serving
@@ -198,12 +197,12 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
         state.get(Snapshots).take(transaction, NewSnapshot(split=OPEN, title="another"))
     with state.database.writing() as session:
         _, later, _ = session.scalars(select(Submission).order_by(Submission.received_at)).all()
-        known = results_of(later)[""]
+        known = later.results[""]
         by_another = THIRD.sign_again(known.receipt)
         about = {"report": known.report, "replaced_at": NOON, "reason": "corrected"}
         earlier = [EarlierResult(**about, receipt=each) for each in (known.receipt, by_another)]
-        store_result(later, "", known.model_copy(update={"earlier": earlier}))
-        store_result(later, "strict", known)
+        later.store_result("", known.model_copy(update={"earlier": earlier}))
+        later.store_result("strict", known)
         third = session.scalars(select(StoredSnapshot).where(StoredSnapshot.number == 3)).one()
         by_third = THIRD.sign_again(Envelope.model_validate(third.envelope))
         third.envelope = by_third.model_dump(mode="json")
@@ -215,9 +214,9 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
         session = transaction.session
         submissions = session.scalars(select(Submission).order_by(Submission.received_at)).all()
         first, later, last = submissions
-        assert [result.receipt.key_ids for result in results_of(first).values()] == [[signed_by]]
-        assert [result.receipt.key_ids for result in results_of(last).values()] == [[SECOND.key_id]]
-        own, strict = results_of(later)[""], results_of(later)["strict"]
+        assert [result.receipt.key_ids for result in first.results.values()] == [[signed_by]]
+        assert [result.receipt.key_ids for result in last.results.values()] == [[SECOND.key_id]]
+        own, strict = later.results[""], later.results["strict"]
         assert [each.receipt.key_ids for each in own.earlier] == [[SECOND.key_id], [THIRD.key_id]]
         assert own.earlier[1].receipt == by_another
         for receipt in (own.receipt, own.earlier[0].receipt, strict.receipt):

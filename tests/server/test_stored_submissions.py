@@ -33,7 +33,6 @@ from reverie_eval.server.intake.submissions import (
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.state import Reading
 from reverie_eval.server.store.paging import Page
-from reverie_eval.server.store.results import results_of, scored_submission, store_result
 from reverie_eval.server.store.tables import ClusterSums, Submission
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
@@ -72,7 +71,7 @@ def change(server: Serving, submission: str, who: str = OWNER, **changes: object
 def known(server: Serving, submission: str) -> ScoredSubmission:
     """Return all that is stored of a submission."""
     with server.state.database.reading() as session:
-        return scored_submission(session.get_one(Submission, submission))
+        return session.get_one(Submission, submission).as_scored()
 
 
 def store(server: Serving, submission: str, **columns: object) -> None:
@@ -204,8 +203,8 @@ def test_a_report_has_everything_that_is_stored(several: Serving) -> None:
     )
     with server.state.database.writing() as session:
         row = session.get_one(Submission, submission)
-        own = results_of(row)[""]
-        store_result(row, "", own.model_copy(update={"earlier": [earlier]}))
+        own = row.results[""]
+        row.store_result("", own.model_copy(update={"earlier": [earlier]}))
         row.method = {**row.method, "description": "walks"}
     times = {
         "published_at": NOON + HOUR,

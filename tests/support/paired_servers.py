@@ -22,7 +22,6 @@ from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import Bundle, pack_texts
 from reverie_eval.schemas.service import BoardResult
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import Submission
 from tests.support.serving import OTHER_BOARDS, PRIVATE, OpenServer, Serving, adjusted, settings_of
 from tests.support.signing import payload_in, receipt_in
@@ -160,12 +159,12 @@ class Twins:
         for server in self.servers:
             with server.state.database.writing() as session:
                 row = session.get_one(Submission, submission_id)
-                for name, result in results_of(row).items():
+                for name, result in row.results.items():
                     scores = dict.fromkeys(result.report.scores, _MADE_UP)
                     report = result.report.model_copy(update={"scores": scores})
                     receipt = receipt_in(result.receipt).model_copy(update={"scores": scores})
                     envelope = server.state.signer.sign(receipt)
-                    store_result(row, name, BoardResult(report=report, receipt=envelope))
+                    row.store_result(name, BoardResult(report=report, receipt=envelope))
 
     def _ask(
         self, server: Serving, identifiers: Identifiers, who: str | None, *request: str, **more: Any

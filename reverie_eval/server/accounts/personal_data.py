@@ -15,7 +15,6 @@ from reverie_eval.server.accounts.tokens import revoke_all, token_report
 from reverie_eval.server.audit.log import audit_reports, entries, new_name_digest, row_name
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError
-from reverie_eval.server.store.results import attempt_report
 from reverie_eval.server.store.tables import (
     Attempt,
     AuditEntry,
@@ -60,7 +59,7 @@ def personal_data(session: Session, person_id: int, organiser: str) -> PersonalD
             _submission_record(row)
             for row in session.scalars(submissions.order_by(Submission.received_at))
         ],
-        attempts=list(map(attempt_report, session.scalars(attempts))),
+        attempts=list(map(Attempt.as_seen, session.scalars(attempts))),
         audit=[
             each
             if each.actor_row == name

@@ -36,9 +36,8 @@ from reverie_eval.server.audit.receipts import Signer, read_as
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError, no_split
 from reverie_eval.server.messages.queue import messages_of
-from reverie_eval.server.settings import Channel, PhasesError, Split
+from reverie_eval.server.settings import Channel, Split
 from reverie_eval.server.state import Reading, ServerState
-from reverie_eval.server.store.results import results_of, scored_submission
 from reverie_eval.server.store.tables import Message, SetSchedule, Submission, read_stored
 
 RECENT = timedelta(days=1)
@@ -219,11 +218,9 @@ class Schedules:
     def _check(self, split: str, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
         try:
             self._splits[split].check_phases(phases, release_scores)
-        except PhasesError as error:
+        except ValueError as error:
             remedy = "change it at /desk/phases or with `reverie-eval server phase set`"
             raise ConflictError(f"{error}; {remedy}") from None
-        except ValueError as error:
-            raise ConflictError(f"{error}") from None
 
 
 def _rows(session: Session) -> Mapping[str, Sequence[SetSchedule]]:
@@ -265,7 +262,7 @@ class View:
 
     def report(self, row: Submission) -> ScoredSubmission:
         """Return a submission as its team may see it."""
-        known, until = scored_submission(row), self.held_until(row)
+        known, until = row.as_scored(), self.held_until(row)
         if until is None:
             return known
         held = {"boards": self.boards(row), "scores_held_until": until}
@@ -273,7 +270,7 @@ class View:
 
     def boards(self, row: Submission) -> Mapping[str, BoardResult]:
         """Return a submission's results on other leaderboards, unless scores are held back."""
-        known = {name: result for name, result in results_of(row).items() if name}
+        known = {name: result for name, result in row.results.items() if name}
         if self.held_until(row) is None:
             return known
         return {name: self._withheld(result) for name, result in known.items()}

@@ -30,7 +30,6 @@ from reverie_eval.server.boards.reviews import is_disqualified, reviews_of
 from reverie_eval.server.scoring.boards import Board, find_board, without_version
 from reverie_eval.server.scoring.contexts import Context
 from reverie_eval.server.store.paging import Listed, Page, list_page
-from reverie_eval.server.store.results import results_of, store_result, stored_in_report
 from reverie_eval.server.store.tables import Correction, Review, Submission, read_stored
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
 
@@ -114,14 +113,14 @@ def _replace(
 ) -> None:
     report = rescored.report
     row = transaction.session.get_one(Submission, job.submission_id)
-    results = results_of(row)
+    results = row.results
     known, quota = results.get(board.name), read_as(Receipt, results[""].receipt).quota
     if known is not None and board.measures_as(known.report):
         return  # another process has done it meanwhile
     earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]
     receipt = transaction.audit_log.signer.sign_result(row, report, quota)
     result = BoardResult(report=report, receipt=receipt, earlier=earlier)
-    store_result(row, board.name, result)
+    row.store_result(board.name, result)
     row.rescored_at = transaction.now
     if rescored.sums is not None:
         store_sums(transaction.session, row.id, {board.name: rescored.sums})
@@ -204,7 +203,14 @@ class _ScoredBy(NamedTuple):
 
 def _signature_and_fingerprint(name: str) -> _ScoredBy:
     """Return columns of the reports on a leaderboard; NULL without a result."""
-    return _ScoredBy(stored_in_report(name, "signature"), stored_in_report(name, "fingerprint"))
+
+    def column(field: str) -> ColumnElement[str | None]:
+        found: ColumnElement[str | None] = (
+            Submission.boards[(name, "report", field)] if name else Submission.report[field]
+        ).as_string()
+        return found
+
+    return _ScoredBy(column("signature"), column("fingerprint"))
 
 
 def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:
@@ -228,7 +234,7 @@ def changes(
     correction = _current_correction(session, board)
     chosen = select(Submission).where(Submission.split == board.split)
     rows = session.scalars(chosen.order_by(Submission.received_at, Submission.id)).all()
-    known = {row.id: results_of(row).get(board.name) for row in rows}
+    known = {row.id: row.results.get(board.name) for row in rows}
     before = [
         {} if name in first_results else _before(result, correction)
         for name, result in known.items()

@@ -30,7 +30,6 @@ from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import ScoringTurn
 from reverie_eval.server.intake.submissions import SubmissionService, with_public_episodes
 from reverie_eval.server.scoring.boards import Board
-from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import Submission
 
 router = APIRouter()
@@ -150,7 +149,7 @@ def _paired(
     """Compare results, by the names of their methods, on the same episodes."""
     chosen = select(Submission).where(Submission.id.in_(named.values()))
     chosen = chosen.options(joinedload(Submission.team), joinedload(Submission.person))
-    reports = {row.id: scored_submission(row) for row in session.scalars(chosen)}
+    reports = {row.id: row.as_scored() for row in session.scalars(chosen)}
     return submissions.compare(board, {name: reports[each] for name, each in named.items()})
 
 

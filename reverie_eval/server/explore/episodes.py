@@ -55,7 +55,6 @@ from reverie_eval.server.intake.submissions import (
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.scoring.contexts import Context, EpisodeValues, check_signature
 from reverie_eval.server.state import Reading, ServerState
-from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import Person, Submission, read_stored
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
 from reverie_eval.submissions import SubmissionColumns, read_headings
@@ -386,7 +385,7 @@ class EpisodeService:
         if chosen in AGENTS:
             return Run(_agent(chosen), self._walked(split, self._board(split).signature, chosen))
         if public is not None and (person is None or public.team_id != person.team_id):
-            report, choice = scored_submission(public), _public(public, reading.now)
+            report, choice = public.as_scored(), _public(public, reading.now)
         elif person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
         else:

@@ -19,7 +19,6 @@ from reverie_eval.schemas.organising import AttemptReport
 from reverie_eval.server import errors
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.paging import Listed, Page, list_page
-from reverie_eval.server.store.results import attempt_report
 from reverie_eval.server.store.tables import (
     IS_CHANGE,
     IS_SHOWN,
@@ -124,7 +123,7 @@ def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[Att
     rows = select(Attempt)
     if outcome:
         rows = rows.where(Attempt.outcome == outcome)
-    return list_page(session, rows, Attempt.id, page, attempt_report, newest_first=True)
+    return list_page(session, rows, Attempt.id, page, Attempt.as_seen, newest_first=True)
 
 
 @dataclass(frozen=True, slots=True)

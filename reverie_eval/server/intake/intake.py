@@ -39,7 +39,6 @@ from reverie_eval.server.messages.queue import notify
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.scoring.contexts import Context, open_file
 from reverie_eval.server.state import Reading, ServerState
-from reverie_eval.server.store.results import store_result
 from reverie_eval.server.store.tables import (
     IS_SHOWN,
     SAME_FILE,
@@ -271,7 +270,7 @@ class Intake:
             row.scored_at = transaction.now
             for name, report in read.reports.items():
                 receipt = self.server.signer.sign_result(row, report, quota)
-                store_result(row, name, BoardResult(report=report, receipt=receipt))
+                row.store_result(name, BoardResult(report=report, receipt=receipt))
             notify_of_same_file(transaction, row)  # the log's last entry is one that the row shows
             described = method.model_dump(mode="json", exclude_defaults=True)
             transaction.record(

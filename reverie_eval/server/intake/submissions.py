@@ -42,7 +42,6 @@ from reverie_eval.server.scoring.contexts import Context, EpisodeValues, check_s
 from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.paging import Listed, Page, cut, wrong_cursor
-from reverie_eval.server.store.results import results_of, scored_submission, store_result
 from reverie_eval.server.store.tables import IS_SHOWN, Person, Review, Submission, read_stored
 from reverie_eval.server.store.uploads import stored_pieces, stored_upload
 
@@ -370,7 +369,7 @@ class SubmissionService:
         """
         with self.server.database.reading() as session:
             self.server.rules.follow(session)
-            known = scored_submission(_row_of(session, person, submission_id))
+            known = _row_of(session, person, submission_id).as_scored()
             if not change.model_fields_set:
                 view = self.view(session, self.server.clock())
                 return submission_of(session, person, submission_id, view)
@@ -383,7 +382,7 @@ class SubmissionService:
                     "the organiser has disqualified this submission; until the review is lifted, "
                     "it cannot be unpublished or withdrawn"
                 )
-            results, before = results_of(row), _editable(row)
+            results, before = row.results, _editable(row)
             if any(
                 results[name].report.signature != known.results[name].report.signature
                 for name in drawn
@@ -393,7 +392,7 @@ class SubmissionService:
                 )
             for name, (intervals, _) in drawn.items():
                 report = results[name].report.model_copy(update={"intervals": intervals})
-                store_result(row, name, results[name].model_copy(update={"report": report}))
+                row.store_result(name, results[name].model_copy(update={"report": report}))
             sums = {name: of_board for name, (_, of_board) in drawn.items()}
             store_sums(transaction.session, row.id, sums)
             self._apply(change, row, now)

@@ -260,7 +260,7 @@ def _at_schedules(session: Session, settings: Settings) -> Iterator[Finding]:
     for report in filter(lambda report: report.desk, reports):
         split, now = settings.splits[report.split], report.in_effect
         try:
-            split.check_release(now.phases, now.release_scores)
+            split.check_phases(now.phases, now.release_scores)
         except ValueError as error:
             remedy = f"run `reverie-eval server phase reset {settings.folder} {report.split}`"
             message = f"{report.split}, as set at the desk: {error}; {remedy}"

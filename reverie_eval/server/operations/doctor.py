@@ -39,7 +39,6 @@ from reverie_eval.server.operations.checks import NEWEST_UPLOAD, Finding, check_
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
-from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
 from reverie_eval.server.store.uploads import ENDING, Uploads, UploadsError, name_of
 from reverie_eval.text import count_text, first_few
@@ -117,11 +116,11 @@ def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, ScoredS
     chosen = select(Submission).where(Submission.id.in_(names))
     try:
         rows = {row.id: row for row in session.scalars(chosen)}
-        yield from [(name, scored_submission(rows[name])) for name in names]
+        yield from [(name, rows[name].as_scored()) for name in names]
     except (KeyError, *REFUSALS):  # those without a team or a person are not found
         for name in names:
             try:
-                yield name, scored_submission(session.get_one(Submission, name))
+                yield name, session.get_one(Submission, name).as_scored()
             except REFUSALS:
                 yield name, None
 

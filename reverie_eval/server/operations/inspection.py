@@ -11,7 +11,6 @@ from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.intake.submissions import record_inspection
 from reverie_eval.server.opening import opened_server
 from reverie_eval.server.settings import Settings
-from reverie_eval.server.store.results import scored_submission
 from reverie_eval.server.store.uploads import stored_upload
 
 
@@ -39,7 +38,7 @@ def inspect(
                     f"the file of {submission_id} was deleted on {row.upload_deleted_at:%Y-%m-%d}, "
                     "because it was old and not published"
                 )
-            known = scored_submission(row)
+            known = row.as_scored()
         board = state.board(known.split)
         if not board.measures_as(known.report):
             raise ConflictError(

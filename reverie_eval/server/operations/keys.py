@@ -22,7 +22,6 @@ from reverie_eval.server.opening import acting, opened
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import signer_of
 from reverie_eval.server.store.database import AT_ONCE
-from reverie_eval.server.store.results import results_of, store_result
 from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission, read_stored
 
 
@@ -176,10 +175,10 @@ def _sign_again(row: Submission, key_id: str, signer: Signer) -> int:
         number += 1
         return signer.sign_again(receipt)
 
-    for name, known in results_of(row).items():
+    for name, known in row.results.items():
         earlier = [
             each.model_copy(update={"receipt": signed(each.receipt)}) for each in known.earlier
         ]
         changed = {"receipt": signed(known.receipt), "earlier": earlier}
-        store_result(row, name, known.model_copy(update=changed))
+        row.store_result(name, known.model_copy(update=changed))
     return number

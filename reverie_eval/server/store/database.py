@@ -9,7 +9,7 @@ import errno
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -119,10 +119,10 @@ class Database:
     @contextmanager
     def trying(self) -> Iterator[Session]:
         """Open a session like :meth:`writing`, and undo at its end what was written."""
-        with suppress(_UndoneError), self.writing() as session:
+        with self.writing() as session:
             yield session
             session.flush()
-            raise _UndoneError
+            session.rollback()
 
     def upgrade(self) -> None:
         """Migrate the tables to this version, from any released version or from none."""
@@ -234,10 +234,6 @@ def _read_json(stored: str | bytes) -> Any:
         return json.loads(stored)
     except (ValueError, RecursionError):
         raise UnreadableValueError("a stored JSON text cannot be read") from None
-
-
-class _UndoneError(Exception):
-    """Ends a transaction that is to leave no trace."""
 
 
 def _alembic(connection: sa.Connection) -> Config:

@@ -1,7 +1,7 @@
 """The tables of the database."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any, Literal, TypeVar
 from unicodedata import category, normalize
@@ -21,8 +21,15 @@ from sqlalchemy import (
 from sqlalchemy.ext.hybrid import hybrid_property
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
-from reverie_eval.schemas.organising import TokenKind
-from reverie_eval.schemas.service import ReleaseScores, Role, Verdict
+from reverie_eval.schemas.organising import AttemptReport, TokenKind
+from reverie_eval.schemas.service import (
+    BoardResult,
+    Method,
+    ReleaseScores,
+    Role,
+    ScoredSubmission,
+    Verdict,
+)
 from reverie_eval.server.store.database import UnreadableValueError
 
 Report = TypeVar("Report", bound=BaseModel)
@@ -279,6 +286,42 @@ class Submission(Base):
             return "withdrawn"
         return "published" if self.published_at else "unpublished"
 
+    @property
+    def results(self) -> Mapping[str, BoardResult]:
+        """All results by leaderboard, that on the split's main one, which is "", first.
+
+        On another leaderboard, a submission that was received before the leaderboard was added has
+        no result until it is scored again.
+        """
+        own = {"report": self.report, "receipt": self.receipt, "earlier": self.earlier}
+        return {
+            name: read_stored(BoardResult, stored)
+            for name, stored in {"": own, **self.boards}.items()
+        }
+
+    def store_result(self, name: str, result: BoardResult) -> None:
+        """Store the result on a leaderboard, in place of an earlier one."""
+        stored = result.model_dump(mode="json")
+        if name:
+            self.boards = {**self.boards, name: stored}
+        else:
+            self.report, self.receipt = stored["report"], stored["receipt"]
+            self.earlier = stored["earlier"]
+
+    def as_scored(self) -> ScoredSubmission:
+        """Return everything stored about it, including what its team may not see yet."""
+        boards = dict(self.results)
+        own = boards.pop("")
+        return self.as_report(
+            ScoredSubmission,
+            team=self.team.name,
+            person=self.person.name,
+            method=read_stored(Method, self.method),
+            **dict(own),
+            boards=boards,
+            scores_held_until=None,
+        )
+
 
 IS_SHOWN = Submission.published_at.is_not(None) & Submission.withdrawn_at.is_(None)
 """Whether everyone sees a submission, for statements."""
@@ -511,3 +554,7 @@ class Attempt(Base):
     """Bytes; after unpacking, if the server got that far."""
     milliseconds: Mapped[int]
     person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
+
+    def as_seen(self) -> AttemptReport:
+        """Return what organisers see of it."""
+        return self.as_report(AttemptReport, person=self.person.name, team=self.person.team.name)

@@ -106,7 +106,6 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
     """Put around the routes what every request passes, the innermost first."""
     limits, runtime = settings.limits, app.state.runtime
     app.add_middleware(middleware.HeadRequests)
-    app.add_middleware(middleware.FormCharsets)
     app.add_middleware(
         middleware.BodyLimits,
         seconds=limits.seconds_for_body,

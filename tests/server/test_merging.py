@@ -1,6 +1,5 @@
 """Two teams that become one: what they share from then on, and what stays as it was."""
 
-import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -127,20 +126,6 @@ def test_a_merge_is_logged_with_what_went_over(server: Serving) -> None:
         repeats = {row.id: row.repeat for row in session.scalars(select(Submission))}
     assert (repeats[theirs], repeats[mine]) == ("", mine)
     assert sorted(repeats.values())[:2] == ["", ""]
-
-
-def test_of_very_many_that_went_over_the_log_has_number_and_digest(
-    server: Serving, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(people, "MOST_LISTED", 1)
-    ids = sorted(
-        server.upload(OTHER, server.distinct()).json()["submission"]["id"] for _ in range(2)
-    )
-    merge(server)
-    moved = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]["details"]["moved"]
-    digest = hashlib.sha256(f"{ids[0]}\n{ids[1]}".encode()).hexdigest()
-    assert moved["submission"] == {"number": 2, "sha256": digest}
-    assert len(moved["person"]) == 1, "listed: they are not more than one"
 
 
 def test_grants_go_over(server: Serving) -> None:

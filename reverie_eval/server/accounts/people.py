@@ -1,11 +1,10 @@
 """Teams and people: adding, changing, merging and listing them.
 
 A team that was merged stays as a row, because receipts and the audit log have its name. The audit
-log also has the ids of all rows that moved; of a great many, their number and digest.
+log also has the ids of all rows that moved.
 """
 
-import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from sqlalchemy import Update, select, update
 from sqlalchemy.exc import IntegrityError
@@ -20,8 +19,6 @@ from reverie_eval.server.store.tables import Grant, Person, Submission, Team, na
 
 _MOVED = (Person, Submission, Grant)
 """The tables whose rows belong to a team."""
-MOST_LISTED = 200
-"""Rows of a table that the entry of a merge lists, at most."""
 
 
 def add_team(transaction: Transaction, new: schemas.NewTeam) -> schemas.TeamReport:
@@ -92,8 +89,8 @@ def merge_teams(transaction: Transaction, new: schemas.NewMerge) -> schemas.Merg
         team,
         report.team,
         **report.model_dump(exclude={"team"}),
-        moved={name: _listed(rows) for name, rows in ids.items() if rows},
-        marked=_listed(marked),
+        moved={name: rows for name, rows in ids.items() if rows},
+        marked=marked,
     )
     return report
 
@@ -279,14 +276,6 @@ def _write(transaction: Transaction, row: Team | Person, taken: str) -> None:
             transaction.add(row)
     except IntegrityError:
         raise ConflictError(taken) from None
-
-
-def _listed(ids: Sequence[object]) -> Sequence[object] | Mapping[str, object]:
-    """Return ids for the audit log: all, or the number and the digest of very many."""
-    if len(ids) <= MOST_LISTED:
-        return ids
-    digest = hashlib.sha256("\n".join(map(str, ids)).encode()).hexdigest()
-    return {"number": len(ids), "sha256": digest}
 
 
 def _check_names(team: Team, into: Team) -> None:

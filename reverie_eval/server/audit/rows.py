@@ -12,19 +12,7 @@ from itertools import chain, groupby, islice
 from operator import itemgetter
 from typing import Any, NamedTuple, Self, TypeAlias, get_args
 
-from sqlalchemy import (
-    Column,
-    ColumnElement,
-    Select,
-    SQLColumnExpression,
-    String,
-    Table,
-    cast,
-    except_,
-    literal,
-    select,
-    union_all,
-)
+import sqlalchemy as sa
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from reverie_eval.receipts import key_id_of
@@ -32,29 +20,9 @@ from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import Verdict
 from reverie_eval.server.audit.keys import all_keys
 from reverie_eval.server.audit.log import KEY_REPLACED, entries, name_digest, row_name
+from reverie_eval.server.store import tables
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.paging import LARGEST
-from reverie_eval.server.store.tables import (
-    SUBMITTED,
-    UPLOAD_DELETED,
-    AuditEntry,
-    Base,
-    Correction,
-    Decision,
-    Grant,
-    JoinRequest,
-    News,
-    Notice,
-    Person,
-    ReportedResult,
-    Review,
-    SetSchedule,
-    SigningKey,
-    StoredSnapshot,
-    Submission,
-    Team,
-    Token,
-)
 
 _Values: TypeAlias = Mapping[str, Any]
 _ENDS_OF_KEYS = (KEY_REPLACED, "signing key revoked")
@@ -76,22 +44,22 @@ class Action(NamedTuple):
         return f"{self.name} ({self.row}, {self.at:%Y-%m-%d %H:%M:%S})"
 
 
-_Actions: TypeAlias = Select[Any, Any, Any]
+_Actions: TypeAlias = sa.Select[Any, Any, Any]
 """Selects name, row and time of actions."""
 
 
 def mismatches(session: Session) -> Iterator[str]:
     """Describe every disagreement between the audit log and the rows of the database."""
     # The database compares them: there may be millions.
-    visible = union_all(*(shown.actions for shown in _VISIBLE)).subquery().select()
-    logged = select(AuditEntry.action, AuditEntry.row, AuditEntry.at)
-    lasting = logged.where(AuditEntry.action.in_(_LASTING))
+    visible = sa.union_all(*(shown.actions for shown in _VISIBLE)).subquery().select()
+    logged = sa.select(tables.AuditEntry.action, tables.AuditEntry.row, tables.AuditEntry.at)
+    lasting = logged.where(tables.AuditEntry.action.in_(_LASTING))
     for action in _difference(session, lasting, visible):
         yield f"{action}: logged, but no longer in the database"
     for action in _difference(session, visible, logged):
         yield f"{action}: in the database, but not logged"
     names = dict(_recorded_names(session))
-    for team in session.scalars(select(Team)):
+    for team in session.scalars(sa.select(tables.Team)):
         recorded = names.get(row_name(team), team.name)
         if recorded != team.name:
             yield f"{row_name(team)} is called {team.name!r}; the audit log calls it {recorded!r}"
@@ -100,23 +68,23 @@ def mismatches(session: Session) -> Iterator[str]:
 
 def _difference(session: Session, some: _Actions, others: _Actions) -> Sequence[Action]:
     """Return the actions that only the first statement selects."""
-    rows = session.execute(except_(some, others))
+    rows = session.execute(sa.except_(some, others))
     return sorted((Action(*row) for row in rows), key=str)
 
 
 def swapped_names(session: Session) -> Iterator[str]:
     """Describe every person whose name is not the one that the audit log records."""
-    named = entries(session, AuditEntry.action.in_(_NAMING))
+    named = entries(session, tables.AuditEntry.action.in_(_NAMING))
     recorded = {entry.row: entry.details.get("name_digest") for entry in named}
-    for person in session.scalars(select(Person)):
+    for person in session.scalars(sa.select(tables.Person)):
         if recorded.get(row_name(person)) not in {None, name_digest(person)}:
             yield f"{row_name(person)} is called {person.name!r}; the audit log has another name"
 
 
 def changed_values(session: Session) -> Iterator[str]:
     """Describe every row with a value that is not the last one in the audit log."""
-    columns = (AuditEntry.row, AuditEntry.details)
-    chosen = select(*columns).order_by(AuditEntry.row, AuditEntry.id)
+    columns = (tables.AuditEntry.row, tables.AuditEntry.details)
+    chosen = sa.select(*columns).order_by(tables.AuditEntry.row, tables.AuditEntry.id)
     by_row = groupby(session.execute(chosen.execution_options(yield_per=AT_ONCE)), itemgetter(0))
     logged = ((row, _Logged.of(entries)) for row, entries in by_row)
     for table, rows in groupby(logged, lambda each: each[0].partition(":")[0]):
@@ -149,21 +117,21 @@ class _Logged(NamedTuple):
                 logged.whole.update(details)
         return logged
 
-    def differs(self, column: Column[Any], value: Any) -> bool:
+    def differs(self, column: sa.Column[Any], value: Any) -> bool:
         """Whether a row has another value in a column than the log, if that has one."""
         if column.name not in self.values:
             return False
         return _differs(self.values[column.name], value, is_whole=column.name in self.whole)
 
 
-def _changed_of(session: Session, table: Table, logged: Mapping[str, _Logged]) -> Iterator[str]:
+def _changed_of(session: Session, table: sa.Table, logged: Mapping[str, _Logged]) -> Iterator[str]:
     """Describe the rows of a table that differ; those that are missing are not among them."""
     (key,) = table.primary_key.columns
     names = {name for row in logged.values() for name in row.values}
     columns = [column for column in table.columns if column.name in names]
     keys = [_key(key, row.partition(":")[2]) for row in logged]
     known = [each for each in keys if each is not None]
-    for number, *values in session.execute(select(key, *columns).where(key.in_(known))):
+    for number, *values in session.execute(sa.select(key, *columns).where(key.in_(known))):
         row = f"{table.name}:{number}"
         changed = [
             column.name
@@ -174,7 +142,7 @@ def _changed_of(session: Session, table: Table, logged: Mapping[str, _Logged]) -
             yield f"{row} differs from the audit log in {', '.join(changed)}"
 
 
-def _key(column: Column[Any], text: str) -> int | str | None:
+def _key(column: sa.Column[Any], text: str) -> int | str | None:
     """Return the key of a row in an entry; None if no row has such a key."""
     if column.type.python_type is str:
         return text
@@ -225,7 +193,7 @@ def _mismatched_keys(session: Session) -> Iterator[str]:
     """Describe every signing key that disagrees with its name or the audit log."""
     keys = all_keys(session)
     ends: dict[str, Mapping[str, Any]] = {}
-    for entry in entries(session, AuditEntry.action.in_(_ENDS_OF_KEYS)):
+    for entry in entries(session, tables.AuditEntry.action.in_(_ENDS_OF_KEYS)):
         ends[entry.subject] = {**ends.get(entry.subject, {}), **entry.details}
     for place, key in enumerate(keys):
         end, name = ends.get(key.key_id, {}), f"signing key {key.key_id}"
@@ -245,7 +213,7 @@ def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
     names = defaultdict(set)
     for row, name in _recorded_names(session):
         names[row].add(name)
-    teams = session.scalars(select(Team)).all()
+    teams = session.scalars(sa.select(tables.Team)).all()
     for team in teams:
         names[row_name(team)].add(team.name)
     all_names = {row: set(own) for row, own in names.items()}
@@ -260,7 +228,7 @@ def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
 
 def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
     """Yield each recorded name of a team, with its row, the earliest first."""
-    for entry in entries(session, AuditEntry.action.in_(["team added", "team renamed"])):
+    for entry in entries(session, tables.AuditEntry.action.in_(["team added", "team renamed"])):
         yield entry.row, entry.details.get("after", entry.subject)
 
 
@@ -271,61 +239,63 @@ class _Shown(NamedTuple):
     actions: _Actions
 
 
-def _shown(action: str, at: InstrumentedAttribute[Any], *where: ColumnElement[bool]) -> _Shown:
+def _shown(action: str, at: InstrumentedAttribute[Any], *where: sa.ColumnElement[bool]) -> _Shown:
     """Select an action that the rows of a table show, as entries refer to it, by its time."""
-    return _shown_as(literal(action), [action], at, *where)
+    return _shown_as(sa.literal(action), [action], at, *where)
 
 
 def _shown_as(
-    name: SQLColumnExpression[Any],
+    name: sa.SQLColumnExpression[Any],
     names: Collection[str],
     at: InstrumentedAttribute[Any],
-    *where: ColumnElement[bool],
+    *where: sa.ColumnElement[bool],
 ) -> _Shown:
     """Select actions whose names the rows of a table have, one of these."""
     table = at.class_
-    row = literal(f"{table.__tablename__}:").concat(cast(table.id, String))
-    return _Shown(names, select(name, row, at).where(at.is_not(None), *where))
+    row = sa.literal(f"{table.__tablename__}:").concat(sa.cast(table.id, sa.String))
+    return _Shown(names, sa.select(name, row, at).where(at.is_not(None), *where))
 
 
 _TABLES = {
     name: table
-    for name, table in Base.metadata.tables.items()
-    if name != JoinRequest.__tablename__ and len(table.primary_key.columns) == 1
+    for name, table in tables.Base.metadata.tables.items()
+    if name != tables.JoinRequest.__tablename__ and len(table.primary_key.columns) == 1
 }
 """Tables that entries refer to and that keep what these say: answered requests forget people."""
 _CREATED = " token created"
 _VISIBLE: Sequence[_Shown] = (
-    _shown("team added", Team.created_at),
-    _shown("team merged", Team.merged_at),
-    _shown("person added", Person.created_at),
-    _shown("person deleted", Person.deleted_at),
-    _shown_as(JoinRequest.decision, get_args(Decision), JoinRequest.decided_at),
+    _shown("team added", tables.Team.created_at),
+    _shown("team merged", tables.Team.merged_at),
+    _shown("person added", tables.Person.created_at),
+    _shown("person deleted", tables.Person.deleted_at),
     _shown_as(
-        Token.kind.concat(_CREATED),
+        tables.JoinRequest.decision, get_args(tables.Decision), tables.JoinRequest.decided_at
+    ),
+    _shown_as(
+        tables.Token.kind.concat(_CREATED),
         [f"{kind}{_CREATED}" for kind in get_args(TokenKind)],
-        Token.created_at,
+        tables.Token.created_at,
     ),
     # Using an invitation is not logged; creating the token that it was exchanged for is.
-    _shown("token revoked", Token.revoked_at, Token.kind == "access"),
-    _shown(SUBMITTED, Submission.scored_at),
-    _shown("changed", Submission.published_at),
-    _shown("changed", Submission.withdrawn_at),
-    _shown(UPLOAD_DELETED, Submission.upload_deleted_at),
-    _shown("scored again", Submission.rescored_at),
-    _shown("granted", Grant.created_at),
-    _shown_as(Review.verdict, get_args(Verdict), Review.created_at),
-    _shown("review lifted", Review.lifted_at),
-    _shown("reported result added", ReportedResult.created_at),
-    _shown("reported result removed", ReportedResult.removed_at),
-    _shown(KEY_REPLACED, SigningKey.replaced_at),
-    _shown("signing key revoked", SigningKey.revoked_at),
-    _shown("news added", News.created_at),
-    _shown("news removed", News.removed_at),
-    _shown("notice posted", Notice.created_at),
-    _shown("schedule set", SetSchedule.created_at),
-    _shown("snapshot taken", StoredSnapshot.created_at),
-    _shown("correction announced", Correction.created_at),
+    _shown("token revoked", tables.Token.revoked_at, tables.Token.kind == "access"),
+    _shown(tables.SUBMITTED, tables.Submission.scored_at),
+    _shown("changed", tables.Submission.published_at),
+    _shown("changed", tables.Submission.withdrawn_at),
+    _shown(tables.UPLOAD_DELETED, tables.Submission.upload_deleted_at),
+    _shown("scored again", tables.Submission.rescored_at),
+    _shown("granted", tables.Grant.created_at),
+    _shown_as(tables.Review.verdict, get_args(Verdict), tables.Review.created_at),
+    _shown("review lifted", tables.Review.lifted_at),
+    _shown("reported result added", tables.ReportedResult.created_at),
+    _shown("reported result removed", tables.ReportedResult.removed_at),
+    _shown(KEY_REPLACED, tables.SigningKey.replaced_at),
+    _shown("signing key revoked", tables.SigningKey.revoked_at),
+    _shown("news added", tables.News.created_at),
+    _shown("news removed", tables.News.removed_at),
+    _shown("notice posted", tables.Notice.created_at),
+    _shown("schedule set", tables.SetSchedule.created_at),
+    _shown("snapshot taken", tables.StoredSnapshot.created_at),
+    _shown("correction announced", tables.Correction.created_at),
 )
 """The actions that the rows of the database show. Others need not be named here."""
 _LASTING = frozenset(chain.from_iterable(shown.names for shown in _VISIBLE)) - _REPEATABLE

@@ -22,15 +22,9 @@ from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import Role
 from reverie_eval.schemas.wire import EXAMPLE_TOKEN
+from reverie_eval.server import identity
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError, RequestError
-from reverie_eval.server.identity import (
-    HINT_LENGTH,
-    PREFIX,
-    Sessions,
-    check_organiser_left,
-    valid_token,
-)
 from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.tables import BrowserSession, Person
 
@@ -42,8 +36,8 @@ BoardName = Annotated[str, Path(examples=["grounding"])]
 TokenHint = Annotated[
     str,
     Path(
-        pattern=rf"^{PREFIX}[\w-]{{{HINT_LENGTH - len(PREFIX)}}}$",
-        examples=[EXAMPLE_TOKEN[:HINT_LENGTH]],
+        pattern=rf"^{identity.PREFIX}[\w-]{{{identity.HINT_LENGTH - len(identity.PREFIX)}}}$",
+        examples=[EXAMPLE_TOKEN[: identity.HINT_LENGTH]],
     ),
 ]
 """The first characters of a token, in a path."""
@@ -144,7 +138,7 @@ class Call:
         organiser = replace(self, required="organiser").person()
         with self.server.transactions.begin(organiser) as transaction:
             report = action(transaction, *given, **named)
-            check_organiser_left(transaction)
+            identity.check_organiser_left(transaction)
             return report
 
     def _sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
@@ -156,9 +150,9 @@ class Call:
         return sender
 
     def _find_sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
-        now, sessions = self.server.clock(), self.server.get(Sessions)
+        now, sessions = self.server.clock(), self.server.get(identity.Sessions)
         if self.token is not None:
-            return None, valid_token(session, self.token, "access", now).person
+            return None, identity.valid_token(session, self.token, "access", now).person
         if self.session_id is None:
             return None, None
         browser = sessions.find(session, self.session_id, now)
@@ -196,7 +190,7 @@ def session_id_of(request: Request, cookie: str | None) -> str | None:
     """Return the id of the browser session, if the request is from this server's own pages."""
     if cookie is None or is_of_another_site(request):
         return None
-    return state_of(request).get(Sessions).id_in(cookie)
+    return state_of(request).get(identity.Sessions).id_in(cookie)
 
 
 def state_of(request: Request) -> ServerState:
@@ -311,7 +305,7 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> AsyncIterator[Form
         csrf_token: Any = form.get("csrf_token", "")
         if not isinstance(csrf_token, str):
             raise ForgedError("csrf_token must be text, not a file")
-        visit.server.get(Sessions).check_csrf_token(visit.session_id, csrf_token)
+        visit.server.get(identity.Sessions).check_csrf_token(visit.session_id, csrf_token)
         yield form
 
 

@@ -15,16 +15,13 @@ from starlette.types import Scope
 
 from reverie_eval.schemas.service import Accepted, QuotaReport
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.identity import HINT_LENGTH, PREFIX, name_in
+from reverie_eval.server.identity import name_in
 
 API = "/api/v1"
-UNMATCHED = "unmatched"
-"""The route of a request that matches none."""
 OK = "ok"
 """The outcome of a request without a problem."""
 
 _KEY = "reverie_eval.exchange"
-_METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 
 
 @dataclass(slots=True)
@@ -81,28 +78,6 @@ def exchange_of(scope: Scope) -> Exchange:
     return exchange
 
 
-def route_of(scope: Scope) -> str:
-    """Return the template of the route that a request matched: ``/api/v1/splits/{split}``.
-
-    Of a mounted application, such as the static files, this is the path that it is mounted at.
-    FastAPI leaves out the prefix with which a router was included, but not the router's own: so
-    ours are included without one.
-    """
-    template: str | None = getattr(scope.get("route"), "path", None)
-    if template is not None:
-        return template
-    if "app_root_path" in scope:  # only mounting sets it
-        mounted_at: str = scope["root_path"]
-        return mounted_at.removeprefix(scope["app_root_path"])
-    return UNMATCHED
-
-
-def method_of(scope: Scope) -> str:
-    """Return the method, or ``other`` if it is not a standard one."""
-    method: str = scope["method"]
-    return method if method in _METHODS else "other"
-
-
 def address_of(scope: Scope) -> str:
     """Return the sender's address, from the connection or a trusted proxy."""
     client = scope.get("client")
@@ -117,17 +92,3 @@ def token_of(scope: Scope) -> str:
 def session_of(scope: Scope) -> str:
     """Return the name of the browser session in the cookie; empty if there is none."""
     return name_in(HTTPConnection(scope).cookies.get(COOKIE, ""))
-
-
-def caller_of(scope: Scope) -> str:
-    """Return by what the sender is known, and whether as an organiser: ``organiser, session``."""
-    browser, person = scope.get("state", {}).get("sender", (None, None))
-    if person is None:
-        return "anonymous"
-    return f"{person.role}, {'token' if browser is None else 'session'}"
-
-
-def hint_of(scope: Scope) -> str:
-    """Return the first characters of a token, which identify it to the organiser; never more."""
-    token = token_of(scope)
-    return token[:HINT_LENGTH] if token.startswith(PREFIX) else ""

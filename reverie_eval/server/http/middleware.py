@@ -43,8 +43,7 @@ SECONDS_OF_GRACE = 10
 _KEY = "reverie_eval.allowance"
 _MULTIPART = b"multipart/form-data"
 _FORMS = frozenset({_MULTIPART, b"application/x-www-form-urlencoded"})
-_UTF_8 = b"utf-8"
-_NAMES_OF_UTF_8 = frozenset({_UTF_8, b"utf8", b"us-ascii"})
+_NAMES_OF_UTF_8 = frozenset({b"utf-8", b"utf8", b"us-ascii"})
 """ASCII is a subset of UTF-8."""
 
 MOST_AT_ONCE = 64
@@ -295,7 +294,12 @@ class Allowance:
 
 
 class BodyLimits(Middleware):
-    """Enforces the size, the deadline and the speed of each request's body."""
+    """Enforces the size, the deadline and the speed of each request's body.
+
+    Forms must be UTF-8, as browsers always send them: the framework decodes fields on the event
+    loop with whatever codec the content type names. Some of Python's codecs take a second for the
+    largest form, and some do not decode text at all.
+    """
 
     def __init__(self, app: ASGIApp, seconds: float, kibibytes_per_second: float) -> None:
         super().__init__(app)
@@ -307,11 +311,19 @@ class BodyLimits(Middleware):
 
         Raises
         ------
+        MalformedError
+            If it is a form whose content type names a charset other than UTF-8.
         TooLargeError, TooSlowError
             From ``receive``, as soon as a limit is exceeded.
         """
         exchange = exchange_of(scope)
-        is_form = _content_type(Headers(scope=scope))[0] in _FORMS
+        media_type, options = _content_type(Headers(scope=scope))
+        is_form = media_type in _FORMS
+        if is_form and options.get(b"charset", b"utf-8").lower() not in _NAMES_OF_UTF_8:
+            raise errors.MalformedError(
+                "the form's content type names a charset other than UTF-8; send the fields as "
+                "UTF-8 and leave `charset` out"
+            )
         size = _SMALL_FORM if is_form else SMALL
         allowance = Allowance(size, self._seconds, self._kibibytes_per_second)
         scope[_KEY] = allowance
@@ -329,31 +341,6 @@ class BodyLimits(Middleware):
             return message
 
         await self.app(scope, counting, send)
-
-
-class FormCharsets(Middleware):
-    """Refuses forms that are not UTF-8 before they are parsed; browsers always send UTF-8.
-
-    The framework decodes fields on the event loop with whatever codec the content type names. Some
-    of Python's codecs take minutes for a megabyte, and some do not decode text at all.
-    """
-
-    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request.
-
-        Raises
-        ------
-        MalformedError
-            If it is a form whose content type names a charset other than UTF-8.
-        """
-        media_type, options = _content_type(Headers(scope=scope))
-        charset = options.get(b"charset", _UTF_8).lower()
-        if media_type in _FORMS and charset not in _NAMES_OF_UTF_8:
-            raise errors.MalformedError(
-                "the form's content type names a charset other than UTF-8; send the fields as "
-                "UTF-8 and leave `charset` out"
-            )
-        await self.app(scope, receive, send)
 
 
 def allow_body(scope: Scope, size: int) -> None:

@@ -21,18 +21,10 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from reverie_eval.server.errors import NotSignedInError, TooManyError
-from reverie_eval.server.http.exchange import (
-    OK,
-    Exchange,
-    address_of,
-    begin,
-    caller_of,
-    hint_of,
-    method_of,
-    route_of,
-)
+from reverie_eval.server.http.exchange import OK, Exchange, address_of, begin, token_of
 from reverie_eval.server.http.middleware import Middleware
 from reverie_eval.server.http.problems import log_fault, reply_to
+from reverie_eval.server.identity import HINT_LENGTH, PREFIX
 from reverie_eval.server.jobs import Jobs
 
 MEDIA_TYPE = CONTENT_TYPE_LATEST
@@ -44,6 +36,9 @@ HUNG_UP = "hung-up"
 _LOGGER = logging.getLogger("reverie_eval.server.requests")
 _TRACED = frozenset({NotSignedInError.status, TooManyError.status})
 """Statuses of guessed tokens and floods of requests; the log has the address of these."""
+_METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
+_UNMATCHED = "unmatched"
+"""The route of a request that matches none."""
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 
 
@@ -91,7 +86,7 @@ class Metrics:
 
     def count(self, exchange: Exchange, scope: Scope) -> None:
         """Count a request that has been answered."""
-        method, route = method_of(scope), route_of(scope)
+        method, route = _method_of(scope), _route_of(scope)
         self._requests.labels(method, route, exchange.status or "none").inc()
         self._seconds.labels(method, route).observe(exchange.seconds)
         if exchange.uploaded_to is not None:
@@ -194,14 +189,14 @@ class RequestTelemetry(Middleware):
 def _line(exchange: Exchange, scope: Scope, splits: Collection[str]) -> dict[str, object]:
     line: dict[str, object] = {
         "id": exchange.id,
-        "method": method_of(scope),
-        "route": route_of(scope),
+        "method": _method_of(scope),
+        "route": _route_of(scope),
         "status": exchange.status,
         "milliseconds": round(1000 * exchange.seconds, 1),
         "received": exchange.received,
         "sent": exchange.sent,
         "outcome": exchange.outcome,
-        "caller": caller_of(scope),
+        "caller": _caller_of(scope),
     }
     split = exchange.split or scope.get("path_params", {}).get("split")
     if split in splits:  # else it is text that the sender made up
@@ -212,6 +207,42 @@ def _line(exchange: Exchange, scope: Scope, splits: Collection[str]) -> dict[str
         line["submission"] = exchange.submission
     if exchange.status in _TRACED:
         line["address"] = address_of(scope)
-    elif hint := hint_of(scope):
+    elif hint := _hint_of(scope):
         line["token"] = hint
     return line
+
+
+def _route_of(scope: Scope) -> str:
+    """Return the template of the route that a request matched: ``/api/v1/splits/{split}``.
+
+    Of a mounted application, such as the static files, this is the path that it is mounted at.
+    FastAPI leaves out the prefix with which a router was included, but not the router's own: so
+    ours are included without one.
+    """
+    template: str | None = getattr(scope.get("route"), "path", None)
+    if template is not None:
+        return template
+    if "app_root_path" in scope:  # only mounting sets it
+        mounted_at: str = scope["root_path"]
+        return mounted_at.removeprefix(scope["app_root_path"])
+    return _UNMATCHED
+
+
+def _method_of(scope: Scope) -> str:
+    """Return the method, or ``other`` if it is not a standard one."""
+    method: str = scope["method"]
+    return method if method in _METHODS else "other"
+
+
+def _caller_of(scope: Scope) -> str:
+    """Return by what the sender is known, and whether as an organiser: ``organiser, session``."""
+    browser, person = scope.get("state", {}).get("sender", (None, None))
+    if person is None:
+        return "anonymous"
+    return f"{person.role}, {'token' if browser is None else 'session'}"
+
+
+def _hint_of(scope: Scope) -> str:
+    """Return the first characters of a token, which identify it to the organiser; never more."""
+    token = token_of(scope)
+    return token[:HINT_LENGTH] if token.startswith(PREFIX) else ""

@@ -15,26 +15,12 @@ from typing import Any, NamedTuple, Self, TypeAlias
 import numpy as np
 from sqlalchemy import Select, select
 
-from reverie_eval.analysis import (
-    SAMPLED_EPISODES,
-    most_similar,
-    nearest_earlier,
-    spread_of_changes,
-)
+from reverie_eval import analysis
 from reverie_eval.arrays import BoolArray, IntArray, last_of, offsets_of, row_of
 from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import CATALOGUE, jumps
 from reverie_eval.progress import Progress, no_progress
-from reverie_eval.schemas.evidence import (
-    EvidenceReport,
-    NamedSubmission,
-    SameFile,
-    SimilarPair,
-    SpreadReport,
-    SubmissionEvidence,
-    TeamEvidence,
-    WalkReport,
-)
+from reverie_eval.schemas import evidence as schemas
 from reverie_eval.scoring import Lookups, is_goal
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.scoring.boards import Board
@@ -60,8 +46,8 @@ class _Sent(NamedTuple):
     method: Mapping[str, Any]
 
     @property
-    def named(self) -> NamedSubmission:
-        return NamedSubmission(id=self.id, team=self.team, method=self.method["name"])
+    def named(self) -> schemas.NamedSubmission:
+        return schemas.NamedSubmission(id=self.id, team=self.team, method=self.method["name"])
 
 
 class Walks(NamedTuple):
@@ -121,10 +107,10 @@ class Trace:
         mixed = (mixed ^ self.stop.astype(np.uint64)) * _MULTIPLIER
         return (mixed >> np.uint64(32)).astype(np.uint32)
 
-    def compare(self, first: _Sent, other: "Trace", second: _Sent) -> SimilarPair:
+    def compare(self, first: _Sent, other: "Trace", second: _Sent) -> schemas.SimilarPair:
         """Compare two files in all episodes."""
         equal_answers, equal_stops = self.answer == other.answer, self.stop == other.stop
-        return SimilarPair(
+        return schemas.SimilarPair(
             first=first.named,
             second=second.named,
             equal=(equal_answers & equal_stops).mean(),
@@ -143,7 +129,7 @@ def gather_evidence(
     split: str,
     team: str | None = None,
     progress: Progress = no_progress,
-) -> EvidenceReport:
+) -> schemas.EvidenceReport:
     """Read all submissions to a split, and report what their files have in common.
 
     Parameters
@@ -177,7 +163,7 @@ def gather_evidence(
         return None
 
     compared = _compare(board, progress(sent, "uploads", len(sent)), read, team)
-    return EvidenceReport(
+    return schemas.EvidenceReport(
         split=split,
         submissions=len(sent),
         unreadable=unreadable,
@@ -200,13 +186,13 @@ def _submissions_to(split: str) -> Select[*tuple[Any, ...]]:
     return chosen.order_by(Submission.team_id, Submission.received_at, Submission.id)
 
 
-def _same_files(sent: Sequence[_Sent]) -> list[SameFile]:
+def _same_files(sent: Sequence[_Sent]) -> list[schemas.SameFile]:
     by_file = defaultdict(list)
     for each in sent:
         by_file[each.sha256].append(each.named)
     # A team cannot send a file twice.
     return [
-        SameFile(sha256=sha256, submissions=found)
+        schemas.SameFile(sha256=sha256, submissions=found)
         for sha256, found in by_file.items()
         if len(found) > 1
     ]
@@ -218,7 +204,7 @@ def _compare(board: Board, sent: Iterable[_Sent], read: Read, team: str | None) 
     The most similar ones are read again.
     """
     episodes = len(board.truth.episodes.instr_ids)
-    sample = np.random.default_rng(0).permutation(episodes)[:SAMPLED_EPISODES]
+    sample = np.random.default_rng(0).permutation(episodes)[: analysis.SAMPLED_EPISODES]
     known: list[_Sent] = []
     sampled, teams, history = [], [], []
     for name, files in groupby(sent, lambda each: each.team):
@@ -229,13 +215,13 @@ def _compare(board: Board, sent: Iterable[_Sent], read: Read, team: str | None) 
         known += own
         codes = np.array([each.codes for each in traces])
         sampled.append(codes[:, sample])
-        nearest, changed = nearest_earlier(codes)
+        nearest, changed = analysis.nearest_earlier(codes)
         teams.append(_of_team(name, board, traces, codes, changed))
         if name == team:
             goals = _count_goals(board)
             rows = zip(own, traces, nearest.tolist(), changed.tolist(), strict=True)
             history = [
-                SubmissionEvidence(
+                schemas.SubmissionEvidence(
                     **each.named.model_dump(),
                     received_at=each.received_at,
                     nearest=own[row].id if row >= 0 else None,
@@ -246,7 +232,7 @@ def _compare(board: Board, sent: Iterable[_Sent], read: Read, team: str | None) 
             ]
     sizes = np.array([len(each) for each in sampled], dtype=np.int64)
     group = row_of(offsets_of(sizes))
-    found = most_similar(np.concatenate(sampled), group, PAIRS) if sampled else None
+    found = analysis.most_similar(np.concatenate(sampled), group, PAIRS) if sampled else None
     similar = []
     for pair in found.pairs if found else ():
         first, second = known[pair.first], known[pair.second]
@@ -263,13 +249,13 @@ def _compare(board: Board, sent: Iterable[_Sent], read: Read, team: str | None) 
 
 def _of_team(
     name: str, board: Board, traces: Sequence[Trace], codes: IntArray, changed: IntArray
-) -> TeamEvidence:
-    spread = spread_of_changes(codes, board.truth.episodes.item)
-    return TeamEvidence(
+) -> schemas.TeamEvidence:
+    spread = analysis.spread_of_changes(codes, board.truth.episodes.item)
+    return schemas.TeamEvidence(
         team=name,
         submissions=len(traces),
         median_changed=float(np.median(changed[1:])) if len(changed) > 1 else None,
-        spread=spread and SpreadReport(**spread._asdict()),
+        spread=spread and schemas.SpreadReport(**spread._asdict()),
         jumps=max(each.walks.jumps for each in traces),
     )
 
@@ -299,14 +285,14 @@ def _walks(aligned: SubmissionColumns, board: Board) -> Walks:
     )
 
 
-def _walk_report(board: Board, trace: Trace, goals: IntArray) -> WalkReport:
+def _walk_report(board: Board, trace: Trace, goals: IntArray) -> schemas.WalkReport:
     """Report the walks, with how many successful ones stop at the path's end, and by chance."""
     exact = by_chance = None
     if trace.is_success.any():
         is_exact = trace.stop == board.truth.require_solution().goal
         exact = _rounded(float(is_exact[trace.is_success].mean()))
         by_chance = _rounded(float((1 / goals[trace.is_success]).mean()))
-    return WalkReport(**trace.walks._asdict(), exact_stops=exact, exact_by_chance=by_chance)
+    return schemas.WalkReport(**trace.walks._asdict(), exact_stops=exact, exact_by_chance=by_chance)
 
 
 def _count_goals(board: Board) -> IntArray:

@@ -22,13 +22,7 @@ from reverie_eval.server.http.openapi import TEXT, file_reply
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.http.telemetry import MEDIA_TYPE
-from reverie_eval.server.intake.attempts import (
-    RECENTLY,
-    counts_of_splits,
-    last_day,
-    list_attempts,
-    totals,
-)
+from reverie_eval.server.intake import attempts
 from reverie_eval.server.jobs import SECOND, Job
 from reverie_eval.server.operations.health import Examined
 from reverie_eval.server.rooms import Room, Tab
@@ -58,11 +52,11 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
             "desk/overview.html",
             health=health,
             boards=server.boards.values(),
-            attempts=list_attempts(session, Page(A_FEW)).rows,
-            counts=counts_of_splits(session),
-            totals=totals(session, reading.now),
-            recently=RECENTLY.days,
-            day=last_day(session, reading.now),
+            attempts=attempts.list_attempts(session, Page(A_FEW)).rows,
+            counts=attempts.counts_of_splits(session),
+            totals=attempts.totals(session, reading.now),
+            recently=attempts.RECENTLY.days,
+            day=attempts.last_day(session, reading.now),
             missed=server.get(Snapshots).missed(session, reading.now),
             schedules=server.get(Schedules).in_effect(session),
             disk=shutil.disk_usage(server.settings.folder),

@@ -105,10 +105,11 @@ def main() -> int:
         seconds.append(process_time() - begin)
     storeys = Counter(int(each.storey.max()) + 1 for each in buildings.values())
     rooms = [room for each in buildings.values() for room in each.rooms]
+    n_halls = len(rooms) - sum(len({*each.solids.room} - {-1}) for each in buildings.values())
     print(f"{len(buildings)} buildings, {sum(n * of for n, of in storeys.items())} storeys")
     print(
-        f"by number of storeys: {dict(sorted(storeys.items()))}; {len(rooms):,} rooms, "
-        f"{sum(bool(room.name) for room in rooms):,} with a name"
+        f"by number of storeys: {dict(sorted(storeys.items()))}; {len(rooms) - n_halls:,} rooms, "
+        f"{sum(bool(room.name) for room in rooms):,} with a name, and {n_halls} halls"
     )
     stands = [each for its in buildings.items() for each in rooms_around(graph, *its)]
     own, some = np.mean(stands, axis=0)
@@ -223,11 +224,15 @@ def overlaps_of(room_view: RoomView, camera: FloatArray, seen: Seen) -> FloatArr
 def rooms_around(
     graph: NavigationGraph, scan: str, building: Building
 ) -> Iterator[tuple[bool, bool]]:
-    """Yield for each viewpoint whether it is inside its own room, and inside any of its storey."""
+    """Yield for each viewpoint whether it is inside its own room, and inside any of its storey.
+
+    Halls do not count: they are where viewpoints are.
+    """
+    with_objects = {row: building.rooms[row] for row in set(building.solids.room.tolist()) - {-1}}
     for row, position in enumerate(graph.viewpoint_position[graph.viewpoints_of(scan), :2]):
         inside = {
             index
-            for index, room in enumerate(building.rooms)
+            for index, room in with_objects.items()
             if room.storey == building.storey[row] and room.contains(position[None])[0]
         }
         yield int(building.room[row]) in inside, bool(inside)

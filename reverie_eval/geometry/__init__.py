@@ -41,9 +41,10 @@ if TYPE_CHECKING:
     from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
     from reverie_eval.geometry._room_names import name_room
     from reverie_eval.geometry._room_views import Face, RoomView, Seen
-    from reverie_eval.geometry._solids import Solids, sides_of
+    from reverie_eval.geometry._solids import BLOCK, Solids, kind_of, sides_of
 
 __all__ = [
+    "BLOCK",
     "FAR_OFF",
     "FIELD_OF_VIEW",
     "FOCAL_LENGTH",
@@ -74,6 +75,7 @@ __all__ = [
     "find_storeys",
     "floors_of",
     "is_on_grid",
+    "kind_of",
     "level_view",
     "model_building",
     "name_room",

@@ -14,6 +14,7 @@ References
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, groupby
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -44,6 +45,8 @@ _CLIMB, _SLOPES, _FLIGHT, _TREAD, _APART = 0.4, (0.25, 2.5), 1.0, 0.19, 0.3
 _BELOW = 0.5
 # Metres between a door and its wall, at most.
 _IN_WALL = 0.05
+# Decimals of a metre to which the lines of two rooms' walls are the same.
+_DECIMALS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +139,15 @@ class Line(NamedTuple):
     """Shape (2, 2)."""
 
 
+class Wall(NamedTuple):
+    """A straight wall, as far as it has a room on one side, or as far as it has one on both."""
+
+    ends: FloatArray
+    """Shape (2, 2)."""
+    is_outer: bool
+    """Whether a room is on one side only."""
+
+
 @dataclass(frozen=True, eq=False)
 class Building:
     """The storeys of a building with their rooms, doors and stairs."""
@@ -162,6 +174,21 @@ class Building:
     def doors_on(self, storey: int) -> Sequence[Line]:
         """Return the doors of a storey."""
         return [door for door in self.doors if door.storey == storey]
+
+    def walls_on(self, storey: int) -> Iterator[Wall]:
+        """Yield the walls of a storey, each once, although it is in the outlines of both rooms."""
+        lines: dict[tuple[int, float], list[tuple[float, float]]] = {}
+        for outline in chain.from_iterable(room.outlines for room in self.rooms_on(storey)):
+            corners = (outline @ self.solids.axes.T).round(_DECIMALS)
+            for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+                along = int(np.abs(end - start).argmax())
+                low, high = sorted((float(start[along]), float(end[along])))
+                lines.setdefault((along, float(start[1 - along])), []).append((low, high))
+        for (along, at), spans in lines.items():
+            for low, high, is_outer in _by_sides(spans):
+                ends = np.full((2, 2), at)
+                ends[:, along] = low, high
+                yield Wall(ends @ self.solids.axes, is_outer)
 
     def treads_on(self, storey: int) -> Sequence[Line]:
         """Return the treads of stairs that begin or end on a storey."""
@@ -221,19 +248,26 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
     for level in range(int(storey.max()) + 1):
         here = np.flatnonzero(room_storey == level)
         around = [camera[home == room] for room in here]
-        plan = Plan.of([evidence[room] for room in here], around)
-        for index, room in enumerate(here.tolist()):
+        inside = edges[(storey[edges] == level).all(axis=1)]
+        alone = np.repeat(np.flatnonzero(storey == level)[:, None], 2, axis=1)
+        # A building without objects has no rooms at all.
+        ways_there = camera[np.vstack([inside, alone])] if evidence else camera[inside[:0]]
+        plan = Plan.of([evidence[room] for room in here], around, ways_there)
+        for index in range(plan.n_rooms):
             outlines = list(plan.outlines(index))
-            if outlines:
+            if not outlines:
+                continue
+            name = ""
+            if index < len(here):
+                room = int(here[index])
                 number[room] = len(found)
                 names = [
                     objects.names[row] for row in np.flatnonzero(objects.room == room).tolist()
                 ]
                 sides = np.ptp(np.vstack(outlines), axis=0)
                 name = name_room(names, int(ways[room]), float(sides.max() / sides.min()))
-                turned = [corners @ axes for corners in outlines]
-                found.append(Room(name, level, turned, plan.area(index)))
-        inside = edges[(storey[edges] == level).all(axis=1)]
+            turned = [corners @ axes for corners in outlines]
+            found.append(Room(name, level, turned, plan.area(index)))
         doors += [Line(level, ends @ axes) for ends in plan.doors(camera[inside])]
     return Building(
         storey=storey,
@@ -288,6 +322,16 @@ def door_spans(doors: Sequence[Line], start: FloatArray, end: FloatArray) -> Flo
     offset = np.array([door.ends for door in doors]).reshape(-1, 2, 2) - start
     across = np.abs(offset[..., 0] * along[1] - offset[..., 1] * along[0])
     return np.asarray(np.sort(offset @ along, axis=1)[(across < _IN_WALL).all(axis=1)])
+
+
+def _by_sides(spans: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float, bool]]:
+    """Yield the parts of a line on which spans are, and whether only one is there."""
+    marks = sorted(set(chain.from_iterable(spans)))
+    count = [sum(low <= mark < high for low, high in spans) for mark in marks]
+    for number, group in groupby(range(len(marks)), key=count.__getitem__):
+        rows = [*group]
+        if number:
+            yield marks[rows[0]], marks[rows[-1] + 1], number == 1
 
 
 def floors_of(height: FloatArray, storey: IntArray) -> FloatArray:

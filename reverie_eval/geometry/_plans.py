@@ -1,19 +1,23 @@
 """The plan of a storey: walls along the axes of the building, the rooms between them, doors."""
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations
+from itertools import combinations, groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 
 # Outlines: objects farther from the median than this many times the 75 % quantile are not evidence;
 # space around a viewpoint; share of the smaller room's evidence that a cut may lose; edges closer
 # than this are one wall.
 _OUTLIER, _AROUND, _MOST_LOST, _WALL = 2.2, 0.45, 0.22, 0.45
 _CUTS = 24
+# Halls: half the least width; metres between the points of a way that tell if it is in a room.
+_HALL, _STEP = 0.6, 0.2
+# What is narrower than this between two rooms, or smaller than this among rooms, is a part of them.
+_CLEFT, _NOOK = 1.0, 10.0
 # Width of a row of points, metres; another direction than north has to be better by this factor.
 _BIN, _CLEARLY = 0.12, 1.05
 # Doors in one wall that are closer together than this are one.
@@ -51,8 +55,14 @@ class Plan(NamedTuple):
     and the last row and column."""
 
     @classmethod
-    def of(cls, evidence: Sequence[FloatArray], around: Sequence[FloatArray]) -> Self:
-        """Lay out the rooms of a storey, by their objects and the cameras that stand in each."""
+    def of(
+        cls, evidence: Sequence[FloatArray], around: Sequence[FloatArray], legs: FloatArray
+    ) -> Self:
+        """Lay out the rooms of a storey, by their objects and the cameras that stand in each.
+
+        Where legs, shape (n, 2, 2), lead through none of them, there are halls, numbered after
+        these rooms. Clefts between rooms are closed.
+        """
         points = [np.vstack(each) for each in zip(evidence, around, strict=True)]
         boxes = np.array(
             [
@@ -68,21 +78,65 @@ class Plan(NamedTuple):
         boxes = np.stack([middle - half, middle + half], axis=1)
         _cut_apart(boxes, points)
         boxes = np.stack([_snapped(boxes[..., 0]), _snapped(boxes[..., 1])], axis=-1)
+        halls = np.array([*_halls(boxes, legs)]).reshape(-1, 2, 2)
+        for axis in (0, 1):
+            halls[..., axis] = _moved_to(boxes[..., axis], halls[..., axis])
+        number = [*(len(boxes) + _touching(halls)), *range(len(boxes))]
+        # Small rooms are cut out of large ones, and all of them out of halls.
+        by_size = np.argsort(-np.diff(boxes, axis=1)[:, 0].prod(axis=1), kind="stable")
+        order = [*range(len(halls)), *(len(halls) + by_size)]
+        boxes = np.concatenate([halls, boxes])
         lines = np.unique(boxes[..., 0]), np.unique(boxes[..., 1])
         room = np.full((len(lines[0]) + 1, len(lines[1]) + 1), -1)
-        # Small rooms are cut out of large ones.
-        for index in np.argsort(-np.diff(boxes, axis=1)[:, 0].prod(axis=1), kind="stable").tolist():
+        for index in order:
             (left, bottom), (right, top) = (
                 [int(np.searchsorted(lines[axis], corner[axis])) + 1 for axis in (0, 1)]
                 for corner in boxes[index]
             )
-            room[left:right, bottom:top] = index
-        return cls(lines, room)
+            room[left:right, bottom:top] = number[index]
+        plan = cls(lines, room)
+        plan._close_clefts()
+        plan._close_nooks()
+        return plan
+
+    def _close_clefts(self) -> None:
+        """Give what is narrow between two rooms, in place, to the larger of them."""
+        for axis in (0, 1):
+            for row in np.moveaxis(self.room, axis, 1):
+                rooms = np.flatnonzero(row >= 0)
+                for first, last in pairwise(rooms.tolist()):
+                    # The cell after the first begins at the line of the first's number.
+                    width = self.lines[axis][last - 1] - self.lines[axis][first]
+                    if last - first > 1 and width <= _CLEFT:
+                        row[first + 1 : last] = max(row[first], row[last], key=self.area)
+
+    def _close_nooks(self) -> None:
+        """Give what is small and has rooms all around, in place, to that with the longest side."""
+        is_empty = self.room < 0
+        while is_empty.any():
+            nook = _spread(is_empty, tuple(np.argwhere(is_empty)[0]))
+            is_empty &= ~nook
+            # All around the rooms is one more empty cell.
+            if not nook[0, 0] and self._area(nook) <= _NOOK:
+                beyond = [
+                    self.room[np.roll(nook, step, axis) & ~nook]
+                    for axis in (0, 1)
+                    for step in (-1, 1)
+                ]
+                self.room[nook] = np.bincount(np.concatenate(beyond)).argmax()
+
+    @property
+    def n_rooms(self) -> int:
+        """The rooms and the halls."""
+        return int(self.room.max()) + 1
 
     def area(self, room: int) -> float:
         """Return the square metres of a room."""
+        return self._area(self.room == room)
+
+    def _area(self, cells: BoolArray) -> float:
         wide, high = (np.diff(lines, prepend=lines[:1], append=lines[-1:]) for lines in self.lines)
-        return float((wide[:, None] * high)[self.room == room].sum())
+        return float((wide[:, None] * high)[cells].sum())
 
     def outlines(self, room: int) -> Iterator[FloatArray]:
         """Yield the corners of a room's outlines, with the room on the left."""
@@ -166,6 +220,54 @@ def _cut_apart(boxes: FloatArray, points: Sequence[FloatArray]) -> None:
             if fewest <= _MOST_LOST * min(len(points[first]), len(points[second])):
                 boxes[left, 1, axis] = min(boxes[left, 1, axis], cut)
                 boxes[right, 0, axis] = max(boxes[right, 0, axis], cut)
+
+
+def _halls(boxes: FloatArray, legs: FloatArray) -> Iterator[FloatArray]:
+    """Yield boxes, shape (2, 2), around the parts of legs that are in none of the boxes."""
+    for start, end in legs:
+        count = int(np.ceil(np.hypot(*(end - start)) / _STEP)) + 1
+        along: FloatArray = np.linspace(start, end, count)
+        inside = (along[:, None] >= boxes[:, 0]) & (along[:, None] <= boxes[:, 1])
+        is_inside = np.any(np.all(inside, axis=2), axis=1).tolist()
+        for is_in, rows in groupby(range(count), is_inside.__getitem__):
+            if not is_in:
+                its = along[[*rows]]
+                yield np.stack([its.min(axis=0) - _HALL, its.max(axis=0) + _HALL])
+
+
+def _moved_to(lines: FloatArray, values: FloatArray) -> FloatArray:
+    """Return numbers, those that are close to one of some lines moved to it."""
+    if not lines.size:
+        return values
+    off = lines.ravel() - values[..., None]
+    nearest = np.take_along_axis(off, np.abs(off).argmin(axis=-1)[..., None], -1)[..., 0]
+    return np.where(np.abs(nearest) <= _WALL, values + nearest, values)
+
+
+def _touching(boxes: FloatArray) -> IntArray:
+    """Return a number from 0 for each box, shape (n, 2, 2); those that touch have the same."""
+    low, high = boxes[:, None, 0], boxes[None, :, 1]
+    touch = (low <= high).all(axis=2)
+    touch &= touch.T
+    number = np.arange(len(boxes))
+    while (touch & (number[:, None] != number)).any():
+        number = np.where(touch, number, len(boxes)).min(axis=1)
+    return np.unique(number, return_inverse=True)[1]
+
+
+def _spread(free: BoolArray, cell: tuple[int, ...]) -> BoolArray:
+    """Return the free cells that can be reached from one of them."""
+    reached = np.zeros_like(free)
+    reached[cell] = True
+    count = 0
+    while count < (count := int(reached.sum())):
+        grown = reached.copy()
+        grown[1:] |= reached[:-1]
+        grown[:-1] |= reached[1:]
+        grown[:, 1:] |= reached[:, :-1]
+        grown[:, :-1] |= reached[:, 1:]
+        reached = grown & free
+    return reached
 
 
 def _snapped(values: FloatArray) -> FloatArray:

@@ -50,8 +50,8 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
             "tv monitor television screen": Kind("board", "dark"),
             "curtain blinds tapestry shade towel clothes robe": Kind("board", "cloth"),
             "vent switch thermostat radiator heater board wainscotting": Kind("board", "white"),
-            "table desk stand workbench nightstand": Kind("table", "wood", 0.8),
-            "bench": Kind("table", "wood", 0.5),
+            "table sidetable desk stand workbench nightstand": Kind("table", "wood", 0.8),
+            "bench pew": Kind("table", "wood", 0.5),
             "chair stool armchair seat": Kind("seat", "wood"),
             "couch sofa loveseat": Kind("seat", "cloth", 0.5),
             "toilet": Kind("seat", "white"),
@@ -61,8 +61,10 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
             "plant tree flower bush fern": Kind("plant", "leaf"),
             "lamp chandelier": Kind("lamp", "light"),
             "light sconce candle": Kind("block", "light"),
-            "cabinet dresser drawer bookshelf bookcase shelf wardrobe counter countertop closet "
-            "fireplace vanity chest cupboard": Kind("block", "wood", 0.5),
+            "cabinet dresser drawer bookshelf bookcase shelf shelve rack wardrobe counter closet "
+            "countertop fireplace vanity chest cupboard island altar piano": Kind(
+                "block", "wood", 0.5
+            ),
             "refrigerator fridge oven stove dishwasher dryer machine microwave": Kind(
                 "block", "white"
             ),
@@ -75,7 +77,8 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
         for word in words.split()
     }
 )
-_BLOCK = Kind("block", "wood")
+BLOCK = Kind("block", "wood")
+"""What a name tells nothing about."""
 
 Part = tuple[Material, tuple[float, float, float], tuple[float, float, float]]
 """A box of a form: what it is made of, its low and its high corner. Coordinates are to the right,
@@ -92,7 +95,7 @@ def kind_of(name: str) -> Kind:
     ('table', 'block', 'block')
     """
     word = name.rpartition(" ")[2]
-    return _KINDS.get(word) or _KINDS.get(word.removesuffix("s")) or _BLOCK
+    return _KINDS.get(word) or _KINDS.get(word.removesuffix("s")) or BLOCK
 
 
 @cache

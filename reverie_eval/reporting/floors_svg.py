@@ -6,32 +6,36 @@ furniture as solids, stairs and a title. What an episode does on them is drawn b
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from itertools import groupby, pairwise
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.geometry import door_spans, floors_of, sides_of
+from reverie_eval.geometry import BLOCK, Room, floors_of, kind_of, sides_of
 from reverie_eval.reporting.drawing import element, line_data, path, path_data
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_marks import draw_mark
 from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.sheets import Sheets
+from reverie_eval.reporting.walls import HEIGHT as WALL_HEIGHT
+from reverie_eval.reporting.walls import walls_of
 
-# The greatest height, and the space around and between sheets, in units of the page.
-_HIGHEST, _MARGIN, _GAP = 460, 14, 20
 # Degrees: the walls are turned to the left, and the camera looks down.
 _TURN, _TILT = np.deg2rad(-24.0), np.deg2rad(50.0)
-# Metres: the height of walls, and the longest piece of one.
-_WALL, _PIECE = 0.8, 1.5
 # Heights of furniture are drawn smaller, so that it hides less.
 _FLATTENED = 0.6
-# Metres: what is smaller is left out, and what begins higher above the floor.
-_SMALL, _HANGS = 0.35, 0.9
+# Metres: what is smaller is left out, what begins higher above the floor, and what is larger though
+# its name does not tell what it is: stairs, beams, fences.
+_SMALL, _HANGS, _BULKY = 0.35, 0.9, 1.2
+# Metres: the width of boards and tiles, and units of the page between joints at least; how deep a
+# tread is.
+_BOARD, _FINEST, _DEEP = 0.4, 5.0, 0.26
+_TILED = ("bathroom", "kitchen", "laundry", "spa")
 # Metres: the width of the floor beneath a way that leads through no room.
 _WAY = 1.2
-# Units of the page: where titles begin, left of all sheets; and how many heights are tried.
-_TITLE_LEFT, _HEIGHTS = 4.0, 9
+# How many heights are tried for a title.
+_HEIGHTS = 9
 # Points along a wall: close enough that a title on it covers one.
 _ALONG = 64
 _FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
@@ -60,18 +64,9 @@ class Floors:
         self.levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
         self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
         corners = {level: self._flat(self._ground(level)) for level in self.levels}
-        spread = np.vstack(list(corners.values()))
-        low, high = spread[:, 0].min(), spread[:, 0].max()
-        tall = sum(np.ptp(each[:, 1]) + _WALL for each in corners.values())
-        free = _HIGHEST - 2 * _MARGIN - _GAP * (len(corners) - 1) - below
-        self.scale = min((WIDTH - 2 * _MARGIN) / (high - low), free / tall)
-        self._left = float((low + high) / 2 - WIDTH / 2 / self.scale)
-        self._top, bottom = {}, float(_MARGIN)
-        for level, each in corners.items():
-            self._top[level] = bottom - self.scale * (each[:, 1].min() - _WALL)
-            bottom += self.scale * (np.ptp(each[:, 1]) + _WALL) + _GAP
-        self.height = bottom - _GAP + _MARGIN + below
-        """In units of the page."""
+        self._sheets = Sheets.of(corners, below)
+        self.scale, self.height = self._sheets.scale, self._sheets.height
+        """Units of the page per metre, and in all."""
 
     @cached_property
     def shapes(self) -> str:
@@ -87,11 +82,33 @@ class Floors:
         for room in self._building.rooms_on(level):
             kind = f"room {room.name.partition(' ')[0]}".strip()
             yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))
-        treads = [self._page(tread.ends, level) for tread in self._building.treads_on(level)]
+        joints = [
+            self._page(ends, level)
+            for room in self._building.rooms_on(level)
+            for ends in self._joints(room)
+        ]
+        yield path("joint", path_data("joint", joints))
+        treads = [self._page(_tread(each.ends), level) for each in self._building.treads_on(level)]
         if treads:
-            yield path("tread", path_data("tread", treads))
+            yield path("tread", "".join(f"{line_data(each)}z" for each in treads))
         yield f'<g class="solids">{"".join(self._solids(level))}</g>'
         yield draw_mark(self._titles[level])
+
+    def _joints(self, room: Room) -> Iterator[FloatArray]:
+        """Yield the ends of the joints in a floor: of boards, or of tiles where it gets wet."""
+        axes = self._building.solids.axes
+        outlines = [outline @ axes.T for outline in room.outlines]
+        start = np.vstack(outlines)
+        end = np.vstack([np.roll(each, -1, axis=0) for each in outlines])
+        step = max(_BOARD, _FINEST / self.scale)
+        for along in (0, 1) if room.name in _TILED else (0,):
+            low, high = np.sort([start[:, 1 - along], end[:, 1 - along]], axis=0)
+            for at in step * np.arange(np.ceil(low.min() / step), np.ceil(high.max() / step)):
+                ends = np.sort(start[(low < at) & (at < high), along]).reshape(-1, 2)
+                for span in ends:
+                    line = np.full((2, 2), at)
+                    line[:, along] = span
+                    yield line @ axes
 
     def _solids(self, level: int) -> Iterator[str]:
         """Draw walls and furniture, the farthest first."""
@@ -122,9 +139,8 @@ class Floors:
         """Place a title at the left: as low as it is beside the sheet, or else at its foot."""
         down = self._page(self._ground(level), level)[:, 1]
         heights = np.linspace(down.max() - 2, down.min(), _HEIGHTS)
-        marks = [
-            Mark("right of", np.array([_TITLE_LEFT, y]), text=f"level {level + 1}") for y in heights
-        ]
+        left, text = self._sheets.title_left[level], f"level {level + 1}"
+        marks = [Mark("right of", np.array([left, y]), text=text) for y in heights]
         outline = self._outlines(level)
         return next((each for each in marks if not _is_on(text_box(each), outline)), marks[0])
 
@@ -137,27 +153,21 @@ class Floors:
             for outline in room.outlines
         ]
         along = np.concatenate([np.zeros((0, 2)), *(each.reshape(-1, 2) for each in lines)])
-        return np.concatenate([self._page(along, level, z) for z in (0.0, _WALL)])
+        return np.concatenate([self._page(along, level, z) for z in (0.0, WALL_HEIGHT)])
 
     def _walls(self, level: int) -> _Faces:
-        doors = self._building.doors_on(level)
-        ends, kinds = [np.zeros((0, 2, 2))], []
-        for room in self._building.rooms_on(level):
-            for outline in room.outlines:
-                for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-                    pieces = [*wall_pieces(start, end, door_spans(doors, start, end))]
-                    ends += [each[None] for each in pieces]
-                    kinds += [f"wall {self._building.shade_of(end - start)}"] * len(pieces)
-        all_ends = np.concatenate(ends)
-        low, high = (self._page(all_ends, level, z) for z in (0.0, _WALL))
-        outlines = np.concatenate([low, high[:, ::-1]], axis=1)
-        return _Faces((all_ends @ self._axes[1]).mean(axis=1), kinds, outlines)
+        pieces = [*walls_of(self._building, level)]
+        corners = np.array([each.corners(self._axes) for each in pieces]).reshape(-1, 8, 3)
+        far = corners[..., 1].mean(axis=1)
+        return self._faces(corners, far, [each.material for each in pieces], level)
 
     def _furniture(self, level: int) -> _Faces:
         solids = self._building.solids
         bottom = solids.centre[:, 2] - solids.half[:, 2] - self._floor[level]
         is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS) & (solids.room >= 0)
         is_shown &= (2 * solids.half[:, :2] >= _SMALL).all(axis=1)
+        is_unknown = np.array([kind_of(name) == BLOCK for name in solids.names], dtype=bool)
+        is_shown &= ~is_unknown | (2 * solids.half[:, :2] <= _BULKY).any(axis=1)
         for room in np.unique(solids.room[is_shown]).tolist():
             rows = np.flatnonzero(is_shown & (solids.room == room))
             is_shown[rows] = self._building.rooms[room].contains(solids.centre[rows, :2])
@@ -165,16 +175,23 @@ class Floors:
         corners, of_solid, materials = shown.parts()
         flat = corners[..., :2] @ self._axes.T
         up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
-        sides, normal = sides_of(np.concatenate([flat, up[..., None]], axis=2))
-        shade = np.where(normal[..., 2] > 1e-9, "top", np.where(normal[..., 0] > 0, "lit", "dim"))
         far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)
-        part, side = np.nonzero(normal @ _FACING > 1e-9)
+        corners = np.concatenate([flat, up[..., None]], axis=2)
+        return self._faces(corners, far, materials, level)
+
+    def _faces(
+        self, corners: FloatArray, far: FloatArray, materials: Sequence[str], level: int
+    ) -> _Faces:
+        """Return the faces of boxes, corners of shape (n, 8, 3), that are turned to the eye."""
+        sides, normal = sides_of(corners)
+        shade = np.where(normal[..., 2] > 1e-9, "top", np.where(normal[..., 0] > 0, "lit", "dim"))
+        box, side = np.nonzero(normal @ _FACING > 1e-9)
         kinds = [
             f"{materials[row]} {its}"
-            for row, its in zip(part.tolist(), shade[part, side].tolist(), strict=True)
+            for row, its in zip(box.tolist(), shade[box, side].tolist(), strict=True)
         ]
-        across, away, height = np.moveaxis(sides[part, side], -1, 0)
-        return _Faces(far[part], kinds, self._placed(_flattened(across, away, height), level))
+        across, away, height = np.moveaxis(sides[box, side], -1, 0)
+        return _Faces(far[box], kinds, self._placed(_flattened(across, away, height), level))
 
     # Projection.
 
@@ -205,7 +222,7 @@ class Floors:
 
     def _placed(self, flat: FloatArray, level: int) -> FloatArray:
         """Put projected points where their level is on the page."""
-        return np.asarray(self.scale * (flat - (self._left, 0)) + (0, self._top[level]))
+        return np.asarray(self.scale * flat + self._sheets.origin[level])
 
 
 def _is_on(box: FloatArray, points: FloatArray) -> bool:
@@ -222,13 +239,8 @@ def _flattened(across: FloatArray, away: FloatArray, up: FloatArray | float) -> 
     return np.stack([across, -away * np.sin(_TILT) - up * np.cos(_TILT)], axis=-1)
 
 
-def wall_pieces(start: FloatArray, end: FloatArray, gaps: FloatArray) -> Iterator[FloatArray]:
-    """Yield the ends of short pieces of a wall, without what :func:`door_spans` returns."""
-    length = float(np.hypot(*(end - start)))
-    along = (end - start) / length
-    marks = [0.0, *sorted(np.clip(gaps, 0, length).ravel().tolist()), length]
-    for first, last in zip(marks[::2], marks[1::2], strict=True):
-        count = int(np.ceil((last - first) / _PIECE))
-        for low, high in pairwise(np.linspace(first, last, count + 1)):
-            if high - low > 1e-6:
-                yield np.stack([start + low * along, start + high * along])
+def _tread(ends: FloatArray) -> FloatArray:
+    """Return the corners, shape (4, 2), of a tread with this front."""
+    along = ends[1] - ends[0]
+    back = _DEEP / 2 * np.array([-along[1], along[0]]) / np.hypot(*along)
+    return np.concatenate([ends + back, ends[::-1] - back])

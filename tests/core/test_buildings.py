@@ -78,15 +78,28 @@ def corners(room: Room) -> list[list[float]]:
 
 
 def test_rooms_are_runs_of_objects() -> None:
-    """Objects 4 m apart are of one room, those 6 m to the east of the next."""
+    """Objects 4 m apart are of one room, those 6 m to the east of the next; a hall is between."""
     building = house()
     assert [corners(room) for room in building.rooms] == [
         [[-1, -1], [-1, 3], [3, -1], [3, 3]],
         [[5, -1], [5, 3], [9, -1], [9, 3]],
+        [[3, 0.4], [3, 1.6], [5, 0.4], [5, 1.6]],
     ]
     assert building.room.tolist() == [0, 1]
-    assert [room.name for room in building.rooms] == ["", "kitchen"]
-    assert [room.area for room in building.rooms] == pytest.approx([16, 16])
+    assert [room.name for room in building.rooms] == ["", "kitchen", ""]
+    assert [room.area for room in building.rooms] == pytest.approx([16, 16, 2.4])
+
+
+def test_a_wall_is_one_although_two_rooms_have_it() -> None:
+    """Each room has a wall to the hall, and its other walls are outer ones."""
+    walls = [(wall.ends.round(6).tolist(), wall.is_outer) for wall in house().walls_on(0)]
+    inner = [ends for ends, is_outer in walls if not is_outer]
+    assert sorted(inner) == [[[3, 0.4], [3, 1.6]], [[5, 0.4], [5, 1.6]]]
+    beside = [ends for ends, is_outer in walls if is_outer and ends[0][0] == ends[1][0] == 3]
+    assert sorted(beside) == [[[3, -1], [3, 0.4]], [[3, 1.6], [3, 3]]]
+    length = sum(np.hypot(*np.subtract(*ends)) for ends, is_outer in walls if is_outer)
+    assert length == pytest.approx(2 * (16 - 1.2) + 2 * 2)
+    assert not [*house().walls_on(1)]
 
 
 def test_doors_are_where_an_edge_passes_a_wall() -> None:
@@ -97,12 +110,50 @@ def test_doors_are_where_an_edge_passes_a_wall() -> None:
     ]
 
 
+SQUARE = np.array([(0.0, 0.0), (3.0, 3.0)])
+NOBODY = np.zeros((0, 2))
+
+
 def test_one_door_in_each_wall() -> None:
-    """Two walls half a metre apart have a door each, and two edges 0.6 m apart share them."""
-    square = np.array([(0.0, 0.0), (3.0, 3.0)])
-    plan = Plan.of([square, square + np.array([3.5, 0])], [np.zeros((0, 2))] * 2)
-    legs = np.array([[(1.0, 1.0), (5.0, 1.0)], [(1.0, 1.6), (5.0, 1.6)]])
-    assert [ends.mean(axis=0).tolist() for ends in plan.doors(legs)] == [[3, 1], [3.5, 1]]
+    """A hall between two rooms has a door to each, and two ways 0.6 m apart share them."""
+    legs = np.array([[(1.0, 1.0), (6.0, 1.0)], [(1.0, 1.6), (6.0, 1.6)]])
+    plan = Plan.of([SQUARE, SQUARE + np.array([4.5, 0])], [NOBODY] * 2, legs)
+    assert plan.n_rooms == 3
+    assert [ends.mean(axis=0).tolist() for ends in plan.doors(legs)] == [[3, 1], [4.5, 1]]
+
+
+@pytest.mark.parametrize(("apart", "area"), [(1.0, 12), (1.1, 9)])
+def test_what_is_narrow_between_two_rooms_is_a_part_of_one(apart: float, area: float) -> None:
+    plan = Plan.of([SQUARE, SQUARE + np.array([3 + apart, 0])], [NOBODY] * 2, np.zeros((0, 2, 2)))
+    assert plan.area(0) == pytest.approx(area)
+    assert plan.area(1) == pytest.approx(9)
+
+
+@pytest.mark.parametrize(("side", "open_to_the_sky"), [(3.0, 0.0), (3.5, 3.5**2)])
+def test_what_is_small_among_rooms_is_a_part_of_one(side: float, open_to_the_sky: float) -> None:
+    """A court of 9 square metres between four rooms is; a larger one is not."""
+    low, high = 2.0, 2.0 + side
+    around = [
+        np.array([(0.0, 0.0), (low, high + 2)]),
+        np.array([(low, 0.0), (high + 2, low)]),
+        np.array([(high, low), (high + 2, high + 2)]),
+        np.array([(low, high), (high, high + 2)]),
+    ]
+    plan = Plan.of(around, [NOBODY] * 4, np.zeros((0, 2, 2)))
+    total = sum(plan.area(room) for room in range(4))
+    assert total == pytest.approx((high + 2) ** 2 - open_to_the_sky)
+
+
+def test_ways_beside_rooms_are_halls() -> None:
+    """Two ways that meet are in one hall, 1.2 m wide; a place apart is another."""
+    legs = np.array(
+        [[(1.0, 1.5), (8.0, 1.5)], [(8.0, 1.5), (8.0, 5.5)], [(20.0, 1.5), (20.0, 1.5)]]
+    )
+    plan = Plan.of([SQUARE], [NOBODY], legs)
+    assert plan.n_rooms == 3
+    assert plan.area(0) == pytest.approx(9)
+    assert plan.area(1) == pytest.approx(5.6 * 1.2 + 1.2 * 4)
+    assert plan.area(2) == pytest.approx(1.2**2)
 
 
 def test_walls_follow_the_building() -> None:

@@ -18,10 +18,10 @@ from reverie_eval.analysis import Episode
 from reverie_eval.geometry import Line, Sightings, door_spans
 from reverie_eval.reporting.building_svg import BuildingPicture
 from reverie_eval.reporting.buildings import building_of
-from reverie_eval.reporting.floors_svg import wall_pieces
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_svg import interactive_map_svg
 from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.walls import wall_pieces
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run
 
@@ -60,7 +60,9 @@ def points(shape: ET.Element) -> np.ndarray:
         pytest.param([], [(0, 1), (1, 2)], id="none"),
         pytest.param([(0.5, 1.5)], [(0, 0.5), (1.5, 2)], id="in the middle"),
         pytest.param([(-0.5, 0.5)], [(0.5, 2)], id="across a corner"),
-        pytest.param([(1.2, 1.8), (0.2, 0.8)], [(0, 0.2), (0.8, 1.2), (1.8, 2)], id="two"),
+        pytest.param([(1.5, 1.8), (0.2, 0.6)], [(0, 0.2), (0.6, 1.5), (1.8, 2)], id="two"),
+        pytest.param([(1.2, 1.8), (0.2, 0.6)], [(0, 0.2), (1.8, 2)], id="close together"),
+        pytest.param([(0.6, 1.5), (0.2, 1.1)], [(0, 0.2), (1.5, 2)], id="overlapping"),
     ],
 )
 def test_walls_have_gaps_for_doors(

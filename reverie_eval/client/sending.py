@@ -195,8 +195,10 @@ def http_client(server: str, headers: Mapping[str, str]) -> httpx.Client:
     # A proxy cannot reach a server on this machine, whatever the environment says.
     use_environment = not is_this_machine(httpx.URL(server).host)
     # Certificates take long to load, and are of no use without TLS and proxies.
-    verify = use_environment or server.startswith("https:")
+    needs_certificates = use_environment or server.startswith("https:")
     try:
+        # By SSL_CERT_FILE and SSL_CERT_DIR, also for a server on this machine.
+        verify = httpx.create_ssl_context() if needs_certificates else False
         return httpx.Client(
             headers=headers, timeout=_TIMEOUT, trust_env=use_environment, verify=verify
         )
@@ -237,7 +239,10 @@ def reason_of(error: httpx.RequestError) -> str:
         case ConnectionRefusedError(), _:
             return "connection refused; no server is running there"
         case ssl.SSLCertVerificationError(verify_message=why), _:
-            return f"its TLS certificate is not trusted: {why}"
+            return (
+                f"its TLS certificate is not trusted ({why}); if you trust its authority, name it: "
+                "SSL_CERT_FILE=authority.pem"
+            )
         case ssl.SSLError(reason=why), _:
             return f"the TLS handshake failed ({why}); is it an http:// address?"
         case _, httpx.TimeoutException():

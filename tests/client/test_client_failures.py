@@ -20,7 +20,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import NameOID
 
 from reverie_eval import __version__
-from reverie_eval.client import sending
+from reverie_eval.client import Client, sending
 from tests.conftest import SAMPLES
 from tests.support.flat_world import Outcome, Run
 from tests.support.participants import Proxy, RealServer, Script, answer, problem
@@ -217,6 +217,7 @@ class TlsScript(Script):
         super().__init__(reply)
         self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         self._context.load_cert_chain(certificate(folder))
+        self.url = self.url.replace("http://127.0.0.1", "https://localhost")
 
     def _serve(self, near: socket.socket) -> None:
         with self._context.wrap_socket(near, server_side=True) as private:
@@ -254,10 +255,18 @@ def tls_server(tmp_path: Path) -> Iterator[TlsScript]:
 
 
 def test_a_certificate_that_nobody_vouches_for(tls_server: TlsScript, run: Run) -> None:
-    url = tls_server.url.replace("http://127.0.0.1", "https://localhost")
-    outcome = run(*SUBMIT, "--server", url)
+    outcome = run(*SUBMIT, "--server", tls_server.url)
     assert is_one_line(outcome)
-    assert ": its TLS certificate is not trusted: self-signed certificate" in outcome.err
+    assert ": its TLS certificate is not trusted (self-signed certificate); " in outcome.err
+
+
+def test_a_certificate_that_the_environment_names(
+    tls_server: TlsScript, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also on this machine, which no proxy of the environment leads to."""
+    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "certificate.pem"))
+    with Client(tls_server.url) as client:
+        assert client.splits() == []
 
 
 def test_tls_where_there_is_none(real_server: RealServer, run: Run) -> None:

@@ -15,16 +15,17 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from reverie_eval.metrics import CATALOGUE, printed_value
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas import organising as schemas
+from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import NewsReport, ProblemDocument, ReleaseScores, ReportedMethod
 from reverie_eval.schemas.wire import LONGEST_ID
 from reverie_eval.server.boards import news, reported, reviews, schedules
 from reverie_eval.server.boards.entries import is_anonymous
-from reverie_eval.server.boards.reported_files import as_printed
+from reverie_eval.server.boards.reported_files import as_printed, read_change
 from reverie_eval.server.boards.schedules import Schedules, Timetable, View
-from reverie_eval.server.errors import MalformedError, NotFoundError
+from reverie_eval.server.errors import WRONG_FORM, MalformedError, NotFoundError, TableError
 from reverie_eval.server.http import desk as forms
 from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted, SplitName
 from reverie_eval.server.http.openapi import organiser_router, problems
@@ -46,6 +47,8 @@ _HARMFUL = frozenset({"flagged", "disqualified"})
 """Verdicts that need confirmation."""
 _MARKS = (*METHOD_FLAGS, "reference")
 """What is yes, no or not declared of a reported result."""
+_RESULT = ("team", "source", "date", "dataset", "paper", "code", *_MARKS, *CATALOGUE)
+"""The fields of the form for a reported result, besides the name of its method."""
 _RELEASES: Mapping[ReleaseScores, str] = {
     "at-once": "at once",
     "phase-end": "when the phase ends",
@@ -195,7 +198,9 @@ def add_reported_result(new: schemas.NewReported, organiser: Organiser) -> schem
 def add_reported(desk: Desk, form: Posted) -> Response:
     """Add a reported result to a leaderboard."""
     typed = forms.typed_by(desk, form, draw_reported)
-    fields = {"split": typed.get("split", ""), "scores": scores_of(typed), **_about(typed)}
+    result = _result_in(typed)
+    scores = {key: value for key, value in result["scores"].items() if value is not None}
+    fields = {**result, "split": typed.get("split", ""), "scores": scores}
     tasks = desk.server.settings.tasks
     desk.perform(reported.add_reported, read_model(schemas.NewReported, fields), tasks)
     return forms.done(REPORTED, "added")
@@ -242,8 +247,7 @@ def change_reported_result(
 def change_reported(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Change a reported result."""
     typed = forms.typed_by(desk, form, partial(draw_reported_result, result_id))
-    scores = {**dict.fromkeys(CATALOGUE), **scores_of(typed)}
-    changed = read_model(schemas.ReportedChange, {"scores": scores, **_about(typed)})
+    changed = read_model(schemas.ReportedChange, _result_in(typed))
     desk.perform(reported.change_reported, result_id, changed, desk.server.settings.tasks)
     return forms.done(REPORTED, "changed")
 
@@ -277,42 +281,18 @@ def _scores_asked(tasks: Sequence[Task]) -> Mapping[str, Any]:
     }
 
 
-def scores_of(typed: forms.Typed) -> Mapping[str, float]:
-    """Return the scores of the form, which has them as papers print them: percent, metres.
+def _result_in(typed: forms.Typed) -> Mapping[str, Any]:
+    """Return the fields of a result in the form, which has them as a table prints them.
 
-    Raises
-    ------
-    MalformedError
-        Naming a value that is not a number, or not one that the metric can have.
-
-    Examples
-    --------
-    >>> scores_of({"success": "52.51", "path_length": "12.3", "spl": "", "name": "Walker"})
-    {'path_length': 12.3, 'success': 0.5251}
+    Empty ones are not known. Raises MalformedError, which lists the scores that a metric cannot
+    have.
     """
-    scores = {}
-    for metric in CATALOGUE.values():
-        if text := typed.get(metric.key):
-            try:
-                scores[metric.key] = printed_value(metric, text)
-            except ValueError as error:
-                raise MalformedError(str(error)) from None
-    return scores
-
-
-def _about(typed: forms.Typed) -> Mapping[str, Any]:
-    """Return what the form says of a result besides its scores; empty fields are not known."""
-    may_be_unknown = ("paper", "code", *_MARKS)
-    return {
-        "team": typed.get("team", ""),
-        "source": typed.get("source", ""),
-        "date": typed.get("date") or None,
-        "dataset": typed.get("dataset", ""),
-        "method": {
-            "name": typed.get("name", ""),
-            **{name: typed.get(name) or None for name in may_be_unknown},
-        },
-    }
+    cells = {"method": typed.get("name", ""), **{name: typed.get(name, "") for name in _RESULT}}
+    try:
+        return read_change(cells)
+    except TableError as error:
+        problems = [ProblemReport.model_validate(each) for each in error.problems]
+        raise MalformedError(WRONG_FORM, problems) from None
 
 
 def _typed_of(result: schemas.ReportedEntry) -> forms.Typed:

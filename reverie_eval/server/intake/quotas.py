@@ -6,10 +6,9 @@ or adding people gains nothing. Withdrawn submissions count; rejected files do n
 """
 
 from bisect import bisect_right
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from heapq import merge
 from math import ceil
 from typing import Any
 
@@ -207,8 +206,14 @@ class QuotaUsage:
 
         Only a submission that leaves a window can allow more; grants may expire before that.
         """
+        leaving = sorted(
+            at + WINDOWS[name]
+            for name in windows
+            for times in self.received
+            for at in times
+            if at + WINDOWS[name] > now
+        )
         allowed = min(self._left(name, now) for name in windows)
-        leaving = merge(*(each for name in windows for each in self._leaving(name, now)))
         later = (at for at in leaving if min(self._left(name, at) for name in windows) > allowed)
         return next(later, None)
 
@@ -220,12 +225,6 @@ class QuotaUsage:
         before = at - WINDOWS[window]
         used = max(len(times) - bisect_right(times, before) for times in self.received)
         return max(self._limit(window, at) - used, 0)
-
-    def _leaving(self, window: WindowName, now: datetime) -> Iterator[Iterator[datetime]]:
-        """Yield when the team's and the person's submissions leave the window, each in order."""
-        for times in self.received:
-            counted = bisect_right(times, now - WINDOWS[window])
-            yield (at + WINDOWS[window] for at in times[counted:])
 
 
 def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> GrantReport:

@@ -20,7 +20,6 @@ from tempfile import TemporaryDirectory
 from urllib.parse import urljoin, urlsplit
 
 import httpx
-from sqlalchemy import func, select
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import replacing_folder
@@ -33,7 +32,6 @@ from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import Row, dump, load
-from reverie_eval.server.store.tables import AuditEntry
 from reverie_eval.version import __version__
 
 _SOFTWARE = "reverie-eval"
@@ -64,8 +62,11 @@ class SiteReport:
     """The server's address; empty if its settings do not have it."""
 
 
-def export_site(source: Path, output: Path, date: datetime | None = None) -> SiteReport:
+def export_site(source: Path, output: Path) -> SiteReport:
     """Write the public pages of a server as files.
+
+    What changes with time, such as phases, scores that are held back and hidden teams, is as it is
+    now, or was when the backup was made.
 
     Parameters
     ----------
@@ -73,19 +74,16 @@ def export_site(source: Path, output: Path, date: datetime | None = None) -> Sit
         A server's folder, also while it is running, or a backup.
     output : Path
         A folder that does not exist, is empty, or contains an earlier site, which is replaced.
-    date : datetime, optional
-        The time of the copy, for what changes with time: phases, scores that are held back, hidden
-        teams. By default now, or that of the backup.
 
     Raises
     ------
     ReverieEvalError
-        If something else is in the output, or the date is in the future or before the last change.
+        If something else is in the output.
     BackupError, SettingsError, ReceiptError
         If the source cannot be opened.
     """
     _check_replaceable(output)
-    with _copied(source, date) as state, replacing_folder(output) as folder:
+    with _copied(source) as state, replacing_folder(output) as folder:
         visited = asyncio.run(_visit(state, folder))
         _link_files(visited, state.settings.path_prefix, folder)
         size = sum((folder / each.name).stat().st_size for each in visited.values())
@@ -119,7 +117,7 @@ def _is_copy(folder: Path) -> bool:
 
 
 @contextmanager
-def _copied(source: Path, date: datetime | None) -> Iterator[ServerState]:
+def _copied(source: Path) -> Iterator[ServerState]:
     """Open a copy of a server that has the same rows in a database of its own."""
     with (
         _opened(source) as (original, made_at, revision, rows),
@@ -130,7 +128,7 @@ def _copied(source: Path, date: datetime | None) -> Iterator[ServerState]:
         settings = original.model_copy(update=own)
         with database_errors(), closing(Database(settings.database_url)) as database:
             load(database, revision, rows)
-            moment = _moment(database, date, made_at).replace(microsecond=0)
+        moment = made_at.replace(microsecond=0)
         state = open_server(settings, lambda: moment)
         with closing(state.database):
             yield state
@@ -152,22 +150,6 @@ def _opened(source: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Ro
                 f"there is no database; run `reverie-eval server doctor --quick {source}`"
             )
         yield settings, utc_now(), revision, dump(database)
-
-
-def _moment(database: Database, date: datetime | None, made_at: datetime) -> datetime:
-    """Return the time of a copy: what is hidden at that time is not in it."""
-    if date is None:
-        return made_at
-    with database.reading() as session:
-        last = session.scalar(select(func.max(AuditEntry.at)))
-    if date > utc_now():
-        raise ReverieEvalError(f"{date:%Y-%m-%d %H:%M} UTC is in the future; choose another time")
-    if last is not None and date < last.replace(microsecond=0):  # copies are of whole seconds
-        raise ReverieEvalError(
-            f"{date:%Y-%m-%d %H:%M} UTC is before the last change of the data, at "
-            f"{last:%Y-%m-%d %H:%M:%S} UTC; choose another time, or an earlier backup"
-        )
-    return date
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """``reverie-eval server inspect|evidence|export``: what was submitted, to read."""
 
 from collections.abc import Iterator
-from datetime import datetime
 from pathlib import Path
 
 import click
@@ -142,12 +141,7 @@ def tables(*, folder: Folder, output: Path) -> None:
 @export.command()
 @click.argument("source", metavar="FOLDER|BACKUP", type=click.Path(exists=True, path_type=Path))
 @options.new_path("FOLDER", "The folder to write; an earlier copy in it is replaced.")
-@click.option(
-    "--date",
-    type=options.Time(),
-    help="The time of the copy.  [default: now, or when the backup was made]",
-)
-def site(*, source: Path, output: Path, date: datetime | None) -> int:
+def site(*, source: Path, output: Path) -> int:
     """Write the public leaderboards as files.
 
     Of a server's folder, also while the server runs, or of a backup. The files need no server: open
@@ -158,7 +152,7 @@ def site(*, source: Path, output: Path, date: datetime | None) -> int:
     """
     from reverie_eval.server.platforms.site import export_site
 
-    report = export_site(source, output, date)
+    report = export_site(source, output)
     print(
         f"{output}: {report.files:,} files, {report.size / 1e6:,.1f} MB, "
         f"as of {report.copied_at:%Y-%m-%d %H:%M:%S} UTC"

@@ -29,7 +29,6 @@ from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
     EXAMPLE_KEY,
     EXAMPLE_TOKEN,
-    Email,
     Https,
     Instant,
     KeyId,
@@ -39,6 +38,7 @@ from reverie_eval.schemas.wire import (
     PersonName,
     Secret,
     Sha256,
+    StoredEmail,
     SubmissionId,
     TeamName,
     Text,
@@ -116,7 +116,7 @@ class Me(WireModel):
     person: PersonName
     team: TeamName
     role: Role
-    email: Email | None = None
+    email: StoredEmail | None = None
     """Only the person and organisers see it."""
 
 

@@ -167,16 +167,16 @@ PartialDate = Annotated[str, BeforeValidator(_line), AfterValidator(_partial_dat
 OMITTED = Field(json_schema_extra=_without_default)
 """For a field in a request for changes: its default means no change, and may not be sent."""
 OmittedName = Annotated[Name, OMITTED]
-Email = Annotated[
+StoredEmail = Annotated[
     str,
     Field(
         max_length=LONGEST_EMAIL,
         json_schema_extra={"format": "email"},
         examples=["ada@example.org"],
     ),
-    BeforeValidator(_line),
-    AfterValidator(_email),
 ]
+"""An address in a reply, which the server has checked: a client cannot."""
+Email = Annotated[StoredEmail, BeforeValidator(_line), AfterValidator(_email)]
 Instant = Annotated[AwareDatetime, AfterValidator(_instant)]
 Secret = Annotated[str, Field(min_length=1, max_length=LONGEST_SECRET)]
 

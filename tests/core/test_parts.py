@@ -3,20 +3,17 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
-from importlib.metadata import packages_distributions, requires
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
 import click
 import pytest
-from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 
 from reverie_eval_cli.main import program
 from tests.conftest import SAMPLES
 from tests.support.flat_world import Run
+from tests.support.parts import blocked, installed_with, run_alone
 
 MOST_PACKAGES = 12
 GOOD, MEDIOCRE = str(SAMPLES / "good.json"), str(SAMPLES / "mediocre.json")
@@ -90,19 +87,6 @@ MISSING: Mapping[Words, str] = {
     ("server", "init", "lab"): THE_SERVER,
     ("server", "doctor", "--quick", "lab"): THE_SERVER,
 }
-PROGRAM = """
-import contextlib, io, json, sys
-blocked, commands = json.loads(sys.argv[1])
-sys.modules.update((name, None) for name in blocked if name not in sys.modules)
-from reverie_eval_cli.main import main
-for words in commands:
-    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = main(words)
-    print(json.dumps([status, *(text.buffer.getvalue().decode() for text in (out, err))]))
-"""
-
-
 IN_PYTHON = {
     "scores.to_pandas()": "a data frame needs: pip install 'reverie-eval[report]'",
     "scores.breakdown('scan')": "a data frame needs: pip install 'reverie-eval[report]'",
@@ -131,25 +115,7 @@ for call in calls:
 """
 
 
-def installed_with(package: str) -> Iterator[str]:
-    """Yield the package and everything that it needs here, without extras."""
-    yield canonicalize_name(package)
-    for requirement in map(Requirement, requires(package) or ()):
-        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-            yield from installed_with(requirement.name)
-
-
 BASE = frozenset(installed_with("reverie-eval"))
-
-
-@cache
-def blocked() -> Sequence[str]:
-    """Return what can be imported here that the base does not install."""
-    return [
-        name
-        for name, packages in packages_distributions().items()
-        if BASE.isdisjoint(map(canonicalize_name, packages))
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -159,14 +125,7 @@ def outcomes(demo_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Outc
     commands = [[str(demo_world) if word == "DATASET" else word for word in each] for each in every]
     folder = tmp_path_factory.mktemp("base")
     (folder / "paper.tex").touch()
-    said = subprocess.check_output(
-        [sys.executable, "-c", PROGRAM, json.dumps([blocked(), commands])],
-        cwd=folder,
-        text=True,
-    )
-    return {
-        words: tuple(json.loads(line)) for words, line in zip(every, said.splitlines(), strict=True)
-    }
+    return dict(zip(every, run_alone(commands, folder), strict=True))
 
 
 def _named(words: Words) -> str:

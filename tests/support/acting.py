@@ -52,8 +52,14 @@ def add_team(transaction: Transaction, name: str) -> None:
     people.add_team(transaction, NewTeam(name=name))
 
 
-def add_person(transaction: Transaction, team: str, name: str, role: Role = "participant") -> None:
-    people.add_person(transaction, NewPerson(team=team, name=name, role=role))
+def add_person(
+    transaction: Transaction,
+    team: str,
+    name: str,
+    role: Role = "participant",
+    email: str | None = None,
+) -> None:
+    people.add_person(transaction, NewPerson(team=team, name=name, role=role, email=email))
 
 
 def create_token(

@@ -55,10 +55,11 @@ class RealServer:
 
     def newcomer(self, role: Role = "participant") -> str:
         """Add a team with a person in it, and return the person's name."""
-        name = f"Person {next(self.serial)}"
+        number = next(self.serial)
+        name, address = f"Person {number}", f"person{number}@example.org"
         with acting(self.settings, "test") as transaction:
             add_team(transaction, f"Team of {name}")
-            add_person(transaction, f"Team of {name}", name, role)
+            add_person(transaction, f"Team of {name}", name, role, address)
         return name
 
     def mint(

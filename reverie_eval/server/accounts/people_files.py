@@ -7,13 +7,13 @@ from pydantic import ValidationError
 from reverie_eval.errors import Problem
 from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport
 from reverie_eval.schemas.people import NewPeopleImport, PeopleImportReport, PersonInvitation
+from reverie_eval.schemas.wrong_values import wrong_value
 from reverie_eval.server.accounts import people
 from reverie_eval.server.accounts.joining import invite
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.csv_files import CsvRow, csv_text, read_csv
 from reverie_eval.server.errors import TableError
 from reverie_eval.server.store.tables import name_key
-from reverie_eval.server.wrong_values import wrong_value
 from reverie_eval.text import did_you_mean
 
 _FIELDS: Mapping[str, str] = {"team": "team", "person": "name", "email": "email", "role": "role"}

@@ -23,6 +23,7 @@ from reverie_eval.schemas.organising import (
     ReportedChange,
     ReportedEntry,
 )
+from reverie_eval.schemas.wrong_values import wrong_value
 from reverie_eval.server.audit.transactions import Transaction, difference
 from reverie_eval.server.boards.reported_files import FileRow, read_results
 from reverie_eval.server.errors import (
@@ -34,7 +35,6 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.tables import ReportedResult, read_stored
-from reverie_eval.server.wrong_values import wrong_value
 from reverie_eval.tasks import Task, name_on_server
 from reverie_eval.text import did_you_mean
 

@@ -15,11 +15,11 @@ from fastapi.responses import Response
 from starlette.datastructures import FormData, UploadFile
 
 from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.wrong_values import wrong_field
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Call, CallReading, Desk
 from reverie_eval.server.http.rendering import page, see_other, show_faults_with
 from reverie_eval.server.store.paging import Page
-from reverie_eval.server.wrong_values import wrong_field
 
 ON_A_PAGE = 100
 """The number of rows on a page of a list."""

@@ -1,7 +1,7 @@
 """Messages for invalid values: one for each kind of error that pydantic reports.
 
-The API, forms and the query parameters of pages use the same ones. Pydantic's own messages are
-for programmers.
+The API, forms, the query parameters of pages and the options of commands use the same ones.
+Pydantic's own messages are for programmers.
 """
 
 from collections.abc import Mapping

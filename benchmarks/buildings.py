@@ -76,7 +76,7 @@ ROOMS: Mapping[str, str] = {
 """What instructions call rooms; those without a name are never told from objects."""
 ROOM = re.compile(rf"\b({'|'.join(sorted(ROOMS, key=len, reverse=True))})s?\b", re.IGNORECASE)
 _TASKS = Path("tasks", "REVERIE", "data")
-MARGINS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5)
+MARGINS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0, 3.5)
 # How often that many buildings have to leave a name to that share of their goals: those of
 # val_unseen are ten, and its bar is 70 %.
 _DRAWS, _DRAWN, _OFTEN, _SHOWN = 2000, 10, 0.9, 0.7
@@ -379,7 +379,8 @@ def choose_margin(
         print(
             f"margin {margin}: {shown(names):.1%} of {len(names):,} goals have a name, "
             f"{right(names):.1%} of these are right; at least {_SHOWN:.0%} have one in "
-            f"{enough_shown(compared[margin]):.1%} of draws of {_DRAWN} buildings"
+            f"{enough_shown(compared[margin]):.1%} of draws of {_DRAWN} buildings, and "
+            f"at least {usually_right(compared[margin]):.1%} are right in {_OFTEN:.0%}"
         )
     without_one = {
         largest_margin({margin: its[:row] + its[row + 1 :] for margin, its in compared.items()})
@@ -398,11 +399,24 @@ def enough_shown(names: Sequence[BoolArray]) -> float:
 
     ``names`` has the goals of each building, as :func:`compare` returns them.
     """
-    named = np.array([its[:, 0].sum() for its in names])
-    count = np.array(list(map(len, names)))
+    named, _, count = drawn_goals(names)
+    return float((named >= _SHOWN * count).mean())
+
+
+def usually_right(names: Sequence[BoolArray]) -> float:
+    """Return what share of names is right at least, as often as goals have to have one."""
+    named, right_ones, _ = drawn_goals(names)
+    return float(np.quantile(right_ones / named, 1 - _OFTEN))
+
+
+def drawn_goals(names: Sequence[BoolArray]) -> IntArray:
+    """Draw buildings; return how many goals have a name, a right one, and are there in each draw.
+
+    Shape (3, n_draws).
+    """
+    of_building = np.array([(*its.sum(axis=0), len(its)) for its in names])
     order = np.random.default_rng(0).random((_DRAWS, len(names))).argsort(axis=1)
-    drawn = order[:, :_DRAWN]
-    return float((named[drawn].sum(axis=1) >= _SHOWN * count[drawn].sum(axis=1)).mean())
+    return np.asarray(of_building[order[:, :_DRAWN]].sum(axis=1).T)
 
 
 if __name__ == "__main__":

@@ -258,7 +258,7 @@ def test_totals_leave_out_who_is_no_longer_there(server: Serving) -> None:
 def test_how_long_an_upload_took(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter([7.0, 7.2506])
     monkeypatch.setattr(time, "perf_counter", lambda: next(times))
-    with server.state.get(Intake).attempts.recording(server.person(OWNER), OPEN, 5):
+    with attempts.recording(server.state, server.person(OWNER), OPEN, 5):
         server.clock.turn(seconds=1)
     monkeypatch.undo()
     with server.state.database.reading() as session:
@@ -291,7 +291,7 @@ def test_what_an_upload_that_failed_came_to(
     error: Exception, outcome: str, problems: int, server: Serving
 ) -> None:
     person = server.person(OWNER)
-    with pytest.raises(type(error)), server.state.get(Intake).attempts.recording(person, OPEN, 5):
+    with pytest.raises(type(error)), attempts.recording(server.state, person, OPEN, 5):
         raise error
     assert noted(server) == [(outcome, problems, 5)]
 

@@ -6,7 +6,7 @@ so, and the participant does not notice. Neither files nor their problems are st
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
 from reverie_eval.server import errors
-from reverie_eval.server.store.database import Database
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.tables import (
     IS_CHANGE,
@@ -74,48 +74,41 @@ class Handled:
     problems: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Attempts:
-    """Records every upload of a server."""
+@contextmanager
+def recording(server: ServerState, person: Person, split: str, size: int) -> Iterator[Handled]:
+    """Record the outcome of the upload that is handled in the context, and how long it took."""
+    attempt = Handled(person, split, size, time.perf_counter())
+    try:
+        yield attempt
+    except Exception as error:
+        known = errors.request_error(error)
+        attempt.outcome = known.code if isinstance(known, FAILURES) else errors.FaultError.code
+        if isinstance(known, errors.RejectedFileError):
+            attempt.problems = len(known.problems)
+        raise
+    finally:
+        _record(server, attempt)
 
-    database: Database
-    clock: Callable[[], datetime]
 
-    @contextmanager
-    def recording(self, person: Person, split: str, size: int) -> Iterator[Handled]:
-        """Record the outcome of the upload that is handled in the context, and how long it took."""
-        attempt = Handled(person, split, size, time.perf_counter())
-        try:
-            yield attempt
-        except Exception as error:
-            known = errors.request_error(error)
-            attempt.outcome = known.code if isinstance(known, FAILURES) else errors.FaultError.code
-            attempt.problems = (
-                len(known.problems) if isinstance(known, errors.RejectedFileError) else 0
+def _record(server: ServerState, attempt: Handled) -> None:
+    """Insert the record, and delete those that are too old or too many."""
+    try:
+        with server.database.writing() as session:
+            row = Attempt(
+                person_id=attempt.person.id,
+                split=attempt.split,
+                size=attempt.size,
+                outcome=attempt.outcome,
+                problems=attempt.problems,
+                milliseconds=round(1000 * (time.perf_counter() - attempt.began)),
+                at=server.clock(),
             )
-            raise
-        finally:
-            self._record(attempt)
-
-    def _record(self, attempt: Handled) -> None:
-        """Insert the record, and delete those that are too old or too many."""
-        try:
-            with self.database.writing() as session:
-                row = Attempt(
-                    person_id=attempt.person.id,
-                    split=attempt.split,
-                    size=attempt.size,
-                    outcome=attempt.outcome,
-                    problems=attempt.problems,
-                    milliseconds=round(1000 * (time.perf_counter() - attempt.began)),
-                    at=self.clock(),
-                )
-                session.add(row)
-                session.flush()
-                before, last = row.at - timedelta(days=DAYS_KEPT), row.id - MOST_KEPT
-                session.execute(_DELETE_OLD, {"before": before, "last": last})
-        except Exception:
-            _LOGGER.exception("upload not recorded")
+            session.add(row)
+            session.flush()
+            before, last = row.at - timedelta(days=DAYS_KEPT), row.id - MOST_KEPT
+            session.execute(_DELETE_OLD, {"before": before, "last": last})
+    except Exception:
+        _LOGGER.exception("upload not recorded")
 
 
 def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[AttemptReport]:

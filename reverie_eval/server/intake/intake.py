@@ -31,7 +31,7 @@ from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.audit.transactions import Actor, Transaction
 from reverie_eval.server.boards.schedules import Schedules, View
 from reverie_eval.server.errors import ConflictError, NotOpenError
-from reverie_eval.server.intake.attempts import Attempts
+from reverie_eval.server.intake.attempts import recording
 from reverie_eval.server.intake.quotas import check_quota, usage_of
 from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import Notices
@@ -115,12 +115,11 @@ class Intake:
     """
 
     server: ServerState
-    attempts: Attempts
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
         """Return the intake of a server."""
-        return cls(server, Attempts(server.database, server.clock))
+        return cls(server)
 
     def validate(self, person: Person, split: str, packed: bytes) -> Checked:
         """Unpack and check a submission without the solution; it is not stored or counted.
@@ -184,7 +183,7 @@ class Intake:
             If required information about the method is missing.
         """
         self.server.board(split)  # or there is no such split
-        with self.attempts.recording(person, split, len(packed)) as attempt:
+        with recording(self.server, person, split, len(packed)) as attempt:
             accepted = None
             while accepted is None:  # again if the ground truth was corrected meanwhile
                 with self.server.scoring.hold() as runner:

@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator
 from reverie_eval import PROTOCOLS
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.service import Method, Phase
-from reverie_eval.server.boards.pages import BoardQuery
+from reverie_eval.server.boards.query import BoardQuery
 from reverie_eval.server.errors import ERRORS
 from reverie_eval.server.home.guide_page import in_words
 from reverie_eval.server.settings import Limits, Quota

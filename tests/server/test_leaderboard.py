@@ -15,7 +15,6 @@ from reverie_eval.reporting.service import METHOD_COSTS
 from reverie_eval.schemas.service import CorrectionReport
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import (
-    Filter,
     Ranking,
     as_csv,
     as_json,
@@ -23,6 +22,7 @@ from reverie_eval.server.boards.leaderboard import (
     paper_of,
     ranks,
 )
+from reverie_eval.server.boards.query import Filter
 from reverie_eval.server.boards.rank_intervals import RankInterval
 from reverie_eval.server.boards.reviews import PublishedReview
 from reverie_eval.tasks import find_task
@@ -259,18 +259,16 @@ SHOWN = [
 @pytest.mark.parametrize(
     ("wanted", "expected"),
     [
-        pytest.param({"declared": {"human": True}}, ["Bee"], id="declared"),
-        pytest.param({"declared": {"human": False}}, ["Cat"], id="declared not to be so"),
+        pytest.param({"human": "with"}, ["Bee"], id="declared"),
+        pytest.param({"human": "without"}, ["Cat"], id="declared not to be so"),
         pytest.param(
-            {"declared": {"human": None}},
+            {"human": "undeclared"},
             ["Ant", "2026-03-01", "2026-03", "2026", "unknown"],
             id="not declared",
         ),
-        pytest.param({"declared": {"human": True, "ensemble": True}}, [], id="both"),
-        pytest.param({"declared": {"input_class": "views"}}, ["Bee"], id="an input class"),
-        pytest.param(
-            {"declared": {"input_class": None}, "text": "t"}, ["Ant"], id="no input class"
-        ),
+        pytest.param({"human": "with", "ensemble": "with"}, [], id="both"),
+        pytest.param({"input_class": "views"}, ["Bee"], id="an input class"),
+        pytest.param({"input_class": "undeclared", "text": "t"}, ["Ant"], id="no input class"),
         pytest.param({"sample_from": 60, "text": "t"}, ["Ant", "Cat"], id="most episodes"),
         pytest.param({"sample_from": 59, "text": "t"}, ["Ant", "Bee", "Cat"], id="enough of them"),
         pytest.param({"money_until": 0.25}, ["Bee", "Cat"], id="affordable"),
@@ -294,9 +292,9 @@ SHOWN = [
 )
 def test_which_rows_a_filter_shows(wanted: Any, expected: list[str]) -> None:
     ranking = ranking_of(*SHOWN)
-    shown = Filter(**{"declared": {}, **wanted}).of(ranking.rows, ranking)
+    shown = Filter(**wanted).shown(ranking.rows, ranking)
     assert [row.entry.method["name"] for row in shown] == expected
-    assert Filter({}).of(ranking.rows, ranking) is ranking.rows
+    assert Filter(text=" ").shown(ranking.rows, ranking) is ranking.rows
 
 
 def test_ranks_of_values() -> None:

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from functools import partial
 from math import inf
 from typing import Any, Self
@@ -70,52 +70,6 @@ class Ranking:
         of many. None for reported results.
         """
         return None if entry.team_id is None else self.counts[entry.team_id]
-
-
-@dataclass(frozen=True, slots=True)
-class Filter:
-    """Which rows are shown; their ranks are those on the whole leaderboard."""
-
-    declared: Mapping[str, bool | str | None]
-    """Required values of what a method declares, None for not declared; others may be any."""
-    since: date | None = None
-    until: date | None = None
-    """Days in UTC; both are included, and so are dated months and years that include such a day."""
-    text: str = ""
-    """Part of the name of the method or the team; case is ignored."""
-    sample_from: int | None = None
-    """The smallest number of episodes that a method was run on; by default on all."""
-    money_until: float | None = None
-    """The highest declared price of an episode, in US dollars."""
-
-    def of(self, rows: Sequence[Row], ranking: Ranking) -> Sequence[Row]:
-        """Return the rows of a ranking that match."""
-        return rows if self == Filter({}) else [row for row in rows if self._admits(row, ranking)]
-
-    def _admits(self, row: Row, ranking: Ranking) -> bool:
-        method, wanted = row.entry.method, self.text.casefold()
-        return (
-            all(method.get(name) == asked for name, asked in self.declared.items())
-            and self._admits_cost(method)
-            and self._admits_date(row.entry.date)
-            and (
-                wanted in method["name"].casefold() or wanted in ranking.team(row.entry).casefold()
-            )
-        )
-
-    def _admits_cost(self, method: Mapping[str, Any]) -> bool:
-        size, money = method.get("sample_size"), method.get("money_per_episode")
-        is_large = self.sample_from is None or size is None or size >= self.sample_from
-        return is_large and (
-            self.money_until is None or (money is not None and money <= self.money_until)
-        )
-
-    def _admits_date(self, day: str) -> bool:
-        """Whether a day, or any day of a month or a year, is in the filter's period."""
-        if not day:
-            return self.since is None and self.until is None
-        since, until = (str(each or day)[: len(day)] for each in (self.since, self.until))
-        return since <= day <= until
 
 
 def leaderboard(board: Board, found: BoardEntries, metric: str, now: datetime) -> Ranking:

@@ -2,49 +2,32 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from math import ceil
-from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar
-from urllib.parse import urlencode
+from typing import Annotated, Literal, NamedTuple, Self, TypeVar
 
 import msgspec
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse, Response
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
-from reverie_eval.schemas.report import ProblemReport
-from reverie_eval.schemas.service import Amount, InputClass, SampleSize
+from reverie_eval.reporting.service import METHOD_COSTS
+from reverie_eval.server.boards import feed
 from reverie_eval.server.boards.charts import chart_of, rank_chart, timeline_of
 from reverie_eval.server.boards.entries import Entry, Row
-from reverie_eval.server.boards.feed import (
-    MOST_ITEMS,
-    items_of,
-    items_of_corrections,
-    items_of_news,
-    latest,
-)
-from reverie_eval.server.boards.leaderboard import (
-    Filter,
-    Ranking,
-    Rankings,
-    as_bibtex,
-    as_latex,
-    sort_by,
-)
+from reverie_eval.server.boards.leaderboard import Ranking, Rankings, as_bibtex, as_latex, sort_by
 from reverie_eval.server.boards.news import announcements, corrections_of, latest_news
+from reverie_eval.server.boards.query import LONGEST_SOUGHT, BoardQuery
 from reverie_eval.server.boards.schedules import Schedules
-from reverie_eval.server.errors import WRONG_FORM, MalformedError, NotFoundError
+from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.rendering import address_of_site, page, render
 from reverie_eval.server.scoring.boards import Board, without_version
 from reverie_eval.server.state import ServerState
 from reverie_eval.tasks import DEFAULT_TASK
-from reverie_eval.text import did_you_mean
 
 PER_PAGE = 50
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
@@ -61,110 +44,6 @@ _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
 router = APIRouter()
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Response])
-FlagFilter = Literal["", "with", "without", "undeclared"]
-_DECLARED: Mapping[FlagFilter, bool | None] = {"with": True, "without": False, "undeclared": None}
-
-
-MetricKey = Annotated[str, Field(max_length=100)]
-"""Whether the leaderboard has the metric is checked by :meth:`BoardQuery.on`."""
-EmptyIsNone = BeforeValidator(lambda value: None if value == "" else value)
-Day = Annotated[date | None, EmptyIsNone]
-
-
-LONGEST_SOUGHT = 100
-"""Characters of a part of a name that a leaderboard is searched for."""
-
-
-class BoardQuery(BaseModel):
-    """The query parameters of a leaderboard; empty ones, as forms send them, count as missing."""
-
-    model_config = ConfigDict(frozen=True)
-
-    metric: MetricKey = ""
-    extra_data: FlagFilter = ""
-    pre_exploration: FlagFilter = ""
-    ground_truth_objects: FlagFilter = ""
-    ensemble: FlagFilter = ""
-    navigation_only: FlagFilter = ""
-    human: FlagFilter = ""
-    input_class: InputClass | Literal["", "undeclared"] = ""
-    sample_from: Annotated[SampleSize | None, EmptyIsNone] = None
-    money_until: Annotated[Amount | None, EmptyIsNone] = None
-    since: Day = None
-    until: Day = None
-    text: Annotated[str, Field(max_length=LONGEST_SOUGHT)] = ""
-    columns: Literal["", "all"] = ""
-    x: MetricKey = ""
-    y: MetricKey = ""
-    page: Annotated[int, Field(ge=1, le=100_000)] = 1
-    _usual: Mapping[str, str] = PrivateAttr(default_factory=dict)
-    """The metrics that the leaderboard shows if it is asked for no others."""
-
-    def on(self, board: Board) -> Self:
-        """Return the query with a leaderboard's own metrics where it asks for none.
-
-        Raises
-        ------
-        MalformedError
-            If it asks for a metric that the leaderboard's task does not have.
-        """
-        known, primary = board.task.metrics, board.primary.key
-        usual = {"metric": primary, "x": "success", "y": "rgs" if "rgs" in known else primary}
-        asked = {name: getattr(self, name) or key for name, key in usual.items()}
-        unknown = [
-            ProblemReport(
-                code="wrong-value",
-                where=name,
-                message=f"{board.task.title} has no metric {key!r}{did_you_mean(key, known)}",
-            )
-            for name, key in asked.items()
-            if key not in known
-        ]
-        if unknown:
-            raise MalformedError(WRONG_FORM, unknown)
-        resolved = self.model_copy(update=asked)
-        resolved._usual = usual  # noqa: SLF001  # of this class
-        return resolved
-
-    def ranked_by(self, board: Board) -> str:
-        """Return the metric of the ranks: the one sorted by, or the primary one if it has none."""
-        return self.metric if self.metric in board.sortable else board.primary.key
-
-    @property
-    def shown(self) -> Filter:
-        """The filter of the rows."""
-        declared: dict[str, bool | str | None] = {
-            flag: _DECLARED[asked] for flag in METHOD_FLAGS if (asked := getattr(self, flag))
-        }
-        if self.input_class:
-            is_asked = self.input_class != "undeclared"
-            declared["input_class"] = self.input_class if is_asked else None
-        text, cost = self.text.strip(), (self.sample_from, self.money_until)
-        return Filter(declared, self.since, self.until, text, *cost)
-
-    @property
-    def is_filtered(self) -> bool:
-        """Whether the filter may exclude rows."""
-        return self.shown != Filter({})
-
-    def link(self, **changes: Any) -> str:
-        """Return the query with some parameters changed, without those at their defaults."""
-        changed = type(self).model_validate(self.model_dump() | changes)
-        given = changed.model_dump(mode="json", exclude_defaults=True)
-        unusual = {name: value for name, value in given.items() if value != self._usual.get(name)}
-        return f"?{urlencode(unusual)}"
-
-    @property
-    def unfiltered(self) -> str:
-        """The query without the filter, for the first page."""
-        costs = ("input_class", "sample_from", "money_until")
-        filters = (*METHOD_FLAGS, *costs, "since", "until", "text", "page")
-        return self.link(**{name: type(self).model_fields[name].default for name in filters})
-
-    def direction(self, metric: Metric) -> Literal["ascending", "descending"]:
-        """Return the order of the sorted column: the best or the lowest value first."""
-        return "descending" if metric.better == "higher" else "ascending"
-
 
 Shown = Annotated[BoardQuery, Query()]
 
@@ -248,8 +127,8 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
     with visitor.reading() as reading:
         session, server = reading.session, visitor.server
         ranking = server.get(Rankings).detailed(session, board, query.ranked_by(board))
-        part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
-        charted = query.shown.of(ranking.rows, ranking)
+        part, apart = _part(ranking, query), query.shown(ranking.apart, ranking)
+        charted = query.shown(ranking.rows, ranking)
         is_copy = visitor.request.app.state.is_copy
         return page(
             reading,
@@ -290,7 +169,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
 def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
     query = query.on(ranking.board)
-    rows = query.shown.of(ranking.rows, ranking)
+    rows = query.shown(ranking.rows, ranking)
     drawn = chart_of(ranking, rows, query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
@@ -331,14 +210,14 @@ def _feed(
     request: Request, server: ServerState, boards: Sequence[Board], path: str, title: str
 ) -> Response:
     with server.database.reading() as session:
-        items = [*items_of_news(latest_news(session, MOST_ITEMS))]
+        items = [*feed.items_of_news(latest_news(session, feed.MOST_ITEMS))]
         corrections = corrections_of(session, boards)
         rankings = server.get(Rankings).rankings(session, boards)
         for ranking in rankings:
-            items += () if ranking is None else items_of(ranking)
+            items += () if ranking is None else feed.items_of(ranking)
         for board in boards:
-            items += items_of_corrections(board, corrections[board.split])
-    shown = latest(items)
+            items += feed.items_of_corrections(board, corrections[board.split])
+    shown = feed.latest(items)
     xml = render(
         "feed.atom",
         title=title,
@@ -405,7 +284,7 @@ def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
 
 def _part(ranking: Ranking, query: BoardQuery) -> BoardPage:
     """Return the requested page, or the last one."""
-    shown = query.shown.of(ranking.rows, ranking)
+    shown = query.shown(ranking.rows, ranking)
     if CATALOGUE[query.metric].better == "neither":  # by others, they are already sorted
         shown = sort_by(shown, CATALOGUE[query.metric])
     pages = max(1, ceil(len(shown) / PER_PAGE))

@@ -19,14 +19,7 @@ from reverie_eval.server.accounts import people
 from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http import desk as forms
-from reverie_eval.server.http.callers import (
-    Call,
-    CallReading,
-    Desk,
-    Organiser,
-    Posted,
-    SplitName,
-)
+from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted, SplitName
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.openapi import BINARY, file_reply, organiser_router, problems
 from reverie_eval.server.http.paging import Paging

@@ -29,12 +29,7 @@ from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.receipts import read
 from reverie_eval.reporting.history import Timeline
 from reverie_eval.reporting.service import known_task
-from reverie_eval.schemas.service import (
-    Method,
-    ProblemDocument,
-    ScoredSubmission,
-    SubmissionChange,
-)
+from reverie_eval.schemas.service import Method, ProblemDocument, ScoredSubmission, SubmissionChange
 from reverie_eval.server.audit.log import history
 from reverie_eval.server.boards.charts import progress_of
 from reverie_eval.server.boards.entries import is_anonymous

@@ -41,11 +41,12 @@ from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
-from reverie_eval.runner import run_agent
+from reverie_eval.runner import Record, run_agent
 from reverie_eval.server.accounts.people import person_named
 from reverie_eval.server.app import add_rooms, create_app
 from reverie_eval.server.audit.log import entries
 from reverie_eval.server.audit.transactions import Transaction
+from reverie_eval.server.explore import episodes
 from reverie_eval.server.http import middleware
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.runtime import RuntimeState
@@ -190,8 +191,28 @@ def add_rooms_once(app: FastAPI) -> None:
     app.router.routes[:] = _routes
 
 
-sharing_routes = partial(patch, f"{create_app.__module__}.add_rooms", add_rooms_once)
-"""Let applications share their routes."""
+@contextmanager
+def sharing() -> Iterator[None]:
+    """Let servers share routes, and the boards and walks of agents that are of equal files."""
+    loaded: dict[tuple[object, ...], Board] = {}
+    walked = cache(run_agent)
+
+    def walk(agent: str, truth: GroundTruth, seed: int = 0) -> list[Record]:
+        return walked(agent, truth, seed)
+
+    def load(name: str, split: Split, path: Path) -> Board:
+        key = name, repr(split), path.read_bytes(), path.stat().st_mode
+        if key not in loaded:
+            loaded[key] = load_board(name, split, path)
+        return loaded[key]
+
+    with (
+        patch(f"{create_app.__module__}.add_rooms", add_rooms_once),
+        patch.object(boards, "load_board", load),
+        patch.object(episodes, "run_agent", walk),
+        patch.object(health, "run_agent", walk),
+    ):
+        yield
 
 
 _descriptions: dict[str, str] = {}
@@ -336,24 +357,12 @@ OpenServer = Callable[..., Serving]
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _files_are_read_once() -> Iterator[None]:
-    """Let servers share boards, migrations, routes and what is said of them.
-
-    Each takes longer than most tests.
-    """
-    loaded: dict[tuple[object, ...], Board] = {}
-
-    def load(name: str, split: Split, path: Path) -> Board:
-        key = name, repr(split), path.read_bytes(), path.stat().st_mode
-        if key not in loaded:
-            loaded[key] = load_board(name, split, path)
-        return loaded[key]
-
+def _servers_share() -> Iterator[None]:
+    """Let servers share what each takes longer for than most tests."""
     with (
-        patch.object(boards, "load_board", load),
+        sharing(),
         patch(f"{Database.__module__}.ScriptDirectory", cache(ScriptDirectory)),
         patch(f"{describe.__module__}.get_openapi", describe_once),
-        sharing_routes(),
     ):
         yield
 

@@ -2,7 +2,7 @@
 
 import gc
 import os
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from unittest.mock import patch
@@ -10,20 +10,25 @@ from unittest.mock import patch
 from fastapi.routing import iter_route_contexts
 
 from fixtures.servers import make_folder
+from reverie_eval.agents import AGENTS
 from reverie_eval.server.app import create_app
+from reverie_eval.server.explore import episodes
 from reverie_eval.server.http.rendering import _environment
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.settings import load_settings
-from tests.support.serving import sharing_routes
+from tests.support.serving import sharing
 
 
-def _prepare_routes() -> None:
+def _prepare_server() -> None:
     with TemporaryDirectory() as name, patch.dict(os.environ, clear=True):
         folder = Path(name, "server")
         make_folder(folder)
         state = open_server(load_settings(folder))
         with closing(state.database):
             list(iter_route_contexts(create_app(state).routes))
+        for board in state.boards.values():
+            for agent in AGENTS:
+                episodes.run_agent(agent, board.truth)  # type: ignore[attr-defined]
 
 
 def _prepare_templates() -> None:
@@ -32,7 +37,8 @@ def _prepare_templates() -> None:
         environment.get_template(name)
 
 
-sharing_routes().start()
-_prepare_routes()
+_for_ever = ExitStack()
+_for_ever.enter_context(sharing())
+_prepare_server()
 _prepare_templates()
 gc.freeze()

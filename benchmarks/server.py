@@ -40,7 +40,7 @@ from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.server.accounts.people import add_person, add_team
 from reverie_eval.server.accounts.tokens import create_token
-from reverie_eval.server.audit.receipts import make_key
+from reverie_eval.server.audit.signing import make_key
 from reverie_eval.server.opening import acting
 from reverie_eval.server.operations.folder import upgrade_folder
 from reverie_eval.server.settings import load_settings

@@ -13,9 +13,8 @@ from typing import Any, Protocol, Self, TypeVar
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem
-from reverie_eval.server.audit.keys import current_key, open_key
 from reverie_eval.server.audit.log import AuditLog
-from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.signing import Signer, current_key, open_key
 from reverie_eval.server.audit.transactions import Clock, Transactions
 from reverie_eval.server.scoring.boards import Board, Boards, all_boards, find_board, tasks_of
 from reverie_eval.server.scoring.contexts import Scoring, ScoringHere

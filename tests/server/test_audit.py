@@ -22,8 +22,8 @@ from reverie_eval.server.audit.log import (
     list_entries,
     list_reports,
 )
-from reverie_eval.server.audit.receipts import Signer
 from reverie_eval.server.audit.rows import mismatches, swapped_names
+from reverie_eval.server.audit.signing import Signer
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.operations.keys import replace_key, revoke_key
 from reverie_eval.server.store.database import Database, count_rows

@@ -13,7 +13,7 @@ import pytest
 from sqlalchemy.exc import DBAPIError
 
 from reverie_eval.server.app import jobs_of
-from reverie_eval.server.audit.receipts import make_key
+from reverie_eval.server.audit.signing import make_key
 from reverie_eval.server.operations import health
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.health import REMEDIES, Health

@@ -29,8 +29,8 @@ from reverie_eval.schemas.service import Method
 from reverie_eval.server.accounts.people import rename_team, team_named
 from reverie_eval.server.accounts.tokens import revoke_token
 from reverie_eval.server.audit.log import entries, row_name
-from reverie_eval.server.audit.receipts import make_key
 from reverie_eval.server.audit.rows import mismatches
+from reverie_eval.server.audit.signing import make_key
 from reverie_eval.server.boards.news import add_news, remove_news
 from reverie_eval.server.boards.reported import add_reported, change_reported, remove_reported
 from reverie_eval.server.boards.reviews import lift_review

@@ -15,7 +15,7 @@ from securesystemslib.dsse import Envelope
 from securesystemslib.exceptions import VerificationError
 from securesystemslib.signer import SSlibKey  # type: ignore[attr-defined]
 
-from reverie_eval.server.audit.receipts import public_pem_of
+from reverie_eval.server.audit.signing import public_pem_of
 from tests.server.test_receipts import ENVELOPE, OTHER_KEY, RECEIPT, SIGNER, SNAPSHOT
 from tests.support.serving import OWNER, PRIVATE, Serving, submission_for
 from tests.support.signing import receipt_in

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import event, select
 
 from reverie_eval.server.audit.log import AuditLog, entries
-from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.signing import Signer
 from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.intake import intake, quotas
 from reverie_eval.server.scoring.boards import Board

@@ -13,7 +13,7 @@ import pytest
 
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.app import jobs_of
-from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.signing import Signer
 from reverie_eval.server.operations import health
 from reverie_eval.server.operations.health import Health
 from reverie_eval.server.scoring.boards import Board

@@ -14,8 +14,8 @@ from sqlalchemy import text
 
 from reverie_eval.receipts import NotGenuineError, verify_by_history
 from reverie_eval.schemas.service import Envelope, KeyReport
-from reverie_eval.server.audit.receipts import make_key
 from reverie_eval.server.audit.rows import mismatches
+from reverie_eval.server.audit.signing import make_key
 from reverie_eval.server.opening import acting, open_server
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine

@@ -38,7 +38,7 @@ from reverie_eval.schemas.service import (
     Receipt,
     Snapshot,
 )
-from reverie_eval.server.audit.receipts import (
+from reverie_eval.server.audit.signing import (
     KeyMissingError,
     Signer,
     load_key,

@@ -11,15 +11,17 @@ from sqlalchemy import select
 from reverie_eval.receipts import ReceiptError, public_key_of, verify
 from reverie_eval.schemas.organising import KeyRevocation, NewSnapshot
 from reverie_eval.schemas.service import EarlierResult, Envelope
-from reverie_eval.server.audit.keys import (
+from reverie_eval.server.audit.log import AuditLog, entries
+from reverie_eval.server.audit.signing import (
+    Signer,
     all_keys,
     current_key,
     file_of_key,
     list_keys,
+    load_key,
+    make_key,
     open_key,
 )
-from reverie_eval.server.audit.log import AuditLog, entries
-from reverie_eval.server.audit.receipts import Signer, load_key, make_key
 from reverie_eval.server.audit.transactions import Transaction, Transactions
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFoundError

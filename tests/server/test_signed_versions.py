@@ -22,7 +22,7 @@ from reverie_eval.schemas.service import (
     ScoredSubmission,
     Snapshot,
 )
-from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.signing import Signer
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine

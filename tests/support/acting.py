@@ -21,7 +21,7 @@ from reverie_eval.schemas.service import Role, Verdict
 from reverie_eval.server.accounts import people, tokens
 from reverie_eval.server.accounts.joining import receive_request
 from reverie_eval.server.audit.log import AuditLog
-from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.signing import Signer
 from reverie_eval.server.audit.transactions import Transaction, Transactions
 from reverie_eval.server.boards import reviews
 from reverie_eval.server.store.database import Database

@@ -23,7 +23,7 @@ from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import Role
 from reverie_eval.server.audit.log import AuditLog
-from reverie_eval.server.audit.receipts import Signer, load_key
+from reverie_eval.server.audit.signing import Signer, load_key
 from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database

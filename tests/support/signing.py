@@ -8,7 +8,7 @@ from typing import Any
 
 from reverie_eval.receipts import read
 from reverie_eval.schemas.service import Envelope, Receipt, Snapshot
-from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.signing import Signer
 
 
 def receipt_in(told: Envelope | Mapping[str, Any]) -> Receipt:

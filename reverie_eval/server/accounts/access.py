@@ -16,7 +16,7 @@ from reverie_eval.schemas import service as schemas
 from reverie_eval.schemas.wire import EXAMPLE_KEY, LONGEST_SECRET
 from reverie_eval.server.accounts.joining import receive_request
 from reverie_eval.server.accounts.tokens import accept_invitation
-from reverie_eval.server.audit.keys import list_keys
+from reverie_eval.server.audit.signing import list_keys
 from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http import callers
 from reverie_eval.server.http.callers import Anybody, Caller, CallReading, Server, Visitor

@@ -38,7 +38,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.receipts import public_key_of
 from reverie_eval.schemas.organising import AuditReport
-from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.signing import Signer
 from reverie_eval.server.store.database import AT_ONCE, IS_READING
 from reverie_eval.server.store.paging import Listed, Page, list_page
 from reverie_eval.server.store.tables import IS_CHANGE, SAME_FILE, AuditEntry, Base, Person

@@ -18,8 +18,8 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from reverie_eval.receipts import key_id_of
 from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import Verdict
-from reverie_eval.server.audit.keys import all_keys
 from reverie_eval.server.audit.log import KEY_REPLACED, entries, name_digest, row_name
+from reverie_eval.server.audit.signing import all_keys
 from reverie_eval.server.store import tables
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.paging import LARGEST

@@ -12,9 +12,8 @@ from typing import Any, Self, TypeAlias
 
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.audit.keys import admit
 from reverie_eval.server.audit.log import AuditLog, row_name
-from reverie_eval.server.audit.receipts import Signer
+from reverie_eval.server.audit.signing import Signer, admit
 from reverie_eval.server.settings import Channel
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Base, Person

@@ -32,7 +32,7 @@ from reverie_eval.schemas.service import (
     Schedule,
     ScoredSubmission,
 )
-from reverie_eval.server.audit.receipts import Signer, read_as
+from reverie_eval.server.audit.signing import Signer, read_as
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError, no_split
 from reverie_eval.server.messages.queue import messages_of

@@ -21,7 +21,7 @@ from reverie_eval.metrics import Metric
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult, Receipt
-from reverie_eval.server.audit.receipts import read_as
+from reverie_eval.server.audit.signing import read_as
 from reverie_eval.server.audit.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.boards.leaderboard import ranks
 from reverie_eval.server.boards.news import corrections_of

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.reporting.service import headline_of
 from reverie_eval.schemas.service import Envelope, Snapshot, SnapshotEntry
-from reverie_eval.server.audit.receipts import read_as
+from reverie_eval.server.audit.signing import read_as
 from reverie_eval.server.boards.leaderboard import csv_of
 from reverie_eval.server.boards.routes import LEADERBOARD_CSV
 from reverie_eval.server.corrections import desk

@@ -30,7 +30,7 @@ from pydantic import BaseModel, ConfigDict
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.ground_truth import bundle_name
-from reverie_eval.server.audit.keys import file_of_key
+from reverie_eval.server.audit.signing import file_of_key
 from reverie_eval.server.audit.transactions import utc_now
 from reverie_eval.server.opening import check_known, database_errors
 from reverie_eval.server.operations.folder import SIGNING_KEY

@@ -7,15 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.server.audit.keys import current_key, open_key
-from reverie_eval.server.audit.receipts import KeyMissingError, load_key, public_pem_of
+from reverie_eval.server.audit.signing import (
+    KeyMissingError,
+    current_key,
+    load_key,
+    open_key,
+    public_pem_of,
+)
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.corrections import count_outdated
 from reverie_eval.server.opening import REFUSALS, FolderError, damaged, database_fault, reason_of
@@ -29,11 +33,7 @@ from reverie_eval.server.settings import (
     variables_ignored,
 )
 from reverie_eval.server.store.damage import find_damage
-from reverie_eval.server.store.database import (
-    AT_ONCE,
-    Database,
-    is_full,
-)
+from reverie_eval.server.store.database import AT_ONCE, Database, is_full
 from reverie_eval.server.store.tables import IS_SHOWN, Submission, read_stored
 from reverie_eval.server.store.uploads import Uploads, UploadsError, open_uploads, stored_pieces
 from reverie_eval.text import count_text, first_few
@@ -72,18 +72,26 @@ def _findings(settings: Settings) -> Iterator[Finding]:
     yield from _at_settings(settings)
     boards = yield from _at_ground_truth(settings)
     fault = database_fault(settings) or _damage(settings)
-    yield from _at_signing_key(settings, fault)
-    yield from _at_database(settings, fault)
-    if fault is None:
-        yield from guarded("database", _at_rows(settings, boards))
-    yield from guarded("uploads", _at_uploads(settings))
-
-
-def _at_rows(settings: Settings, boards: Mapping[str, Board]) -> Iterator[Finding]:
+    if fault is not None:
+        yield from _at_signing_key(settings, None)
+        yield Finding("database", "fault", fault)
+        yield from _at_uploads(settings, None)
+        return
     with closing(Database(settings.database_url)) as database, database.reading() as session:
-        yield from _at_rules(session, boards)
-        yield from _at_schedules(session, settings)
-        yield from _at_results(session, boards, settings.folder)
+        yield from _at_signing_key(settings, session)
+        # The URL's query may contain the passphrase of a key.
+        url = settings.database_url.set(query={}).render_as_string()
+        yield Finding("database", "ok", url)
+        yield from guarded("database", _at_rows(session, settings, boards))
+        yield from guarded("uploads", _at_uploads(settings, session))
+
+
+def _at_rows(
+    session: Session, settings: Settings, boards: Mapping[str, Board]
+) -> Iterator[Finding]:
+    yield from _at_rules(session, boards)
+    yield from _at_schedules(session, settings)
+    yield from _at_results(session, boards, settings.folder)
 
 
 def guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
@@ -210,10 +218,12 @@ def _told_by_others(board: Board, episodes: int) -> str:
     )
 
 
-def _at_signing_key(settings: Settings, fault: str | None) -> Iterator[Finding]:
+def _at_signing_key(settings: Settings, session: Session | None) -> Iterator[Finding]:
     """Check the key; which one is in use is known only if the database can be used."""
+    current = None if session is None else current_key(session)
     try:
-        key = _key_of(settings, fault)
+        path = settings.path(settings.signing_key)
+        key = load_key(path) if current is None else open_key(path, current.key_id)
     except KeyMissingError as error:
         lost = f"reverie-eval server key rotate {settings.folder} --lost"
         message = f"{error}; if it is lost for good, run `{lost}`"
@@ -222,23 +232,6 @@ def _at_signing_key(settings: Settings, fault: str | None) -> Iterator[Finding]:
         yield Finding("signing key", "fault", str(error))
     else:
         yield Finding("signing key", "ok", key_id_of(public_pem_of(key)))
-
-
-def _key_of(settings: Settings, fault: str | None) -> Ed25519PrivateKey:
-    path = settings.path(settings.signing_key)
-    if fault is not None:
-        return load_key(path)
-    with closing(Database(settings.database_url)) as database, database.reading() as session:
-        current = current_key(session)
-        return open_key(path, None if current is None else current.key_id)
-
-
-def _at_database(settings: Settings, fault: str | None) -> Iterator[Finding]:
-    if fault is not None:
-        yield Finding("database", "fault", fault)
-        return
-    # The URL's query may contain the passphrase of a key.
-    yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
 
 
 def _at_rules(session: Session, boards: Mapping[str, Board]) -> Iterator[Finding]:
@@ -336,32 +329,28 @@ def _at_outdated(session: Session, board: Board, folder: Path) -> Iterator[Findi
     yield Finding("results", "note", message)
 
 
-def _at_uploads(settings: Settings) -> Iterator[Finding]:
+def _at_uploads(settings: Settings, session: Session | None) -> Iterator[Finding]:
+    """Check that uploads can be stored, and are those of the database, if that can be used."""
     is_s3 = settings.uploads.startswith("s3://")
     place = settings.uploads if is_s3 else str(settings.path(settings.uploads))
     try:
-        open_uploads(settings.uploads, settings.folder).try_out()
+        uploads = open_uploads(settings.uploads, settings.folder)
+        uploads.try_out()
     except UploadsError as error:
         yield Finding("uploads", "fault", str(error))
+        return
     except OSError as error:
         is_space = is_full(error)
         remedy = "free some space" if is_space else "choose a folder that the server can write to"
         message = f"{place}: {error.strerror}; {remedy}"
         yield Finding("uploads", "fault", message)
-    else:
-        yield Finding("uploads", "ok", place)
-        yield from _at_newest_upload(settings)
-
-
-def _at_newest_upload(settings: Settings) -> Iterator[Finding]:
-    """Check that the uploads are those of the database; ``server doctor`` reads all of them."""
-    if database_fault(settings) is None:
-        uploads = open_uploads(settings.uploads, settings.folder)
-        with closing(Database(settings.database_url)) as database, database.reading() as session:
-            try:
-                try_newest(session, uploads)
-            except UploadsError as error:
-                yield Finding(NEWEST_UPLOAD, "fault", str(error))
+        return
+    yield Finding("uploads", "ok", place)
+    if session is not None:
+        try:
+            try_newest(session, uploads)  # `server doctor` reads all of them
+        except UploadsError as error:
+            yield Finding(NEWEST_UPLOAD, "fault", str(error))
 
 
 def try_newest(session: Session, uploads: Uploads) -> None:

@@ -24,7 +24,6 @@ from reverie_eval.schemas.service import (
     Snapshot,
     SnapshotEntry,
 )
-from reverie_eval.server.audit.keys import list_keys
 from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.rows import (
     all_names_of_teams,
@@ -32,6 +31,7 @@ from reverie_eval.server.audit.rows import (
     mismatches,
     swapped_names,
 )
+from reverie_eval.server.audit.signing import list_keys
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.messages.queue import given_up, notify_of_fault
 from reverie_eval.server.opening import REFUSALS, acting, open_server

@@ -24,7 +24,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder, bundle_name
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.server.accounts.people import add_person, add_team
 from reverie_eval.server.accounts.tokens import create_token
-from reverie_eval.server.audit.receipts import make_key
+from reverie_eval.server.audit.signing import make_key
 from reverie_eval.server.opening import acting, check_known
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database

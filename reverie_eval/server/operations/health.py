@@ -37,8 +37,7 @@ from reverie_eval.schemas.service import (
     QuotaReport,
     Receipt,
 )
-from reverie_eval.server.audit.keys import current_key, file_of_key
-from reverie_eval.server.audit.receipts import load_key
+from reverie_eval.server.audit.signing import current_key, file_of_key, load_key
 from reverie_eval.server.boards.leaderboard import Ranking, Rankings
 from reverie_eval.server.jobs import Jobs
 from reverie_eval.server.messages.queue import tell_fault

@@ -13,9 +13,17 @@ from sqlalchemy import select
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.organising import KeyRevocation
 from reverie_eval.schemas.service import Envelope, KeyReport
-from reverie_eval.server.audit.keys import current_key, new_row, open_key, pending_path
 from reverie_eval.server.audit.log import AuditLog
-from reverie_eval.server.audit.receipts import KeyMissingError, Signer, load_key, make_key
+from reverie_eval.server.audit.signing import (
+    KeyMissingError,
+    Signer,
+    current_key,
+    load_key,
+    make_key,
+    new_row,
+    open_key,
+    pending_path,
+)
 from reverie_eval.server.audit.transactions import Transaction, utc_now
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.opening import acting, opened

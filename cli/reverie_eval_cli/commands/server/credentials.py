@@ -31,10 +31,10 @@ def key() -> None:
 @server_folder
 def list_keys(*, folder: Folder) -> None:
     """List the keys that sign receipts, the earliest first."""
-    from reverie_eval.server.audit import keys
+    from reverie_eval.server.audit import signing
 
     with folder.reading() as session:
-        known = keys.list_keys(session)
+        known = signing.list_keys(session)
     rows = [
         (each.key_id, minute(each.valid_from), minute(each.valid_until) or "in use", each.reason)
         for each in known

@@ -18,7 +18,6 @@ from reverie_eval.server.boards.reviews import (
     lift_review,
     list_reviews,
     review_rows,
-    reviews_of,
     standing_reviews,
 )
 from reverie_eval.server.errors import ConflictError, NotFoundError
@@ -113,11 +112,8 @@ def test_lists_of_reviews_and_submissions_begin_with_the_latest(server: Serving)
         assert [each.submission.id for each in current] == [late, late, early]
         assert [each.id for each in latest_submissions(session, 9)] == [late, early]
         assert [each.id for each in latest_submissions(session, 1)] == [late]
-        of_split = reviews_of(session, OPEN)
-        assert {key: [each.id for each in rows] for key, rows in of_split.items()} == {
-            early: [proof],
-            late: [praise, baseline],
-        }
+        assert [each.id for each in standing_reviews(session, early)] == [proof]
+        assert [each.id for each in standing_reviews(session, late)] == [praise, baseline]
 
 
 def test_a_review_is_reported_as_it_is_kept(server: Serving) -> None:
@@ -215,23 +211,8 @@ def test_reviews_are_listed_the_latest_first_and_shown_the_earliest_first(server
     listed = server.ask(ORGANISER, "GET", "/organiser/reviews").json()
     assert [said["verdict"] for said in listed] == ["baseline", "verified"]
     with server.state.database.reading() as session:
-        shown = reviews_of(session, OPEN)[submission_id]
+        shown = standing_reviews(session, submission_id)
     assert [said.verdict for said in shown] == ["verified", "baseline"]
-
-
-def test_a_split_s_reviews_are_its_own_and_those_that_stand(server_on: Serving) -> None:
-    here, there = sent(server_on), sent(server_on, PRIVATE)
-    say(server_on, here, "verified")
-    say(server_on, here, "baseline")
-    say(server_on, there, "verified")
-    say(server_on, there, "flagged")
-    with server_on.state.database.reading() as session:
-        found = {
-            split: {key: [said.verdict for said in each] for key, each in said_of.items()}
-            for split in (OPEN, PRIVATE)
-            if (said_of := reviews_of(session, split))
-        }
-    assert found == {OPEN: {here: ["verified", "baseline"]}, PRIVATE: {there: ["flagged"]}}
 
 
 def test_over_http(server: Serving) -> None:

@@ -4,7 +4,6 @@ Verified, flagged and disqualified replace each other; baseline is independent o
 never deleted: a lifted or replaced review stays in the database with the time at which it ended.
 """
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -85,18 +84,6 @@ def standing_reviews(session: Session, submission_id: str) -> Sequence[Review]:
 def is_disqualified(reviews: Iterable[Review | PublishedReview]) -> bool:
     """Whether a submission with these current reviews is disqualified."""
     return any(review.verdict == "disqualified" for review in reviews)
-
-
-def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
-    """Return the current reviews of the submissions to a split by id, the earliest first."""
-    # Not a join, for which databases may read all submissions first: there are few reviews.
-    its_split = select(Submission.split).where(Submission.id == Review.submission_id)
-    is_of_split = its_split.scalar_subquery() == split
-    chosen = select(Review).where(Review.lifted_at.is_(None), is_of_split).order_by(Review.id)
-    by_submission: defaultdict[str, list[Review]] = defaultdict(list)
-    for row in session.scalars(chosen):
-        by_submission[row.submission_id].append(row)
-    return dict(by_submission)
 
 
 def review_rows(session: Session, page: Page, *, standing: bool) -> Listed[Review]:

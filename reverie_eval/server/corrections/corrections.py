@@ -13,7 +13,7 @@ from datetime import datetime
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import Label, func, literal, select, union_all
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import SubmissionError
@@ -26,11 +26,11 @@ from reverie_eval.server.audit.transactions import Actor, Transaction, Transacti
 from reverie_eval.server.boards.leaderboard import ranks
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
-from reverie_eval.server.boards.reviews import is_disqualified, reviews_of
+from reverie_eval.server.intake.submissions import has_review
 from reverie_eval.server.scoring.boards import Board, find_board, without_version
 from reverie_eval.server.scoring.contexts import Context
 from reverie_eval.server.store.paging import Listed, Page, list_page
-from reverie_eval.server.store.tables import Correction, Review, Submission, read_stored
+from reverie_eval.server.store.tables import IS_SHOWN, Correction, Submission, read_stored
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
 
 
@@ -149,7 +149,7 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
         select(
             Submission.id,
             Submission.sha256,
-            *_signature_and_fingerprint(board.name),
+            *_scored_by(board.name),
             Submission.published_at,
             Submission.upload_deleted_at,
         )
@@ -174,43 +174,29 @@ def count_outdated(session: Session, boards: Collection[Board]) -> Mapping[str, 
 
     One statement counts those of all leaderboards.
     """
-    names = dict.fromkeys(board.name for board in boards)
-    # A submission is counted on all leaderboards of its split at once.
-    prefixes = {name: f"board_{number}" for number, name in enumerate(names)}
-    columns = [
-        column.label(f"{prefix}_{field}")
-        for name, prefix in prefixes.items()
-        for field, column in _signature_and_fingerprint(name)._asdict().items()
+    counted = [
+        select(literal(board.path), *_scored_by(board.name), func.count())
+        .where(Submission.split == board.split)
+        .group_by("signature", "fingerprint")
+        for board in boards
     ]
-    of_splits = Submission.split.in_({board.split for board in boards})
-    scored_by = select(Submission.split, *columns).where(of_splits).subquery()
-    counted = select(*scored_by.columns, func.count().label("number"))
-    outdated_on = dict.fromkeys([board.path for board in boards], 0)
-    for row in session.execute(counted.group_by(*scored_by.columns)).mappings():
-        for board in (board for board in boards if board.split == row["split"]):
-            scored = (row[f"{prefixes[board.name]}_{field}"] or "" for field in _ScoredBy._fields)
-            if not board.is_current(*scored):
-                outdated_on[board.path] += row["number"]
-    return outdated_on
+    by_path = {board.path: board for board in boards}
+    numbers = dict.fromkeys(by_path, 0)
+    for path, signature, fingerprint, number in session.execute(union_all(*counted)):
+        if not by_path[path].is_current(signature or "", fingerprint or ""):
+            numbers[path] += number
+    return numbers
 
 
-class _ScoredBy(NamedTuple):
-    """What a result was scored by, as columns of a statement."""
+def _scored_by(name: str) -> tuple[Label[str | None], Label[str | None]]:
+    """Return signature and fingerprint of the reports on a leaderboard; NULL without a result."""
 
-    signature: ColumnElement[str | None]
-    fingerprint: ColumnElement[str | None]
-
-
-def _signature_and_fingerprint(name: str) -> _ScoredBy:
-    """Return columns of the reports on a leaderboard; NULL without a result."""
-
-    def column(field: str) -> ColumnElement[str | None]:
-        found: ColumnElement[str | None] = (
-            Submission.boards[(name, "report", field)] if name else Submission.report[field]
-        ).as_string()
+    def column(field: str) -> Label[str | None]:
+        stored = Submission.boards[(name, "report", field)] if name else Submission.report[field]
+        found: Label[str | None] = stored.as_string().label(field)
         return found
 
-    return _ScoredBy(column("signature"), column("fingerprint"))
+    return column("signature"), column("fingerprint")
 
 
 def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:
@@ -240,8 +226,10 @@ def changes(
         for name, result in known.items()
     ]
     after = [_after(result, board, outcomes.get(name)) for name, result in known.items()]
-    reviews, ranked_by = reviews_of(session, board.split), board.primary
-    is_ranked = [_is_ranked(row, reviews) for row in rows]
+    ranked_by, may_rank = board.primary, IS_SHOWN & ~has_review("disqualified")
+    chosen_ids = select(Submission.id).where(Submission.split == board.split, may_rank)
+    ranked = set(session.scalars(chosen_ids))
+    is_ranked = [row.id in ranked for row in rows]
     ranks_before = _ranks_among(is_ranked, before, ranked_by)
     ranks_after = _ranks_among(is_ranked, after, ranked_by)
     problems = {name: told for name, told in outcomes.items() if isinstance(told, str)}
@@ -314,8 +302,3 @@ def _ranks_among(
         for ranked, each in zip(is_ranked, scores, strict=True)
     ]
     return ranks(values, metric)
-
-
-def _is_ranked(row: Submission, reviews: Mapping[str, Sequence[Review]]) -> bool:
-    """Whether a leaderboard ranks a submission that is scored under its rules."""
-    return row.status == "published" and not is_disqualified(reviews.get(row.id, ()))

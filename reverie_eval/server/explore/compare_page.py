@@ -127,7 +127,7 @@ def compare_results(
     outcomes: Outcomes = {}
     flips: Mapping[str, Sequence[str]] = {}
     if comparison is not None and _show_episodes(session, ranking, ids):
-        outcomes, flips = _outcomes(comparison, names), _flips(comparison, names)
+        outcomes, flips = _outcomes(comparison, names)
     return ComparedPair(ranking, rows, names, comparison, why_not, outcomes, flips)
 
 
@@ -162,33 +162,31 @@ def _show_episodes(session: Session, ranking: Ranking, ids: Sequence[str]) -> bo
     return not ranking.board.name and len(session.scalars(public).all()) == len(ids)
 
 
-def _outcomes(comparison: Comparison, names: Sequence[str]) -> Outcomes:
-    """Count episodes by their two outcomes; empty if the protocol lacks the metrics for it."""
+def _outcomes(
+    comparison: Comparison, names: Sequence[str]
+) -> tuple[Outcomes, Mapping[str, Sequence[str]]]:
+    """Count episodes by their two outcomes, and list those in which only one result is correct.
+
+    Both are empty if the protocol lacks the metrics for it.
+    """
+    scores = [comparison.scores[name] for name in names]
     try:
-        first, second = (outcome_indices(comparison.scores[name].episodes) for name in names)
+        first, second = (outcome_indices(each.episodes) for each in scores)
     except ProtocolError:
-        return {}
+        return {}, {}
     counts = np.zeros((len(OUTCOMES), len(OUTCOMES)), dtype=np.int64)
     np.add.at(counts, (first, second), 1)
-    return {
+    outcomes = {
         outcome: dict(zip(OUTCOMES, row, strict=True))
         for outcome, row in zip(OUTCOMES, counts.tolist(), strict=True)
     }
-
-
-def _flips(comparison: Comparison, names: Sequence[str]) -> Mapping[str, Sequence[str]]:
-    """List the episodes in which only one of two results is correct, in the order of the split."""
-    scores = [comparison.scores[name] for name in names]
-    try:
-        is_correct = [outcome_indices(each.episodes) == CORRECT for each in scores]
-    except ProtocolError:
-        return {}
-    ids, (first, second) = scores[0].instr_ids, is_correct
-    won = (first & ~second, second & ~first)
-    return {
-        name: [ids[row] for row in np.flatnonzero(rows).tolist()]
+    is_first, is_second = first == CORRECT, second == CORRECT
+    won = (is_first & ~is_second, is_second & ~is_first)
+    flips = {
+        name: [scores[0].instr_ids[row] for row in np.flatnonzero(rows).tolist()]
         for name, rows in zip(names, won, strict=True)
     }
+    return outcomes, flips
 
 
 @of_every_board(router, "/compare")

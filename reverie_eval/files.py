@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from errno import EDQUOT, EFBIG, ENOSPC
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
@@ -12,6 +13,8 @@ from reverie_eval.errors import ReverieEvalError
 
 # The permissions of a file for its group and for others.
 _OTHERS = 0o077
+# The disk, the user's part of it, or the largest file that the process may write.
+_FULL = (ENOSPC, EDQUOT, EFBIG)
 
 
 def is_private(path: Path) -> bool:
@@ -40,11 +43,7 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
     # In the same folder, because renaming is atomic within a file system only.
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        try:
-            descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
-        except OSError as error:
-            error.filename = str(path)  # messages should name the caller's file, not the draft
-            raise
+        descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
         with os.fdopen(descriptor, "wb") as file:
             if path.exists():
                 status = path.stat()
@@ -53,6 +52,11 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
                     os.chown(draft, status.st_uid, status.st_gid)
             yield file
         draft.replace(path)
+    except OSError as error:
+        # Messages should name the caller's file: not the draft, and where the system names none.
+        if error.filename == str(draft) or error.errno in _FULL:
+            error.filename = str(path)
+        raise
     finally:
         # After a rename there is no draft any more; after an error there may be.
         draft.unlink(missing_ok=True)

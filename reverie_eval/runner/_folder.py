@@ -165,12 +165,16 @@ class RunFolder:
 
     def add(self, row: Step | Attempt) -> None:
         """Append a step, or the end of an attempt; that is on disk when this returns."""
-        if isinstance(row, Step):
-            _write(self._steps, encode(row))
-            return
-        os.fsync(self._steps)
-        _write(self._episodes, encode(row))
-        os.fsync(self._episodes)
+        try:
+            if isinstance(row, Step):
+                _write(self._steps, encode(row))
+                return
+            os.fsync(self._steps)
+            _write(self._episodes, encode(row))
+            os.fsync(self._episodes)
+        except OSError as error:
+            error.filename = str(self.path)  # the system knows no name of an open file
+            raise
         self.attempts.append(row)
 
     def write_card(self, totals: Totals | None = None) -> None:

@@ -2,6 +2,9 @@
 
 import json
 import re
+import resource
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,6 +51,25 @@ def test_the_agent_of_the_page_runs_and_scores_what_the_page_says(folder: Path, 
 def test_the_batch_of_the_page_passes_as_an_agent(folder: Path, demo: GroundTruth) -> None:
     (folder / "batch.py").write_text(BATCH)
     assert check_agent(RunPlan(AgentSource("batch.py"), demo), number=40) == set()
+
+
+def test_a_run_for_which_there_is_no_space_goes_on_later(tmp_path: Path, run: Run) -> None:
+    words = ["run", "nearest-first", "--split", SPLIT, "-o", "mine"]
+    stopped = subprocess.run(
+        [sys.executable, "-m", "reverie_eval_cli", *words],
+        cwd=tmp_path,
+        # The largest file that it may write, in bytes: within a line of steps.jsonl.
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000)),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (stopped.returncode, stopped.stderr) == (2, "reverie-eval: mine: File too large\n")
+    went_on = run(*words[:-1], str(tmp_path / "mine"))
+    whole = run(*words[:-1], str(tmp_path / "whole"))
+    assert went_on.out == whole.out
+    ours, its = (tmp_path / name / "submission.json" for name in ("mine", "whole"))
+    assert ours.read_bytes() == its.read_bytes()
 
 
 def test_an_edited_agent_does_not_pass_for_the_one_that_ran(folder: Path, run: Run) -> None:

@@ -1,11 +1,15 @@
 """Folders that appear complete or not at all, and files that nobody else may read."""
 
 import os
+import resource
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from reverie_eval.files import is_private, replacing_folder, staged_file, staged_folder
+from tests.conftest import SAMPLES
 
 
 def test_a_new_folder_appears_at_once(tmp_path: Path) -> None:
@@ -110,3 +114,19 @@ def test_a_file_that_an_administrator_replaces_stays_that_of_the_service(tmp_pat
     status = place.stat()
     assert (status.st_uid, status.st_gid, status.st_mode & 0o777) == (12345, 12346, 0o600)
     assert place.read_bytes() == b"new"
+
+
+def test_a_file_for_which_there_is_no_space_is_named(tmp_path: Path) -> None:
+    """The system names none, as its error comes from writing to an open file."""
+    command = [sys.executable, "-m", "reverie_eval_cli", str(SAMPLES / "good.json")]
+    written = subprocess.run(
+        [*command, "--split", "val_unseen", "-o", "scores.txt"],
+        cwd=tmp_path,
+        # The largest file that it may write, in bytes.
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100)),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert written.stderr == "reverie-eval: scores.txt: File too large\n"
+    assert (written.returncode, list(tmp_path.iterdir())) == (2, [])

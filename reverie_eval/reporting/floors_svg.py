@@ -65,8 +65,10 @@ class Floors:
         self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
         corners = {level: self._flat(self._ground(level)) for level in self.levels}
         self._sheets = Sheets.of(corners, below)
-        self.scale, self.height = self._sheets.scale, self._sheets.height
-        """Units of the page per metre, and in all."""
+        self.scale = self._sheets.scale
+        """Units of the page per metre."""
+        self.height = self._sheets.height
+        """In units of the page."""
 
     @cached_property
     def shapes(self) -> str:
@@ -87,7 +89,8 @@ class Floors:
             for room in self._building.rooms_on(level)
             for ends in self._joints(room)
         ]
-        yield path("joint", path_data("joint", joints))
+        if joints:
+            yield path("joint", path_data("joint", joints))
         treads = [self._page(_tread(each.ends), level) for each in self._building.treads_on(level)]
         if treads:
             yield path("tread", "".join(f"{line_data(each)}z" for each in treads))

@@ -15,13 +15,14 @@ from imageio_ffmpeg import get_ffmpeg_exe
 import reverie_eval as rv
 from benchmarks.buildings import Scan, plan_picture
 from reverie_eval.analysis import Episode
-from reverie_eval.geometry import Line, Sightings, door_spans
+from reverie_eval.geometry import Building, Line, Room, Sightings, Solids, door_spans
 from reverie_eval.reporting.building_svg import BuildingPicture
 from reverie_eval.reporting.buildings import building_of
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_svg import interactive_map_svg
 from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.reporting.walls import wall_pieces
+from reverie_eval.reporting.sheets import Sheets
+from reverie_eval.reporting.walls import wall_pieces, walls_of
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run
 
@@ -74,6 +75,99 @@ def test_walls_have_gaps_for_doors(
     spans = door_spans([Line(0, np.array(each, float)) for each in ends], *wall)
     pieces = list(wall_pieces(*wall, spans))
     assert [tuple(piece[:, 1].round(9)) for piece in pieces] == expected
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_windows_are_in_outer_walls(turn: float) -> None:
+    """One beside an outer wall; not those beside an inner one, at a door, and amid a room."""
+    axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+    square = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
+    centre = np.array([(1.0, 0.2), (3.8, 2.0), (6.0, 3.9), (2.0, 2.0)])
+    n_windows = len(centre)
+    nowhere = np.zeros(n_windows, dtype=np.int64)
+    solids = Solids(
+        object_id=np.arange(n_windows),
+        names=["bay window", "window", "windows", "window"],
+        storey=nowhere,
+        room=nowhere,
+        centre=np.column_stack([centre @ axes, np.ones(n_windows)]),
+        half=np.full((n_windows, 3), 0.5),
+        back=np.array([3, 0, 1, 3]),
+        axes=axes,
+    )
+    building = Building(
+        storey=np.zeros(1, dtype=np.int64),
+        room=np.zeros(1, dtype=np.int64),
+        rooms=[Room("", 0, [(square + np.array([x, 0])) @ axes], 16.0) for x in (0, 4)],
+        doors=[Line(0, np.array([(5.5, 4.0), (6.4, 4.0)]) @ axes)],
+        treads=[],
+        solids=solids,
+    )
+    pieces = [*walls_of(building, 0)]
+    (pane,) = [piece for piece in pieces if piece.material == "glass"]
+    assert np.sort(pane.ends @ axes.T, axis=0) == pytest.approx(np.array([(0.5, 0), (1.5, 0)]))
+    thickness = {round(2 * piece.half, 6) for piece in pieces}
+    assert thickness == {0.3, 0.14}
+    length = sum(np.hypot(*(piece.ends[1] - piece.ends[0])) for piece in pieces)
+    # Corners are closed: outer walls, of which there are four lines, are longer by their thickness.
+    assert length == pytest.approx(24 + 4 * 0.3 + 4 + 0.14 - 0.9)
+    corners = pane.corners(axes)
+    assert np.ptp(corners, axis=0) == pytest.approx([1.0, 0.3, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("n_levels", "size", "columns"),
+    [
+        pytest.param(3, (4, 10), 1, id="three"),
+        pytest.param(4, (4, 10), 2, id="four that are narrow"),
+        pytest.param(4, (30, 4), 1, id="four that are wide"),
+        pytest.param(5, (4, 10), 2, id="five"),
+    ],
+)
+def test_many_levels_are_in_two_columns(
+    n_levels: int, size: tuple[float, float], columns: int
+) -> None:
+    corners = np.array([(0, 0), size], dtype=float)
+    sheets = Sheets.of(dict.fromkeys(range(n_levels)[::-1], corners), below=10.0)
+    assert len({float(left) for left in sheets.title_left.values()}) == columns
+    placed = {level: sheets.scale * corners + its for level, its in sheets.origin.items()}
+    assert (np.vstack(list(placed.values())) >= 0).all()
+    assert all((its <= (WIDTH, sheets.height - 10)).all() for its in placed.values())
+    assert sheets.height <= 460
+    assert sheets.title_left[0] == min(sheets.title_left.values())
+    bottom = max(its[1, 1] for its in placed.values())
+    assert placed[0][1, 1] == pytest.approx(bottom)
+    assert all(
+        placed[level][1, 1] < placed[level - 1][0, 1]
+        for level in range(1, n_levels)
+        if sheets.title_left[level] == sheets.title_left[level - 1]
+    )
+
+
+def test_floors_have_joints(episode: Episode) -> None:
+    """Boards along one axis; tiles in the kitchen, along both."""
+    svg = picture_of(episode).svg()
+    (joints,) = of_class(svg, "joint")
+    lines = [its.split("L") for its in joints.get("d", "").split("M")[1:]]
+    ends = np.array([[each.split() for each in line] for line in lines], dtype=float)
+    ways = {round(float(np.arctan2(*(last - first)[::-1])) % np.pi, 1) for first, last in ends}
+    assert len(ways) == 2
+
+
+@pytest.mark.parametrize(("name", "is_drawn"), [("stairs", False), ("dresser", True)])
+def test_what_is_large_and_unknown_is_left_out(
+    episode: Episode, name: str, *, is_drawn: bool
+) -> None:
+    whole = EpisodeMap.of({"": episode})
+    solids = whole.building.solids
+    row = solids.object_id.tolist().index(episode.target_object)
+    large = solids.half.copy()
+    large[row] = 0.7
+    names = ["rug"] * len(solids.names)
+    names[row] = name
+    changed = replace(whole.building, solids=replace(solids, half=large, names=names))
+    svg = BuildingPicture(replace(whole, building=changed)).svg()
+    assert bool(of_class(svg, "wood")) == is_drawn
 
 
 def test_levels_are_stacked(scores: rv.Scores) -> None:

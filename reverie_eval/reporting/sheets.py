@@ -21,7 +21,7 @@ class Sheets(NamedTuple):
     scale: float
     """Units of the page per metre."""
     height: float
-    """Of the page, in its units."""
+    """The height of the page, in its units."""
     origin: Mapping[int, FloatArray]
     """Shape (2,): where the origin of a level's projection is."""
     title_left: Mapping[int, float]

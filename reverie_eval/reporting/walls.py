@@ -10,7 +10,7 @@ from reverie_eval.arrays import FloatArray
 from reverie_eval.geometry import Building, door_spans
 
 HEIGHT = 0.8
-"""Of a wall, metres: low enough to see what is behind it."""
+"""The height of a drawn wall, metres: low enough to see what is behind it."""
 # Metres: the thickness of outer and of inner walls, and the longest piece of one.
 _OUTER, _INNER, _PIECE = 0.3, 0.14, 1.5
 # Metres: what is too short to stand between two doors, the distance of a window from its wall, and

@@ -75,7 +75,7 @@ def test_private_modules_are_imported_within_their_package_alone() -> None:
 SERVER = REPOSITORY / "reverie_eval" / "server"
 DOOR = re.compile(
     r"\w+\.py|(http|platforms)/.*|"
-    r"\w+/(routes|pages|desk|room|uploads|health|\w+_page)\.py"
+    r"\w+/(access|routes|pages|desk|room|uploads|health|\w+_page)\.py"
 )
 """Where the server knows HTTP: the doors of its rooms, what they share, what puts it together."""
 

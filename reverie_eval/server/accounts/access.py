@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Form, Request, Response
 from fastapi.responses import PlainTextResponse
 
-from reverie_eval.schemas import people as joining
 from reverie_eval.schemas import service as schemas
+from reverie_eval.schemas.people import MOST_PEOPLE, JoinReply, NewJoinRequest
 from reverie_eval.schemas.wire import EXAMPLE_KEY, LONGEST_SECRET
 from reverie_eval.server.accounts.joining import receive_request
 from reverie_eval.server.accounts.tokens import accept_invitation
@@ -222,9 +222,7 @@ def _draw_sign_in(
 
 
 @routes.post("/join", status_code=202, responses=problems("not-allowed", "conflict"))
-def ask_to_join(
-    request: Request, new: joining.NewJoinRequest, runtime: Runtime
-) -> joining.JoinReply:
+def ask_to_join(request: Request, new: NewJoinRequest, runtime: Runtime) -> JoinReply:
     """Ask the organiser for accounts; the reply does not reveal who has an account.
 
     An address may send five requests a day.
@@ -253,14 +251,12 @@ def ask_to_join_on_page(
     show_faults_with(visitor.request, lambda problem: _draw_join(visitor, typed, problem))
     listed = list(people_in(people))
     fields = {**typed, "people": [person for _, person in listed]}
-    new = read_model(joining.NewJoinRequest, fields, {"people": [line for line, _ in listed]})
+    new = read_model(NewJoinRequest, fields, {"people": [line for line, _ in listed]})
     reply = _receive(visitor.request, runtime, new)
     return _draw_join(visitor, {}, done=reply.message)
 
 
-def _receive(
-    request: Request, runtime: RuntimeState, new: joining.NewJoinRequest
-) -> joining.JoinReply:
+def _receive(request: Request, runtime: RuntimeState, new: NewJoinRequest) -> JoinReply:
     server = callers.state_of(request)
     return receive_request(
         server.transactions,
@@ -301,6 +297,6 @@ def _draw_join(
             problem,
             typed=typed,
             done=done,
-            most_people=joining.MOST_PEOPLE,
+            most_people=MOST_PEOPLE,
             is_open=visitor.server.settings.accept_requests_to_join,
         )

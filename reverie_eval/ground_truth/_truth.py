@@ -322,7 +322,7 @@ class GroundTruth:
 
         known = self.episodes.instr_ids
         close = get_close_matches(str(instr_id), known)
-        examples = f"did you mean {first_few(close)}?" if close else f"such as {first_few(known)}"
+        examples = f"did you mean {first_few(close)}?" if close else f"it has {first_few(known)}"
         number = count_text(len(known), "episode")
         return f"no episode {instr_id!r} among the {number} of {self.split}; {examples}"
 

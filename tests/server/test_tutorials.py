@@ -114,7 +114,7 @@ def test_a_language_model(laptop: Laptop) -> None:
             said = take_steps("chat", laptop, port)
         finally:
             model.kill()
-    lines = re.findall(r"^(?:read: |[\d,]+ tokens).*$", page_of("chat"), re.MULTILINE)
+    lines = re.findall(r"^(?:the agent read |[\d,]+ tokens).*$", page_of("chat"), re.MULTILINE)
     assert len(lines) == 3
     assert all(f"{line}\n" in said for line in lines)
     assert "nothing was left to run" in said

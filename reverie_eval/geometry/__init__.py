@@ -15,6 +15,7 @@ from reverie_eval.geometry._views import (
     STEP,
     VIEW_AXES,
     WIDTH,
+    Picture,
     axes,
     degrees_between,
     degrees_off,
@@ -40,7 +41,8 @@ if TYPE_CHECKING:
     )
     from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
     from reverie_eval.geometry._room_names import name_room
-    from reverie_eval.geometry._room_views import Face, RoomView, Seen
+    from reverie_eval.geometry._room_views import RoomView, Seen
+    from reverie_eval.geometry._shells import Face, floor_joints
     from reverie_eval.geometry._solids import BLOCK, Solids, kind_of, sides_of
 
 __all__ = [
@@ -59,6 +61,7 @@ __all__ = [
     "Face",
     "Line",
     "OrientedBoxes",
+    "Picture",
     "Room",
     "RoomView",
     "Seen",
@@ -73,6 +76,7 @@ __all__ = [
     "degrees_off",
     "door_spans",
     "find_storeys",
+    "floor_joints",
     "floors_of",
     "is_on_grid",
     "kind_of",
@@ -93,7 +97,7 @@ __all__ = [
 def __getattr__(name: str) -> object:
     # Scoring a file needs none of these, which take four fifths of the time to import geometry.
     for module in (
-        ("_buildings", "_framing", "_room_names", "_room_views", "_solids")
+        ("_buildings", "_framing", "_room_names", "_room_views", "_shells", "_solids")
         if name in __all__
         else ()
     ):

@@ -14,11 +14,35 @@ from typing import Literal, NamedTuple
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.arrays import Array, FloatArray, IntArray
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 from reverie_eval.geometry._views import FOCAL_LENGTH, VIEW_AXES, pixels_of, rays_of
 
-Form = Literal["block", "board", "table", "seat", "bed", "basin", "plant", "lamp"]
-Material = Literal["wood", "cloth", "white", "glass", "metal", "dark", "leaf", "light"]
+Form = Literal[
+    "block",
+    "board",
+    "window",
+    "picture",
+    "curtain",
+    "table",
+    "chair",
+    "couch",
+    "toilet",
+    "bed",
+    "basin",
+    "cabinet",
+    "drawers",
+    "shelves",
+    "machine",
+    "hearth",
+    "plant",
+    "rail",
+    "figure",
+    "lamp",
+    "pendant",
+    "fan",
+]
+Material = Literal["wood", "cloth", "white", "glass", "metal", "dark", "leaf", "light", "plain"]
+Place = Literal["anywhere", "floor", "wall", "ceiling"]
 
 CAMERA_HEIGHT = 1.5
 """Metres from the floor to a camera; the median over Matterport3D is 1.54."""
@@ -37,6 +61,8 @@ class Kind(NamedTuple):
 
     form: Form
     material: Material
+    place: Place = "anywhere"
+    """What it stands on or hangs from."""
     depth: float = 1.0
     """Fraction of the width."""
 
@@ -45,44 +71,72 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
     {
         word: kind
         for words, kind in {
-            "picture painting photo poster art frame clock door": Kind("board", "wood"),
-            "window mirror skylight": Kind("board", "glass"),
-            "tv monitor television screen": Kind("board", "dark"),
-            "curtain blinds tapestry shade towel clothes robe": Kind("board", "cloth"),
-            "vent switch thermostat radiator heater board wainscotting": Kind("board", "white"),
-            "table sidetable desk stand workbench nightstand": Kind("table", "wood", 0.8),
-            "bench pew": Kind("table", "wood", 0.5),
-            "chair stool armchair seat": Kind("seat", "wood"),
-            "couch sofa loveseat": Kind("seat", "cloth", 0.5),
-            "toilet": Kind("seat", "white"),
-            "bed": Kind("bed", "cloth"),
-            "sink washbasin basin": Kind("basin", "white"),
-            "bathtub tub": Kind("basin", "white", 0.5),
-            "plant tree flower bush fern": Kind("plant", "leaf"),
-            "lamp chandelier": Kind("lamp", "light"),
-            "light sconce candle": Kind("block", "light"),
-            "cabinet dresser drawer bookshelf bookcase shelf shelve rack wardrobe counter closet "
-            "countertop fireplace vanity chest cupboard island altar piano": Kind(
-                "block", "wood", 0.5
+            "picture, painting, painter, photo, poster, art, frame": Kind(
+                "picture", "wood", "wall"
             ),
-            "refrigerator fridge oven stove dishwasher dryer machine microwave": Kind(
-                "block", "white"
+            "window, windowframe, window frame": Kind("window", "glass", "wall"),
+            "mirror, skylight, glass": Kind("board", "glass", "wall"),
+            "clock, door, doorway, archway, arch, panel": Kind("board", "wood", "wall"),
+            "tv, monitor, television, screen": Kind("board", "dark", "wall"),
+            "curtain, blinds, tapestry, shade": Kind("curtain", "cloth", "wall"),
+            "towel, clothes, robe, hanger": Kind("board", "cloth", "wall"),
+            "vent, switch, thermostat, radiator, heater, board, whiteboard, wainscotting, wall, "
+            "windowsill": Kind("board", "white", "wall"),
+            "table, desk, stand, workbench, sidetable": Kind("table", "wood", "floor", 0.8),
+            "bench, pew": Kind("table", "wood", "floor", 0.5),
+            "stool": Kind("table", "wood", "floor"),
+            "chair, seat": Kind("chair", "wood", "floor"),
+            "armchair, sofa chair, recliner": Kind("couch", "cloth", "floor"),
+            "couch, sofa, loveseat": Kind("couch", "cloth", "floor", 0.5),
+            "toilet, bidet": Kind("toilet", "white", "floor"),
+            "bed": Kind("bed", "cloth", "floor"),
+            "sink, washbasin, basin": Kind("basin", "white"),
+            "bathtub, tub": Kind("basin", "white", "floor", 0.5),
+            "plant, tree, flower, bush, fern, bouquet, shrubbery": Kind("plant", "leaf"),
+            "lamp": Kind("lamp", "light"),
+            "chandelier": Kind("pendant", "light", "ceiling"),
+            "light": Kind("block", "light", "ceiling"),
+            "fan": Kind("fan", "wood", "ceiling"),
+            "duct, beam, rafter, sprinkler, detector, firealarm": Kind("block", "white", "ceiling"),
+            "pillar, column, post": Kind("block", "white", "floor"),
+            "sconce, candle": Kind("block", "light"),
+            "cabinet, counter, cupboard": Kind("cabinet", "wood", depth=0.5),
+            "island, altar, locker, pantry, case": Kind("cabinet", "wood", "floor", 0.5),
+            "wardrobe, closet, vanity": Kind("cabinet", "wood", "floor", 0.5),
+            "dresser, drawer, chest, nightstand": Kind("drawers", "wood", "floor", 0.6),
+            "shelf, shelves, shelving, rack": Kind("shelves", "wood", depth=0.4),
+            "bookshelf, bookcase": Kind("shelves", "wood", "floor", 0.4),
+            "fireplace": Kind("hearth", "white", "floor", 0.4),
+            "countertop": Kind("block", "wood", depth=0.5),
+            "refrigerator, fridge, oven, stove, dishwasher, dryer, machine": Kind(
+                "machine", "white", "floor"
             ),
-            "pillow cushion ottoman footstool blanket purse bag shoe rug carpet mat": Kind(
+            "microwave, conditioner, hood, printer": Kind("machine", "white"),
+            "piano, treadmill": Kind("block", "dark", "floor", 0.5),
+            "pillow, cushion, blanket, sheet, comforter, cloth, purse, bag, shoe, book": Kind(
                 "block", "cloth"
             ),
-            "faucet duct pipe fan sprinkler extinguisher railing": Kind("block", "metal"),
-            "vase bottle bowl plate cup paper": Kind("block", "white"),
+            "ottoman, footstool, rug, carpet, mat": Kind("block", "cloth", "floor"),
+            "can, trashcan, bin, basket, hamper, suitcase, bucket, extinguisher": Kind(
+                "block", "metal", "floor"
+            ),
+            "faucet, pipe, handle, doorhandle, knob": Kind("block", "metal"),
+            "railing, handrail, fence, fencing, baracade, rope": Kind("rail", "wood", "floor", 0.1),
+            "rod, bar": Kind("rail", "metal", depth=0.1),
+            "vase, bottle, bowl, plate, cup, paper": Kind("block", "white"),
+            "box": Kind("block", "wood"),
+            "pot, flowerpot, pedestal, headboard": Kind("block", "wood", "floor"),
+            "statue, sculpture, bust, figure, figurine": Kind("figure", "plain"),
         }.items()
-        for word in words.split()
+        for word in words.split(", ")
     }
 )
-BLOCK = Kind("block", "wood")
+BLOCK = Kind("block", "plain", depth=0.6)
 """What a name tells nothing about."""
 
 Part = tuple[Material, tuple[float, float, float], tuple[float, float, float]]
 """A box of a form: what it is made of, its low and its high corner. Coordinates are to the right,
-to the back and up, from -1 to 1 within the solid."""
+to the back and up, from -1 to 1 within the solid; what is beyond lies on the parts before it."""
 
 
 @cache
@@ -92,48 +146,102 @@ def kind_of(name: str) -> Kind:
     Examples
     --------
     >>> kind_of("coffee table").form, kind_of("kitchen cabinets").form, kind_of("trophy").form
-    ('table', 'block', 'block')
+    ('table', 'cabinet', 'block')
     """
     word = name.rpartition(" ")[2]
-    return _KINDS.get(word) or _KINDS.get(word.removesuffix("s")) or BLOCK
+    known = (_KINDS.get(each) for each in (name, word, word.removesuffix("s")))
+    return next(filter(None, known), BLOCK)
 
 
 @cache
 def parts_of(kind: Kind) -> Sequence[Part]:
     """Return the boxes that an object of a kind consists of."""
-    made_of = kind.material
-    whole: Part = (made_of, (-1, -1, -1), (1, 1, 1))
-    frame: Material = "wood" if made_of == "glass" else made_of
-    pane: Material = "white" if made_of == "wood" else made_of
-    arms = [(made_of, (x - 0.1, -1, -0.2), (x + 0.1, 1, 0.35)) for x in (-0.9, 0.9)]
+    own = kind.material
+    whole: Part = (own, (-1, -1, -1), (1, 1, 1))
+
+    def legs(top: float, across: float = 0.1) -> Sequence[Part]:
+        inner = 1 - 2 * across
+        return [
+            (own, (x, y, -1), (x + 2 * across, y + 2 * across, top))
+            for x in (-1, inner)
+            for y in (-1, inner)
+        ]
+
+    def front(material: Material, left: float, low: float, right: float, high: float) -> Part:
+        return material, (left, -1.03, low), (right, -1, high)
+
     forms: Mapping[Form, Sequence[Part]] = {
-        "table": [
-            *(
-                (made_of, (x - 0.08, y - 0.08, -1.0), (x + 0.08, y + 0.08, 0.8))
-                for x in (-0.9, 0.9)
-                for y in (-0.9, 0.9)
-            ),
-            (made_of, (-1, -1, 0.8), (1, 1, 1)),
+        "board": [whole, front("glass" if own == "glass" else own, -0.88, -0.92, 0.88, 0.92)],
+        "window": [
+            ("white", (-1, -1, -1), (1, 1, 1)),
+            *(front(own, x, z, x + 0.88, z + 0.88) for x in (-0.92, 0.04) for z in (-0.92, 0.04)),
         ],
-        "seat": [
-            (made_of, (-1, -1, -1), (1, 1, -0.2)),
-            (made_of, (-1, 0.65, -0.2), (1, 1, 1)),
-            *(arms if made_of == "cloth" else ()),
+        "picture": [
+            whole,
+            front("white", -0.86, -0.86, 0.86, 0.86),
+            ("glass", (-0.6, -1.06, 0), (0.6, -1.03, 0.6)),
+            ("plain", (-0.6, -1.06, -0.6), (0.6, -1.03, 0)),
+        ],
+        "curtain": [(own, (x, -1, -1), (x + 0.4, 1, 1)) for x in (-1, -0.6, -0.2, 0.2, 0.6)],
+        "table": [*legs(0.8, 0.07), (own, (-1, -1, 0.8), (1, 1, 1))],
+        "chair": [
+            *legs(-0.12),
+            (own, (-1, -1, -0.12), (1, 1, 0.03)),
+            (own, (-1, 0.82, 0.03), (1, 1, 1)),
+        ],
+        "couch": [
+            (own, (-1, -1, -0.9), (1, 1, -0.15)),
+            (own, (-1, 0.6, -0.15), (1, 1, 1)),
+            *((own, (x - 0.12, -1, -0.15), (x + 0.12, 0.6, 0.35)) for x in (-0.88, 0.88)),
+        ],
+        "toilet": [
+            (own, (-0.6, -0.7, -1), (0.6, 0.6, -0.25)),
+            (own, (-1, -1, -0.25), (1, 0.6, 0)),
+            (own, (-1, 0.6, -0.4), (1, 1, 1)),
         ],
         "bed": [
             ("wood", (-1, 0.94, -1), (1, 1, 1)),
-            (made_of, (-1, -1, -1), (1, 0.94, 0)),
-            *(("white", (x - 0.38, 0.5, 0), (x + 0.38, 0.85, 0.25)) for x in (-0.48, 0.48)),
+            ("white", (-0.97, -0.98, -1), (0.97, 0.94, -0.05)),
+            (own, (-1, -1, -0.8), (1, 0.35, 0)),
+            *(("white", (x - 0.38, 0.5, -0.05), (x + 0.38, 0.85, 0.2)) for x in (-0.48, 0.48)),
         ],
         "basin": [whole, ("glass", (-0.8, -0.8, 1), (0.8, 0.8, 1))],
-        "board": [
-            (frame, (-1, -0.9, -1), (1, 1, 1)),
-            (pane, (-0.88, -1, -0.88), (0.88, -0.9, 0.88)),
+        "cabinet": [whole, *(front(own, x, -0.92, x + 0.92, 0.92) for x in (-0.95, 0.03))],
+        "drawers": [whole, *(front(own, -0.92, z, 0.92, z + 0.55) for z in (-0.92, -0.3, 0.32))],
+        "shelves": [
+            (own, (-1, 0.9, -1), (1, 1, 1)),
+            *((own, (x, -1, -1), (x + 0.1, 0.9, 1)) for x in (-1, 0.9)),
+            *((own, (-0.9, -1, z), (0.9, 0.9, z + 0.08)) for z in (-1, -0.36, 0.28, 0.92)),
         ],
+        "machine": [
+            whole,
+            front("metal", -0.85, -0.85, 0.85, 0.55),
+            front("dark", -0.85, 0.7, 0.85, 0.88),
+        ],
+        "hearth": [whole, front("dark", -0.6, -1, 0.6, 0.35)],
         "plant": [("wood", (-0.4, -0.4, -1), (0.4, 0.4, -0.4))],
+        "rail": [
+            (own, (-1, -1, 0.85), (1, 1, 1)),
+            *((own, (x, -0.6, -1), (x + 0.06, 0.6, 0.85)) for x in (-1, -0.52, -0.03, 0.46, 0.94)),
+        ],
+        "figure": [
+            (own, (-0.8, -0.8, -1), (0.8, 0.8, -0.75)),
+            (own, (-0.5, -0.4, -0.75), (0.5, 0.4, 0.45)),
+            (own, (-0.25, -0.25, 0.45), (0.25, 0.25, 1)),
+        ],
         "lamp": [
-            ("metal", (-0.15, -0.15, -1), (0.15, 0.15, 0)),
-            (made_of, (-1, -1, -0.1), (1, 1, 1)),
+            ("metal", (-0.5, -0.5, -1), (0.5, 0.5, -0.92)),
+            ("metal", (-0.1, -0.1, -0.92), (0.1, 0.1, 0.1)),
+            (own, (-1, -1, 0.1), (1, 1, 1)),
+        ],
+        "pendant": [
+            ("metal", (-0.05, -0.05, 0), (0.05, 0.05, 1)),
+            (own, (-1, -1, -1), (1, 1, -0.2)),
+        ],
+        "fan": [
+            ("metal", (-0.1, -0.1, -1), (0.1, 0.1, 1)),
+            (own, (-1, -0.15, -0.2), (1, 0.15, 0)),
+            (own, (-0.15, -1, -0.2), (0.15, 1, 0)),
         ],
     }
     return forms.get(kind.form, [whole])
@@ -183,7 +291,7 @@ class Solids:
         to_walls = np.hstack([bounds[:, 1] - flat, flat - bounds[:, 0]])
         back = to_walls.argmin(axis=1) if len(flat) else np.zeros(0, dtype=np.int64)
         kinds = [kind_of(name) for name in names]
-        is_board = np.array([kind.form == "board" for kind in kinds], dtype=bool)
+        is_board = np.array([kind.place == "wall" for kind in kinds], dtype=bool)
         depth = np.array([kind.depth for kind in kinds])
         across, high = np.clip(size / 2, _LEAST / 2, _MOST / 2).T
         half = np.stack([across, across, high], axis=1)
@@ -197,7 +305,9 @@ class Solids:
         flat = np.where(is_inside, within, flat)
         floor = floors[storey]
         bottom, top = centre[:, 2] - high, centre[:, 2] + high
-        stands = (bottom - floor < _STANDS * 2 * high) & (top > floor + _LEAST)
+        stands = bottom - floor < _STANDS * 2 * high
+        stands |= np.array([kind.place == "floor" for kind in kinds], dtype=bool)
+        stands &= top > floor + _LEAST
         bottom = np.where(stands, floor, bottom)
         half[:, 2] = np.maximum(top - bottom, _LEAST) / 2
         up = (bottom + np.maximum(top, bottom + _LEAST)) / 2
@@ -224,11 +334,32 @@ class Solids:
             back=self.back[rows],
         )
 
+    @property
+    def places(self) -> Array:
+        """What each stands on or hangs from, shape (n,)."""
+        return np.array([kind_of(name).place for name in self.names], dtype=np.str_)
+
+    def moved(self, camera: FloatArray, share: FloatArray) -> Self:
+        """Make the solids so many times as far from a camera, shape (n,), and as large."""
+        away = (self.centre - camera) * share[:, None]
+        return replace(self, centre=camera + away, half=self.half * share[:, None])
+
+    def turned(self, back: IntArray) -> Self:
+        """Turn the solids so that their backs are at these sides."""
+        half = self.half.copy()
+        is_across = (back - self.back) % 2 == 1
+        half[is_across, :2] = half[is_across, 1::-1]
+        return replace(self, half=half, back=back)
+
     def corners(self) -> FloatArray:
         """Return the corners of the boxes, shape (n, 8, 3)."""
         return np.asarray(self.centre[:, None] + (_CORNERS * self.half[:, None]) @ self.frame)
 
-    def parts(self) -> tuple[FloatArray, IntArray, Sequence[Material]]:
+    def ground(self) -> FloatArray:
+        """Return the corners of what is not on a wall, seen from above, shape (n, 2)."""
+        return self.take(self.places != "wall").corners()[..., :2].reshape(-1, 2)
+
+    def parts(self) -> tuple[FloatArray, IntArray, Sequence[Material], BoolArray]:
         """Return the boxes that the solids consist of.
 
         Returns
@@ -239,17 +370,19 @@ class Solids:
             The solid of each.
         list of Material
             What each is made of.
+        bool array of shape (n_parts,)
+            Whether it lies on those before it.
         """
         parts = [parts_of(kind_of(name)) for name in self.names]
         row = np.repeat(np.arange(len(parts)), list(map(len, parts)))
         flat = [part for its in parts for part in its]
         if not flat:
-            return np.zeros((0, 8, 3)), row, []
+            return np.zeros((0, 8, 3)), row, [], np.zeros(0, dtype=np.bool_)
         bounds = np.array([part[1:] for part in flat])
         local = np.where(_CORNERS[None] < 0, bounds[:, None, 0], bounds[:, None, 1])
         local = np.einsum("nij,njk->nik", local, _TURNS[self.back[row]])
         corners = self.centre[row][:, None] + (local * self.half[row][:, None]) @ self.frame
-        return corners, row, [part[0] for part in flat]
+        return corners, row, [part[0] for part in flat], (np.abs(bounds) > 1).any(axis=(1, 2))
 
     def fitted(self, camera: FloatArray, view: IntArray, xywh: Array) -> Self:
         """Change places and sizes so that the solids look as large as they do from a viewpoint.
@@ -269,7 +402,7 @@ class Solids:
         ray = np.einsum("ni,nij->nj", rays_of(low + size / 2), axes)
         away = np.linalg.norm(self.centre - camera, axis=1) / np.linalg.norm(ray, axis=1)
         centre, half = camera + ray * np.maximum(away, _NEAR * 2)[:, None], self.half.copy()
-        is_flat = np.array([kind_of(name).form == "board" for name in self.names], dtype=bool)
+        is_flat = np.array([kind_of(name).place == "wall" for name in self.names], dtype=bool)
         rows = np.arange(len(half))
         thick = half[rows, self.back % 2].copy()
         for _ in range(_FITS):

@@ -11,6 +11,8 @@ References
    peteanderson80/Matterport3DSimulator; the README of YuankaiQi/REVERIE takes views from there.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, frozen
@@ -177,6 +179,16 @@ def axes(camera: FloatArray) -> FloatArray:
 
 VIEW_AXES: FloatArray = frozen(axes(view_angles(np.arange(N_VIEWS))))
 """Shape (36, 3, 3): right, up and forward of every view."""
+
+
+class Picture(NamedTuple):
+    """What a picture shows: a part of the plane of a view, in its pixels. By default, the view."""
+
+    view: int
+    left: float = 0.0
+    top: float = 0.0
+    width: float = WIDTH
+    height: float = HEIGHT
 
 
 def world_to_camera(points: FloatArray, position: FloatArray, axes: FloatArray) -> FloatArray:

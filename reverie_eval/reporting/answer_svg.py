@@ -16,22 +16,22 @@ import numpy as np
 
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.arrays import Array, FloatArray
-from reverie_eval.geometry import HEIGHT as VIEW_HEIGHT
 from reverie_eval.geometry import (
     VIEW_AXES,
+    Picture,
     RoomView,
-    clip_at_depth,
     level_view,
     pixels_of,
     view_angles,
 )
-from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.answers import (
     AnswerView,
     Span,
     angles_of,
     box_span,
     directions_of,
+    look,
+    outlines_in,
     span_of,
 )
 from reverie_eval.reporting.drawing import line_data, path
@@ -42,8 +42,6 @@ ANSWER_STYLE = text_of("shared/answer.css")
 """The style sheet for pages with pictures of answers; :func:`answer_picture` includes it."""
 WIDTH, HEIGHT = 400, 300
 """Size of the view, in units of the page."""
-# Units of the page per pixel of a view.
-_SCALE = WIDTH / VIEW_WIDTH
 _GAP = 8
 # Units of the page per degree of the panorama.
 _DEGREE = WIDTH / 360
@@ -123,9 +121,9 @@ def answer_picture(shown: AnswerView) -> str:
 
 def answer_shapes(shown: AnswerView) -> tuple[str, float]:
     """Draw the view of an answer, or the panorama if no view shows it, and say how high it is."""
-    if shown.view is None:
+    if shown.picture is None:
         return "".join(_panorama(shown)), _STRIP_HEIGHT + _TICKS_HEIGHT
-    return "".join(_view(shown, shown.view)), HEIGHT
+    return "".join(_view(shown, shown.picture)), HEIGHT
 
 
 def view_svg(shown: AnswerView) -> str:
@@ -148,9 +146,9 @@ def _on(shapes: str) -> str:
 
 
 def _draw(shown: AnswerView, number: int, attributes: str = "", style: str = "") -> str:
-    top = 0 if shown.view is None else HEIGHT + _GAP
+    top = 0 if shown.picture is None else HEIGHT + _GAP
     height = top + _STRIP_HEIGHT + _TICKS_HEIGHT
-    view = "" if shown.view is None else "".join(_view(shown, shown.view))
+    view = "" if shown.picture is None else "".join(_view(shown, shown.picture))
     shapes = f'{view}<g transform="translate(0 {top})">{"".join(_panorama(shown))}</g>'
     size = f'viewBox="0 0 {WIDTH} {height:.0f}"'
     return (
@@ -191,12 +189,12 @@ def panorama_svg(
         f'<svg class="answer-view panorama{_on(ground)}" viewBox="0 0 {WIDTH} {height:.0f}">'
         f"<title>Panorama, with heading {heading % 360:.0f}° in the middle</title>{ground}"
         f"{_linked(links, _numbered(ways, points), _IN_PANORAMA)}"
-        f"{_frame(level_view(np.deg2rad(heading)), heading)}</svg>"
+        f"{_frame(Picture(level_view(np.deg2rad(heading))), heading)}</svg>"
     )
 
 
 def ahead_svg(
-    objects: Sequence[tuple[ObjectLink, Array]],
+    objects: Sequence[tuple[ObjectLink, VisibleObject]],
     ways: Sequence[WayLink],
     view: int,
     room_view: RoomView | None,
@@ -208,18 +206,23 @@ def ahead_svg(
     the floor, or at the lower edge if they begin below it.
     """
     photograph = skybox.view(view) if skybox else ""
-    ground = (
-        room_shapes(room_view)
-        if room_view and not photograph
-        else _background(photograph, HEIGHT, HEIGHT / 2)
-    )
+    if room_view and not photograph:
+        picture, ground = room_view.picture, room_shapes(room_view)
+    else:
+        picture, ground = Picture(view), _background(photograph, HEIGHT, HEIGHT / 2)
     heading = float(np.rad2deg(view_angles(np.array([view]))[0, 0]))
-    boxes = [(link, _SCALE * xywh) for link, xywh in objects]
     links = [
-        _Link(link, _rect("other", box, link.label), box[2] * box[3], box[0] + box[2] / 2, box[1])
-        for link, box in boxes
+        _Link(
+            link,
+            _outlined_shape("other", outline, link.label),
+            float(np.ptp(outline, axis=0).prod()),
+            float((outline[:, 0].min() + outline[:, 0].max()) / 2),
+            float(outline[:, 1].min()),
+        )
+        for link, each in objects
+        for outline in _outlines(picture, each)
     ]
-    shown = _numbered(ways, [_on_floor(way, view) for way in ways])
+    shown = _numbered(ways, [_on_floor(way, picture) for way in ways])
     return (
         f'<svg class="answer-view ahead{_on(ground)}" viewBox="0 0 {WIDTH} {HEIGHT}">'
         f"<title>The view ahead, heading {heading:.0f}°</title>{ground}"
@@ -239,11 +242,18 @@ def _outlined(shown: AnswerView) -> Iterator[tuple[Role, VisibleObject]]:
 # The view.
 
 
-def room_shapes(room_view: RoomView, last: Sequence[int] = ()) -> str:
-    """Draw a room and its solids; the objects of ``last`` are not hidden behind others."""
+def room_shapes(room_view: RoomView) -> str:
+    """Draw a room and its solids."""
     shapes = (
-        path(kind, "".join(line_data(_SCALE * it) + "z" for face in same for it in face.outlines))
-        for kind, same in groupby(room_view.faces(last), key=lambda face: face.kind)
+        path(
+            kind,
+            "".join(
+                line_data(_place(room_view.picture, outline)) + "z"
+                for face in same
+                for outline in face.outlines
+            ),
+        )
+        for kind, same in groupby(room_view.faces(), key=lambda face: face.kind)
     )
     size = f'width="{WIDTH}" height="{HEIGHT}"'
     return (
@@ -252,70 +262,72 @@ def room_shapes(room_view: RoomView, last: Sequence[int] = ()) -> str:
     )
 
 
-def _view(shown: AnswerView, view: int) -> Iterator[str]:
+def _place(picture: Picture, pixels: Array) -> FloatArray:
+    """Return where pixels of a picture, shape (..., 2), are on the page."""
+    return np.asarray((pixels - (picture.left, picture.top)) * (WIDTH / picture.width))
+
+
+def _outlines(picture: Picture, seen: VisibleObject) -> Sequence[FloatArray]:
+    """Return the outlines of an object on the page."""
+    return [_place(picture, outline) for outline in outlines_in(picture, seen)]
+
+
+def _view(shown: AnswerView, picture: Picture) -> Iterator[str]:
     """Draw the boxes in a view."""
     # The lower row of views ends at the horizon, and the upper one begins there.
-    horizon = view // 12 * HEIGHT / 2
+    horizon = picture.view // 12 * HEIGHT / 2
     yield f'<svg width="{WIDTH}" height="{HEIGHT}">'
-    photograph = shown.skybox.view(view) if shown.skybox else ""
-    headings = list(_meridians(view, horizon))
-    if shown.room_view and not photograph:
-        important = [each.object_id for each in (shown.predicted, shown.target) if each]
-        yield room_shapes(shown.room_view, important)
+    headings = list(_meridians(picture, horizon))
+    if shown.room_view and not shown.photograph:
+        yield room_shapes(shown.room_view)
     else:
-        yield _background(photograph, HEIGHT, horizon)
+        yield _background(shown.photograph, HEIGHT, horizon)
         yield from (line for line, *_ in headings)
     for role, each in _outlined(shown):
-        for xywh in each.xywh[each.view == view]:
-            yield _rect(role, _SCALE * xywh, each.name)
-    for outline in _predicted_outline(shown, view):
+        for outline in _outlines(picture, each):
+            yield _outlined_shape(role, outline, each.name)
+    for outline in _predicted_outline(shown, picture):
         yield _polygon("answer", outline, "predicted box")
     headings = [each for each in headings if _TICK_MARGIN <= each[1] <= WIDTH - _TICK_MARGIN]
     for _, x, y, text in headings:
         yield _text("heading", x, y, text)
     yield from _labels(
-        shown, view, [(x - _TICK_MARGIN, x + _TICK_MARGIN, y) for _, x, y, _ in headings]
+        shown, picture, [(x - _TICK_MARGIN, x + _TICK_MARGIN, y) for _, x, y, _ in headings]
     )
     yield "</svg>"
 
 
-def _meridians(view: int, horizon: float) -> Iterator[tuple[str, float, float, str]]:
+def _meridians(picture: Picture, horizon: float) -> Iterator[tuple[str, float, float, str]]:
     """Draw the headings of a view as lines; with each, say where at an edge its degrees belong."""
-    heading, elevation = np.rad2deg(view_angles(np.array([view]))[0])
+    heading, elevation = np.rad2deg(view_angles(np.array([picture.view]))[0])
     y = HEIGHT - 4 if horizon == HEIGHT else 12
     for offset in (-_STEP, 0, _STEP):
         turn = np.deg2rad(heading + offset)
         ends = np.deg2rad(elevation + np.array([-40.0, 40.0]))
         along = np.stack([np.sin(turn) * np.cos(ends), np.cos(turn) * np.cos(ends), np.sin(ends)])
-        start, end = _in_view(along.T, view)
+        start, end = _place(picture, look(picture, along.T))
         line = f'<path class="grid" d="M{start[0]:.1f} {start[1]:.1f}L{end[0]:.1f} {end[1]:.1f}"/>'
         share = (y - start[1]) / (end[1] - start[1])
         x = float(start[0] + share * (end[0] - start[0]))
         yield line, x, y, f"{round(heading + offset) % 360}°"
 
 
-def _predicted_outline(shown: AnswerView, view: int) -> Sequence[FloatArray]:
+def _predicted_outline(shown: AnswerView, picture: Picture) -> Sequence[FloatArray]:
     """Return the outline of the predicted box; empty if none is in front of the camera."""
     if shown.box is None:
         return []
-    outline = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
-    return [outline] if len(outline) else []
-
-
-def _in_view(directions: FloatArray, view: int) -> FloatArray:
-    """Project directions to the page; those behind the camera are clipped."""
-    rays = clip_at_depth(directions @ VIEW_AXES[view].T, _MIN_DEPTH)
-    return _SCALE * pixels_of(rays)
+    outline = look(picture, directions_of(shown.box.xywh, shown.box.camera))
+    return [_place(picture, outline)] if len(outline) else []
 
 
 def _labels(
-    shown: AnswerView, view: int, taken: Sequence[tuple[float, float, float]]
+    shown: AnswerView, picture: Picture, taken: Sequence[tuple[float, float, float]]
 ) -> Iterator[str]:
     """Label the answer and the target in a view, and other objects where there is room.
 
     ``taken`` has the left and right ends and the baselines of other texts.
     """
-    for role, text, box in _named_boxes(shown, view):
+    for role, text, box in _named_boxes(shown, picture):
         width = _LETTER[role] * len(text)
         start = min(max(box[0] + 4, 3), WIDTH - width - 3)
         free = [
@@ -348,11 +360,11 @@ def _lines_nearby(role: Role, box: FloatArray) -> Sequence[float]:
     return sorted(lines, key=lambda line: abs(line - float(box[1])))
 
 
-def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, FloatArray]]:
+def _named_boxes(shown: AnswerView, picture: Picture) -> Iterator[tuple[Role, str, FloatArray]]:
     """Yield role, label and box, in units of the page, of everything that a view shows."""
-    for outline in _predicted_outline(shown, view):
-        bounds = np.concatenate([outline.min(axis=0), np.ptp(outline, axis=0)])
-        yield "answer", ", ".join(filter(None, ["predicted box", shown.iou])), bounds
+    for outline in _predicted_outline(shown, picture):
+        text = ", ".join(filter(None, ["predicted box", shown.iou]))
+        yield "answer", text, _bounds(outline)
     others = [each for each in shown.objects if each not in (shown.predicted, shown.target)]
     named: list[tuple[Role, str, VisibleObject | None]] = [
         ("answer", "answer and target: " if shown.is_target else "answer: ", shown.predicted),
@@ -361,8 +373,8 @@ def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, Floa
     ]
     for role, title, each in named:
         if each:
-            for xywh in each.xywh[each.view == view]:
-                yield role, f"{title}{each.name}", _SCALE * xywh
+            for outline in _outlines(picture, each):
+                yield role, f"{title}{each.name}", _bounds(outline)
 
 
 # The panorama.
@@ -386,15 +398,14 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
     for role, span, title in spans:
         yield from _on_panorama(role, span, middle, title)
     yield from _role_labels([(role, span) for role, span, _ in spans if role != "other"], middle)
-    if shown.view is not None:
-        yield _frame(shown.view, middle)
+    if shown.picture:
+        yield _frame(shown.picture, middle)
     yield "</svg>"
 
 
-def _frame(view: int, middle: float) -> str:
-    picture = np.array([0, 0, VIEW_WIDTH, VIEW_HEIGHT])
-    camera = view_angles(np.array([view]))[0]
-    around = np.rad2deg(angles_of(directions_of(picture, camera)))
+def _frame(picture: Picture, middle: float) -> str:
+    camera = view_angles(np.array([picture.view]))[0]
+    around = np.rad2deg(angles_of(directions_of(np.array(picture[1:]), camera)))
     return _polygon("frame", _position(around, middle), "the view above")
 
 
@@ -477,16 +488,16 @@ def _numbered(ways: Sequence[WayLink], points: Sequence[FloatArray | None]) -> S
     return [_Way(number, way, at) for number, (way, at) in pairs if at is not None]
 
 
-def _on_floor(way: WayLink, view: int) -> FloatArray | None:
+def _on_floor(way: WayLink, picture: Picture) -> FloatArray | None:
     """Return where a way ends on the floor in a level view, or below it; None if beside it."""
     heading, elevation = np.deg2rad([way.heading, way.elevation])
     flat = way.metres * np.cos(elevation)
     down = way.metres * np.sin(elevation) - _EYES
     end = np.array([flat * np.sin(heading), flat * np.cos(heading), down])
-    ray = VIEW_AXES[view] @ end
+    ray = VIEW_AXES[picture.view] @ end
     if ray[2] < _MIN_DEPTH:
         return None
-    x, y = (_SCALE * pixels_of(ray)).tolist()
+    x, y = _place(picture, pixels_of(ray)).tolist()
     margin = _IN_VIEW.radius
     if not 0 <= x <= WIDTH:
         return None
@@ -569,6 +580,18 @@ def _background(photograph: str, height: float, horizon: float) -> str:
         return f'<image {size} preserveAspectRatio="none" href="{photograph}"/>'
     below = f'y="{horizon:.1f}" width="{WIDTH}" height="{height - horizon:.1f}"'
     return f'<rect class="wall" {size}/><rect class="floor" {below}/>'
+
+
+def _outlined_shape(kind: str, outline: FloatArray, title: str) -> str:
+    """Draw the outline of a box of the view, which has four corners, or of another one."""
+    if len(outline) == 4:
+        return _rect(kind, _bounds(outline), title)
+    return _polygon(kind, outline, title)
+
+
+def _bounds(points: FloatArray) -> FloatArray:
+    """Return left, top, width and height of what is around points."""
+    return np.concatenate([points.min(axis=0), np.ptp(points, axis=0)])
 
 
 def _rect(kind: str, xywh: Array, title: str) -> str:

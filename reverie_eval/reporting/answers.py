@@ -12,13 +12,27 @@ import numpy as np
 
 from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
-from reverie_eval.geometry import HEIGHT, WIDTH, RoomView, Seen, axes, rays_of, view_angles
+from reverie_eval.geometry import (
+    HEIGHT,
+    VIEW_AXES,
+    WIDTH,
+    Picture,
+    RoomView,
+    Seen,
+    axes,
+    clip_at_depth,
+    pixels_of,
+    rays_of,
+    view_angles,
+)
 from reverie_eval.reporting.buildings import room_view_of
 from reverie_eval.reporting.skyboxes import Skybox, find_skybox
 from reverie_eval.text import count_text
 
 # Points on each edge of a box: enough for a curve, as straight edges are curved in a panorama.
 _POINTS = 9
+# Directions whose depth is less than this fraction of their length are clipped.
+_MIN_DEPTH = 0.05
 _STOP, _PATH_END, _STEP = "the stop", "the end of the annotated path", "a step"
 _ELEVATIONS = {-30: "30° down", 0: "level", 30: "30° up"}
 
@@ -37,14 +51,15 @@ class AnswerView:
     iou: str
     """IoU of the predicted box with the target's; empty if the view does not show the target."""
     view: int | None
-    """The view to show, 0 to 35; None if none shows an answer or the target."""
+    """The view to show, 0 to 35: a level one if it is drawn. None if none shows an answer or the
+    target."""
     where: str
     """Where the viewpoint is: ``the stop``, ``the end of the annotated path`` or ``a step``."""
     caption: str
     skybox: Skybox | None = None
     """The photographs from here, if the reader has them."""
     room_view: RoomView | None = None
-    """The room in the view; None without a view."""
+    """The room in the view, which is drawn without photographs; None without a view."""
 
     @classmethod
     def at_stop(cls, episode: Episode) -> "AnswerView":
@@ -55,10 +70,11 @@ class AnswerView:
         box = episode.predicted_box
         main = predicted or target
         view = box.view if box else _best_view(main, target) if main else None
+        sight = _Sight.of(episode, episode.stop, view, objects, (predicted, target))
         sentences = [
-            _where(view, _STOP),
+            _where(sight.view, _STOP),
             _answer_sentence(episode, predicted),
-            _target_sentence(episode, predicted, target, view),
+            _target_sentence(episode, predicted, target, sight.picture),
             "" if objects else "No object is visible from here.",
         ]
         return cls(
@@ -68,11 +84,11 @@ class AnswerView:
             predicted=predicted,
             box=box,
             iou=_iou_text(episode),
-            view=view,
+            view=sight.view,
             where=_STOP,
             caption=" ".join(filter(None, sentences)),
-            skybox=find_skybox(episode.graph, episode.stop),
-            room_view=None if view is None else _room_view(episode, episode.stop, view, objects),
+            skybox=sight.skybox,
+            room_view=sight.room_view,
         )
 
     @classmethod
@@ -82,7 +98,7 @@ class AnswerView:
         target = _find(objects, episode.target_object)
         if target is None:
             return None
-        view = _best_view(target, target)
+        sight = _Sight.of(episode, episode.goal, _best_view(target, target), objects, (target,))
         return cls(
             viewpoint_id=episode.goal,
             objects=objects,
@@ -90,11 +106,11 @@ class AnswerView:
             predicted=None,
             box=None,
             iou="",
-            view=view,
+            view=sight.view,
             where=_PATH_END,
-            caption=f"{_where(view, _PATH_END)} The target is {target.name}.",
-            skybox=find_skybox(episode.graph, episode.goal),
-            room_view=_room_view(episode, episode.goal, view, objects),
+            caption=f"{_where(sight.view, _PATH_END)} The target is {target.name}.",
+            skybox=sight.skybox,
+            room_view=sight.room_view,
         )
 
     @classmethod
@@ -102,7 +118,8 @@ class AnswerView:
         """Show what the agent sees on its way: a view from a viewpoint of the scan."""
         objects = episode.visible_objects(viewpoint_id)
         target = _find(objects, episode.target_object)
-        named = None if target is None else _target_sentence(episode, None, target, view)
+        sight = _Sight.of(episode, viewpoint_id, view, objects, (target,))
+        named = target and _target_sentence(episode, None, target, sight.picture)
         return cls(
             viewpoint_id=viewpoint_id,
             objects=objects,
@@ -110,11 +127,11 @@ class AnswerView:
             predicted=None,
             box=None,
             iou="",
-            view=view,
+            view=sight.view,
             where=_STEP,
-            caption=" ".join(filter(None, [_where(view, _STEP), named])),
-            skybox=find_skybox(episode.graph, viewpoint_id),
-            room_view=_room_view(episode, viewpoint_id, view, objects),
+            caption=" ".join(filter(None, [_where(sight.view, _STEP), named or ""])),
+            skybox=sight.skybox,
+            room_view=sight.room_view,
         )
 
     @property
@@ -124,8 +141,20 @@ class AnswerView:
 
     @property
     def shows_target(self) -> bool:
-        """Whether the target is in the view, or in the panorama if no view is shown."""
-        return self.target is not None and (self.view is None or self.view in self.target.view)
+        """Whether the target is in the picture, or in the panorama if no view is shown."""
+        return self.target is not None and (
+            self.picture is None or bool(outlines_in(self.picture, self.target))
+        )
+
+    @property
+    def photograph(self) -> str:
+        """The photograph of the view; empty if there is none."""
+        return _photograph(self.skybox, self.view)
+
+    @property
+    def picture(self) -> Picture | None:
+        """What is shown of the view, or around it if it is drawn; None without a view."""
+        return _picture(self.skybox, self.view, self.room_view)
 
     @property
     def heading(self) -> float | None:
@@ -160,6 +189,47 @@ def answer_views(episodes: Mapping[str, Episode]) -> Sequence[tuple[str, AnswerV
     return [*views, ("", at_end)] if at_end else views
 
 
+class _Sight(NamedTuple):
+    """What there is of a view to show."""
+
+    skybox: Skybox | None
+    room_view: RoomView | None
+    picture: Picture | None
+
+    @classmethod
+    def of(
+        cls,
+        episode: Episode,
+        viewpoint_id: str,
+        view: int | None,
+        objects: Sequence[VisibleObject],
+        important: Sequence[VisibleObject | None],
+    ) -> "_Sight":
+        """Look from a viewpoint of an episode; without a view, there are only photographs."""
+        skybox = find_skybox(episode.graph, viewpoint_id)
+        if view is None:
+            return cls(skybox, None, None)
+        ids = [each.object_id for each in important if each]
+        seen = seen_in(view, objects)
+        at = episode.graph, episode.solution, viewpoint_id, view
+        room_view = room_view_of(*at, seen, important=ids)
+        return cls(skybox, room_view, _picture(skybox, view, room_view))
+
+    @property
+    def view(self) -> int | None:
+        return self.picture and self.picture.view
+
+
+def _photograph(skybox: Skybox | None, view: int | None) -> str:
+    return "" if skybox is None or view is None else skybox.view(view)
+
+
+def _picture(skybox: Skybox | None, view: int | None, room_view: RoomView | None) -> Picture | None:
+    if room_view is None or _photograph(skybox, view):
+        return None if view is None else Picture(view)
+    return room_view.picture
+
+
 class Span(NamedTuple):
     """The part of a panorama that something takes up, in degrees."""
 
@@ -190,14 +260,51 @@ def span_of(seen: VisibleObject) -> Span:
 
 
 def seen_in(view: int, objects: Sequence[VisibleObject]) -> Seen:
-    """Choose a box of each object: that in the view, or the largest elsewhere if that is cut."""
-    best = [int(_best_last(each, each.view == view, _is_whole(each))[-1]) for each in objects]
-    rows = [*zip(objects, best, strict=True)]
+    """Choose a box of each object, as :func:`box_for` does."""
+    rows = [(each, box_for(view, each)) for each in objects]
     return Seen(
         object_id=np.array([each.object_id for each, _ in rows], dtype=np.int64),
         view=np.array([each.view[box] for each, box in rows], dtype=np.int64),
         xywh=np.array([each.xywh[box] for each, box in rows], dtype=np.int64).reshape(-1, 4),
     )
+
+
+def outlines_in(picture: Picture, seen: VisibleObject) -> Sequence[FloatArray]:
+    """Return the outlines of an object in a picture, in its pixels, each of shape (n, 2).
+
+    Those of a view are its boxes there, with four corners. In a picture of more than a view, it is
+    that of :func:`box_for`; that of a box in another view has many points.
+    """
+    rows = np.flatnonzero(seen.view == picture.view)
+    if picture != Picture(picture.view):
+        rows = np.array([box_for(picture.view, seen)])
+    found = []
+    for row in rows.tolist():
+        if seen.view[row] == picture.view:
+            left, top, width, height = seen.xywh[row].astype(np.float64)
+            right, bottom = left + width, top + height
+            outline = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
+        else:
+            camera = view_angles(seen.view[row : row + 1])[0]
+            outline = look(picture, directions_of(seen.xywh[row], camera))
+        low = np.array([picture.left, picture.top])
+        if (
+            len(outline)
+            and (outline.max(axis=0) > low).all()
+            and (outline.min(axis=0) < low + picture[3:]).all()
+        ):
+            found.append(outline)
+    return found
+
+
+def look(picture: Picture, directions: FloatArray) -> FloatArray:
+    """Project directions to the pixels of a picture; those behind the camera are clipped."""
+    return pixels_of(clip_at_depth(directions @ VIEW_AXES[picture.view].T, _MIN_DEPTH))
+
+
+def box_for(view: int, seen: VisibleObject) -> int:
+    """Choose a box of an object: that in the view, or the largest of all if that is cut."""
+    return int(_best_last(seen, _is_whole(seen) & (seen.view == view))[-1])
 
 
 def box_span(xywh: Array, camera: FloatArray) -> Span:
@@ -262,12 +369,6 @@ def view_text(view: int) -> str:
     return f"heading {heading}°, {_ELEVATIONS[elevation]}"
 
 
-def _room_view(
-    episode: Episode, viewpoint_id: str, view: int, objects: Sequence[VisibleObject]
-) -> RoomView:
-    return room_view_of(episode.graph, episode.solution, viewpoint_id, view, seen_in(view, objects))
-
-
 def _find(objects: Sequence[VisibleObject], object_id: int | None) -> VisibleObject | None:
     return next((each for each in objects if each.object_id == object_id), None)
 
@@ -320,7 +421,7 @@ def _target_sentence(
     episode: Episode,
     predicted: VisibleObject | None,
     target: VisibleObject | None,
-    view: int | None,
+    picture: Picture | None,
 ) -> str:
     if episode.target_object is None or episode.predicted_object == episode.target_object:
         return ""
@@ -332,6 +433,6 @@ def _target_sentence(
             if is_answer_visible
             else f"Nor is the target, {name}."
         )
-    if view not in target.view:
+    if picture is None or not outlines_in(picture, target):
         return f"The target, {name}, is visible from here, but not in this view."
     return f"The target is {name}."

@@ -1,6 +1,6 @@
 """The buildings of a split and views in them, modelled from what its bundle holds."""
 
-from collections.abc import MutableMapping
+from collections.abc import MutableMapping, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -26,14 +26,21 @@ def building_of(graph: NavigationGraph, solution: Solution, scan: str) -> Buildi
 
 
 def room_view_of(
-    graph: NavigationGraph, solution: Solution, viewpoint_id: str, view: int, seen: Seen
+    graph: NavigationGraph,
+    solution: Solution,
+    viewpoint_id: str,
+    view: int,
+    seen: Seen,
+    *,
+    important: Sequence[int] = (),
 ) -> RoomView:
-    """Look at the building in a view from a viewpoint, which sees these objects."""
+    """Look at the building from a viewpoint, which sees these objects; some are important."""
     viewpoint = graph.index[viewpoint_id]
     scan = graph.scan_of(viewpoint)
     rows = graph.viewpoints_of(scan)
     building = building_of(graph, solution, scan)
-    return RoomView(building, graph.viewpoint_position[rows], viewpoint - int(rows[0]), view, seen)
+    row = viewpoint - int(rows[0])
+    return RoomView(building, graph.viewpoint_position[rows], row, view, seen, important=important)
 
 
 def _model(graph: NavigationGraph, solution: Solution, scan: str) -> Building:

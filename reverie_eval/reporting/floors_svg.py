@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.geometry import BLOCK, Room, floors_of, kind_of, sides_of
+from reverie_eval.geometry import BLOCK, floor_joints, floors_of, kind_of, sides_of
 from reverie_eval.reporting.drawing import element, line_data, path, path_data
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_marks import draw_mark
@@ -31,7 +31,6 @@ _SMALL, _HANGS, _BULKY = 0.35, 0.9, 1.2
 # Metres: the width of boards and tiles, and units of the page between joints at least; how deep a
 # tread is.
 _BOARD, _FINEST, _DEEP = 0.4, 5.0, 0.26
-_TILED = ("bathroom", "kitchen", "laundry", "spa")
 # Metres: the width of the floor beneath a way that leads through no room.
 _WAY = 1.2
 # How many heights are tried for a title.
@@ -84,10 +83,11 @@ class Floors:
         for room in self._building.rooms_on(level):
             kind = f"room {room.name.partition(' ')[0]}".strip()
             yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))
+        axes, step = self._building.solids.axes, max(_BOARD, _FINEST / self.scale)
         joints = [
             self._page(ends, level)
             for room in self._building.rooms_on(level)
-            for ends in self._joints(room)
+            for ends in floor_joints(room.outlines, axes, room.name, step)
         ]
         if joints:
             yield path("joint", path_data("joint", joints))
@@ -96,22 +96,6 @@ class Floors:
             yield path("tread", "".join(f"{line_data(each)}z" for each in treads))
         yield f'<g class="solids">{"".join(self._solids(level))}</g>'
         yield draw_mark(self._titles[level])
-
-    def _joints(self, room: Room) -> Iterator[FloatArray]:
-        """Yield the ends of the joints in a floor: of boards, or of tiles where it gets wet."""
-        axes = self._building.solids.axes
-        outlines = [outline @ axes.T for outline in room.outlines]
-        start = np.vstack(outlines)
-        end = np.vstack([np.roll(each, -1, axis=0) for each in outlines])
-        step = max(_BOARD, _FINEST / self.scale)
-        for along in (0, 1) if room.name in _TILED else (0,):
-            low, high = np.sort([start[:, 1 - along], end[:, 1 - along]], axis=0)
-            for at in step * np.arange(np.ceil(low.min() / step), np.ceil(high.max() / step)):
-                ends = np.sort(start[(low < at) & (at < high), along]).reshape(-1, 2)
-                for span in ends:
-                    line = np.full((2, 2), at)
-                    line[:, along] = span
-                    yield line @ axes
 
     def _solids(self, level: int) -> Iterator[str]:
         """Draw walls and furniture, the farthest first."""
@@ -175,7 +159,7 @@ class Floors:
             rows = np.flatnonzero(is_shown & (solids.room == room))
             is_shown[rows] = self._building.rooms[room].contains(solids.centre[rows, :2])
         shown = solids.take(is_shown)
-        corners, of_solid, materials = shown.parts()
+        corners, of_solid, materials, _ = shown.parts()
         flat = corners[..., :2] @ self._axes.T
         up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
         far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from random import Random
@@ -11,6 +12,8 @@ import numpy as np
 from playwright.sync_api import Browser, Locator, Page, expect
 
 import reverie_eval as rv
+from reverie_eval.analysis import VisibleObject
+from reverie_eval.geometry import RoomView, Sightings, model_building
 from reverie_eval.ground_truth import read_episode_ids
 from reverie_eval.reporting.answer_svg import (
     ANSWER_STYLE,
@@ -19,7 +22,7 @@ from reverie_eval.reporting.answer_svg import (
     ahead_svg,
     panorama_svg,
 )
-from reverie_eval.reporting.answers import Span
+from reverie_eval.reporting.answers import Span, seen_in
 from tests.support.browser import OpenPage
 from tests.support.demo_site import OPEN, OWNER, SAMPLES, Site
 
@@ -143,13 +146,22 @@ MIDDLE = """link => {
 """The middle of the part of a box that the picture shows."""
 HITS = """pictures => pictures.map(picture => {
     document.body.innerHTML = picture;
-    const { left, right, top } = document.querySelector("svg").getBoundingClientRect();
-    const shapes = [...document.querySelectorAll("a :is(rect, circle)")].map(shape => {
+    const { left, right, top, bottom } = document.querySelector("svg").getBoundingClientRect();
+    const toPage = shape => {
+        const origin = shape.ownerSVGElement.getBoundingClientRect();
+        return { origin, scale: origin.width / shape.ownerSVGElement.viewBox.baseVal.width };
+    };
+    const shapes = [...document.querySelectorAll("a :is(rect, circle, polygon)")].map(shape => {
         const link = shape.closest("a"), box = shape.getBoundingClientRect();
         const isWay = shape.tagName === "circle", radius = box.width / 2;
         const area = isWay ? Math.PI * radius ** 2 : box.width * box.height;
-        const has = (x, y, more = 0) => isWay
-            ? Math.hypot(x - box.left - radius, y - box.top - radius) < radius + more
+        const { scale, origin } = toPage(shape);
+        const fills = (x, y) => shape.isPointInFill(
+            new DOMPoint((x - origin.left) / scale, (y - origin.top) / scale));
+        const beside = more => [[more, 0], [-more, 0], [0, more], [0, -more]];
+        const has = (x, y, more = 0) => shape.tagName === "polygon"
+            ? beside(more)[more < 0 ? "every" : "some"](([dx, dy]) => fills(x + dx, y + dy))
+            : isWay ? Math.hypot(x - box.left - radius, y - box.top - radius) < radius + more
             : x > box.left - more && x < box.right + more
                 && y > box.top - more && y < box.bottom + more;
         return { link, box, area, has };
@@ -158,8 +170,9 @@ HITS = """pictures => pictures.map(picture => {
     let points = 0;
     for (const { link, box, has } of shapes) {
         const [from, to] = [Math.max(box.left, left + 1), Math.min(box.right, right - 1)];
+        const [first, last] = [Math.max(box.top, top + 1), Math.min(box.bottom, bottom - 1)];
         for (const across of part) for (const down of part) {
-            const x = from + across * (to - from), y = box.top + down * box.height;
+            const x = from + across * (to - from), y = first + down * (last - first);
             const isOnLine = shapes.some((shape) => shape.has(x, y, -2) !== shape.has(x, y, 2));
             if (from >= to || isOnLine || !has(x, y)) continue;
             points += 1;
@@ -208,12 +221,22 @@ def made_up_picture(random: Random, *, is_ahead: bool) -> str:
     if not is_ahead:
         return panorama_svg(objects, ways, random.uniform(0, 360))
     sizes = [(math.exp(random.uniform(2, 5.5)), math.exp(random.uniform(2, 5.5))) for _ in objects]
-    boxes = [
-        (link, np.array([random.uniform(0, 640 - width), random.uniform(0, 480 - height), *size]))
-        for link, size in zip(objects, sizes, strict=True)
-        for width, height in [size]
-    ]
-    return ahead_svg(boxes, ways, 12 + random.randrange(12), None)
+    view = 12 + random.randrange(12)
+    seen = []
+    for link, (width, height) in zip(objects, sizes, strict=True):
+        box = [random.uniform(0, 640 - width), random.uniform(0, 480 - height), width, height]
+        # Some have no box in the view but in the one below, as a drawn room shows them.
+        views = np.array([random.choice((view, view, view - 12))])
+        seen.append(VisibleObject(link.object_id, link.name, views, np.array([box])))
+    return ahead_svg([*zip(objects, seen, strict=True)], ways, view, room_view(view, seen))
+
+
+def room_view(view: int, seen: Sequence[VisibleObject]) -> RoomView:
+    """Return a picture of what is seen where there are no rooms."""
+    nothing = np.zeros(0, int)
+    none = Sightings(nothing, nothing, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2)), ())
+    building = model_building(np.zeros((1, 3)), np.zeros((0, 2), int), none)
+    return RoomView(building, np.zeros((1, 3)), 0, view, seen_in(view, seen))
 
 
 def test_walks_through_all_episodes_can_be_submitted(own_site: Site, open_page: OpenPage) -> None:

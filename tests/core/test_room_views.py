@@ -18,15 +18,15 @@ from reverie_eval.geometry import (
     world_to_camera,
 )
 
-FLOOR = np.array([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
-"""A room of 4 by 4 m around a camera, 1.5 m above its floor."""
+FLOOR = np.array([(-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0)])
+"""A room of 6 by 6 m around a camera, 1.5 m above its floor."""
 CAMERA = np.array([(0.0, 0.0, 1.5)])
 NORTH, EAST = 12, 15
 NOTHING = Seen(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4), int))
 
 
 def solids(names: Sequence[str], centre: Sequence[tuple[float, ...]], size: float = 1.0) -> Solids:
-    """Return solids that look so wide and high, in the room of 4 by 4 m."""
+    """Return solids that look so wide and high, in the middle 4 by 4 m."""
     count = len(names)
     return Solids.of(
         object_id=np.arange(count),
@@ -41,23 +41,34 @@ def solids(names: Sequence[str], centre: Sequence[tuple[float, ...]], size: floa
     )
 
 
-def look(
+def room_view(
     view: int,
     things: Solids,
     seen: Seen = NOTHING,
-    last: Sequence[int] = (),
+    important: Sequence[int] = (),
     camera: np.ndarray = CAMERA,
-) -> list[Face]:
+) -> RoomView:
     """Look from the middle of the room, which has a door in its northern wall."""
     building = Building(
         storey=np.zeros(1, int),
         room=np.zeros(1, int),
-        rooms=[Room("", 0, [FLOOR], 16.0)],
-        doors=[Line(0, np.array([(-0.5, 2.0), (0.5, 2.0)]))],
+        rooms=[Room("", 0, [FLOOR], 36.0)],
+        doors=[Line(0, np.array([(-0.5, 3.0), (0.5, 3.0)]))],
         treads=[],
         solids=things,
     )
-    return list(RoomView(building, camera, 0, view, seen).faces(last))
+    return RoomView(building, camera, 0, view, seen, important=important)
+
+
+def look(
+    view: int,
+    things: Solids,
+    seen: Seen = NOTHING,
+    important: Sequence[int] = (),
+    camera: np.ndarray = CAMERA,
+) -> list[Face]:
+    """Return the faces that are seen."""
+    return list(room_view(view, things, seen, important, camera).faces())
 
 
 @pytest.mark.parametrize(
@@ -101,9 +112,9 @@ def test_solids_are_no_larger_than_their_room() -> None:
 
 
 def test_backs_are_at_the_nearest_wall() -> None:
-    """The back of a chair is the highest of its boxes; walls to the east, north, west, south."""
+    """The back of a couch is its highest box; walls to the east, north, west, south."""
     around = [(1.5, 0, 1), (0, 1.5, 1), (-1.5, 0, 1), (0, -1.5, 1)]
-    corners, row, _ = solids(["chair"] * 4, around).parts()
+    corners, row, *_ = solids(["couch"] * 4, around).parts()
     backs = [corners[row == each][1].mean(axis=0)[:2] for each in range(4)]
     assert np.sign(np.round(backs - np.array(around)[:, :2], 3)).tolist() == [
         [1, 0],
@@ -125,51 +136,127 @@ def test_a_solid_fills_its_box(name: str, box: tuple[int, ...]) -> None:
 
 
 def test_walls_of_a_view() -> None:
-    """The northern wall is 2 m away: 4 m are 831 pixels, and the floor begins 312 below eye level.
+    """The northern wall is 3 m away: 6 m are 831 pixels, and the floor begins 208 below eye level.
 
     The door in it is 1 m wide and 2.05 m high; the eastern wall has none.
     """
     faces = {face.kind: face.outlines[0] for face in look(NORTH, solids([], []))}
-    wall = faces["wall lit"]
-    assert np.ptp(wall, axis=0) == pytest.approx([831.38, 540.4], abs=0.01)
-    assert wall[:, 1].max() == pytest.approx(240 + 311.77, abs=0.01)
+    wall, below = faces["wall lit"], faces["wainscot lit"]
+    assert np.ptp(wall[:, 0]) == pytest.approx(831.38, abs=0.01)
+    assert wall[:, 1].min() == pytest.approx(240 - 152.42, abs=0.01)
+    assert wall[:, 1].max() == pytest.approx(below[:, 1].min())
+    assert below[:, 1].max() == pytest.approx(240 + 207.85, abs=0.01)
     door = faces["opening"]
-    assert np.ptp(door, axis=0) == pytest.approx([207.85, 426.08], abs=0.01)
+    assert np.ptp(door, axis=0) == pytest.approx([138.56, 284.06], abs=0.01)
     assert door[:, 0].mean() == pytest.approx(320)
     assert "opening" not in {face.kind for face in look(EAST, solids([], []))}
 
 
+def test_the_floor_beyond_a_door_is_seen_through_it() -> None:
+    """It begins at the door and ends 5.5 m away, between the rays through the sides of the door."""
+    (beyond,) = (face.outlines[0] for face in look(NORTH, solids([], [])) if face.kind == "beyond")
+    assert beyond[:, 1].min() == pytest.approx(240 + 415.692 * 1.5 / 5.5, abs=0.01)
+    assert np.unique(beyond[:, 0].round(3)) == pytest.approx([320 - 69.282, 320 + 69.282], abs=0.01)
+
+
 def test_no_wall_fills_the_view() -> None:
-    """A wall 0.3 m away is drawn at 1.2 m, with its door: 1 m is 346 pixels there."""
-    near = look(NORTH, solids([], []), camera=np.array([(0.0, 1.7, 1.5)]))
-    faces = {face.kind: face.outlines[0] for face in near}
-    assert faces["wall lit"][:, 1].max() == pytest.approx(240 + 519.62, abs=0.01)
-    assert np.ptp(faces["opening"][:, 0]) == pytest.approx(346.41, abs=0.01)
+    """A wall 0.3 m away is drawn at 2.4 m, with its door: 1 m is 173 pixels there.
+
+    At the side it is drawn at 1.6 m: it meets the eastern wall, 3 m away, 222 pixels to the left.
+    """
+    camera = np.array([(0.0, 2.7, 1.5)])
+    faces = {face.kind: face.outlines[0] for face in look(NORTH, solids([], []), camera=camera)}
+    assert faces["wainscot lit"][:, 1].max() == pytest.approx(240 + 259.81, abs=0.01)
+    assert np.ptp(faces["opening"][:, 0]) == pytest.approx(173.21, abs=0.01)
+    faces = {face.kind: face.outlines[0] for face in look(EAST, solids([], []), camera=camera)}
+    assert faces["wall dim"][:, 0].min() == pytest.approx(320 - 221.70, abs=0.01)
+
+
+def test_doors_beside_each_other_are_one_opening() -> None:
+    doors = [Line(0, np.array([(x, 3.0), (x + 0.9, 3.0)])) for x in (-2.5, -1.7, 1.0)]
+    building = Building(
+        np.zeros(1, int), np.zeros(1, int), [Room("", 0, [FLOOR], 36.0)], doors, [], solids([], [])
+    )
+    faces = RoomView(building, CAMERA, 0, NORTH, NOTHING).faces()
+    widths = [np.ptp(face.outlines[0][:, 0]) for face in faces if face.kind == "opening"]
+    assert np.array(widths) / (415.692 / 3) == pytest.approx([0.9, 1.7], abs=0.01)
 
 
 def test_a_viewpoint_outside_of_rooms_has_walls_around_it() -> None:
     building = Building(np.zeros(1, int), np.array([-1]), [], [], [], solids([], []))
-    room_view = RoomView(building, CAMERA, 0, NORTH, NOTHING)
-    wall = next(face.outlines[0] for face in room_view.faces() if face.kind == "wall lit")
-    assert np.ptp(wall[:, 0]) == pytest.approx(831.38, abs=0.01)  # 3 m, 1.5 m away
+    view = RoomView(building, CAMERA, 0, NORTH, NOTHING)
+    wall = next(face.outlines[0] for face in view.faces() if face.kind == "wall lit")
+    assert np.ptp(wall[:, 0]) == pytest.approx(554.26, abs=0.01)  # 3.2 m, 2.4 m away
 
 
-def order(seen: Seen = NOTHING, last: Sequence[int] = ()) -> list[int]:
+def seen_box(view: int, *xywh: int) -> Seen:
+    """Return an object by a box."""
+    return Seen(np.zeros(1, int), np.array([view]), np.array([xywh]))
+
+
+@pytest.mark.parametrize(
+    ("name", "box", "floor", "ceiling"),
+    [
+        pytest.param("chair", (300, 300, 60, 120), 0.0, None, id="stands on the floor"),
+        pytest.param("chandelier", (300, 60, 60, 60), None, 2.6, id="hangs from the ceiling"),
+        pytest.param("vase", (300, 300, 60, 180), 0.0, None, id="not below the floor"),
+        pytest.param("vase", (300, 10, 60, 200), None, 2.6, id="not above the ceiling"),
+    ],
+)
+def test_what_is_seen_is_where_it_belongs(
+    name: str, box: tuple[int, ...], floor: float | None, ceiling: float | None
+) -> None:
+    """Whatever its distance is in the model, the solid fills its box."""
+    seen = seen_box(NORTH, *box)
+    fitted = room_view(NORTH, solids([name], [(0.0, 4.0, 1.5)]), seen).fitted
+    (z,), (half,) = fitted.centre[:, 2], fitted.half[:, 2]
+    if floor is not None:
+        assert z - half == pytest.approx(floor, abs=0.01)
+    if ceiling is not None:
+        assert z + half == pytest.approx(ceiling, abs=0.01)
+    pixels = pixels_of(world_to_camera(fitted.corners()[0], CAMERA[0], VIEW_AXES[NORTH]))
+    assert pixels.min(axis=0) == pytest.approx(box[:2], abs=2)
+    assert pixels.max(axis=0) == pytest.approx(np.add(box[:2], box[2:]), abs=2)
+
+
+@pytest.mark.parametrize(("view", "axis"), [(NORTH, 1), (EAST, 0)])
+def test_pictures_are_on_the_wall_behind_them(view: int, axis: int) -> None:
+    """The model has them a metre in front of another wall."""
+    seen = seen_box(view, 280, 180, 90, 60)
+    fitted = room_view(view, solids(["picture"], [(1.0, 1.0, 1.5)]), seen).fitted
+    assert fitted.centre[0, axis] == pytest.approx(3.0, abs=0.01)
+    assert fitted.half[0, axis] == pytest.approx(0.05, abs=0.03)
+    assert fitted.back[0] == axis
+
+
+def test_a_picture_is_level_and_shows_what_is_important() -> None:
+    """However high or low it is: 60 pixels around its middle, in pixels of the level view."""
+    lamp = solids(["lamp"], [(0.0, 1.9, 2.9)])
+    high = seen_box(NORTH + 12, 300, 60, 40, 40)  # its middle is 53.4 degrees up
+    assert room_view(NORTH + 12, lamp, high).picture == (NORTH, -190, -60, 1020, 765)
+    _, left, top, width, height = room_view(NORTH + 12, lamp, high, important=[0]).picture
+    middle = 240 - 415.692 * np.tan(np.pi / 6 + np.arctan(160 / 415.692))
+    assert middle - 60 < top < middle - 20
+    assert top + height == pytest.approx(705)
+    assert (left + width / 2, width / height) == pytest.approx((320, 1020 / 765))
+
+
+def order(seen: Seen = NOTHING, important: Sequence[int] = ()) -> list[int]:
     """Return the order in which three boxes, 2.2, 2.8 and 2.5 m away, are drawn."""
     things = solids(["box"] * 3, [(0, 2.2, 1.5), (0.5, 2.8, 1.5), (-0.5, 2.5, 1.5)], size=0.3)
-    drawn = [face.object_id for face in look(NORTH, things, seen, last) if face.object_id >= 0]
+    drawn = [face.object_id for face in look(NORTH, things, seen, important) if face.object_id >= 0]
     return list(dict.fromkeys(drawn))
 
 
 def test_the_nearest_is_drawn_last() -> None:
     assert order() == [1, 2, 0]
-    assert order(last=[1]) == [2, 0, 1]
+    assert order(important=[1]) == [2, 0, 1]
 
 
 def test_nothing_hides_the_last_of_what_is_drawn_last() -> None:
     """Object 0 is in front of object 1, but an answer does not hide the target."""
-    assert order(last=[0, 1]) == [2, 0, 1]
-    assert order(last=[1, 0]) == [2, 1, 0]
+    assert order(important=[0, 1]) == [2, 0, 1]
+    assert order(important=[1, 0]) == [2, 1, 0]
 
 
 def test_what_is_within_another_box_is_in_front_of_it() -> None:

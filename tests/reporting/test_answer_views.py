@@ -313,7 +313,7 @@ def test_a_view_without_photographs_shows_a_room(drawn: rv.Scores) -> None:
     assert {"floor", "skirting", "opening", "wood top", "cloth top"} <= set(kinds)
     assert view.room_view
     assert view.target
-    faces = view.room_view.faces([view.target.object_id])
+    faces = view.room_view.faces()
     assert faces[-1].object_id == view.target.object_id
     shown = [each.get("class") for each in ET.fromstring(answer_svg(view))[2]]
     assert shown.index("solids") < shown.index("box target")

@@ -131,11 +131,10 @@ def test_a_replay_lists_what_the_agent_did_and_said(runs: dict[str, rv.Scores]) 
     episode = runs["a"].episode("1_3_1")
     shown = parsed(f"<!DOCTYPE html><title>x</title>{episode._repr_html_()}")
     steps, views = told(shown)
-    hidden = "The target, object 3, is visible from here, but not in this view."
     assert views == [
         "Seen from a step, heading 0°, level.",
         "Seen from a step, heading 0°, level. The target is object 3.",
-        f"Seen from a step, heading 0°, level. {hidden}",
+        "Seen from a step, heading 0°, level. The target is object 3.",
     ]
     after = "0.500 s, 10 input tokens, 0.100 US dollarssaid There is a lamp."
     assert steps == [

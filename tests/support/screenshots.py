@@ -12,12 +12,12 @@ from urllib.parse import quote
 
 from playwright.sync_api import Browser
 
-from benchmarks.buildings import fullest_view, plan_picture, scans
+from benchmarks.buildings import plan_picture, scans
 from fixtures.published import published_folder, unpack_dataset
 from fixtures.servers import make_folder
 from reverie_eval.dataset import DatasetFiles
 from reverie_eval.dataset._dataset import read_dataset
-from reverie_eval.geometry import RoomView, model_building
+from reverie_eval.geometry import N_HEADINGS, RoomView, model_building
 from reverie_eval.progress import no_progress
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import AnswerView, seen_in
@@ -161,14 +161,24 @@ def _draw_buildings(browser: Browser, folder: Path, dataset: Path) -> None:
     plans = {each.name: plan_picture(graph, each, buildings[each.name]).picture() for each in found}
     random = Random(1)
     views = {}
-    for scan in random.sample(found, _ROOMS):
+    for number, scan in enumerate(random.sample(found, _ROOMS)):
         row = random.choice([row for row, its in enumerate(scan.objects) if its])
         objects = scan.objects[row]
-        view = fullest_view(objects)
-        seen = seen_in(view, objects)
-        room_view = RoomView(buildings[scan.name], scan.position, row, view, seen)
+        # As pages show them: some answers, and what somebody sees who turns around.
+        target = random.choice(objects) if number % 2 else None
+        view = N_HEADINGS + random.randrange(N_HEADINGS)
+        view = view if target is None else int(seen_in(view, [target]).view[0])
+        important = [target.object_id] if target else []
+        room_view = RoomView(
+            buildings[scan.name],
+            scan.position,
+            row,
+            view,
+            seen_in(view, objects),
+            important=important,
+        )
         views[f"{scan.name} {row} {view}"] = answer_picture(
-            AnswerView("", objects, None, None, None, "", view, "the stop", "", None, room_view)
+            AnswerView("", objects, target, None, None, "", view, "the stop", "", None, room_view)
         )
     # The larger sheet comes last: after it, Chromium takes no other picture.
     for name, drawn in (("views", views), ("plans", plans)):

@@ -346,7 +346,7 @@ def _ahead(
     visible = [each for _, each in candidates]
     seen = seen_in(view, visible)
     return ahead_svg(
-        [(link, xywh) for link, each in candidates for xywh in each.xywh[each.view == view]],
+        candidates,
         ways,
         view,
         # A task without objects has no rooms.

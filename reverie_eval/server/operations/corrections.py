@@ -34,7 +34,7 @@ from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
 FOR_ONE = 100
-"""Submissions for each process: starting one takes as long as scoring about 80 of val_unseen."""
+"""Submissions for each process: starting one takes as long as scoring some dozens of them."""
 _SCORING = "scoring again"
 
 

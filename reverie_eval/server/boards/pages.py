@@ -45,8 +45,6 @@ router = APIRouter()
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Response])
 
-Shown = Annotated[BoardQuery, Query()]
-
 
 def named(split: str, server: Server, request: Request) -> Board:
     """Return the leaderboard that an address names."""
@@ -56,10 +54,18 @@ def named(split: str, server: Server, request: Request) -> Board:
 NamedBoard = Annotated[Board, Depends(named)]
 
 
-def ranked(board: NamedBoard, server: Server, query: Shown) -> Ranking:
+async def asked(board: NamedBoard, query: Annotated[BoardQuery, Query()]) -> BoardQuery:
+    """Return the query, with the leaderboard's own metrics where it asks for none."""
+    return query.on(board)
+
+
+Asked = Annotated[BoardQuery, Depends(asked)]
+
+
+def ranked(board: NamedBoard, server: Server, query: Asked) -> Ranking:
     """Return the requested leaderboard, ranked."""
     with server.database.reading() as session:
-        return server.get(Rankings).ranking(session, board, query.on(board).ranked_by(board))
+        return server.get(Rankings).ranking(session, board, query.ranked_by(board))
 
 
 Ranked = Annotated[Ranking, Depends(ranked)]
@@ -121,9 +127,8 @@ def of_every_board(router: APIRouter, path: str) -> Callable[[Endpoint], Endpoin
 
 
 @of_every_board(router, "")
-def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
+def show_board(board: NamedBoard, visitor: Visitor, query: Asked) -> Response:
     """Show the published results, ranked."""
-    query = query.on(board)
     with visitor.reading() as reading:
         session, server = reading.session, visitor.server
         ranking = server.get(Rankings).detailed(session, board, query.ranked_by(board))
@@ -166,18 +171,16 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
 
 
 @of_every_board(router, "/chart")
-def show_chart(ranking: Ranked, query: Shown) -> Response:
+def show_chart(ranking: Ranked, query: Asked) -> Response:
     """Return the data of the charts."""
-    query = query.on(ranking.board)
     rows = query.shown(ranking.rows, ranking)
     drawn = chart_of(ranking, rows, query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
 @of_every_board(router, "/latex")
-def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
+def show_latex(ranking: Ranked, request: Request, query: Asked) -> Response:
     """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
-    query = query.on(ranking.board)
     rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
     scored = {key for row in rows for key in row.entry.scores}
     metrics = [metric for metric in _columns(ranking.board, query, rows) if metric.key in scored]
@@ -185,9 +188,8 @@ def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
 
 
 @of_every_board(router, "/bibtex")
-def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
+def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Asked) -> Response:
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
-    query = query.on(ranking.board)
     rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
     title, site = server.settings.title, address_of_site(request)
     return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))

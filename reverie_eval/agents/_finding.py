@@ -130,9 +130,12 @@ class AgentSource:
                 content.update(each.read_bytes())
         return content.hexdigest()[:_DIGEST_SHOWN]
 
-    def location(self, error: BaseException) -> str:
-        """Return where in the agent's own files an error was raised: its file at least."""
-        return _location(error, self._module_file.parent) or self._module_file.name
+    def describe(self, error: BaseException) -> str:
+        """Say what went wrong, and where in the agent's own files: which one at least."""
+        told = f"{type(error).__name__}: {error}"
+        if self.name in BUILT_IN_AGENTS and isinstance(error, ReverieEvalError):
+            return told  # nobody has to look into our files
+        return f"{told} ({_location(error, self._module_file.parent) or self._module_file.name})"
 
     @property
     def _module_file(self) -> Path:
@@ -200,8 +203,13 @@ def _check_options(name: str, found: Callable[..., Any], options: Mapping[str, A
         for each in own
         if each.default is each.empty and each.kind not in takes_any and each.name not in options
     ]
-    if len(missing) > 1:  # Python names the first of them alone
+    if missing:
         raise ReverieEvalError(f"{name} needs {', '.join(missing)}; its options: {names}")
+    takes_others = any(each.kind is each.VAR_KEYWORD for each in own)
+    unknown = [each for each in options if each not in {it.name for it in own}]
+    if unknown and not takes_others:
+        told = f"{name} has no option {', '.join(unknown)}"
+        raise ReverieEvalError(f"{told}; its options: {names}")
     try:
         signature.bind(*given, **options)
     except TypeError as error:

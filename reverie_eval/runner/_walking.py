@@ -219,8 +219,7 @@ class _Walk:
         state: State = "cut_off" if self._reason else "ended"
         treatment = None
         if self.error:
-            location = self._plan.agent.location(self.error)
-            self._reason = f"{type(self.error).__name__}: {self.error} ({location})"
+            self._reason = self._plan.agent.describe(self.error)
             treatment = treatment_of(self.error)
             state = "cut_off" if treatment == "cut_off" else "failed"
         if state == "cut_off":

@@ -107,8 +107,14 @@ def test_an_agent_is_found(
         pytest.param("my_agents:NoAgent", {}, "needs start(episode) and act(", id="no start"),
         pytest.param("my_agents:Agent", {"x": 1}, "its options: answer", id="unknown option"),
         pytest.param("my_agents:function", {"x": 1}, "its options: answer", id="of a function"),
-        pytest.param("stop", {"x": 1}, "its options: none", id="no options"),
+        pytest.param("stop", {"x": 1}, "stop has no option x; its options: none", id="no options"),
         pytest.param("chat", {}, "chat needs model, endpoint, observe", id="several missing"),
+        pytest.param(
+            "chat",
+            {"model": "m", "endpoint": "e", "cache": "c"},
+            "chat needs observe; its options: model",
+            id="one missing",
+        ),
         pytest.param(
             "nearest-first", {"viewpoints": "a"}, "a whole number from 1, not 'a'", id="a word"
         ),

@@ -451,7 +451,7 @@ def test_what_is_wrong_is_said_before_there_is_a_folder(
 
 
 def test_an_endpoint_that_is_not_there_is_named_at_once(chat: Chat) -> None:
-    with pytest.raises(RunError, match="connection refused; no server is running there$"):
+    with pytest.raises(RunError, match=r"connection refused; no server is running there$"):
         chat.run(endpoint="http://127.0.0.1:1/v1")
     assert chat.waits == []
 

@@ -24,6 +24,7 @@ from reverie_eval.client import Client, sending
 from tests.conftest import SAMPLES
 from tests.support.flat_world import Outcome, Run
 from tests.support.participants import Proxy, RealServer, Script, answer, problem
+from tests.support.ports import free_port
 from tests.support.waiting import PATIENCE
 
 pytestmark = pytest.mark.usefixtures("at_home")
@@ -141,18 +142,12 @@ def test_what_is_tried_again_is_told(reply: bytes, said: str, run: Run) -> None:
     assert last.startswith("reverie-eval: ")
 
 
-def closed_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        port: int = listening.getsockname()[1]
-    return port
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         pytest.param([], "which server? Name it with --server URL or REVERIE_EVAL_SERVER", id="no"),
         pytest.param(
-            ["--server", f"http://127.0.0.1:{closed_port()}"],
+            ["--server", f"http://127.0.0.1:{free_port()}"],
             "connection refused; no server",
             id="closed",
         ),

@@ -20,6 +20,7 @@ from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval_cli.commands.serve import serve
 from tests.conftest import REPOSITORY
+from tests.support.ports import free_port
 from tests.support.processes import COMMAND, Laptop
 from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, PEOPLE, Serving, populate
 from tests.support.waiting import PATIENCE, wait_until
@@ -91,8 +92,7 @@ def test_participants_submit_below_a_path_of_nginx(folder: Path, tmp_path: Path)
     (tmp_path / "home").mkdir()
     laptop = Laptop(tmp_path / "home")
     (laptop.folder / "submit.json").write_bytes(GOOD)
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     address = f"http://127.0.0.1:{port}/reverie"
     with acting(load_settings(folder), "test") as transaction:
         token = populate(transaction, PEOPLE)[OWNER]

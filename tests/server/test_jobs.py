@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import httpx
 import pytest
-from aiosmtpd.controller import Controller
 from anyio.from_thread import BlockingPortal
 from sqlalchemy import select
 
@@ -29,8 +28,9 @@ from reverie_eval.server.messages import delivery
 from reverie_eval.server.operations import health
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, Message, StoredSnapshot, Submission
-from tests.server.test_notifications import Hook, Mailbox, hook, hook_at, mail_to
+from tests.server.test_notifications import Hook, Mailbox, hook, hook_at, mail_server, mail_to
 from tests.support.acting import NOON
+from tests.support.ports import free_port
 from tests.support.serving import (
     ORGANISER,
     OTHER,
@@ -311,8 +311,7 @@ def is_done(client: httpx.Client) -> bool:
 def test_a_mail_server_that_is_dead_is_told_by_webhook(
     folder: Path, hook: Hook, open_server: OpenServer, at_work: AtWork
 ) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     channels = {"mail": mail_to(port), "webhook": hook_at(hook)}
     server = open_server(settings_of(folder).model_copy(update=channels))
     assert server.upload(OWNER).status_code == 201
@@ -324,11 +323,9 @@ def test_a_mail_server_that_is_dead_is_told_by_webhook(
         assert "(mail.host, mail.port)" in reports(client)["mail"]["error"]
         assert f"{port}" not in reports(client)["mail"]["error"]
         box = Mailbox()
-        mail_server = Controller(box, hostname="127.0.0.1", port=port)
-        mail_server.start()
-        server.clock.turn(hours=7)
-        wait_until(lambda: client.get("/healthz").json()["status"] == "ok")
-        mail_server.stop()
+        with mail_server(box, port):
+            server.clock.turn(hours=7)
+            wait_until(lambda: client.get("/healthz").json()["status"] == "ok")
         assert len(box.mails) == 1
 
 

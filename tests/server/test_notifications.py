@@ -3,11 +3,10 @@
 import hashlib
 import hmac
 import json
-import socket
 import ssl
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from email import message_from_bytes, policy
@@ -35,6 +34,7 @@ from reverie_eval.server.store.tables import Message
 from tests.client.test_client_failures import certificate
 from tests.support.acting import NOON
 from tests.support.flat_world import Run
+from tests.support.ports import free_port
 from tests.support.serving import (
     OPEN,
     OWNER,
@@ -46,6 +46,7 @@ from tests.support.serving import (
     settings_of,
     submission_for,
 )
+from tests.support.waiting import PATIENCE as SECONDS_OF_PATIENCE
 from tests.support.waiting import wait_until
 
 SECRET = "of the webhook"
@@ -80,16 +81,25 @@ class Hook:
         return [json.loads(body)["event"] for _, body in self.requests]
 
 
+@contextmanager
+def mail_server(box: Mailbox, port: int | None = None, **about: Any) -> Iterator[int]:
+    """Run an SMTP server, which may take its time to start, and give its port."""
+    port = port or free_port()
+    about |= {"hostname": "127.0.0.1", "port": port, "ready_timeout": SECONDS_OF_PATIENCE}
+    server = Controller(box, **about)
+    server.start()
+    try:
+        yield port
+    finally:
+        server.stop()
+
+
 @pytest.fixture
 def mailbox() -> Iterator[tuple[Mailbox, int]]:
     """Run an SMTP server; give its mailbox and its port."""
     box = Mailbox()
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    controller = Controller(box, hostname="127.0.0.1", port=port)
-    controller.start()
-    yield box, port
-    controller.stop()
+    with mail_server(box) as port:
+        yield box, port
 
 
 @pytest.fixture
@@ -387,12 +397,8 @@ def tls_port(tmp_path: Path) -> Iterator[int]:
     """Run a mail server that begins with TLS, and has a certificate that nobody signed."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate(tmp_path))
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    controller = Controller(Mailbox(), hostname="127.0.0.1", port=port, ssl_context=context)
-    controller.start()
-    yield port
-    controller.stop()
+    with mail_server(Mailbox(), ssl_context=context) as port:
+        yield port
 
 
 class Refusing(Mailbox):
@@ -411,18 +417,12 @@ class Refusing(Mailbox):
 @pytest.fixture
 def refusing_port() -> Iterator[int]:
     """Run a mail server that refuses everything."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    controller = Controller(
-        Refusing(),
-        hostname="127.0.0.1",
-        port=port,
-        authenticator=lambda *_: AuthResult(success=False, handled=False),
-        auth_require_tls=False,
-    )
-    controller.start()
-    yield port
-    controller.stop()
+
+    def refuse(*_: object) -> AuthResult:
+        return AuthResult(success=False, handled=False)
+
+    with mail_server(Refusing(), authenticator=refuse, auth_require_tls=False) as port:
+        yield port
 
 
 @pytest.fixture
@@ -435,8 +435,7 @@ def test_why_no_mail_is_sent_is_said_by_the_setting(
     folder: Path, ports: tuple[int, int, int], run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port, tls_port, refusing_port = ports
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        closed = free.getsockname()[1]
+    closed = free_port()
     plain = {"port": port, "security": "none"}
     refusing = {"port": refusing_port, "security": "none"}
     cases: list[tuple[dict[str, Any], str]] = [
@@ -467,8 +466,7 @@ def test_why_no_mail_is_sent_is_said_by_the_setting(
 def test_why_a_webhook_is_not_told(folder: Path, hook: Hook, run: Run) -> None:
     file = folder / "reverie-eval.toml"
     plain = file.read_text()
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        closed = free.getsockname()[1]
+    closed = free_port()
     for port, status, expected in (
         (hook.port, 401, "webhook.secret: 127.0.0.1 replied with status 401"),
         (hook.port, 404, "webhook.url: 127.0.0.1 replied with status 404"),

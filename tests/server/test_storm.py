@@ -34,6 +34,7 @@ from tests.support.crowd import (
 )
 from tests.support.plain_sql import stored
 from tests.support.serving import OPEN, populate, running
+from tests.support.waiting import PATIENCE
 
 UPLOADS_IN_SUITE = 40
 FILES = 5
@@ -118,7 +119,9 @@ def storm(folder: Path, request: pytest.FixtureRequest) -> Storm:
 @pytest.fixture
 def url_and_process(storm: Storm) -> Iterator[tuple[str, int]]:
     """Run the server in a process of its own."""
-    with running(storm.folder) as (process, url):
+    # That nobody waits longer is only true of a fast machine.
+    patience = {} if is_evidence() else {"REVERIE_EVAL_LIMITS__SECONDS_FOR_BODY": f"{PATIENCE}"}
+    with running(storm.folder, **patience) as (process, url):
         yield url, process.pid
 
 

@@ -13,6 +13,7 @@ from subprocess import Popen
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.support.ports import free_port
 from tests.support.processes import Laptop
 from tests.support.waiting import wait_until
 
@@ -105,8 +106,7 @@ def test_a_first_agent(laptop: Laptop, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_a_language_model(laptop: Laptop) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = str(free.getsockname()[1])
+    port = str(free_port())
     save_files("chat", laptop.folder, port)
     with Popen([sys.executable, laptop.folder / "fake_model.py"]) as model:
         try:

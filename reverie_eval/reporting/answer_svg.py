@@ -76,7 +76,7 @@ class _Marks(NamedTuple):
     """Height of a line of them."""
 
 
-_IN_PANORAMA, _IN_VIEW = _Marks(5.5, 2.8, 5.5), _Marks(12.0, 6.4, 13.0)
+_IN_PANORAMA, _IN_VIEW = _Marks(5.5, 3.0, 5.5), _Marks(12.0, 7.8, 16.0)
 
 
 class ObjectLink(NamedTuple):
@@ -212,15 +212,7 @@ def ahead_svg(
         picture, ground = Picture(view), _background(photograph, HEIGHT, HEIGHT / 2)
     heading = float(np.rad2deg(view_angles(np.array([view]))[0, 0]))
     links = [
-        _Link(
-            link,
-            _outlined_shape("other", outline, link.label),
-            float(np.ptp(outline, axis=0).prod()),
-            float((outline[:, 0].min() + outline[:, 0].max()) / 2),
-            float(outline[:, 1].min()),
-        )
-        for link, each in objects
-        for outline in _outlines(picture, each)
+        _link_to(link, outline) for link, each in objects for outline in _outlines(picture, each)
     ]
     shown = _numbered(ways, [_on_floor(way, picture) for way in ways])
     return (
@@ -480,6 +472,13 @@ class _Way(NamedTuple):
     number: int
     way: WayLink
     point: FloatArray
+
+
+def _link_to(link: ObjectLink, outline: FloatArray) -> _Link:
+    """Return a link to an object by its outline in a picture; its name is where it is seen."""
+    area = float(np.ptp(outline, axis=0).prod())
+    left, top, width, _ = _bounds(np.clip(outline, 0, (WIDTH, HEIGHT)))
+    return _Link(link, _outlined_shape("other", outline, link.label), area, left + width / 2, top)
 
 
 def _numbered(ways: Sequence[WayLink], points: Sequence[FloatArray | None]) -> Sequence[_Way]:

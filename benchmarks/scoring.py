@@ -169,7 +169,9 @@ def measure(folder: Path, work: Path) -> Iterator[Figure]:
     ours, imports = in_turns(command, partial(run, sys.executable, "-c", NUMPY_ALONE), 20)
     yield Figure("command / import numpy, without busy threads", ours / imports)
     peaks = [int(run(sys.executable, "-c", PEAK_MEMORY, submission, bundle)) for _ in range(5)]
-    yield Figure("peak memory / size of the file", min(peaks) / len(content), most=3.0)
+    # The first process may compile modules, which leaves memory free that is then used again.
+    peak = statistics.median(peaks)
+    yield Figure("peak memory / size of the file", peak / len(content), most=3.0)
     loading = min(cpu_seconds(lambda: rv.GroundTruth.load(bundle)) for _ in range(20))
     yield Figure("load a bundle, ms", 1000 * loading, most=20.0)
     yield Figure("compile three splits, s", compiling, most=15.0)

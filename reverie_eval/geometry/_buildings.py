@@ -242,6 +242,7 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
     on_storey = storey[:, None] == room_storey
     home = _rooms_of_viewpoints(objects.votes_of_viewpoints(), camera, boxes, on_storey)
     ways = _ways_of_rooms(home[edges], len(room_storey))
+    flights = _flights(position, edges) if storey.any() else []
     found: list[Room] = []
     doors: list[Line] = []
     number = np.full(len(room_storey), -1)
@@ -250,8 +251,9 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
         around = [camera[home == room] for room in here]
         inside = edges[(storey[edges] == level).all(axis=1)]
         alone = np.repeat(np.flatnonzero(storey == level)[:, None], 2, axis=1)
+        legs = np.concatenate([camera[inside], *_seen_on(level, flights, camera, storey)])
         # A building without objects has no rooms at all.
-        ways_there = camera[np.vstack([inside, alone])] if evidence else camera[inside[:0]]
+        ways_there = np.concatenate([legs, camera[alone]]) if evidence else legs[:0]
         plan = Plan.of([evidence[room] for room in here], around, ways_there)
         for index in range(plan.n_rooms):
             outlines = list(plan.outlines(index))
@@ -268,13 +270,13 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
                 name = name_room(names, int(ways[room]), float(sides.max() / sides.min()))
             turned = [corners @ axes for corners in outlines]
             found.append(Room(name, level, turned, plan.area(index)))
-        doors += [Line(level, ends @ axes) for ends in plan.doors(camera[inside])]
+        doors += [Line(level, ends @ axes) for ends in plan.doors(legs)]
     return Building(
         storey=storey,
         room=np.append(number, -1)[home],
         rooms=found,
         doors=doors,
-        treads=list(_treads(position, edges, storey)),
+        treads=list(_treads(position, flights, storey, axes)),
         solids=Solids.of(
             object_id=np.unique(seen.object_id),
             names=objects.names,
@@ -479,18 +481,17 @@ def _ways_of_rooms(between: IntArray, count: int) -> IntArray:
 # Stairs.
 
 
-def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator[Line]:
-    """Yield treads where the graph climbs; a building of one storey has no stairs.
+def _treads(
+    position: FloatArray, flights: Sequence[tuple[int, int]], storey: IntArray, axes: FloatArray
+) -> Iterator[Line]:
+    """Yield the treads of flights, along the walls.
 
     They stand on the storey where they begin, and their upper half is seen on that above.
     """
-    if not storey.any():
-        return
-    flights = _flights(position, edges)
     drawn: list[tuple[int, FloatArray]] = []
     for start, end in flights:
         step = position[end, :2] - position[start, :2]
-        aside = np.array([-step[1], step[0]]) / np.hypot(*step) * DOOR_WIDTH / 2
+        aside = axes[np.abs(axes @ step).argmin()] * DOOR_WIDTH / 2
         count = max(2, round(float(position[end, 2] - position[start, 2]) / _TREAD))
         new = []
         for share in (np.arange(count) + 0.5) / count:
@@ -503,6 +504,18 @@ def _treads(position: FloatArray, edges: IntArray, storey: IntArray) -> Iterator
                     new.append((level, at))
                     yield Line(level, np.stack([at - aside, at + aside]))
         drawn += new
+
+
+def _seen_on(
+    level: int, flights: Sequence[tuple[int, int]], camera: FloatArray, storey: IntArray
+) -> Iterator[FloatArray]:
+    """Yield the parts of flights with treads on a storey, shape (1, 2, 2)."""
+    for start, end in flights:
+        if storey[start] == level:
+            yield camera[None, [start, end]]
+        elif storey[end] == level:
+            landing = camera[start] + _BELOW * (camera[end] - camera[start])
+            yield np.stack([landing, camera[end]])[None]
 
 
 def _flights(position: FloatArray, edges: IntArray) -> Sequence[tuple[int, int]]:

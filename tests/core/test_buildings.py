@@ -181,6 +181,23 @@ def test_stairs_between_two_storeys() -> None:
     assert np.ptp(first, axis=0) == pytest.approx([0, 0.9])
 
 
+def test_stairs_are_in_a_room_with_a_door() -> None:
+    """Out of the kitchen, through its wall at y = 3, up to a storey without objects."""
+    position = np.array([(*HALL, 1.5), (*KITCHEN, 1.5), (7.5, 6.0, 4.5), (9.5, 6.0, 4.5)])
+    centre = np.vstack([position[0] + OBJECTS, position[1] + OBJECTS])
+    viewpoint = [0] * len(OBJECTS) + [1] * len(OBJECTS)
+    seen = seen_from(position, viewpoint, centre, ["lamp"] * len(centre), known=True)
+    building = model_building(position, np.array([[0, 1], [1, 2], [2, 3]]), seen)
+    assert {tread.storey for tread in building.treads} == {0, 1}
+    for tread in building.treads:
+        # They follow the walls, although the way up does not.
+        assert np.ptp(tread.ends, axis=0) == pytest.approx([0.9, 0])
+        middle = tread.ends.mean(axis=0)[None]
+        assert any(room.contains(middle)[0] for room in building.rooms_on(tread.storey))
+    middles = [door.ends.mean(axis=0).tolist() for door in building.doors_on(0)]
+    assert pytest.approx([7.2, 3.0]) in middles
+
+
 @pytest.mark.parametrize(
     ("climb", "run", "treads"),
     [

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,15 +28,20 @@ BUNDLES = {
 SEEDS = range(5)
 
 
-@pytest.fixture(params=list(BUNDLES))
+walk = cache(run_agent)
+"""Runs an agent once on a split with a seed; many tests look at the same walks."""
+
+
+@pytest.fixture(scope="module", params=list(BUNDLES))
 def truth(request: pytest.FixtureRequest) -> GroundTruth:
     """Load the ground truth of every demo split with its answers."""
     return GroundTruth.load(BUNDLES[request.param])
 
 
+@cache
 def scores_of(name: str, truth: GroundTruth, seed: int = 0) -> Scores:
     """Score an agent."""
-    records = run_agent(name, truth, seed)
+    records = walk(name, truth, seed)
     return evaluate(records, split=truth.split, ground_truth=truth)
 
 
@@ -101,14 +107,14 @@ def test_random_takes_up_to_ten_steps_along_edges(seed: int, truth: GroundTruth)
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_never_stays_if_there_is_an_edge(seed: int, truth: GroundTruth) -> None:
-    for record in run_agent("random", truth, seed):
+    for record in walk("random", truth, seed):
         assert all(here != there for here, there in pairwise(viewpoints(record)))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_predicts_an_object_visible_at_its_stop(seed: int, truth: GroundTruth) -> None:
     """And no object only if none is visible."""
-    records = run_agent("random", truth, seed)
+    records = walk("random", truth, seed)
     stops = np.array([truth.graph.index[viewpoints(record)[-1]] for record in records])
     named = np.array([record["predObjId"] for record in records])
     is_visible = truth.require_solution().is_visible(named, stops)
@@ -118,7 +124,7 @@ def test_random_predicts_an_object_visible_at_its_stop(seed: int, truth: GroundT
 
 
 def test_random_takes_every_number_of_steps(demo: GroundTruth) -> None:
-    records = [record for seed in SEEDS for record in run_agent("random", demo, seed)]
+    records = [record for seed in SEEDS for record in walk("random", demo, seed)]
     assert {len(record["trajectory"]) - 1 for record in records} == set(range(11))
 
 
@@ -138,7 +144,7 @@ def test_stop_stays_at_the_start_and_predicts_nothing(truth: GroundTruth) -> Non
     assert not episodes["path_length"].any()
     assert not episodes["steps"].any()
     assert not episodes["rgs"].any()
-    assert {record["predObjId"] for record in run_agent("stop", truth)} == {-1}
+    assert {record["predObjId"] for record in walk("stop", truth, 0)} == {-1}
 
 
 # All of them.
@@ -146,7 +152,7 @@ def test_stop_stays_at_the_start_and_predicts_nothing(truth: GroundTruth) -> Non
 
 @pytest.mark.parametrize("name", list(AGENTS))
 def test_agents_write_the_official_form(name: str, truth: GroundTruth) -> None:
-    records = run_agent(name, truth)
+    records = walk(name, truth, 0)
     predictions = read_fast(json.dumps(records).encode(), truth.task, truth.graph.viewpoint_table)
     assert predictions is not None
     assert list(predictions.instr_ids) == list(truth.episodes.instr_ids)

@@ -11,11 +11,11 @@ released, renew both after a change of the schema::
 import csv
 import hashlib
 import shutil
-import tarfile
 from pathlib import Path
 
 import pytest
 
+from fixtures.published import unpack
 from fixtures.released_server import archive_of
 from tests.conftest import REPOSITORY, SAMPLES
 from tests.support.flat_world import Run
@@ -39,8 +39,7 @@ def rows_of(table: Path) -> list[dict[str, str]]:
 
 @pytest.mark.parametrize("version", RELEASED)
 def test_the_folder_of_a_released_version_works_on(version: str, tmp_path: Path, run: Run) -> None:
-    with tarfile.open(archive_of(version)) as archive:
-        archive.extractall(tmp_path, filter="data")
+    unpack(archive_of(version), tmp_path)
     server, then, now = tmp_path / "server", tmp_path / "tables", tmp_path / "now"
     folder, written = str(server), str(now)
     for words in (

@@ -170,7 +170,7 @@ def test_an_unknown_episode(scores: rv.Scores) -> None:
     )
     with pytest.raises(rv.ReverieEvalError) as error:
         scores.episode("x")
-    assert str(error.value).endswith("of val_unseen; such as 1_3_0, 1_3_1, 1_3_2 and 2 more")
+    assert str(error.value).endswith("of val_unseen; it has 1_3_0, 1_3_1, 1_3_2 and 2 more")
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@
 
 import hashlib
 import json
+import os
 import random
 import signal
 import subprocess
@@ -21,10 +22,13 @@ from reverie_eval.runner import read_attempts, read_steps
 from tests.conftest import REPOSITORY
 from tests.support.amounts import amount, is_evidence, tell
 from tests.support.endpoints import Behaviour, endpoint, saying, well_behaved
-from tests.support.ledgers import PAUSE, run_chat, run_with_ledger
+from tests.support.ledgers import PAUSE_VARIABLE, run_chat, run_with_ledger
 
 KILLS = amount(in_suite=2)
 EPISODES = min(198, 12 + 4 * KILLS)
+PAUSE = 0.1
+"""Seconds for each action and reply of a run that is to be killed, so that it does not end before,
+not even on a slow machine."""
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -40,8 +44,9 @@ def test_a_run_that_is_killed_goes_on(jobs: int, tmp_path: Path) -> None:
     rng, ledger = random.Random(jobs), tmp_path / "ledger"
     killed, hits = tmp_path / "killed", 0
     words = [sys.executable, "-c", PROGRAM, *map(str, (ledger, killed, EPISODES, jobs))]
+    slowly = os.environ | {PAUSE_VARIABLE: f"{PAUSE}"}
     for _ in range(KILLS):
-        with subprocess.Popen(words, cwd=REPOSITORY) as process:
+        with subprocess.Popen(words, cwd=REPOSITORY, env=slowly) as process:
             wait_for_lines(killed / "steps.jsonl", rng.randint(1, 6 + 6 * jobs), process)
             time.sleep(rng.uniform(0, 2 * PAUSE))
             process.send_signal(signal.SIGKILL)
@@ -100,7 +105,8 @@ def test_no_reply_of_a_language_model_is_paid_twice(jobs: int, tmp_path: Path) -
         if not alone.exists() and key.encode() in content_of(killed / "replies.jsonl"):
             twice.append(key)
         chosen = json.loads(well_behaved(request).document["choices"][0]["message"]["content"])
-        time.sleep(PAUSE)
+        if hits < KILLS:
+            time.sleep(PAUSE)
         return saying(json.dumps({**chosen, "thought": key}))
 
     with endpoint() as served:

@@ -10,8 +10,8 @@ from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import RunPlan, run
 from reverie_eval.simulator import Action, Observation
 
-PAUSE = 0.004
-"""Seconds for each action, so that there is time to be killed."""
+PAUSE_VARIABLE = "REVERIE_LEDGER_PAUSE"
+"""The environment variable with the seconds for each action, so that there is time to be killed."""
 
 
 class Agent(RandomAgent):
@@ -32,7 +32,7 @@ class Agent(RandomAgent):
         with self._ledger.open("a") as file:
             file.write(f"{os.getpid()}\n")
         self._episode.log(input_tokens=3, output_tokens=1, money=0.25)
-        time.sleep(PAUSE)
+        time.sleep(float(os.environ.get(PAUSE_VARIABLE, "0")))
         return super().act(seen)
 
 

@@ -206,7 +206,7 @@ def _check_options(name: str, found: Callable[..., Any], options: Mapping[str, A
     if missing:
         raise ReverieEvalError(f"{name} needs {', '.join(missing)}; its options: {names}")
     takes_others = any(each.kind is each.VAR_KEYWORD for each in own)
-    unknown = [each for each in options if each not in {it.name for it in own}]
+    unknown = sorted(options.keys() - {each.name for each in own})
     if unknown and not takes_others:
         told = f"{name} has no option {', '.join(unknown)}"
         raise ReverieEvalError(f"{told}; its options: {names}")

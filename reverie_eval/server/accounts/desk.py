@@ -91,7 +91,7 @@ def add_team_at_desk(desk: Desk, form: Posted) -> Response:
 
 @routes.post("/teams/merge", responses=_REFUSALS)
 def merge_teams(new: schemas.NewMerge, organiser: Organiser) -> schemas.MergeReport:
-    """Merge two teams, as if they had always been one."""
+    """Give one team's people, submissions and grants to another."""
     return organiser.perform(people.merge_teams, new)
 
 

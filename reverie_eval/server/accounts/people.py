@@ -51,8 +51,9 @@ def rename_team(transaction: Transaction, name: str, new: schemas.NewTeam) -> sc
 def merge_teams(transaction: Transaction, new: schemas.NewMerge) -> schemas.MergeReport:
     """Give one team's people, submissions and grants to another.
 
-    Quotas count the submissions of both from then on. If both have submitted the same file, only
-    the earlier submission counts. Receipts keep the name under which they were signed.
+    Quotas count the submissions of both from then on; of a file that both have submitted, only the
+    earlier submission. Published submissions stay published. Receipts keep the name under which
+    they were signed.
 
     Raises
     ------

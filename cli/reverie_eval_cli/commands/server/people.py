@@ -81,8 +81,9 @@ def rename(*, folder: Folder, name: str, new_name: str) -> None:
 def merge(*, folder: Folder, name: str, into: str, yes: bool) -> None:
     """Give a team's people, submissions and grants to another.
 
-    Quotas count the submissions of both, as if the team INTO had always been one. This cannot be
-    undone, except from a backup. Receipts keep the NAME under which they were signed.
+    Quotas count the submissions of both, of the same file only the earlier. What is published stays
+    published. Receipts keep the NAME under which they were signed. This cannot be undone, except
+    from a backup.
     """
     from reverie_eval.server.accounts.people import merge_teams
 

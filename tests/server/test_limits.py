@@ -333,7 +333,6 @@ def test_a_broken_form_is_not_quoted_in_the_log(
         assert reply_on(connection) == reply
     assert {line["logger"] for line in small.logged()} <= {
         "reverie_eval.server.requests",
-        "reverie_eval.server.proxies",
         "reverie_eval.server.scoring",
         "uvicorn.error",
     }

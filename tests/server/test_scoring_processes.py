@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -24,6 +24,7 @@ from reverie_eval import evaluate
 from reverie_eval.errors import SubmissionError
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.errors import BusyError
+from reverie_eval.server.operations import corrections
 from reverie_eval.server.scoring import processes as scoring_processes
 from reverie_eval.server.scoring.boards import load_boards
 from reverie_eval.server.scoring.contexts import Context, open_file
@@ -31,7 +32,7 @@ from reverie_eval.server.scoring.processes import Line, ScoringProcesses
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
-from tests.support.flat_world import Run
+from tests.support.flat_world import Outcome, Run
 from tests.support.forking import Beside, Forked, Surroundings
 from tests.support.killing import is_running, kill_process, scorers
 from tests.support.participants import RealServer, private_submission
@@ -446,3 +447,54 @@ def test_they_load_the_ground_truth_of_a_correction(
     assert again["report"]["scores"] == now["report"]["scores"] != before["report"]["scores"]
     assert again["report"]["fingerprint"] == Bundle.load(new).header.fingerprint
     assert server.client.get("/healthz").json()["failed"] == []
+
+
+def die(*_: object) -> None:
+    """Be killed, as a system without memory does it."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def burn_whatever_is_given(*_: object) -> None:
+    """Use the processor for ever."""
+    while True:
+        pass
+
+
+@pytest.fixture
+def rescoring(
+    folder: Path, open_server: OpenServer, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[Callable[..., None]], Outcome]:
+    """Score two submissions again in two processes, by a function of the test."""
+    server = open_server()
+    for _ in range(2):
+        assert server.upload(OWNER, server.distinct()).status_code == 201
+    bundle = Bundle.load(folder / "bundles" / f"{OPEN}.npz")
+    new = folder / "new.npz"
+    with_arrays(bundle, task_target=bundle.arrays["task_target"] + 1).save(new)
+    monkeypatch.setattr(scoring_processes, "SECONDS", 0)
+    monkeypatch.setattr(corrections, "FOR_ONE", 1)  # so that two are enough for two processes
+
+    def again(work: Callable[..., None]) -> Outcome:
+        monkeypatch.setattr(corrections, "rescore_one", work)
+        words = ("--bundle", str(new), "--dry-run", "--jobs", "2")
+        return run("server", "rescore", str(folder), OPEN, *words)
+
+    return again
+
+
+def test_scoring_again_says_that_a_process_was_killed(
+    rescoring: Callable[[Callable[..., None]], Outcome],
+) -> None:
+    done = rescoring(die)
+    assert done.status == 2
+    assert "a process that scored was killed, perhaps for lack of memory" in done.err
+    assert "fewer --jobs" in done.err
+
+
+def test_scoring_again_says_which_files_take_too_long(
+    rescoring: Callable[[Callable[..., None]], Outcome],
+) -> None:
+    done = rescoring(burn_whatever_is_given)
+    assert done.status == 1
+    assert done.out.count("more than 0 seconds of processor time") == 2
+    assert "2 submissions cannot be scored again" in done.err

@@ -66,11 +66,16 @@ def rescore_one(context: Context, split: str, name: str, job: Job) -> Outcome:
         content = stored_upload(context.uploads, job.sha256)
         report, scores = board.scored(content, has_intervals=job.has_intervals)
     except SubmissionError as error:
-        return f"rejected: {error.problems[0]}"
+        return rejected(error)
     except UploadsError as error:
         return str(error)
     sums = cluster_sums(scores) if scores and report.intervals else None
     return Rescored(report, sums)
+
+
+def rejected(error: SubmissionError) -> Outcome:
+    """Return why a submission cannot be scored again."""
+    return f"rejected: {error.problems[0]}"
 
 
 def replace_results(

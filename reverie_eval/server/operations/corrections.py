@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
+from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.progress import Progress, no_progress
@@ -20,11 +21,12 @@ from reverie_eval.server.corrections.corrections import (
     Outcome,
     changes,
     outdated,
+    rejected,
     replace_at_once,
     replace_results,
     rescore_one,
 )
-from reverie_eval.server.errors import no_split
+from reverie_eval.server.errors import BusyError, no_split
 from reverie_eval.server.opening import opened_server
 from reverie_eval.server.scoring.boards import Board, load_boards
 from reverie_eval.server.scoring.contexts import Scoring
@@ -211,7 +213,15 @@ def _scoring(
 
 
 def _rescore(scoring: Scoring, board: Board, job: Job) -> Outcome:
-    return scoring.run(rescore_one, board.split, board.name, job)
+    try:
+        return scoring.run(rescore_one, board.split, board.name, job)
+    except SubmissionError as error:  # it needs more than a process may use
+        return rejected(error)
+    except BusyError:
+        raise ReverieEvalError(
+            "a process that scored was killed, perhaps for lack of memory, or the ground truth was "
+            "replaced meanwhile; run the command again, with fewer --jobs if it was memory"
+        ) from None
 
 
 def _named(outcomes: Mapping[Job, Outcome]) -> Mapping[str, Outcome]:

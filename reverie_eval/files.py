@@ -43,23 +43,33 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
     # In the same folder, because renaming is atomic within a file system only.
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
-        with os.fdopen(descriptor, "wb") as file:
-            if path.exists():
-                status = path.stat()
-                draft.chmod(status.st_mode)
-                with suppress(PermissionError):  # an administrator may write for a service
-                    os.chown(draft, status.st_uid, status.st_gid)
-            yield file
-        draft.replace(path)
-    except OSError as error:
-        # Messages should name the caller's file: not the draft, and where the system names none.
-        if error.filename == str(draft) or error.errno in _FULL:
-            error.filename = str(path)
-        raise
+        with _naming(path, draft):
+            descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
+            with os.fdopen(descriptor, "wb") as file:
+                if path.exists():
+                    status = path.stat()
+                    draft.chmod(status.st_mode)
+                    with suppress(PermissionError):  # an administrator may write for a service
+                        os.chown(draft, status.st_uid, status.st_gid)
+                yield file
+            draft.replace(path)
     finally:
         # After a rename there is no draft any more; after an error there may be.
         draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def _naming(path: Path, draft: Path) -> Iterator[None]:
+    """Let errors name the caller's file or folder instead of the draft.
+
+    Of a full disk, the system names no file, or the one that was copied.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename == str(draft) or error.errno in _FULL:
+            error.filename = str(path)
+        raise
 
 
 @contextmanager
@@ -78,7 +88,8 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
     with TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as hidden:
         staging = Path(hidden, "new")
         staging.mkdir()
-        yield staging
+        with _naming(folder, staging):
+            yield staging
         # A folder with files cannot be replaced by a rename, so the old one steps aside first.
         if target.exists():
             target.rename(Path(hidden, "old"))
@@ -110,7 +121,8 @@ def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterato
         # One level deeper, because the temporary folder is private to its owner.
         staging = Path(hidden, target.name)
         staging.mkdir(mode)
-        yield staging
+        with _naming(folder, staging):
+            yield staging
         if is_new:
             staging.rename(target)
             return

@@ -116,17 +116,26 @@ def test_a_file_that_an_administrator_replaces_stays_that_of_the_service(tmp_pat
     assert place.read_bytes() == b"new"
 
 
-def test_a_file_for_which_there_is_no_space_is_named(tmp_path: Path) -> None:
-    """The system names none, as its error comes from writing to an open file."""
-    command = [sys.executable, "-m", "reverie_eval_cli", str(SAMPLES / "good.json")]
+@pytest.mark.parametrize(
+    ("words", "most"),
+    [
+        # The system names no file whose writing failed, and the copied one where copying failed.
+        ([str(SAMPLES / "good.json"), "--split", "val_unseen", "-o", "made"], 100),
+        (["demo", "made"], 100),
+        (["demo", "made"], 120_000),
+        (["server", "init", "made"], 100),
+    ],
+    ids=["file", "unpacked", "copied", "server"],
+)
+def test_what_there_is_no_space_for_is_named(words: list[str], most: int, tmp_path: Path) -> None:
     written = subprocess.run(
-        [*command, "--split", "val_unseen", "-o", "scores.txt"],
+        [sys.executable, "-m", "reverie_eval_cli", *words],
         cwd=tmp_path,
         # The largest file that it may write, in bytes.
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100)),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)),
         capture_output=True,
         text=True,
         check=False,
     )
-    assert written.stderr == "reverie-eval: scores.txt: File too large\n"
+    assert written.stderr == "reverie-eval: made: File too large\n"
     assert (written.returncode, list(tmp_path.iterdir())) == (2, [])

@@ -170,7 +170,7 @@ def write_samples(*, folder: Path) -> None:
     one, a mediocre one, one that answers by boxes (drawn), one with every kind of mistake (broken),
     and one for each further task. `fast-short` is a trained agent, for `reverie-eval run`.
     """
-    from shutil import copytree
+    from shutil import copyfile
     from zipfile import ZipFile
 
     from reverie_eval.agents import DEMO_AGENT
@@ -182,7 +182,9 @@ def write_samples(*, folder: Path) -> None:
     with staged_folder(folder) as aside, ZipFile(DEMO_SAMPLES) as samples:
         # Beside the folder first, which appears complete or not at all.
         samples.extractall(aside)
-        copytree(DEMO_AGENT, aside / DEMO_AGENT.name)
+        (aside / DEMO_AGENT.name).mkdir()
+        for file in DEMO_AGENT.iterdir():
+            copyfile(file, aside / DEMO_AGENT.name / file.name)
         names = [*samples.namelist(), f"{DEMO_AGENT.name}/"]
     print(f"{folder}: {', '.join(names)}")
     print(f"try: reverie-eval {folder / 'good.json'} --split val_unseen")

@@ -28,7 +28,7 @@ def press():
 
 if os.environ["WHEN"] == "importing":
     sys.meta_path.insert(0, Finder())
-elif "--multiprocessing-fork" in sys.orig_argv:
+elif "--multiprocessing-fork" in sys.orig_argv or "forkserver" in " ".join(sys.orig_argv):
     press()
 """
 
@@ -68,3 +68,10 @@ def test_while_processes_start(words: list[str], notes: str, tmp_path: Path) -> 
     words = [each.format(tmp_path) for each in words]
     said = f"{notes}reverie-eval: interrupted\n"
     assert interrupted("starting", words, tmp_path) == (2, "", said)
+
+
+def test_while_what_scores_for_a_server_starts(folder: Path, tmp_path: Path) -> None:
+    """The server may have begun to answer, or not yet; what scores has nothing to say."""
+    _, _, said = interrupted("starting", ["serve", str(folder), "--port", "0"], tmp_path)
+    logged = [line for line in said.splitlines() if not line.startswith("{")]
+    assert logged in ([], ["reverie-eval: interrupted"])

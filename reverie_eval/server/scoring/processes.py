@@ -27,6 +27,7 @@ from threading import Lock, Thread
 from typing import Any, Concatenate, Generic, NamedTuple, Self, TypeVar
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
+from reverie_eval.processes import starting_processes
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.scoring.boards import Board, load_boards
 from reverie_eval.server.scoring.contexts import (
@@ -192,7 +193,7 @@ class _Process:
         """Start the process. Raises BusyError if the system has no room for it."""
         try:
             connection, theirs = self._context.Pipe()
-            with theirs:
+            with theirs, starting_processes():
                 process: BaseProcess = self._context.Process(  # type: ignore[attr-defined]
                     target=_serve, args=(theirs, self._settings), name="scoring", daemon=True
                 )
@@ -266,7 +267,6 @@ def _begin(_: Context) -> None:
 
 def _serve(connection: Connection, settings: Settings) -> None:
     """Answer calls until the server has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the server too
     # The system would write a core file, with the solution, when a file takes too long.
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.nice(_NICENESS)

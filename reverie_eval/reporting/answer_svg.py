@@ -20,7 +20,6 @@ from reverie_eval.geometry import (
     VIEW_AXES,
     Picture,
     RoomView,
-    level_view,
     pixels_of,
     view_angles,
 )
@@ -32,6 +31,7 @@ from reverie_eval.reporting.answers import (
     directions_of,
     look,
     outlines_in,
+    picture_of,
     span_of,
 )
 from reverie_eval.reporting.drawing import line_data, path
@@ -162,11 +162,12 @@ def panorama_svg(
     objects: Sequence[ObjectLink],
     ways: Sequence[WayLink],
     heading: float,
+    ahead: Picture,
     skybox: Skybox | None = None,
 ) -> str:
     """Draw a panorama with links, to play an episode, for a page that includes ``ANSWER_STYLE``.
 
-    ``heading``, in degrees, is in the middle, in a frame of what :func:`ahead_svg` draws;
+    ``heading``, in degrees, is in the middle; a frame has what the picture ``ahead`` shows, and
     ``skybox`` has the photographs, if there are any. Ways are numbered from 1. What is smaller lies
     on top, so that no large box covers it; not what is nearer, because a box is more than its
     object: that of a near rug covers a desk behind it. The links are for pointers, and out of the
@@ -189,7 +190,7 @@ def panorama_svg(
         f'<svg class="answer-view panorama{_on(ground)}" viewBox="0 0 {WIDTH} {height:.0f}">'
         f"<title>Panorama, with heading {heading % 360:.0f}° in the middle</title>{ground}"
         f"{_linked(links, _numbered(ways, points), _IN_PANORAMA)}"
-        f"{_frame(Picture(level_view(np.deg2rad(heading))), heading)}</svg>"
+        f"{_frame(ahead, heading)}</svg>"
     )
 
 
@@ -205,11 +206,11 @@ def ahead_svg(
     Each object has its box in the view, shape (4,): that is where it can be pointed at. Ways lie on
     the floor, or at the lower edge if they begin below it.
     """
-    photograph = skybox.view(view) if skybox else ""
-    if room_view and not photograph:
-        picture, ground = room_view.picture, room_shapes(room_view)
+    picture = picture_of(view, room_view, skybox)
+    if room_view and picture == room_view.picture:
+        ground = room_shapes(room_view)
     else:
-        picture, ground = Picture(view), _background(photograph, HEIGHT, HEIGHT / 2)
+        ground = _background(skybox.view(view) if skybox else "", HEIGHT, HEIGHT / 2)
     heading = float(np.rad2deg(view_angles(np.array([view]))[0, 0]))
     links = [
         _link_to(link, outline) for link, each in objects for outline in _outlines(picture, each)

@@ -154,7 +154,7 @@ class AnswerView:
     @property
     def picture(self) -> Picture | None:
         """What is shown of the view, or around it if it is drawn; None without a view."""
-        return _picture(self.skybox, self.view, self.room_view)
+        return None if self.view is None else picture_of(self.view, self.room_view, self.skybox)
 
     @property
     def heading(self) -> float | None:
@@ -213,7 +213,7 @@ class _Sight(NamedTuple):
         seen = seen_in(view, objects)
         at = episode.graph, episode.solution, viewpoint_id, view
         room_view = room_view_of(*at, seen, important=ids)
-        return cls(skybox, room_view, _picture(skybox, view, room_view))
+        return cls(skybox, room_view, picture_of(view, room_view, skybox))
 
     @property
     def view(self) -> int | None:
@@ -224,9 +224,10 @@ def _photograph(skybox: Skybox | None, view: int | None) -> str:
     return "" if skybox is None or view is None else skybox.view(view)
 
 
-def _picture(skybox: Skybox | None, view: int | None, room_view: RoomView | None) -> Picture | None:
+def picture_of(view: int, room_view: RoomView | None, skybox: Skybox | None) -> Picture:
+    """Return what is shown of a view: its photograph if there is one, or around it in a drawing."""
     if room_view is None or _photograph(skybox, view):
-        return None if view is None else Picture(view)
+        return Picture(view)
     return room_view.picture
 
 

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 import reverie_eval as rv
 from reverie_eval.analysis import VisibleObject
-from reverie_eval.geometry import RoomView, Sightings, model_building
+from reverie_eval.geometry import Picture, RoomView, Sightings, model_building
 from reverie_eval.ground_truth import read_episode_ids
 from reverie_eval.reporting.answer_svg import (
     ANSWER_STYLE,
@@ -219,7 +219,7 @@ def made_up_picture(random: Random, *, is_ahead: bool) -> str:
         for number in range(random.randint(1, 8))
     ]
     if not is_ahead:
-        return panorama_svg(objects, ways, random.uniform(0, 360))
+        return panorama_svg(objects, ways, random.uniform(0, 360), Picture(12))
     sizes = [(math.exp(random.uniform(2, 5.5)), math.exp(random.uniform(2, 5.5))) for _ in objects]
     view = 12 + random.randrange(12)
     seen = []

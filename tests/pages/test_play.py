@@ -15,6 +15,7 @@ import reverie_eval as rv
 from reverie_eval import CATALOGUE, GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.reporting.answer_svg import WIDTH
 from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.runner import run_agent
 from reverie_eval.server.errors import MalformedError, NotFoundError
@@ -119,6 +120,20 @@ def test_without_photographs_the_room_is_drawn(
         page = visitor.get(unescape(link))
     assert [*map(int, headings)] == [*range(0, 360, 30)]
     assert "facing 0°" in said(page)
+
+
+def test_the_panorama_frames_what_the_picture_shows(
+    server: Serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A photograph shows 75 degrees of heading, and a drawn room 102."""
+    widths = []
+    for _ in range(2):
+        page = Visitor(server).get(f"/play/{OPEN}/1?facing=0").text
+        (frame,) = re.findall(r'<polygon class="box frame" points="([^"]*)"', page)
+        across = [float(point.split(",")[0]) for point in frame.split()]
+        widths.append(np.ptp(across) * 360 / WIDTH)
+        monkeypatch.setenv(PANORAMAS_VARIABLE, str(tmp_path))  # no photographs there
+    assert widths == pytest.approx([75.2, 101.6], abs=0.2)
 
 
 def test_a_walk_is_compared_with_those_of_methods(server: Serving) -> None:

@@ -21,7 +21,7 @@ from fastapi.responses import Response
 from reverie_eval.analysis import Episode, VisibleObject
 from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ActionError
-from reverie_eval.geometry import level_view
+from reverie_eval.geometry import RoomView, level_view
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.reporting.answer_svg import (
     ObjectLink,
@@ -30,7 +30,7 @@ from reverie_eval.reporting.answer_svg import (
     answer_svg,
     panorama_svg,
 )
-from reverie_eval.reporting.answers import answer_views, seen_in, span_of
+from reverie_eval.reporting.answers import answer_views, picture_of, seen_in, span_of
 from reverie_eval.reporting.buildings import room_view_of
 from reverie_eval.reporting.map_svg import map_key, map_svg, visited_svg
 from reverie_eval.reporting.maps import EpisodeMap
@@ -316,10 +316,14 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
         for each in visible
     ]
     objects = sorted(candidates, key=lambda each: (each.name, each.span.middle))
+    view = level_view(np.deg2rad(facing))
+    room_view = _room_ahead(walk, view, visible)
     skybox = find_skybox(walk.board.truth.graph, seen.viewpoint_id)
+    pointed_at = [*zip(candidates, visible, strict=True)]
+    shown = picture_of(view, room_view, skybox)
     return {
-        "ahead": drawn(_ahead(walk, [*zip(candidates, visible, strict=True)], ways, facing)),
-        "panorama": drawn(panorama_svg(objects, ways, facing, skybox)),
+        "ahead": drawn(ahead_svg(pointed_at, ways, view, room_view, skybox)),
+        "panorama": drawn(panorama_svg(objects, ways, facing, shown, skybox)),
         "turns": {
             name: played.link(
                 split, number, walk=played.walk, choice=played.choice, facing=(facing + by) % 360
@@ -334,27 +338,13 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
     }
 
 
-def _ahead(
-    walk: HumanWalk,
-    candidates: Sequence[tuple[ObjectLink, VisibleObject]],
-    ways: Sequence[WayLink],
-    facing: int,
-) -> str:
-    """Draw the level view ahead, with the boxes that it shows."""
+def _room_ahead(walk: HumanWalk, view: int, visible: Sequence[VisibleObject]) -> RoomView | None:
+    """Return a drawing of what is ahead; None for a task without objects, which has no rooms."""
+    if not walk.board.task.has_targets:
+        return None
     truth, viewpoint_id = walk.board.truth, walk.seen.viewpoint_id
-    view = level_view(np.deg2rad(facing))
-    visible = [each for _, each in candidates]
     seen = seen_in(view, visible)
-    return ahead_svg(
-        candidates,
-        ways,
-        view,
-        # A task without objects has no rooms.
-        room_view_of(truth.graph, truth.require_solution(), viewpoint_id, view, seen)
-        if walk.board.task.has_targets
-        else None,
-        find_skybox(truth.graph, viewpoint_id),
-    )
+    return room_view_of(truth.graph, truth.require_solution(), viewpoint_id, view, seen)
 
 
 def _visible(seen: Candidate) -> VisibleObject:

@@ -747,6 +747,31 @@ def test_an_upload_that_comes_while_others_are_scored_again_is_not_forgotten(
     assert [each["report"]["fingerprint"] for each in submissions] == [new] * 3
 
 
+def test_corrections_of_two_splits_at_once_are_both_in_force(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One begins and ends while submissions are scored again for the other."""
+    record_rules(server.state.transactions, rules_of(server.state.boards))
+    sent(server, OWNER, submission_for(OPEN))
+    other = correct(folder, PRIVATE).rename(folder / "other.npz")
+    words = ("server", "rescore", str(folder), PRIVATE, "--bundle", str(other), "--reason", WHY)
+    real, begun = corrections._score, iter([words])  # noqa: SLF001
+
+    def interrupted(*given: Any) -> Any:
+        for other_words in begun:
+            assert run(*other_words).status == 0
+        return real(*given)
+
+    monkeypatch.setattr(corrections, "_score", interrupted)
+    new = {OPEN: corrects(run, folder), PRIVATE: Bundle.load(other)}
+    for split, bundle in new.items():
+        reply = server.upload(OTHER, submission_for(split), split)
+        assert reply.status_code == 201, reply.text
+        fingerprint = reply.json()["submission"]["report"]["fingerprint"]
+        assert fingerprint == bundle.header.fingerprint
+    assert server.client.get("/healthz").json()["failed"] == []
+
+
 def test_a_correction_that_fails_changes_nothing(
     server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

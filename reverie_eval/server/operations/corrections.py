@@ -31,7 +31,7 @@ from reverie_eval.server.opening import opened_server
 from reverie_eval.server.scoring.boards import Board, load_boards
 from reverie_eval.server.scoring.contexts import Scoring
 from reverie_eval.server.scoring.processes import ScoringProcesses
-from reverie_eval.server.scoring.rules import append_rules, different, rules_of
+from reverie_eval.server.scoring.rules import LastRules, append_rules, different, rules_of
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
@@ -148,10 +148,12 @@ def replace_ground_truth(
             for board, waiting in _missing(transaction.session, boards, outcomes):
                 found = _score(state, board, waiting, 1, no_progress)
                 outcomes[board.name] = _updated(outcomes[board.name], found)
-            in_force, before = rules_of(state.boards), rules_of(earlier.boards)
-            append_rules(
-                transaction, in_force, {name: before[name] for name in different(in_force, before)}
-            )
+            before, after = (rules_of({split: each.boards[split]}) for each in (earlier, state))
+            replaced = {name: before[name] for name in different(after, before)}
+            # Another correction may have replaced those of other splits meanwhile.
+            recorded = LastRules().read(transaction.session)
+            known = {name: recorded.get(name, own) for name, own in rules_of(state.boards).items()}
+            append_rules(transaction, {**known, **after}, replaced)
             for board in boards:
                 replace_at_once(transaction, board, reason, outcomes[board.name])
             replacement.install()  # last, so that nobody finds it long before the new results

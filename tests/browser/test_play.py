@@ -23,7 +23,7 @@ from reverie_eval.reporting.answer_svg import (
     panorama_svg,
 )
 from reverie_eval.reporting.answers import Span, seen_in
-from tests.support.browser import OpenPage
+from tests.support.browser import PHONE, OpenPage
 from tests.support.demo_site import OPEN, OWNER, SAMPLES, Site
 
 
@@ -96,6 +96,14 @@ def test_an_object_is_chosen_first_and_then_confirmed(site: Site, open_page: Ope
     button.click()
     page.wait_for_url(re.compile(f"answer={chosen}$"))
     expect(page.locator("code")).to_contain_text(f'"predObjId":{chosen}')
+
+
+def test_parts_keep_their_distance_on_a_phone(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/play/{OPEN}/1", size=PHONE)
+    above = page.locator(".candidates").bounding_box()
+    below = page.locator("#walk").bounding_box()
+    assert above and below
+    assert below["y"] - above["y"] - above["height"] > 24
 
 
 def test_one_turns_in_place_and_points_in_the_view(site: Site, open_page: OpenPage) -> None:

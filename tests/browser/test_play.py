@@ -102,7 +102,8 @@ def test_parts_keep_their_distance_on_a_phone(site: Site, open_page: OpenPage) -
     page = open_page(site, f"/play/{OPEN}/1", size=PHONE)
     above = page.locator(".candidates").bounding_box()
     below = page.locator("#walk").bounding_box()
-    assert above and below
+    assert above is not None
+    assert below is not None
     assert below["y"] - above["y"] - above["height"] > 24
 
 

@@ -76,7 +76,7 @@ class RoomView:
         they are ahead, however high or low; nothing hides the last of them.
         """
         self.picture = _picture(view, seen, important)
-        """What it shows, around the level view."""
+        """The part of the plane of the level view that is drawn."""
         self._camera, self._important = Camera(position[row], self.picture), important
         room = int(building.room[row])
         solids = building.solids
@@ -95,7 +95,7 @@ class RoomView:
         """The solids of the objects that are seen, in their order."""
         unseen = self._hung(unseen)
         to_wall, _ = self._shell.behind(unseen.centre[:, :2])
-        self._unseen = unseen.take((to_wall > 1) | (unseen.places == "wall"))
+        self._unseen = unseen.take((to_wall > 1) | (unseen.supports == "wall"))
 
     def faces(self) -> Sequence[Face]:
         """Return what the picture shows, the farthest first, and important objects after all."""
@@ -109,7 +109,7 @@ class RoomView:
         up, high = solids.centre[:, 2] - self._camera.position[2], solids.half[:, 2]
         to_floor = CAMERA_HEIGHT / np.maximum(high - up, NEAREST)
         to_ceiling = CEILING / np.maximum(high + up, NEAREST)
-        stands, hangs = solids.places == "floor", (solids.places == "ceiling") & (up > 0)
+        stands, hangs = solids.supports == "floor", (solids.supports == "ceiling") & (up > 0)
         share = np.where(stands, to_floor, np.where(hangs, to_ceiling, 1.0))
         most = np.where(stands, to_floor, np.minimum(to_floor, to_ceiling))
         share = np.minimum(np.clip(share, _NEARER, _FARTHER), most)
@@ -117,7 +117,7 @@ class RoomView:
 
     def _hung(self, solids: Solids) -> Solids:
         """Move what hangs on walls to the wall behind it."""
-        hangs = solids.places == "wall"
+        hangs = solids.supports == "wall"
         share, back = self._shell.behind(solids.centre[:, :2])
         moved = solids.moved(self._camera.position, np.where(hangs, share, 1.0))
         return moved.turned(np.where(hangs, back, solids.back))
@@ -127,7 +127,7 @@ class RoomView:
         floor = self._camera.floor
         for solids in self._groups:
             corners = solids.corners()
-            stands = (corners[:, 0, 2] < floor + _STANDS) & (solids.places != "wall")
+            stands = (corners[:, 0, 2] < floor + _STANDS) & (solids.supports != "wall")
             flat = corners[stands][:, SIDES[4], :2]
             flat += _SHADOW * (flat - flat.mean(axis=1, keepdims=True))
             for each in flat:

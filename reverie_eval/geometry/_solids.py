@@ -42,7 +42,7 @@ Form = Literal[
     "fan",
 ]
 Material = Literal["wood", "cloth", "white", "glass", "metal", "dark", "leaf", "light", "plain"]
-Place = Literal["anywhere", "floor", "wall", "ceiling"]
+Support = Literal["anywhere", "floor", "wall", "ceiling"]
 
 CAMERA_HEIGHT = 1.5
 """Metres from the floor to a camera; the median over Matterport3D is 1.54."""
@@ -61,8 +61,8 @@ class Kind(NamedTuple):
 
     form: Form
     material: Material
-    place: Place = "anywhere"
-    """What it stands on or hangs from."""
+    support: Support = "anywhere"
+    """Where it stands or hangs."""
     depth: float = 1.0
     """Fraction of the width."""
 
@@ -291,7 +291,7 @@ class Solids:
         to_walls = np.hstack([bounds[:, 1] - flat, flat - bounds[:, 0]])
         back = to_walls.argmin(axis=1) if len(flat) else np.zeros(0, dtype=np.int64)
         kinds = [kind_of(name) for name in names]
-        is_board = np.array([kind.place == "wall" for kind in kinds], dtype=bool)
+        is_board = np.array([kind.support == "wall" for kind in kinds], dtype=bool)
         depth = np.array([kind.depth for kind in kinds])
         across, high = np.clip(size / 2, _LEAST / 2, _MOST / 2).T
         half = np.stack([across, across, high], axis=1)
@@ -306,7 +306,7 @@ class Solids:
         floor = floors[storey]
         bottom, top = centre[:, 2] - high, centre[:, 2] + high
         stands = bottom - floor < _STANDS * 2 * high
-        stands |= np.array([kind.place == "floor" for kind in kinds], dtype=bool)
+        stands |= np.array([kind.support == "floor" for kind in kinds], dtype=bool)
         stands &= top > floor + _LEAST
         bottom = np.where(stands, floor, bottom)
         half[:, 2] = np.maximum(top - bottom, _LEAST) / 2
@@ -335,9 +335,9 @@ class Solids:
         )
 
     @property
-    def places(self) -> Array:
+    def supports(self) -> Array:
         """What each stands on or hangs from, shape (n,)."""
-        return np.array([kind_of(name).place for name in self.names], dtype=np.str_)
+        return np.array([kind_of(name).support for name in self.names], dtype=np.str_)
 
     def moved(self, camera: FloatArray, share: FloatArray) -> Self:
         """Make the solids so many times as far from a camera, shape (n,), and as large."""
@@ -357,7 +357,7 @@ class Solids:
 
     def ground(self) -> FloatArray:
         """Return the corners of what is not on a wall, seen from above, shape (n, 2)."""
-        return self.take(self.places != "wall").corners()[..., :2].reshape(-1, 2)
+        return self.take(self.supports != "wall").corners()[..., :2].reshape(-1, 2)
 
     def parts(self) -> tuple[FloatArray, IntArray, Sequence[Material], BoolArray]:
         """Return the boxes that the solids consist of.
@@ -402,7 +402,7 @@ class Solids:
         ray = np.einsum("ni,nij->nj", rays_of(low + size / 2), axes)
         away = np.linalg.norm(self.centre - camera, axis=1) / np.linalg.norm(ray, axis=1)
         centre, half = camera + ray * np.maximum(away, _NEAR * 2)[:, None], self.half.copy()
-        is_flat = np.array([kind_of(name).place == "wall" for name in self.names], dtype=bool)
+        is_flat = np.array([kind_of(name).support == "wall" for name in self.names], dtype=bool)
         rows = np.arange(len(half))
         thick = half[rows, self.back % 2].copy()
         for _ in range(_FITS):

@@ -241,7 +241,7 @@ def room_shapes(room_view: RoomView) -> str:
         path(
             kind,
             "".join(
-                line_data(_place(room_view.picture, outline)) + "z"
+                line_data(_on_page(room_view.picture, outline)) + "z"
                 for face in same
                 for outline in face.outlines
             ),
@@ -255,14 +255,14 @@ def room_shapes(room_view: RoomView) -> str:
     )
 
 
-def _place(picture: Picture, pixels: Array) -> FloatArray:
+def _on_page(picture: Picture, pixels: Array) -> FloatArray:
     """Return where pixels of a picture, shape (..., 2), are on the page."""
     return np.asarray((pixels - (picture.left, picture.top)) * (WIDTH / picture.width))
 
 
 def _outlines(picture: Picture, seen: VisibleObject) -> Sequence[FloatArray]:
     """Return the outlines of an object on the page."""
-    return [_place(picture, outline) for outline in outlines_in(picture, seen)]
+    return [_on_page(picture, outline) for outline in outlines_in(picture, seen)]
 
 
 def _view(shown: AnswerView, picture: Picture) -> Iterator[str]:
@@ -298,7 +298,7 @@ def _meridians(picture: Picture, horizon: float) -> Iterator[tuple[str, float, f
         turn = np.deg2rad(heading + offset)
         ends = np.deg2rad(elevation + np.array([-40.0, 40.0]))
         along = np.stack([np.sin(turn) * np.cos(ends), np.cos(turn) * np.cos(ends), np.sin(ends)])
-        start, end = _place(picture, look(picture, along.T))
+        start, end = _on_page(picture, look(picture, along.T))
         line = f'<path class="grid" d="M{start[0]:.1f} {start[1]:.1f}L{end[0]:.1f} {end[1]:.1f}"/>'
         share = (y - start[1]) / (end[1] - start[1])
         x = float(start[0] + share * (end[0] - start[0]))
@@ -310,7 +310,7 @@ def _predicted_outline(shown: AnswerView, picture: Picture) -> Sequence[FloatArr
     if shown.box is None:
         return []
     outline = look(picture, directions_of(shown.box.xywh, shown.box.camera))
-    return [_place(picture, outline)] if len(outline) else []
+    return [_on_page(picture, outline)] if len(outline) else []
 
 
 def _labels(
@@ -497,7 +497,7 @@ def _on_floor(way: WayLink, picture: Picture) -> FloatArray | None:
     ray = VIEW_AXES[picture.view] @ end
     if ray[2] < _MIN_DEPTH:
         return None
-    x, y = _place(picture, pixels_of(ray)).tolist()
+    x, y = _on_page(picture, pixels_of(ray)).tolist()
     margin = _IN_VIEW.radius
     if not 0 <= x <= WIDTH:
         return None

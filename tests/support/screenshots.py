@@ -206,7 +206,7 @@ def _write_index(folder: Path, browser: Browser) -> None:
         sheet = folder / f"{name}.html"
         sheet.write_text(f"<style>{style}</style>{links}", encoding="utf-8")
         if name != "index":
-            page.goto(sheet.as_uri(), wait_until="networkidle")
+            page.goto(sheet.resolve().as_uri(), wait_until="networkidle")
             page.screenshot(path=sheet.with_suffix(".png"), full_page=True)
             sheet.unlink()
     page.close()

@@ -1,10 +1,10 @@
 """Work on many things in several processes."""
 
+import signal
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from signal import SIG_BLOCK, SIG_SETMASK, SIGINT, pthread_sigmask
 from typing import TypeVar
 
 from reverie_eval.errors import ReverieEvalError
@@ -34,11 +34,11 @@ def starting_processes() -> Iterator[None]:
     from multiprocessing import resource_tracker
 
     resource_tracker.ensure_running()  # otherwise the first process starts it, which ends blocking
-    blocked = pthread_sigmask(SIG_BLOCK, [SIGINT])
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
-        pthread_sigmask(SIG_SETMASK, blocked)
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def map_in_processes(

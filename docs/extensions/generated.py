@@ -435,7 +435,7 @@ _EXAMPLES = {
     "null": None,
     "number": 0.5,
 }
-"""Of fields without examples of their own, by format or type."""
+"""Examples for fields that have none of their own, by format or type."""
 
 
 # Files.

@@ -149,7 +149,7 @@ class Shell:
         Returns
         -------
         float array of shape (n,)
-            How many times as far as the points they are; 1 where there is none.
+            How many times as far away as its point each wall is; 1 where there is no wall.
         int array of shape (n,)
             At which side, as the backs of solids.
         """

@@ -9,7 +9,7 @@ WHY = "The target of a task was corrected."
 
 
 class Corrected(NamedTuple):
-    """What became of the submissions to a split, on all of its leaderboards."""
+    """The outcome of scoring a split's submissions again, over all its leaderboards."""
 
     scored: int
     rejected: dict[str, str]

@@ -1,4 +1,4 @@
-"""Ports for what cannot be told to listen at any free one."""
+"""Free ports, for servers that have to be told their port in advance."""
 
 import socket
 from contextlib import suppress

@@ -80,7 +80,7 @@ class Pointer(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, words: Tensor, tokens: Tensor, candidates: Candidates) -> Tensor:
-        """Return the scores of candidates, float (B, J): -inf where there is none.
+        """Return the scores of candidates, float (B, J): -inf where there is no candidate.
 
         ``words`` is int (B, L), and ``tokens`` int (n_names, T): the words of all names.
         """

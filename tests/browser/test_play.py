@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 import reverie_eval as rv
 from reverie_eval.analysis import VisibleObject
@@ -41,7 +41,7 @@ def test_walks_are_kept_with_their_times_and_can_be_downloaded(
         page.get_by_role("link", name="Begin" if number == 1 else "Next episode").press("Enter")
         walk_and_stop(page)
         expect(page.get_by_role("heading", name="Scores")).to_be_visible()
-    expect(page.locator("[data-play=scored]")).to_contain_text("2 walks are kept in this browser.")
+    expect(page.locator("#kept")).to_contain_text("2 walks are kept in this browser.")
     with page.expect_download() as waiting:
         page.get_by_role("button", name="Download").click()
     waiting.value.save_as(tmp_path / "walks.json")
@@ -59,6 +59,24 @@ def test_walks_are_kept_with_their_times_and_can_be_downloaded(
     rv.evaluate(tmp_path / "walks.json", split=OPEN, subset=listed)
     page.get_by_role("button", name="Forget").click()
     expect(page.locator(".sampled")).not_to_contain_text("✓ walked")
+
+
+def test_a_walk_is_kept_before_the_next_one_begins(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/play/{OPEN}/1")
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    page.route("**/play.js*", hold)
+    page.locator("#object-none").check()
+    page.locator("#answer button").click(no_wait_after=True)
+    while not held:
+        page.wait_for_timeout(10)
+    expect(page.get_by_role("link", name="Next episode")).to_have_count(0)
+    held[0].continue_()
+    expect(page.get_by_role("link", name="Next episode")).to_be_visible()
+    expect(page.locator("#kept")).to_contain_text("1 walk is kept in this browser.")
 
 
 def walk_and_stop(page: Page) -> None:

@@ -1,6 +1,12 @@
 // Keeps the walks that a person has finished in this browser, with their times, and offers them as a file.
-const place = document.querySelector("[data-play='scored'], [data-play='kept']");
-const { split, number, episodes } = place.dataset;
+// The walk is kept before anything is shown, because whoever sees the link to the next episode may follow it at once.
+const { split, number, episodes, episode, record } = document.currentScript.dataset;
+const { at, actions } = number ? begunWalk(split, number) : {};
+if (at) {
+  const seconds = Math.round((Date.now() - at) / 100) / 10;
+  keepWalk(split, episode, { ...JSON.parse(record), seconds, actions });
+  endWalk(split, number);
+}
 
 function download(name, type, text) {
   const link = document.createElement("a");
@@ -20,10 +26,11 @@ function button(text, act, look = "second") {
 }
 
 function showKept() {
+  const kept = document.getElementById("kept");
   const walks = keptWalks(split);
   const count = Object.keys(walks).length;
-  place.hidden = count === 0;
-  place.replaceChildren(
+  kept.hidden = count === 0;
+  kept.replaceChildren(
     `${count} ${count === 1 ? "walk is" : "walks are"} kept in this browser. `,
     button("Download", () => download(`${split}.human.json`, "application/json", JSON.stringify(Object.values(walks), null, 1))),
     " ",
@@ -43,13 +50,7 @@ function showKept() {
   }
   const next = [...document.querySelectorAll(".sampled [data-episode]")]
     .find((item) => !(item.dataset.episode in walks));
-  if (next) document.querySelector("[data-play='next']").href = next.querySelector("a").href;
+  if (next) document.getElementById("next").href = next.querySelector("a").href;
 }
 
-const { at, actions } = number ? begunWalk(split, number) : {};
-if (at) {
-  const seconds = Math.round((Date.now() - at) / 100) / 10;
-  keepWalk(split, place.dataset.episode, { ...JSON.parse(place.dataset.record), seconds, actions });
-  endWalk(split, number);
-}
-showKept();
+addEventListener("DOMContentLoaded", showKept);

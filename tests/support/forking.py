@@ -40,6 +40,7 @@ PROCESSES.set_forkserver_preload(
     ]
 )
 
+
 Stream = Path | Connection
 """A file that is written at its end, or one that is open already."""
 
@@ -89,13 +90,19 @@ def _redirect(number: int, stream: Stream) -> None:
         os.dup2(stream.fileno(), number)
 
 
+def start_forkserver() -> None:
+    """Start the process that all are forked from, unless it runs."""
+    with chdir(REPOSITORY):  # it looks for the tests there
+        multiprocessing.forkserver.ensure_running()
+
+
 class Forked:
     """A process, with what ``subprocess.Popen`` tells of one."""
 
     def __init__(self, work: Callable[..., Any], surroundings: Surroundings, *given: Any) -> None:
         self._process = PROCESSES.Process(target=_run, args=(work, surroundings, given))
-        with chdir(REPOSITORY):  # the process that all are forked from looks for the tests there
-            self._process.start()
+        start_forkserver()
+        self._process.start()
 
     def __enter__(self) -> Self:
         return self

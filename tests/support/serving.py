@@ -69,7 +69,7 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person
 from tests.conftest import SAMPLES, unavailable
 from tests.support.acting import NOON, add_person, add_team, create_token
-from tests.support.forking import Forked, Surroundings
+from tests.support.forking import PROCESSES, Forked, Surroundings, start_forkserver
 from tests.support.waiting import PATIENCE, wait_until
 
 if TYPE_CHECKING:
@@ -364,6 +364,20 @@ def _servers_share() -> Iterator[None]:
         patch(f"{Database.__module__}.ScriptDirectory", cache(ScriptDirectory)),
         patch(f"{describe.__module__}.get_openapi", describe_once),
     ):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _processes_have_one_origin() -> Iterator[None]:
+    """Fork what scores for a server in this process from where tested servers are forked, too.
+
+    If it came first, all would be forked from one that has imported less, and import the rest.
+    """
+
+    def start(_: Sequence[str]) -> None:
+        start_forkserver()
+
+    with patch.object(PROCESSES, "set_forkserver_preload", start):
         yield
 
 

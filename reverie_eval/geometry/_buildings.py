@@ -132,11 +132,23 @@ class Room(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A door in a wall, or a tread of stairs."""
+    """A door in a wall."""
 
     storey: int
     ends: FloatArray
     """Shape (2, 2)."""
+
+
+class Tread(NamedTuple):
+    """A tread of stairs."""
+
+    storey: int
+    ends: FloatArray
+    """Shape (2, 2): across its middle."""
+    step: FloatArray
+    """Shape (2,): from the middle of one tread to that of the next, which is higher."""
+    height: float
+    """Metres from the floor of the storey; below it, less than 0."""
 
 
 class Wall(NamedTuple):
@@ -158,7 +170,7 @@ class Building:
     """Shape (n_viewpoints,): index into ``rooms``; -1 outside of all."""
     rooms: Sequence[Room]
     doors: Sequence[Line]
-    treads: Sequence[Line]
+    treads: Sequence[Tread]
     solids: Solids
     """The objects."""
 
@@ -190,7 +202,7 @@ class Building:
                 ends[:, along] = low, high
                 yield Wall(ends @ self.solids.axes, is_outer)
 
-    def treads_on(self, storey: int) -> Sequence[Line]:
+    def treads_on(self, storey: int) -> Sequence[Tread]:
         """Return the treads of stairs that begin or end on a storey."""
         return [tread for tread in self.treads if tread.storey == storey]
 
@@ -483,27 +495,54 @@ def _ways_of_rooms(between: IntArray, count: int) -> IntArray:
 
 def _treads(
     position: FloatArray, flights: Sequence[tuple[int, int]], storey: IntArray, axes: FloatArray
-) -> Iterator[Line]:
+) -> Iterator[Tread]:
     """Yield the treads of flights, along the walls.
 
     They stand on the storey where they begin, and their upper half is seen on that above.
     """
+    foot = position[:, 2] - CAMERA_HEIGHT
+    floors = floors_of(position[:, 2], storey)
     drawn: list[tuple[int, FloatArray]] = []
-    for start, end in flights:
-        step = position[end, :2] - position[start, :2]
-        aside = axes[np.abs(axes @ step).argmin()] * DOOR_WIDTH / 2
-        count = max(2, round(float(position[end, 2] - position[start, 2]) / _TREAD))
+    for run in _straight_runs(position[:, :2] @ axes.T, foot, flights):
+        line = position[run, :2] @ axes.T
+        across = int(np.abs(line[-1] - line[0]).argmin())
+        line[:, across] = line[:, across].mean()
+        start, end = line[[0, -1]] @ axes
+        climb = float(foot[run[-1]] - foot[run[0]])
+        count = max(2, round(climb / _TREAD))
+        step = (end - start) / count
+        aside = np.array([step[1], -step[0]]) * DOOR_WIDTH / 2 / np.hypot(*step)
         new = []
         for share in (np.arange(count) + 0.5) / count:
-            at = position[start, :2] + share * step
+            at, height = start + share * (end - start), float(foot[run[0]]) + share * climb
             for level in sorted(
-                {int(storey[start]), int(storey[end if share > _BELOW else start])}
+                {int(storey[run[0]]), int(storey[run[-1] if share > _BELOW else run[0]])}
             ):
                 near = (np.hypot(*(at - its)) for on, its in drawn if on == level)
                 if min(near, default=np.inf) >= _APART:
                     new.append((level, at))
-                    yield Line(level, np.stack([at - aside, at + aside]))
+                    ends = np.stack([at - aside, at + aside])
+                    yield Tread(level, ends, step, height - float(floors[level]))
         drawn += new
+
+
+def _straight_runs(
+    camera: FloatArray, height: FloatArray, flights: Sequence[tuple[int, int]]
+) -> Sequence[Sequence[int]]:
+    """Join flights that lead on in the same direction; return the viewpoints of each, upwards."""
+    runs: list[list[int]] = []
+    last: dict[tuple[int, int, bool], list[int]] = {}
+    for start, end in sorted(flights, key=lambda ends: float(height[ends[0]])):
+        step = camera[end] - camera[start]
+        along = int(np.abs(step).argmax())
+        is_up = bool(step[along] > 0)
+        run = last.pop((start, along, is_up), [])
+        if not run:
+            run.append(start)
+            runs.append(run)
+        run.append(end)
+        last[end, along, is_up] = run
+    return runs
 
 
 def _seen_on(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Lines = Mapping[str, Sequence[FloatArray]]
 """Lines by class, each through points of shape (n, 2); a single point is a dot."""
-CLOSED = ("arrow", "sight", "mark", "band", "room")
+CLOSED = ("arrow", "sight", "mark", "band", "room", "base")
 """Lines that enclose an area, by the first word of their class."""
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY = "#CC79A7", "#56B4E9"

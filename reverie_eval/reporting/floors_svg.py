@@ -6,14 +6,14 @@ furniture as solids, stairs and a title. What an episode does on them is drawn b
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.geometry import BLOCK, floor_joints, floors_of, kind_of, sides_of
-from reverie_eval.reporting.drawing import element, line_data, path, path_data
+from reverie_eval.geometry import BLOCK, Tread, floor_joints, floors_of, kind_of, sides_of
+from reverie_eval.reporting.drawing import element, path, path_data
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_marks import draw_mark
 from reverie_eval.reporting.maps import EpisodeMap
@@ -28,9 +28,10 @@ _FLATTENED = 0.6
 # Metres: what is smaller is left out, what begins higher above the floor, and what is larger though
 # its name does not tell what it is: stairs, beams, fences.
 _SMALL, _HANGS, _BULKY = 0.35, 0.9, 1.2
-# Metres: the width of boards and tiles, and units of the page between joints at least; how deep a
-# tread is.
-_BOARD, _FINEST, _DEEP = 0.4, 5.0, 0.26
+# Stairs rise this much of their height, so that a flight ends as high as the walls.
+_RISE = 0.3
+# Metres: the width of boards and tiles, and units of the page between joints at least.
+_BOARD, _FINEST = 0.4, 5.0
 # Metres: the width of the floor beneath a way that leads through no room.
 _WAY = 1.2
 # How many heights are tried for a title.
@@ -62,8 +63,16 @@ class Floors:
         self._axes = turn @ self._building.solids.axes
         self.levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
         self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
-        corners = {level: self._flat(self._ground(level)) for level in self.levels}
-        self._sheets = Sheets.of(corners, below)
+        is_shown = np.isin(episode_map.storey, self.levels) & self._is_near
+        self._outlines = [
+            outline
+            for room in self._building.rooms
+            if room.storey in self.levels
+            for outline in room.outlines
+        ]
+        self._ground = np.vstack([episode_map.position[is_shown, :2], *self._outlines])
+        """What the levels take up, shape (n, 2): near viewpoints, and corners of rooms."""
+        self._sheets = Sheets.of(self.levels, self._flat(self._ground), below)
         self.scale = self._sheets.scale
         """Units of the page per metre."""
         self.height = self._sheets.height
@@ -73,9 +82,23 @@ class Floors:
     def shapes(self) -> str:
         """The floors with their furniture and titles, as SVG on a ground."""
         ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
-        return ground + "".join(shape for level in self.levels for shape in self._level(level))
+        levels = (shape for level in self.levels for shape in self._level(level))
+        return f"{ground}{''.join(self._guides())}{''.join(levels)}"
+
+    def _guides(self) -> Iterator[str]:
+        """Draw upright lines at the sides of sheets that are above each other."""
+        for level, above in pairwise(reversed(self.levels)):
+            feet, tops = (self._page(self._ground, each) for each in (level, above))
+            if feet[0, 0] == tops[0, 0]:
+                sides = [feet[:, 0].argmin(), feet[:, 0].argmax()]
+                lines = np.stack([feet[sides], tops[sides]], axis=1)
+                yield path("guide", path_data("guide", [*lines]))
 
     def _level(self, level: int) -> Iterator[str]:
+        # The outline of the whole building, so that levels are seen to be of one.
+        if self._outlines:
+            outlines = [self._page(each, level) for each in self._outlines]
+            yield path("base", path_data("base", outlines))
         ways = [self._page(each, level) for each in self._ways_outside(level)]
         if ways:
             width = f'stroke-width="{_WAY * self.scale:.1f}"'
@@ -91,20 +114,22 @@ class Floors:
         ]
         if joints:
             yield path("joint", path_data("joint", joints))
-        treads = [self._page(_tread(each.ends), level) for each in self._building.treads_on(level)]
-        if treads:
-            yield path("tread", "".join(f"{line_data(each)}z" for each in treads))
+        holes = [_corners(each) for each in self._building.treads_on(level) if each.height <= 0]
+        if holes:
+            data = _outlines_data(np.array([self._page(each, level) for each in holes]))
+            yield path("tread", "".join(data))
         yield f'<g class="solids">{"".join(self._solids(level))}</g>'
         yield draw_mark(self._titles[level])
 
     def _solids(self, level: int) -> Iterator[str]:
         """Draw walls and furniture, the farthest first."""
-        walls, furniture = self._walls(level), self._furniture(level)
-        kinds = [*walls.kinds, *furniture.kinds]
-        outline = np.concatenate([walls.outlines, furniture.outlines])
-        order = np.argsort(-np.concatenate([walls.far, furniture.far]), kind="stable").tolist()
+        faces = [self._walls(level), self._stairs(level), self._furniture(level)]
+        kinds = [kind for each in faces for kind in each.kinds]
+        data = _outlines_data(np.concatenate([each.outlines for each in faces]))
+        far = np.concatenate([each.far for each in faces])
+        order = np.argsort(-far, kind="stable").tolist()
         for kind, rows in groupby(order, key=kinds.__getitem__):
-            yield path(kind, "".join(f"{line_data(outline[row])}z" for row in rows))
+            yield path(kind, "".join(data[row] for row in rows))
 
     def _ways_outside(self, level: int) -> Iterator[FloatArray]:
         """Yield the ends, shape (2, 2), of edges beside rooms; a viewpoint there, twice."""
@@ -124,21 +149,17 @@ class Floors:
 
     def _title(self, level: int) -> Mark:
         """Place a title at the left: as low as it is beside the sheet, or else at its foot."""
-        down = self._page(self._ground(level), level)[:, 1]
+        down = self._page(self._ground, level)[:, 1]
         heights = np.linspace(down.max() - 2, down.min(), _HEIGHTS)
         left, text = self._sheets.title_left[level], f"level {level + 1}"
         marks = [Mark("right of", np.array([left, y]), text=text) for y in heights]
-        outline = self._outlines(level)
+        outline = self._along_outlines(level)
         return next((each for each in marks if not _is_on(text_box(each), outline)), marks[0])
 
-    def _outlines(self, level: int) -> FloatArray:
+    def _along_outlines(self, level: int) -> FloatArray:
         """Return points, shape (n, 2), close together along the feet and the tops of walls."""
         share = np.linspace(0, 1, _ALONG)[:, None, None]
-        lines = [
-            outline + share * (np.roll(outline, -1, axis=0) - outline)
-            for room in self._building.rooms_on(level)
-            for outline in room.outlines
-        ]
+        lines = [its + share * (np.roll(its, -1, axis=0) - its) for its in self._outlines]
         along = np.concatenate([np.zeros((0, 2)), *(each.reshape(-1, 2) for each in lines)])
         return np.concatenate([self._page(along, level, z) for z in (0.0, WALL_HEIGHT)])
 
@@ -147,6 +168,16 @@ class Floors:
         corners = np.array([each.corners(self._axes) for each in pieces]).reshape(-1, 8, 3)
         far = corners[..., 1].mean(axis=1)
         return self._faces(corners, far, [each.material for each in pieces], level)
+
+    def _stairs(self, level: int) -> _Faces:
+        steps = [each for each in self._building.treads_on(level) if each.height > 0]
+        corners = np.zeros((len(steps), 8, 3))
+        # The corners of a box: those of its left side before those of its right, feet before tops.
+        around = np.array([_corners(each) for each in steps]).reshape(-1, 4, 2)
+        corners[..., :2] = (around @ self._axes.T)[:, [0, 0, 3, 3, 1, 1, 2, 2]]
+        top = np.array([each.height for each in steps]) * _RISE
+        corners[:, 1::2, 2] = np.minimum(top, WALL_HEIGHT)[:, None]
+        return self._faces(corners, corners[..., 1].mean(axis=1), ["stair"] * len(steps), level)
 
     def _furniture(self, level: int) -> _Faces:
         solids = self._building.solids
@@ -193,12 +224,6 @@ class Floors:
             return np.full((*position.shape[:-1], 2), -WIDTH)
         return self._page(position[..., :2], storey)
 
-    def _ground(self, level: int) -> FloatArray:
-        """Return the points that a level takes up: corners of rooms, and near viewpoints."""
-        here = self._map.position[(self._map.storey == level) & self._is_near, :2]
-        rooms = self._building.rooms_on(level)
-        return np.vstack([here, *(outline for room in rooms for outline in room.outlines)])
-
     def _flat(self, points: FloatArray, height: float = 0.0) -> FloatArray:
         """Project points of shape (..., 2) at a height above their floor, in metres."""
         across, away = np.moveaxis(points @ self._axes.T, -1, 0)
@@ -226,8 +251,15 @@ def _flattened(across: FloatArray, away: FloatArray, up: FloatArray | float) -> 
     return np.stack([across, -away * np.sin(_TILT) - up * np.cos(_TILT)], axis=-1)
 
 
-def _tread(ends: FloatArray) -> FloatArray:
-    """Return the corners, shape (4, 2), of a tread with this front."""
-    along = ends[1] - ends[0]
-    back = _DEEP / 2 * np.array([-along[1], along[0]]) / np.hypot(*along)
-    return np.concatenate([ends + back, ends[::-1] - back])
+def _outlines_data(outlines: FloatArray) -> Sequence[str]:
+    """Return the data of each outline, shape (n, n_corners, 2), by its sides: many are the same."""
+    # Differences of what was rounded add up to what was rounded.
+    corners = np.diff(outlines.round(1), axis=1, prepend=0)
+    data = "M%.1f %.1fl" + " ".join(["%.1f"] * (2 * outlines.shape[1] - 2)) + "z"
+    return [data % tuple(each) for each in corners.reshape(len(corners), data.count("%")).tolist()]
+
+
+def _corners(tread: Tread) -> FloatArray:
+    """Return the corners, shape (4, 2), of a tread seen from above."""
+    back = tread.step / 2
+    return np.concatenate([tread.ends - back, tread.ends[::-1] + back])

@@ -1,4 +1,8 @@
-"""Where the levels of a building are on a page: stacked sheets, the lowest at the bottom."""
+"""Where the levels of a building are on a page: stacked sheets, the lowest at the bottom.
+
+All sheets are as large as the whole building, so that one point of it is at the same place on each
+of them.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -12,7 +16,7 @@ from reverie_eval.reporting.walls import HEIGHT as WALL_HEIGHT
 
 # The greatest height, and the space around and between sheets, in units of the page; where titles
 # begin, left of all sheets; how many sheets are always in one column.
-_HIGHEST, _MARGIN, _GAP, _TITLE_LEFT, _STACKED = 460, 14, 20, 4.0, 3
+_HIGHEST, _MARGIN, _GAP, _TITLE_LEFT, _STACKED = 560, 14, 12, 4.0, 3
 
 
 class Sheets(NamedTuple):
@@ -28,69 +32,36 @@ class Sheets(NamedTuple):
     """Where the title of a level begins."""
 
     @classmethod
-    def of(cls, corners: Mapping[int, FloatArray], below: float) -> Self:
+    def of(cls, levels: Sequence[int], corners: FloatArray, below: float) -> Self:
         """Stack levels, in two columns if there are many and they are larger then.
 
         Parameters
         ----------
-        corners : mapping of int to float array of shape (n, 2)
-            What each level takes up, the highest first: projected to the right and down, metres.
+        levels : sequence of int
+            The highest first.
+        corners : float array of shape (n, 2)
+            What the building takes up: projected to the right and down, metres.
         below : float
-            Units of the page that stay free below them.
+            Units of the page that stay free below the sheets.
         """
-        choices = [
-            [_Column({level: corners[level] for level in its}) for its in _split(corners, count)]
-            for count in ((1, 2) if len(corners) > _STACKED else (1,))
-        ]
-        columns = max(choices, key=lambda each: _scale_of(each, below))
-        scale, width = _scale_of(columns, below), WIDTH / len(columns)
-        height = max(each.height(scale) for each in columns) + 2 * _MARGIN + below
+        wide, high = np.ptp(corners, axis=0) + np.array([0.0, WALL_HEIGHT])
+
+        def scale_in(columns: int) -> float:
+            rows = -(-len(levels) // columns)
+            free = _HIGHEST - 2 * _MARGIN - below - _GAP * (rows - 1)
+            return float(min((WIDTH / columns - 2 * _MARGIN) / wide, free / (rows * high)))
+
+        columns = max((1, 2) if len(levels) > _STACKED else (1,), key=scale_in)
+        scale, width = scale_in(columns), WIDTH / columns
+        # The first column has the lowest levels, and the lowest of both stand side by side.
+        stacks = np.array_split(levels, columns)[::-1]
+        n_rows = max(map(len, stacks))
+        height = n_rows * scale * high + (n_rows - 1) * _GAP + 2 * _MARGIN + below
         origin, title_left = {}, {}
-        for row, column in enumerate(columns):
-            left = width * (row + 0.5) - scale * column.across.mean()
-            # The lowest levels of both columns stand side by side.
-            top = height - below - _MARGIN - column.height(scale)
-            for level, its in column.corners.items():
-                origin[level] = np.array([left, top - scale * (its[:, 1].min() - WALL_HEIGHT)])
-                title_left[level] = width * row + _TITLE_LEFT
-                top += scale * (np.ptp(its[:, 1]) + WALL_HEIGHT) + _GAP
+        for column, stack in enumerate(stacks):
+            left = width * (column + 0.5) - scale * (corners[:, 0].min() + wide / 2)
+            foot = height - below - _MARGIN - scale * corners[:, 1].max()
+            for row, level in enumerate(reversed(stack.tolist())):
+                origin[level] = np.array([left, foot - row * (scale * high + _GAP)])
+                title_left[level] = width * column + _TITLE_LEFT
         return cls(scale, height, origin, title_left)
-
-
-class _Column(NamedTuple):
-    """Levels above each other."""
-
-    corners: Mapping[int, FloatArray]
-
-    @property
-    def across(self) -> FloatArray:
-        """The least and the greatest coordinate to the right, metres."""
-        every = np.vstack(list(self.corners.values()))[:, 0]
-        return np.array([every.min(), every.max()])
-
-    @property
-    def tall(self) -> float:
-        """Metres, without the gaps."""
-        return float(sum(np.ptp(its[:, 1]) + WALL_HEIGHT for its in self.corners.values()))
-
-    @property
-    def gaps(self) -> float:
-        return _GAP * (len(self.corners) - 1)
-
-    def height(self, scale: float) -> float:
-        """Return the height at a scale, in units of the page."""
-        return scale * self.tall + self.gaps
-
-
-def _split(levels: Mapping[int, FloatArray], count: int) -> Sequence[Sequence[int]]:
-    """Return the levels of each column, the highest first; the first column has the lowest."""
-    return [its.tolist() for its in np.array_split(list(levels), count)[::-1]]
-
-
-def _scale_of(columns: Sequence[_Column], below: float) -> float:
-    """Return the largest scale at which columns are on a page."""
-    wide, high = WIDTH / len(columns) - 2 * _MARGIN, _HIGHEST - 2 * _MARGIN - below
-    scales = [
-        min(wide / float(np.ptp(its.across)), (high - its.gaps) / its.tall) for its in columns
-    ]
-    return min(scales)

@@ -13,9 +13,9 @@ HEIGHT = 0.8
 """The height of a drawn wall, metres: low enough to see what is behind it."""
 # Metres: the thickness of outer and of inner walls, and the longest piece of one.
 _OUTER, _INNER, _PIECE = 0.3, 0.14, 1.5
-# Metres: what is too short to stand between two doors, the distance of a window from its wall, and
-# the least width of a window.
-_POST, _BESIDE, _NARROW = 0.8, 0.6, 0.35
+# Metres: what is too short to stand between two doors, the distance of a window from its wall, the
+# least width of a window, and the height of its sill.
+_POST, _BESIDE, _NARROW, _SILL = 1.3, 0.6, 0.35, 0.3
 
 
 class WallPiece(NamedTuple):
@@ -26,9 +26,13 @@ class WallPiece(NamedTuple):
     """Shape (2, 2)."""
     half: float
     """Half its thickness, metres."""
+    low: float = 0.0
+    """Metres from the floor to its foot."""
+    high: float = HEIGHT
+    """Metres from the floor to its top."""
 
     def corners(self, axes: FloatArray) -> FloatArray:
-        """Return its corners, shape (8, 3), along axes of shape (2, 2), with its foot at 0."""
+        """Return its corners, shape (8, 3), along axes of shape (2, 2)."""
         start, end = self.ends @ axes.T
         left = np.array([start[1] - end[1], end[0] - start[0]])
         left *= self.half / np.hypot(*left)
@@ -37,7 +41,7 @@ class WallPiece(NamedTuple):
                 (*(point + side * left), up)
                 for point in (start, end)
                 for side in (-1, 1)
-                for up in (0.0, HEIGHT)
+                for up in (self.low, self.high)
             ]
         )
 
@@ -55,7 +59,9 @@ def walls_of(building: Building, level: int) -> Iterator[WallPiece]:
         for ends in wall_pieces(start, end, np.concatenate([gaps, panes])):
             yield WallPiece("wall", ends, half)
         for span in panes:
-            yield WallPiece("glass", start + np.outer(span, along), half)
+            ends = start + np.outer(span, along)
+            yield WallPiece("wall", ends, half, high=_SILL)
+            yield WallPiece("glass", ends, half / 3, low=_SILL)
 
 
 def _windows_on(building: Building, level: int) -> FloatArray:

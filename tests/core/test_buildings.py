@@ -8,9 +8,9 @@ import pytest
 from reverie_eval.geometry import (
     FOCAL_LENGTH,
     Building,
-    Line,
     Room,
     Sightings,
+    Tread,
     find_storeys,
     model_building,
     name_room,
@@ -227,6 +227,25 @@ def test_stairs_that_fan_out_are_drawn_once() -> None:
     assert len(treads) == 16 + 8
 
 
+def test_stairs_that_lead_on_are_straight() -> None:
+    """Past a place 0.2 m beside the way, and then around a corner; treads rise from 0 to 3 m."""
+    position = np.array(
+        [(0, 0, 1.5), (-1, 0, 1.5), (2, 0.2, 2.5), (4, -0.2, 3.5), (4, 2, 4.5), (4, 3, 4.5)]
+    )
+    edges = np.array([[0, 1], [0, 2], [2, 3], [3, 4], [4, 5]])
+    nothing = seen_from(position, [], np.zeros((0, 3)), [], known=True)
+    building = model_building(position, edges, nothing)
+    lower, upper = building.treads_on(0), building.treads_on(1)
+    assert {round(float(tread.ends[:, 1].mean()), 6) for tread in lower} == {0.0}
+    height = [tread.height for tread in lower]
+    assert np.diff(height) == pytest.approx(2.0 / len(height))
+    assert (lower[0].height, lower[-1].height) == pytest.approx((height[0], 2.0 - height[0]))
+    for tread in lower:
+        assert tread.step == pytest.approx([4.0 / len(lower), 0.0])
+        assert tread.ends[1] - tread.ends[0] == pytest.approx([0, -0.9])
+    assert max(tread.height for tread in upper) < 0
+
+
 def test_where_objects_are_without_their_distances() -> None:
     """Two rays meet at the object: the rooms are those of known distances, to two decimetres."""
     position = np.array([(0.0, 0.0, 1.5), (2.0, 0.0, 1.5), (0.0, 2.0, 1.5)])
@@ -279,7 +298,9 @@ def test_what_is_around_a_point() -> None:
         Room("", storey, [square + np.array([x, 0])], 1.0)
         for storey, x in ((0, 6.1), (0, -3.0), (1, 0.0))
     )
-    treads = [Line(0, np.array([(x, 0.0), (x, 1.0)])) for x in (2.0, -2.1)]
+    treads = [
+        Tread(0, np.array([(x, 0.0), (x, 1.0)]), np.array([0.2, 0.0]), 0.1) for x in (2.0, -2.1)
+    ]
     whole = house()
     building = replace(
         whole,

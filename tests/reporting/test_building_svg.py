@@ -61,8 +61,8 @@ def points(shape: ET.Element) -> np.ndarray:
         pytest.param([], [(0, 1), (1, 2)], id="none"),
         pytest.param([(0.5, 1.5)], [(0, 0.5), (1.5, 2)], id="in the middle"),
         pytest.param([(-0.5, 0.5)], [(0.5, 2)], id="across a corner"),
-        pytest.param([(1.5, 1.8), (0.2, 0.6)], [(0, 0.2), (0.6, 1.5), (1.8, 2)], id="two"),
-        pytest.param([(1.2, 1.8), (0.2, 0.6)], [(0, 0.2), (1.8, 2)], id="close together"),
+        pytest.param([(1.7, 1.9), (0.1, 0.3)], [(0, 0.1), (0.3, 1.7), (1.9, 2)], id="two"),
+        pytest.param([(1.5, 1.9), (0.1, 0.3)], [(0, 0.1), (1.9, 2)], id="close together"),
         pytest.param([(0.6, 1.5), (0.2, 1.1)], [(0, 0.2), (1.5, 2)], id="overlapping"),
     ],
 )
@@ -107,12 +107,15 @@ def test_windows_are_in_outer_walls(turn: float) -> None:
     (pane,) = [piece for piece in pieces if piece.material == "glass"]
     assert np.sort(pane.ends @ axes.T, axis=0) == pytest.approx(np.array([(0.5, 0), (1.5, 0)]))
     thickness = {round(2 * piece.half, 6) for piece in pieces}
-    assert thickness == {0.3, 0.14}
-    length = sum(np.hypot(*(piece.ends[1] - piece.ends[0])) for piece in pieces)
+    assert thickness == {0.3, 0.14, 0.1}
+    # Below the pane is a wall.
+    feet = [piece for piece in pieces if piece.low == 0]
+    assert len(feet) == len(pieces) - 1
+    length = sum(np.hypot(*(piece.ends[1] - piece.ends[0])) for piece in feet)
     # Corners are closed: outer walls, of which there are four lines, are longer by their thickness.
     assert length == pytest.approx(24 + 4 * 0.3 + 4 + 0.14 - 0.9)
     corners = pane.corners(axes)
-    assert np.ptp(corners, axis=0) == pytest.approx([1.0, 0.3, 0.8])
+    assert np.ptp(corners, axis=0) == pytest.approx([1.0, 0.1, 0.5])
 
 
 @pytest.mark.parametrize(
@@ -128,12 +131,12 @@ def test_many_levels_are_in_two_columns(
     n_levels: int, size: tuple[float, float], columns: int
 ) -> None:
     corners = np.array([(0, 0), size], dtype=float)
-    sheets = Sheets.of(dict.fromkeys(range(n_levels)[::-1], corners), below=10.0)
+    sheets = Sheets.of(range(n_levels)[::-1], corners, below=10.0)
     assert len({float(left) for left in sheets.title_left.values()}) == columns
     placed = {level: sheets.scale * corners + its for level, its in sheets.origin.items()}
     assert (np.vstack(list(placed.values())) >= 0).all()
     assert all((its <= (WIDTH, sheets.height - 10)).all() for its in placed.values())
-    assert sheets.height <= 460
+    assert sheets.height <= 560
     assert sheets.title_left[0] == min(sheets.title_left.values())
     bottom = max(its[1, 1] for its in placed.values())
     assert placed[0][1, 1] == pytest.approx(bottom)
@@ -178,8 +181,13 @@ def test_levels_are_stacked(scores: rv.Scores) -> None:
     assert [each.text for each in titles] == ["level 2", "level 1"]
     single = next(each for each in maps if each.levels(each.visited) == [1])
     assert [each.text for each in of_class(BuildingPicture(single).svg(), "level")] == ["level 1"]
-    # The tallest of all is as high as a picture may be.
-    assert max(BuildingPicture(each).height for each in maps) == pytest.approx(460)
+    # Each shows where the other one is.
+    base = of_class(BuildingPicture(several).svg(), "base")
+    upper, lower = (points(each) for each in base)
+    assert upper - lower == pytest.approx(np.tile(upper[0] - lower[0], (len(upper), 1)), abs=0.11)
+    (guides,) = of_class(BuildingPicture(several).svg(), "guide")
+    assert guides.get("d", "").count("M") == 2
+    assert not of_class(BuildingPicture(single).svg(), "guide")
 
 
 def test_a_title_stands_above_a_room_that_fills_its_corner(episode: Episode) -> None:

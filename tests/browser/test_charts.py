@@ -4,10 +4,10 @@ import re
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Page, expect
 
 from reverie_eval import CATALOGUE
-from tests.support.browser import DESKTOP, PHONE, WIDE, OpenPage, await_chart
+from tests.support.browser import DESKTOP, PHONE, WIDE, Held, OpenPage, await_chart
 from tests.support.demo_site import BOLD, OPEN, OWNER, PRIVATE, Site
 
 BOARD = f"/splits/{OPEN}"
@@ -85,21 +85,13 @@ def test_a_chart_never_contradicts_its_selector(site: Site, open_page: OpenPage)
     """What was asked for first may come last."""
     page = open_page(site, BOARD)
     drawn(page, "against")
-    held: list[Route] = []
-
-    def hold(route: Route) -> None:
-        if "x=spl" in route.request.url:
-            held.append(route)
-        else:
-            route.continue_()
-
-    page.route("**/chart?*", hold)
+    held = Held(page, re.compile(r"/chart\?.*x=spl"))
     page.get_by_label("Horizontal axis").select_option("spl")
+    late = held.first()
     page.get_by_label("Horizontal axis").select_option("rgs")
     expect(page.locator("#against")).to_have_attribute("aria-label", re.compile("against remote"))
-    for route in held:
-        route.continue_()
-    page.wait_for_load_state("networkidle")
+    late.continue_()
+    assert late.request.response() is None, "nobody waits for it any more"
     assert labels(page, "against", "x")[0] == "RGS %"
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.browser import OpenPage, sign_in
+from tests.support.browser import Held, OpenPage, sign_in
 from tests.support.demo_site import MARKED, MARKUP, OPEN, OWNER, PRIVATE, SAMPLES, Site, sound
 
 BROKEN = SAMPLES / "broken.json"
@@ -104,6 +104,7 @@ def find_on_the_board(page: Page) -> None:
     expect(board.get_by_role("link", name="Newcomer")).to_be_visible()
 
     board.get_by_role("link", name=re.compile("^SPL")).click()
+    page.wait_for_url("**metric=spl*")  # and its style sheet, which hides another such header
     expect(board.get_by_role("columnheader", name=re.compile("^SPL"))).to_have_attribute(
         "aria-sort", "descending"
     )
@@ -134,6 +135,18 @@ def sign_out(page: Page) -> None:
     expect(page.get_by_role("link", name="Sign in")).to_be_visible()
     page.goto("/submit")
     expect(page).to_have_url(re.compile("/sign-in"))
+
+
+def test_a_file_is_checked_that_was_chosen_before_the_script_came(
+    site: Site, good: Path, open_page: OpenPage
+) -> None:
+    page = open_page(site, "/team", OWNER)
+    held = Held(page, "**/submit.js*")
+    page.goto(f"/submit?split={OPEN}", wait_until="commit")
+    script = held.first()
+    choose(page, good)
+    script.continue_()
+    expect(page.locator("#outcome")).to_contain_text("can be scored")
 
 
 def test_the_same_upload_without_scripts(own_site: Site, good: Path, open_page: OpenPage) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
-from playwright.sync_api import Browser, Locator, Page, Route, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 import reverie_eval as rv
 from reverie_eval.analysis import VisibleObject
@@ -23,8 +23,11 @@ from reverie_eval.reporting.answer_svg import (
     panorama_svg,
 )
 from reverie_eval.reporting.answers import Span, seen_in
-from tests.support.browser import PHONE, OpenPage
+from tests.support.browser import PHONE, Held, OpenPage
 from tests.support.demo_site import OPEN, OWNER, SAMPLES, Site
+
+KEPT = f"reverie-eval walks {OPEN}"
+"""By which name a browser keeps walks."""
 
 
 def press(page: Page, key: str, part: str, text: str) -> None:
@@ -63,20 +66,50 @@ def test_walks_are_kept_with_their_times_and_can_be_downloaded(
 
 def test_a_walk_is_kept_before_the_next_one_begins(site: Site, open_page: OpenPage) -> None:
     page = open_page(site, f"/play/{OPEN}/1")
-    held: list[Route] = []
-
-    def hold(route: Route) -> None:
-        held.append(route)
-
-    page.route("**/play.js*", hold)
+    held = Held(page, "**/play.js*")
     page.locator("#object-none").check()
     page.locator("#answer button").click(no_wait_after=True)
-    while not held:
-        page.wait_for_timeout(10)
+    script = held.first()
     expect(page.get_by_role("link", name="Next episode")).to_have_count(0)
-    held[0].continue_()
+    script.continue_()
     expect(page.get_by_role("link", name="Next episode")).to_be_visible()
     expect(page.locator("#kept")).to_contain_text("1 walk is kept in this browser.")
+
+
+def test_a_walk_that_is_faster_than_its_script_is_kept(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/play/{OPEN}")
+    Held(page, "**/walking.js*")
+    page.get_by_role("link", name="Begin").click()
+    page.locator("#ways a").first.click()
+    expect(page.locator("#walked")).to_contain_text("1 step,")
+    page.locator("#object-none").check()
+    page.locator("#answer button").click()
+    expect(page.locator("#kept")).to_contain_text("1 walk is kept in this browser.")
+    kept = page.evaluate("name => JSON.parse(localStorage.getItem(name))", KEPT)
+    assert [walk["actions"] for walk in kept.values()] == [2]
+
+
+def test_a_late_reply_shows_no_place_that_one_has_left(site: Site, open_page: OpenPage) -> None:
+    start = f"/play/{OPEN}/1"
+    page = open_page(site, start)
+    page.evaluate("window.isSame = true")
+    turns = Held(page, re.compile("[?&]facing="))
+    page.keyboard.press("ArrowLeft")
+    turn = turns.first()
+    page.keyboard.press("1")
+    expect(page.locator("#walked")).to_contain_text("1 step,")
+    turn.abort()
+    page.go_back()
+    expect(page.locator("#walked")).to_contain_text("at the start")
+    steps = Held(page, re.compile("[?&]walk="))
+    page.keyboard.press("1")
+    step = steps.first()
+    page.go_back()
+    step.continue_()
+    page.evaluate("fetch(location).then(reply => reply.text())")  # which comes after it
+    expect(page.locator("#walked")).to_contain_text("at the start")
+    assert page.url == f"{site.url}{start}"
+    assert page.evaluate("window.isSame")
 
 
 def walk_and_stop(page: Page) -> None:
@@ -274,7 +307,7 @@ def test_walks_through_all_episodes_can_be_submitted(own_site: Site, open_page: 
     }
     page.evaluate(
         "([name, walks]) => localStorage.setItem(name, JSON.stringify(walks))",
-        [f"reverie-eval walks {OPEN}", walks],
+        [KEPT, walks],
     )
     page.reload()
     expect(page.get_by_text("A leaderboard needs the whole split")).to_be_hidden()

@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 import pytest
 from playwright.sync_api import expect
 
-from tests.support.browser import PHONE, OpenPage
+from tests.support.browser import PHONE, Held, OpenPage
 from tests.support.demo_site import MATE, ORGANISER, OWNER, Site
 
 TOKYO = "Asia/Tokyo"
@@ -54,6 +54,19 @@ def test_a_token_is_copied_with_a_button(own_site: Site, open_page: OpenPage) ->
     token = page.locator("#secret").inner_text()
     assert token.startswith("rv_")
     assert page.evaluate("navigator.clipboard.readText()") == token
+
+
+def test_a_button_is_seen_when_it_can_copy(own_site: Site, open_page: OpenPage) -> None:
+    invitation = own_site.invite(MATE)
+    page = open_page(own_site, "/sign-in", permissions=["clipboard-write"])
+    held = Held(page, "**/copy.js*")
+    page.get_by_label("Invitation", exact=True).fill(invitation)
+    page.get_by_role("button", name="Get my token").click()
+    script = held.first()
+    expect(page.get_by_role("button", name="Copy")).to_have_count(0)
+    script.continue_()
+    page.get_by_role("button", name="Copy").click()
+    expect(page.get_by_role("status").last).to_have_text("Copied.")
 
 
 def test_where_there_is_no_clipboard_it_is_marked(own_site: Site, open_page: OpenPage) -> None:

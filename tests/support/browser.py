@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from re import Pattern
 from typing import Any, NamedTuple
 
 import pytest
@@ -19,6 +20,7 @@ from playwright.sync_api import (
     Page,
     Request,
     Response,
+    Route,
     expect,
     sync_playwright,
 )
@@ -240,6 +242,27 @@ def show_part(page: Page, path: str, part: str) -> None:
     page.unroute_all()
     page.route(f"**{path}", lambda route: route.fulfill(response=route.fetch(), body=part))
     page.goto(path)
+
+
+class Held:
+    """Requests of a page that are held back, as a slow network does, until they are let go."""
+
+    def __init__(self, page: Page, url: str | Pattern[str]) -> None:
+        self._page = page
+        self._routes: list[Route] = []
+
+        def hold(route: Route) -> None:
+            self._routes.append(route)
+
+        page.route(url, hold)
+
+    def first(self) -> Route:
+        """Wait for the first one, which is still held."""
+        for _ in range(0, MILLISECONDS, 10):
+            if self._routes:
+                return self._routes.pop(0)
+            self._page.wait_for_timeout(10)
+        raise AssertionError("nothing is asked for")
 
 
 def sign_in(page: Page, token: str) -> None:

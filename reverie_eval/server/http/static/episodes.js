@@ -181,6 +181,9 @@ if (map) {
   const walks = numbers.map((number) => new Walk(number, start));
   if (walks.length) makeStepper(walks);
   const level = figure.querySelector("[data-do=level]");
-  level?.addEventListener("change", () => chooseLevel(level.value));
+  if (level) {
+    level.addEventListener("change", () => chooseLevel(level.value));
+    chooseLevel(level.value); // the browser may have restored another than the page has
+  }
   makePointer();
 }

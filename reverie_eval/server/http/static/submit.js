@@ -182,9 +182,13 @@ addEventListener("drop", (event) => {
   choose(event.dataTransfer.files[0]);
 });
 
-addEventListener("pageshow", rest); // also when the browser restores the page from its cache
+rest(); // also when the browser restores the page, or its buttons as they were left
+addEventListener("pageshow", ({ persisted }) => {
+  if (persisted) rest();
+});
 
 // A person who comes from /play brings the walks that this browser keeps.
 const asked = new URLSearchParams(location.search);
 const walks = asked.get("human") === "true" ? walksFile(asked.get("split")) : null;
 if (walks) choose(walks);
+else if (file.files.length) check(); // chosen before this script came

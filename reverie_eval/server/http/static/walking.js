@@ -10,20 +10,13 @@ const SAME_POINT = 4; // pixels
 let facing; // the link of the way that the person faces
 let pointed = { x: -1, y: -1 };
 let isUnderWay = false;
-let looks = 0;
+let loads = 0; // so far; only what was asked for last is shown
 
 const linksTo = (what) => [ahead, panorama].flatMap((part) => [...part.querySelectorAll(`a[data-${what}]`)]);
 const ownWays = () => [...panorama.querySelectorAll("a[data-way]")]; // all of them, each once
 
 function say(words) {
   document.getElementById("facing").textContent = words;
-}
-
-// The page has been drawn for where the person is now.
-function arrive() {
-  countAction(walked.dataset.split, walked.dataset.number, !new URLSearchParams(location.search).get("walk"));
-  pointed = { x: -1, y: -1 };
-  faceAhead();
 }
 
 // Turns to the way that is nearest to the middle.
@@ -47,33 +40,37 @@ async function load(address, parts) {
 
 async function show(address) {
   isUnderWay = true;
-  looks += 1; // what is on its way shows another place
+  loads += 1;
+  const own = loads;
   try {
     const replace = await load(address, PARTS);
+    if (own !== loads) return; // they have gone back or forward since
     const hadFocus = PARTS.some((part) => part.contains(document.activeElement));
     replace();
     if (hadFocus) panorama.focus({ preventScroll: true });
-    arrive();
-  } catch {
-    location.assign(address); // the browser shows what is wrong
-  } finally {
+    pointed = { x: -1, y: -1 };
+    countAction(walk);
+    faceAhead();
     isUnderWay = false;
+  } catch {
+    if (own === loads) location.assign(address); // the browser shows what is wrong
   }
 }
 
 // Draws both pictures anew for where the person has turned to; what they face and have chosen stays.
 async function look(address) {
-  looks += 1;
-  const own = looks;
+  if (isUnderWay) return;
+  loads += 1;
+  const own = loads;
   try {
     const replace = await load(address, [ahead, panorama]);
-    if (own !== looks) return; // they have turned or gone on since
+    if (own !== loads) return; // they have turned or gone on since
     replace();
     history.replaceState(null, "", address);
     if (answer.elements.answer.value) markChosen();
     else faceAhead();
   } catch {
-    location.assign(address);
+    if (own === loads) location.assign(address);
   }
 }
 
@@ -166,4 +163,4 @@ addEventListener("pageshow", () => { // choices that the browser restores
 });
 
 panorama.focus({ preventScroll: true });
-arrive();
+faceAhead();

@@ -23,7 +23,8 @@ function begunWalk(split, number) {
   return JSON.parse(sessionStorage.getItem(begunName(split, number)) ?? "{}");
 }
 
-function countAction(split, number, isStart) {
+function countAction({ split, number }) {
+  const isStart = !new URLSearchParams(location.search).get("walk");
   const begun = begunWalk(split, number);
   const { at, actions } = isStart || !begun.at ? { at: Date.now(), actions: 0 } : begun;
   sessionStorage.setItem(begunName(split, number), JSON.stringify({ at, actions: actions + 1 }));
@@ -32,6 +33,10 @@ function countAction(split, number, isStart) {
 function endWalk(split, number) {
   sessionStorage.removeItem(begunName(split, number));
 }
+
+// A page on which a person walks is counted before it is shown, because they may walk on or answer at once.
+const walk = document.currentScript.dataset;
+if (walk.number) countAction(walk);
 
 // The walks as a submission, without their times, which nobody but the person gets; null if none is kept.
 function walksFile(split) {

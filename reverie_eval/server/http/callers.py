@@ -5,7 +5,7 @@ site, so a cookie is only accepted from this server's own pages, and every reque
 something needs the session's CSRF token as well. The API accepts both; pages accept only cookies.
 """
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
@@ -53,6 +53,9 @@ _Bearer = HTTPBearer(auto_error=False, description="A token from the organiser: 
 _Cookie = APIKeyCookie(
     name=COOKIE, auto_error=False, description="A browser session, from `POST /api/v1/session`"
 )
+ByToken = Annotated[HTTPAuthorizationCredentials | None, Depends(_Bearer)]
+ByCookie = Annotated[str | None, Depends(_Cookie)]
+"""Ways to sign in, for the API's description: calls are made of the request itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,32 +220,24 @@ def call_of(request: Request) -> Call:
     return Call(request, state_of(request), token if is_token else None, session_id, csrf_token)
 
 
-async def anybody(
-    request: Request,
-    _: Annotated[HTTPAuthorizationCredentials | None, Depends(_Bearer)],
-    __: Annotated[str | None, Depends(_Cookie)],
-) -> Call:
+async def anybody(request: Request, _: ByToken, __: ByCookie) -> Call:
     """Return a call that anyone may make; the API's description names the ways to sign in."""
     return call_of(request)
 
 
-def of_role(
-    role: Role, anyone: Callable[..., Awaitable[Call]], make: Callable[[Request], Call]
-) -> Any:
-    """Return the dependency of routes for people with a role, made from that for anyone.
+class OfRole:
+    """The dependency of routes for people with a role; ``make`` makes a call of a request."""
 
-    ``make`` makes the same call of a request alone.
-    """
+    def __init__(self, role: Role, make: Callable[[Request], Call]) -> None:
+        self._role, self._make = role, make
 
-    async def call_of_role(call: Annotated[Call, Depends(anyone)]) -> Call:
-        return replace(call, required=role)
+    async def __call__(self, request: Request, _: ByToken, __: ByCookie) -> Call:
+        """Return a call that only people with the role may make."""
+        return self.call_of(request)
 
-    _MAKERS[call_of_role] = lambda request: replace(make(request), required=role)
-    return Depends(call_of_role)
-
-
-_MAKERS: dict[Any, Callable[[Request], Call]] = {}
-"""What makes the call of a request, by the dependency of routes for people with a role."""
+    def call_of(self, request: Request) -> Call:
+        """Do the same outside a route."""
+        return replace(self._make(request), required=self._role)
 
 
 def refusal_of(request: Request) -> RequestError | None:
@@ -251,11 +246,9 @@ def refusal_of(request: Request) -> RequestError | None:
     The framework reads and checks a request before it calls a route. So senders of an invalid one
     would correct it first, and then learn that they may not send it.
     """
-    make = _maker_in(getattr(request.scope.get("route"), "dependant", None))
-    if make is None:
-        return None
     try:
-        make(request).person()
+        for of_role in _roles_in(getattr(request.scope.get("route"), "dependant", None)):
+            of_role.call_of(request).person()
     except RequestError as refusal:
         return refusal
     except SQLAlchemyError:  # a valid request will say so
@@ -263,19 +256,18 @@ def refusal_of(request: Request) -> RequestError | None:
     return None
 
 
-def _maker_in(dependant: Dependant | None) -> Callable[[Request], Call] | None:
-    """Return what makes the call that a route depends on; None if anyone may call it."""
-    if dependant is None:
-        return None
-    if dependant.call in _MAKERS:
-        return _MAKERS[dependant.call]
-    return next(filter(None, map(_maker_in, dependant.dependencies)), None)
+def _roles_in(dependant: Dependant | None) -> Iterator[OfRole]:
+    if dependant is not None:
+        if isinstance(dependant.call, OfRole):
+            yield dependant.call
+        for each in dependant.dependencies:
+            yield from _roles_in(each)
 
 
 Anybody = Annotated[Call, Depends(anybody)]
-Caller = Annotated[Call, of_role("participant", anybody, call_of)]
+Caller = Annotated[Call, Depends(OfRole("participant", call_of))]
 """A call that only people with a token or a session may make."""
-Organiser = Annotated[Call, of_role("organiser", anybody, call_of)]
+Organiser = Annotated[Call, Depends(OfRole("organiser", call_of))]
 
 
 def visit_of(request: Request) -> Call:
@@ -310,9 +302,9 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> AsyncIterator[Form
 
 
 Visitor = Annotated[Call, Depends(visitor)]
-Member = Annotated[Call, of_role("participant", visitor, visit_of)]
+Member = Annotated[Call, Depends(OfRole("participant", visit_of))]
 """A visit to a page that requires signing in."""
-Desk = Annotated[Call, of_role("organiser", visitor, visit_of)]
+Desk = Annotated[Call, Depends(OfRole("organiser", visit_of))]
 """A visit to a page for organisers."""
 Posted = Annotated[FormData, Depends(posted)]
 

@@ -191,10 +191,11 @@ def test_what_the_organiser_did_is_of_the_organiser() -> None:
     flagged = PublishedReview("flagged", "a doubt", NOON)
     disqualified = PublishedReview("disqualified", "trained on it", at)
     judged = entry(reviews=[flagged, disqualified])
-    corrected = CorrectionReport(split=OPEN, created_at=at, reason="Targets.", signature="new")
+    about = {"split": OPEN, "board": "strict", "signature": "new"}
+    corrected = CorrectionReport(**about, created_at=at, reason="Targets.")
     strict = replace(demo_board(), name="strict")
     _, *items = items_of(ranking_of(apart=[Row(None, judged)], board=strict))
-    assert [*items, *items_of_corrections(strict, [corrected])] == [
+    assert [*items, *items_of_corrections([strict], [corrected])] == [
         Item(
             id=urn("disqualified/walker/strict/2026-03-02T12:00:01+00:00"),
             at=at,

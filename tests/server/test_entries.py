@@ -1,7 +1,7 @@
 """The entries of leaderboards: read once, until something that they show has changed."""
 
 from concurrent.futures import ThreadPoolExecutor
-from datetime import timedelta
+from datetime import datetime, timedelta
 from threading import Event
 from typing import Any
 
@@ -27,8 +27,7 @@ def read(server: Serving, name: str = "", cache: EntriesCache | None = None) -> 
     """Return the entries of a leaderboard of the open split."""
     cache = cache or EntriesCache(server.state.get(Schedules))
     with server.state.database.reading() as session:
-        (found,) = cache.entries(session, [server.state.board(OPEN, name)], server.clock())
-        return found
+        return cache.entries(session, server.state.board(OPEN, name), server.clock())
 
 
 def test_an_entry_has_what_is_published_and_nothing_else(several: Serving) -> None:
@@ -142,9 +141,12 @@ def test_entries_are_read_again_if_a_leaderboard_has_changed(several: Serving) -
         pytest.param(NOON + SECOND, False, id="before it"),
     ],
 )
-def test_entries_are_over_when_scores_are_released(held: object, *, expected: bool) -> None:
-    entries = BoardEntries(1, "", [], [], frozenset(), held_until=held)  # type: ignore[arg-type]
-    assert entries.is_over(NOON + 0.9 * SECOND) is expected
+def test_entries_are_old_when_scores_are_released(
+    held: datetime | None, *, expected: bool, shared: Serving
+) -> None:
+    board = shared.state.board(OPEN)
+    entries = BoardEntries(1, board.signature, [], [], frozenset(), held_until=held)
+    assert entries.is_old(board, 1, NOON + 0.9 * SECOND) is expected
 
 
 def test_submissions_of_teams_are_counted_again_after_each_upload(server: Serving) -> None:

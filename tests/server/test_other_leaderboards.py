@@ -237,8 +237,7 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(added: Serving, folder:
 
 
 def outdated_on(session: Session, own: Board) -> list[int]:
-    counts = count_outdated(session, own.all)
-    return [counts[each.path] for each in own.all]
+    return [count_outdated(session, each) for each in own.all]
 
 
 def test_both_kinds_of_database_find_what_is_missing(

@@ -88,9 +88,8 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
     lock: Any = WatchedLock(came)
     intervals = RankIntervals(_lock=lock)
     with state.database.reading() as session:
-        (read,) = EntriesCache(state.get(Schedules)).entries(
-            session, [state.board(OPEN)], three.clock()
-        )
+        cache = EntriesCache(state.get(Schedules))
+        read = cache.entries(session, state.board(OPEN), three.clock())
     rows = [Row(rank, entry) for rank, entry in enumerate(read.entries, 1)]
     with ThreadPoolExecutor(2) as pool:
         first, second = pool.map(compute, range(2))

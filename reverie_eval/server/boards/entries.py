@@ -5,7 +5,7 @@ they were committed. So the number of the last entry shows whether the cache is 
 another process made the change.
 """
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -26,10 +26,8 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import UnreadableValueError
 from reverie_eval.server.store.tables import IS_SHOWN, ReportedResult, Review, Submission, Team
 
-_KEY = ("split", "number", "id")
-"""Columns that tell results apart: the number is that of a reported one, the id of a submission."""
 _COLUMNS = (
-    *_KEY,
+    *("number", "id"),  # of a reported result, of a submission
     *("team", "method", "stored", "at"),
     *("team_id", "received_at", "scored_at", "anonymous_until"),
     *("review", "verdict", "reason", "reviewed_at"),
@@ -144,9 +142,10 @@ class BoardEntries:
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
     """The rankings computed so far, by metric."""
 
-    def is_over(self, now: datetime) -> bool:
-        """Whether scores were released since."""
-        return self.held_until is not None and now.replace(microsecond=0) > self.held_until
+    def is_old(self, board: Board, number: int, now: datetime) -> bool:
+        """Whether a change was recorded, the rules were corrected or scores released since."""
+        is_released = self.held_until is not None and now.replace(microsecond=0) > self.held_until
+        return self.number < number or self.signature != board.signature or is_released
 
 
 class EntriesCache:
@@ -166,33 +165,20 @@ class EntriesCache:
         """Return the cache of a server."""
         return cls(server.get(Schedules))
 
-    def entries(
-        self, session: Session, boards: Sequence[Board], now: datetime
-    ) -> Sequence[BoardEntries]:
-        """Return the entries of leaderboards of several splits, all with the same name.
+    def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
+        """Return the entries of a leaderboard, read again if it may have changed.
 
-        Reading those that have changed takes as many statements as reading one of them. So a row
-        that cannot be read keeps all of them from being read; one at a time, the others can be.
-
-        Raises UnreadableValueError if a result on one of them cannot be read, as does its JSON; or
-        the DBAPIError of SQLite or the driver that reads a row.
+        Raises UnreadableValueError if a result cannot be read, as does its JSON; or the DBAPIError
+        of SQLite or the driver that reads a row.
         """
         number = last_recorded(session).change
         with self._lock:
-            changed = [board for board in boards if self._is_old(board, number, now)]
-            if changed:
-                timetables = self._schedules.read(session)
-                self._cached |= _read_entries(session, changed, timetables, number, now)
-            return [self._cached[board.path] for board in boards]
-
-    def _is_old(self, board: Board, number: int, now: datetime) -> bool:
-        cached = self._cached.get(board.path)
-        return (
-            cached is None
-            or cached.number < number
-            or cached.signature != board.signature
-            or cached.is_over(now)
-        )
+            cached = self._cached.get(board.path)
+            if cached is None or cached.is_old(board, number, now):
+                timetable = self._schedules.read(session)[board.split]
+                entries = _read_entries(session, board, timetable, now)
+                cached = self._cached[board.path] = _entries_of(number, board, entries)
+            return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
         """Count the submissions of each team to a split, published or not."""
@@ -220,29 +206,22 @@ def count_submissions(
 
 
 def _read_entries(
-    session: Session,
-    boards: Sequence[Board],
-    timetables: Mapping[str, Timetable],
-    number: int,
-    now: datetime,
-) -> Mapping[str, BoardEntries]:
-    """Read the entries of leaderboards by their paths; all have the same name."""
-    of_split = {board.split: board for board in boards}
-    found: defaultdict[str, list[Entry]] = defaultdict(list)
-    results = session.execute(_results(boards))
-    for (split, _, submission_id), group in groupby(results, lambda row: row[: len(_KEY)]):
-        board, rows = of_split[split], list(group)
+    session: Session, board: Board, timetable: Timetable, now: datetime
+) -> Sequence[Entry]:
+    found = []
+    results = session.execute(_results(board))
+    for _, group in groupby(results, lambda row: (row.number, row.id)):
+        rows = list(group)
         try:
             entry = (
                 _reported(board, rows[0])
-                if submission_id is None
-                else _scored(board, rows, timetables[split], now)
+                if rows[0].id is None
+                else _scored(board, rows, timetable, now)
             )
         except msgspec.DecodeError:
             raise UnreadableValueError(f"a result on {board.label} cannot be read") from None
-        if entry is not None:
-            found[split].append(entry)
-    return {board.path: _entries_of(number, board, found[board.split]) for board in boards}
+        found.append(entry)
+    return [entry for entry in found if entry is not None]
 
 
 def _entries_of(number: int, board: Board, entries: Sequence[Entry]) -> BoardEntries:
@@ -258,23 +237,20 @@ def _entries_of(number: int, board: Board, entries: Sequence[Entry]) -> BoardEnt
     )
 
 
-def _results(boards: Sequence[Board]) -> sa.CompoundSelect[Any]:
-    """Select what leaderboards show: submissions as they were published, then reported results.
+def _results(board: Board) -> sa.CompoundSelect[Any]:
+    """Select what a leaderboard shows: submissions as they were published, then reported results.
 
     A submission has a row for each of its current reviews, the earliest first, but at least one.
     """
-    splits = [board.split for board in boards]
-    is_named = any(board.name for board in boards)
     is_current = sa.and_(Review.submission_id == Submission.id, Review.lifted_at.is_(None))
     scored = (
         _as_result(
-            split=Submission.split,
             number=sa.literal(0),
             id=Submission.id,
             team_id=Submission.team_id,
             team=Team.name,
             method=sa.cast(Submission.method, sa.Text),
-            stored=sa.cast(Submission.boards if is_named else Submission.report, sa.Text),
+            stored=sa.cast(Submission.boards if board.name else Submission.report, sa.Text),
             at=Submission.published_at,
             received_at=Submission.received_at,
             scored_at=Submission.scored_at,
@@ -286,10 +262,9 @@ def _results(boards: Sequence[Board]) -> sa.CompoundSelect[Any]:
         )
         .join(Team, Submission.team_id == Team.id)
         .outerjoin(Review, is_current)
-        .where(Submission.split.in_(splits), IS_SHOWN)
+        .where(Submission.split == board.split, IS_SHOWN)
     )
     reported = _as_result(
-        split=ReportedResult.split,
         number=ReportedResult.id,
         team=ReportedResult.team,
         method=sa.cast(ReportedResult.method, sa.Text),
@@ -298,9 +273,9 @@ def _results(boards: Sequence[Board]) -> sa.CompoundSelect[Any]:
         source=ReportedResult.source,
         date=ReportedResult.date,
         dataset=ReportedResult.dataset,
-    ).where(ReportedResult.split.in_(splits), ReportedResult.removed_at.is_(None))
+    ).where(ReportedResult.split == board.split, ReportedResult.removed_at.is_(None))
     # Results in papers are assumed to be under the split's own rules.
-    shown = [scored] if is_named else [scored, reported]
+    shown = [scored] if board.name else [scored, reported]
     return sa.union_all(*shown).order_by("number", "at", "id", "review")
 
 

@@ -51,9 +51,13 @@ def items_of(ranking: Ranking) -> Iterator[Item]:
         yield _disqualified(entry, review, ranking)
 
 
-def items_of_corrections(board: Board, corrections: Iterable[CorrectionReport]) -> Iterator[Item]:
-    """Yield the corrections of a leaderboard."""
+def items_of_corrections(
+    boards: Iterable[Board], corrections: Iterable[CorrectionReport]
+) -> Iterator[Item]:
+    """Yield the corrections of leaderboards."""
+    named = {(board.split, board.name): board for board in boards}
     for correction in corrections:
+        board = named[correction.split, correction.board]
         yield Item(
             id=_urn("correction", board.split, board.name, correction.created_at.isoformat()),
             at=correction.created_at,

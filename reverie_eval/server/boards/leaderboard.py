@@ -23,7 +23,7 @@ from reverie_eval.server.boards.entries import BoardEntries, EntriesCache, Entry
 from reverie_eval.server.boards.rank_intervals import RankInterval, RankIntervals
 from reverie_eval.server.csv_files import csv_text
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.scoring.boards import Board, read_each
+from reverie_eval.server.scoring.boards import Board, if_readable
 from reverie_eval.server.state import ServerState
 from reverie_eval.tasks import Task
 
@@ -333,28 +333,16 @@ class Rankings:
 
         Without a metric, it is ranked by its primary one.
         """
-        (ranking,) = self._read(session, [board], metric)
-        return ranking
-
-    def rankings(self, session: Session, boards: Sequence[Board]) -> Sequence[Ranking | None]:
-        """Return leaderboards of several splits, all with the same name; None if rows are damaged.
-
-        This takes as many statements as reading the one that takes most, unless rows are damaged.
-        """
-        return read_each(boards, partial(self._read, session))
-
-    def _read(
-        self, session: Session, boards: Sequence[Board], metric: str | None = None
-    ) -> Sequence[Ranking]:
         server = self._server
         now = server.clock()
         server.rules.follow(session)
-        boards = [server.board(board.split, board.name) for board in boards]
-        found = self._entries.entries(session, boards, now)
-        return [
-            leaderboard(board, each, board.primary.key if metric is None else metric, now)
-            for board, each in zip(boards, found, strict=True)
-        ]
+        board = server.board(board.split, board.name)
+        found = self._entries.entries(session, board, now)
+        return leaderboard(board, found, board.primary.key if metric is None else metric, now)
+
+    def rankings(self, session: Session, boards: Sequence[Board]) -> Sequence[Ranking | None]:
+        """Return several leaderboards; None for each whose rows are damaged."""
+        return [if_readable(board, partial(self.ranking, session, board)) for board in boards]
 
     def detailed(self, session: Session, board: Board, metric: str | None = None) -> Ranking:
         """Return a leaderboard with counts of submissions, and the ranks that results may have.

@@ -9,7 +9,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from sqlalchemy import Select, desc, literal, select, union_all
+from sqlalchemy import Select, desc, literal, select, tuple_, union_all
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewNews
@@ -91,18 +91,10 @@ def _lines(kind: Kind, number: Any, text: Any, at: Any) -> Select[*tuple[Any, ..
     return select(*(column.label(name) for name, column in columns.items()))
 
 
-def corrections_of(
-    session: Session, boards: Sequence[Board]
-) -> Mapping[str, Sequence[CorrectionReport]]:
-    """Return the corrections of leaderboards of several splits, all with the same name.
-
-    They are by the names of the splits, the latest first.
-    """
-    chosen = select(Correction).where(
-        Correction.split.in_([board.split for board in boards]),
-        Correction.board.in_({board.name for board in boards}),
+def corrections_of(session: Session, *boards: Board) -> Sequence[CorrectionReport]:
+    """Return the corrections of one or several leaderboards, the latest first."""
+    is_theirs = tuple_(Correction.split, Correction.board).in_(
+        [(board.split, board.name) for board in boards]
     )
-    found: defaultdict[str, list[CorrectionReport]] = defaultdict(list)
-    for row in session.scalars(chosen.order_by(Correction.id.desc())):
-        found[row.split].append(read_stored(CorrectionReport, row))
-    return found
+    rows = session.scalars(select(Correction).where(is_theirs).order_by(Correction.id.desc()))
+    return [read_stored(CorrectionReport, row) for row in rows]

@@ -213,12 +213,10 @@ def _feed(
 ) -> Response:
     with server.database.reading() as session:
         items = [*feed.items_of_news(latest_news(session, feed.MOST_ITEMS))]
-        corrections = corrections_of(session, boards)
         rankings = server.get(Rankings).rankings(session, boards)
         for ranking in rankings:
             items += () if ranking is None else feed.items_of(ranking)
-        for board in boards:
-            items += feed.items_of_corrections(board, corrections[board.split])
+        items += feed.items_of_corrections(boards, corrections_of(session, *boards))
     shown = feed.latest(items)
     xml = render(
         "feed.atom",

@@ -84,7 +84,7 @@ def _as_json(server: ServerState, metric: str | None, split: str, name: str = ""
     board = server.board(split, name)
     with server.database.reading() as session:
         ranking = server.get(Rankings).detailed(session, board, metric)
-        corrections = corrections_of(session, [board])[board.split]
+        corrections = corrections_of(session, board)
     content = as_json(ranking, corrections, server.settings.organiser)
     return Response(content, media_type="application/json")
 

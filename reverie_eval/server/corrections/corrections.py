@@ -13,7 +13,7 @@ from datetime import datetime
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-from sqlalchemy import Label, func, literal, select, union_all
+from sqlalchemy import Label, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import SubmissionError
@@ -174,23 +174,18 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
     ]
 
 
-def count_outdated(session: Session, boards: Collection[Board]) -> Mapping[str, int]:
-    """Count the submissions that :func:`outdated` returns, by the path of the leaderboard.
-
-    One statement counts those of all leaderboards.
-    """
-    counted = [
-        select(literal(board.path), *_scored_by(board.name), func.count())
+def count_outdated(session: Session, board: Board) -> int:
+    """Count the submissions that :func:`outdated` returns."""
+    counted = (
+        select(*_scored_by(board.name), func.count())
         .where(Submission.split == board.split)
         .group_by("signature", "fingerprint")
-        for board in boards
-    ]
-    by_path = {board.path: board for board in boards}
-    numbers = dict.fromkeys(by_path, 0)
-    for path, signature, fingerprint, number in session.execute(union_all(*counted)):
-        if not by_path[path].is_current(signature or "", fingerprint or ""):
-            numbers[path] += number
-    return numbers
+    )
+    return sum(
+        number
+        for signature, fingerprint, number in session.execute(counted)
+        if not board.is_current(signature or "", fingerprint or "")
+    )
 
 
 def _scored_by(name: str) -> tuple[Label[str | None], Label[str | None]]:
@@ -257,7 +252,7 @@ def changes(
 
 def _current_correction(session: Session, board: Board) -> CorrectionReport | None:
     """Return a leaderboard's latest correction, if it led to the current ground truth and rules."""
-    latest = next(iter(corrections_of(session, [board])[board.split]), None)
+    latest = next(iter(corrections_of(session, board)), None)
     if latest is None or without_version(latest.signature) != without_version(board.signature):
         return None
     return latest

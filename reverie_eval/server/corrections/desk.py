@@ -5,7 +5,7 @@ has to be scored again, which a command does. ``/desk/audit``: who did what.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from functools import partial
 
 from fastapi import APIRouter
 from fastapi.responses import Response
@@ -21,7 +21,7 @@ from reverie_eval.server.http.openapi import organiser_router, problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
-from reverie_eval.server.scoring.boards import Board, read_each
+from reverie_eval.server.scoring.boards import if_readable
 from reverie_eval.server.store.paging import Page
 
 routes, pages = organiser_router(), APIRouter()
@@ -66,21 +66,16 @@ def take_snapshot_at_desk(desk: Desk, form: Posted) -> Response:
 @forms.shown_at(pages, "/desk/corrections", "corrections.html")
 def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
     """Show the splits with submissions to score again, and all corrections."""
-    session, server = reading.session, desk.server
-
-    def count(boards: Sequence[Board]) -> Sequence[int]:
-        return [*count_outdated(session, boards).values()]
-
-    boards, outdated = server.all_boards, Counter[str]()
-    counts = read_each(boards, count)
-    for board, number in zip(boards, counts, strict=True):
+    outdated, unread = Counter[str](), []
+    for board in desk.server.all_boards:
+        number = if_readable(board, partial(count_outdated, reading.session, board))
         outdated[board.split] += number or 0
+        if number is None:
+            unread.append(board.label)
     return {
         "outdated": +outdated,
-        "unread": [
-            each.label for each, number in zip(boards, counts, strict=True) if number is None
-        ],
-        "corrections": list_corrections(session, forms.page_at(desk, "corrections")),
+        "unread": unread,
+        "corrections": list_corrections(reading.session, forms.page_at(desk, "corrections")),
     }
 
 

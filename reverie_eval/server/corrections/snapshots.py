@@ -177,12 +177,12 @@ class Snapshots:
         closing: Closing | None = None,
     ) -> SnapshotEntry:
         session, board = transaction.session, find_board(self.boards(), split)
-        (entries,) = EntriesCache(self.schedules).entries(session, [board], as_of)
+        entries = EntriesCache(self.schedules).entries(session, board, as_of)
         ranking = replace(
             leaderboard(board, entries, board.primary.key, as_of),
             counts=count_submissions(session, split, closing.at if closing else None),
         )
-        corrections = corrections_of(session, [board])[split]
+        corrections = corrections_of(session, board)
         last = select(func.max(StoredSnapshot.number)).where(StoredSnapshot.split == split)
         signer = transaction.audit_log.signer
         snapshot = Snapshot(

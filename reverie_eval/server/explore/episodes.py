@@ -46,8 +46,7 @@ from reverie_eval.server.explore.side_by_side import (
 from reverie_eval.server.intake.submissions import (
     SubmissionService,
     has_review,
-    newest_of_each,
-    public_episodes_of_each,
+    newest_submissions,
     public_team,
     submission_of,
     with_public_episodes,
@@ -299,7 +298,7 @@ class EpisodeService:
             board=board,
             annotations=annotations,
             runs=self._runs(reading, person, split, submissions),
-            choices=self.choices(reading, person, [board])[split],
+            choices=self.choices(reading, person, board),
             compare=lambda: self.comparing.side_by_side(
                 board, self.shown_methods(reading.session, board), annotations.scan
             ),
@@ -333,21 +332,23 @@ class EpisodeService:
             return None
         return ShownMethod(row.id, _name_of_method(row), row.sha256, report.scores[key])
 
-    def choices(
-        self, reading: Reading, person: Person | None, boards: Sequence[Board]
-    ) -> Mapping[str, Sequence[Choice]]:
-        """Return what a person may look at on open splits, by split.
+    def choices(self, reading: Reading, person: Person | None, board: Board) -> Sequence[Choice]:
+        """Return what a person may look at on an open split.
 
         Their own submissions first, then those that everyone may see, each the newest first; then
         the reference agents. Raises UnreadableValueError if a row cannot be read.
         """
-        session, splits = reading.session, [board.split for board in boards]
-        own = newest_of_each(session, person, splits, MOST_LISTED) if person else {}
-        public = public_episodes_of_each(session, splits, MOST_LISTED)
-        return {
-            board.split: _choices(board, own.get(board.split, ()), public[board.split], reading.now)
-            for board in boards
-        }
+        session, split = reading.session, board.split
+        own = newest_submissions(session, person, split, MOST_LISTED) if person else ()
+        public = session.scalars(with_public_episodes(split).limit(MOST_LISTED)).all()
+        known = {row.id for row in own}
+        others = [
+            _public(row, reading.now)
+            for row in public
+            if row.id not in known and board.measures_as(read_stored(ScoreReport, row.report))
+        ]
+        theirs = [_own(row, row.team.name, _name_of_method(row)) for row in own]
+        return [*theirs, *others, *map(_agent, AGENTS)]
 
     def _board(self, split: str) -> Board:
         board = next((board for board in self.boards if board.split == split), None)
@@ -417,19 +418,6 @@ def _references(board: Board) -> Iterator[tuple[str, str, InputClass | None]]:
 def _demo_walks(board: Board) -> Path:
     """Return the submission of the demo world's trained agent to a split, which may not exist."""
     return DEMO_AGENT / f"{board.truth.split}.json"
-
-
-def _choices(
-    board: Board, own: Sequence[Submission], public: Sequence[Submission], now: datetime
-) -> Sequence[Choice]:
-    known = {row.id for row in own}
-    others = [
-        _public(row, now)
-        for row in public
-        if row.id not in known and board.measures_as(read_stored(ScoreReport, row.report))
-    ]
-    theirs = [_own(row, row.team.name, _name_of_method(row)) for row in own]
-    return [*theirs, *others, *map(_agent, AGENTS)]
 
 
 def _public(row: Submission, now: datetime) -> Choice:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from typing import Annotated, Any
 from urllib.parse import quote, urlencode
 
@@ -24,7 +25,6 @@ from reverie_eval.server.boards.leaderboard import make_distinct
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.explore.episodes import (
     Browsing,
-    Choice,
     EpisodeFilter,
     EpisodeService,
     Run,
@@ -33,7 +33,7 @@ from reverie_eval.server.explore.side_by_side import DIFFICULTIES
 from reverie_eval.server.http.callers import Call, CallReading, Visitor
 from reverie_eval.server.http.rendering import drawn, page
 from reverie_eval.server.http.runtime import ScoringTurn
-from reverie_eval.server.scoring.boards import Board, read_each
+from reverie_eval.server.scoring.boards import if_readable
 from reverie_eval.text import category_text
 
 router = APIRouter()
@@ -112,12 +112,10 @@ def show_splits(visitor: Visitor) -> Response:
     """List the open splits."""
     episodes = visitor.server.get(EpisodeService)
     with visitor.reading() as reading:
-
-        def read(boards: Sequence[Board]) -> Sequence[Sequence[Choice]]:
-            return [*episodes.choices(reading, reading.caller, boards).values()]
-
-        boards = episodes.boards
-        splits = [*zip(boards, read_each(boards, read), strict=True)]
+        splits = [
+            (board, if_readable(board, partial(episodes.choices, reading, reading.caller, board)))
+            for board in episodes.boards
+        ]
         return page(reading, "episodes.html", splits=splits, most=MOST_CHOICES)
 
 

@@ -3,15 +3,15 @@
 Teams see all of their own submissions; everyone sees published ones.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache, partial
 from itertools import chain
-from typing import Any, Self, TypeAlias, cast
+from typing import Any, Self, cast
 
-from sqlalchemy import Exists, Select, SQLColumnExpression, exists, select, tuple_, union_all
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy import Exists, Select, exists, select, tuple_
+from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import Comparison
 from reverie_eval.reporting.service import METHOD_FLAGS
@@ -47,10 +47,7 @@ from reverie_eval.server.store.uploads import stored_pieces, stored_upload
 
 RECENT = 8
 """Submissions whose episodes are cached, because people look at one episode after the other."""
-
-
-_Order: TypeAlias = Callable[[type[Submission]], Iterable[SQLColumnExpression[Any]]]
-"""Columns of submissions by which they are sorted."""
+_NEWEST_FIRST = (Submission.received_at.desc(), Submission.id.desc())
 
 
 def list_submissions(
@@ -72,58 +69,25 @@ def list_submissions(
     return cut(found, page, view.report, lambda row: row.id)
 
 
-def newest_of_each(
-    session: Session, person: Person, splits: Sequence[str], limit: int
-) -> Mapping[str, Sequence[Submission]]:
-    """Return a team's newest submissions to each split; for the organiser, those of all teams."""
-    own = _own(person)
-    chosen = {split: own.where(Submission.split == split).limit(limit) for split in splits}
-    return _rows_of_each(session, chosen, _newest_first)
-
-
-def public_episodes_of_each(
-    session: Session, splits: Sequence[str], limit: int
-) -> Mapping[str, Sequence[Submission]]:
-    """Return the first of :func:`with_public_episodes` of each split."""
-    chosen = {split: with_public_episodes(split).limit(limit) for split in splits}
-    return _rows_of_each(session, chosen, _published_last_first)
+def newest_submissions(
+    session: Session, person: Person, split: str, limit: int
+) -> Sequence[Submission]:
+    """Return a team's newest submissions to a split; for the organiser, those of all teams."""
+    return session.scalars(_own(person).where(Submission.split == split).limit(limit)).all()
 
 
 def _own(person: Person) -> Select[Submission]:
-    rows = select(Submission).order_by(*_newest_first(Submission))
+    rows = select(Submission).order_by(*_NEWEST_FIRST)
     if not person.is_organiser:
         rows = rows.where(Submission.team_id == person.team_id)
     return rows
-
-
-def _rows_of_each(
-    session: Session, chosen: Mapping[str, Select[Submission]], order: _Order
-) -> Mapping[str, Sequence[Submission]]:
-    """Return the submissions chosen of each split, by one statement for all splits."""
-    if not chosen:
-        return {}
-    # Each part has its own limit, so databases read no more than that of an index.
-    parts = union_all(*(select(each.subquery()) for each in chosen.values()))
-    rows = aliased(Submission, parts.subquery())
-    found: dict[str, list[Submission]] = {split: [] for split in chosen}
-    for row in session.scalars(select(rows).order_by(*order(rows))):
-        found[row.split].append(row)
-    return found
-
-
-def _newest_first(rows: type[Submission]) -> Sequence[SQLColumnExpression[Any]]:
-    return rows.received_at.desc(), rows.id.desc()
-
-
-def _published_last_first(rows: type[Submission]) -> Sequence[SQLColumnExpression[Any]]:
-    return rows.published_at.desc(), rows.id
 
 
 def all_submissions(
     session: Session, *, split: str | None, team: str | None
 ) -> Iterator[Submission]:
     """Yield all submissions, the latest first; only those to a split or of a team, if given."""
-    rows = select(Submission).order_by(*_newest_first(Submission))
+    rows = select(Submission).order_by(*_NEWEST_FIRST)
     if split is not None:
         rows = rows.where(Submission.split == split)
     if team is not None:
@@ -232,7 +196,7 @@ def with_public_episodes(split: str) -> Select[Submission]:
     return (
         select(Submission)
         .where(Submission.split == split, IS_SHOWN, is_open)
-        .order_by(*_published_last_first(Submission))
+        .order_by(Submission.published_at.desc(), Submission.id)
     )
 
 

@@ -314,7 +314,7 @@ def _at_several(session: Session, board: Board) -> Iterator[Finding]:
 
 
 def _at_outdated(session: Session, board: Board, folder: Path) -> Iterator[Finding]:
-    number = count_outdated(session, [board])[board.path]
+    number = count_outdated(session, board)
     if not number:
         return
     sent, command = count_text(number, "submission"), f"reverie-eval server rescore {folder}"

@@ -38,11 +38,11 @@ from reverie_eval.schemas.service import (
     Receipt,
 )
 from reverie_eval.server.audit.signing import current_key, file_of_key, load_key
-from reverie_eval.server.boards.leaderboard import Ranking, Rankings
+from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.jobs import Jobs
 from reverie_eval.server.messages.queue import tell_fault
 from reverie_eval.server.operations.checks import try_newest
-from reverie_eval.server.scoring.boards import Board, find_board, read_each
+from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.scoring.contexts import Context
 from reverie_eval.server.scoring.rules import rules_of
 from reverie_eval.server.state import ServerState
@@ -243,19 +243,14 @@ def _read_leaderboards(server: ServerState) -> None:
     boards = server.all_boards
     try:
         with server.database.reading() as session:
-
-            def read(some: Sequence[Board]) -> Sequence[Ranking]:
-                return [server.get(Rankings).ranking(session, board) for board in some]
-
-            unread = [
-                board.label
-                for board, ranking in zip(boards, read_each(boards, read), strict=True)
-                if ranking is None
-            ]
+            rankings = server.get(Rankings).rankings(session, boards)
     except DBAPIError as error:
         if damage_in(error) is not None:
             raise
         return
+    unread = [
+        board.label for board, ranking in zip(boards, rankings, strict=True) if ranking is None
+    ]
     if unread:
         raise UnhealthyError(f"results that cannot be read are on: {'; '.join(unread)}")
 

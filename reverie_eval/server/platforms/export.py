@@ -67,7 +67,7 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
     with state.database.reading() as session:
         for board in state.all_boards:
             ranking = state.get(Rankings).detailed(session, board)
-            told = corrections_of(session, [board])[board.split]
+            told = corrections_of(session, board)
             shown = json.loads(as_json(ranking, told, state.settings.organiser))
             boards.append({name: shown[name] for name in _BOARD})
             corrections += shown["corrections"]

@@ -478,19 +478,12 @@ def _board(name: str, split: Split, truth: GroundTruth, public_fingerprint: str)
     return replace(main, others=MappingProxyType(others))
 
 
-def read_each(
-    boards: Sequence[Board], read: Callable[[Sequence[Board]], Sequence[AnyResult]]
-) -> Sequence[AnyResult | None]:
-    """Read something of several leaderboards at once; None for each whose rows cannot be read.
-
-    Only if there are such rows, each leaderboard is read on its own.
-    """
+def if_readable(board: Board, read: Callable[[], AnyResult]) -> AnyResult | None:
+    """Read something of a leaderboard; None if its rows cannot be read."""
     try:
-        return read(boards)
+        return read()
     except Exception as error:
         if not is_of_rows(error):
             raise
-        if len(boards) > 1:
-            return [each for board in boards for each in read_each([board], read)]
-        _LOGGER.warning("rows of %s cannot be read: %s", boards[0].label, type(error).__name__)
-        return [None]
+        _LOGGER.warning("rows of %s cannot be read: %s", board.label, type(error).__name__)
+        return None

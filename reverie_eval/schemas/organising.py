@@ -365,7 +365,7 @@ class NewNotice(WireModel):
     """A message to everyone, and whether submissions are paused."""
 
     banner: Line = Field("", examples=["Down for maintenance until 09:00 UTC."])
-    """One line; if empty, the banner in the settings is shown."""
+    """One line; empty for no banner."""
     paused: bool = Field(default=False, examples=[True])
 
 
@@ -376,13 +376,12 @@ class NewNews(WireModel):
 
 
 class NoticeReport(WireModel):
-    """The current message to everyone: that of the settings if nothing was posted."""
+    """The current message to everyone."""
 
     banner: str = Field(examples=["Down for maintenance until 09:00 UTC."])
     paused: bool = Field(examples=[True])
-    """Also true if the settings say so, whatever was posted."""
     created_at: datetime | None = Field(examples=["2027-06-01T12:00:00Z"])
-    """When it was posted; null if only the settings apply."""
+    """When it was posted; null if nothing was."""
 
 
 class NewSchedule(WireModel):

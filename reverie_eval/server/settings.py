@@ -391,10 +391,6 @@ class Settings(BaseSettings):
     links: dict[Name, Https] = {}  # pydantic copies it
     """Links at the end of all pages, by their text: paper, data, code, licence. *Get the data* on
     the first page leads to the link called ``Data``, or else to the published repository."""
-    banner: Line = ""
-    """A line shown to everyone: maintenance, deadlines."""
-    paused: bool = False
-    """Accept no submissions; everything else still works."""
     database: Annotated[str, AfterValidator(_known_database)] = "sqlite:///server.db"
     """An SQLite file, or PostgreSQL, ``postgresql+psycopg://user@host/name``; a password comes
     before the ``@``."""

@@ -14,7 +14,7 @@ from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.accounts.access import own_path
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.notices import post_notice
 from reverie_eval.server.settings import Limits, Quota
 from reverie_eval.server.store.tables import BrowserSession, Submission
 from tests.support.acting import NOON, add_person, add_team, create_token
@@ -360,7 +360,7 @@ def test_a_spent_quota_says_when_the_next_is(open_server: OpenServer, folder: Pa
 def test_while_paused_files_are_checked_and_not_scored(owner: Visitor) -> None:
     with owner.server.acting(ORGANISER) as transaction:
         new = NewNotice(banner="The disk is full.", paused=True)
-        owner.server.state.get(Notices).post(transaction, new)
+        post_notice(transaction, new)
     assert "The organiser has paused submissions." in said(owner.get("/submit"))
     assert owner.upload(what="check").status_code == 200
     reply = owner.upload()

@@ -8,6 +8,8 @@ import pytest
 
 from reverie_eval import GroundTruth, __version__
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.schemas.organising import NewNotice
+from reverie_eval.server.messages.notices import post_notice
 from tests.support.description import Description
 from tests.support.serving import (
     GOOD,
@@ -40,10 +42,10 @@ def submission(server: Serving) -> str:
 
 
 def test_the_server_says_what_it_is(open_server: OpenServer, folder: Any) -> None:
-    settings = settings_of(folder).model_copy(
-        update={"banner": "Back at noon.", "paused": True, "required_metadata": ("code",)}
-    )
+    settings = settings_of(folder).model_copy(update={"required_metadata": ("code",)})
     server = open_server(settings)
+    with server.acting(ORGANISER) as transaction:
+        post_notice(transaction, NewNotice(banner="Back at noon.", paused=True))
     said = server.ask(None, "GET", "/server").json()
     receipt_key = said.pop("key_id")
     assert said == {

@@ -13,7 +13,7 @@ from anyio.from_thread import BlockingPortal
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.runtime import Turns
-from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.notices import post_notice
 from tests.support.acting import NOON
 from tests.support.serving import (
     MATE,
@@ -96,7 +96,7 @@ def test_a_pause_does_not_refuse_what_had_arrived(
             wait_until(lambda: turns.waiting)
             server.clock.turn(seconds=1)
             with server.acting() as transaction:
-                server.state.get(Notices).post(transaction, NewNotice(banner="", paused=True))
+                post_notice(transaction, NewNotice(banner="", paused=True))
         assert reply.result().status_code in ACCEPTED
     assert server.upload(OTHER).json()["code"] == "not-open"
 
@@ -108,7 +108,7 @@ def test_a_pause_that_is_over_still_refuses_what_arrived_during_it(
     def post(*, paused: bool) -> None:
         server.clock.turn(seconds=1)
         with server.acting() as transaction:
-            server.state.get(Notices).post(transaction, NewNotice(banner="", paused=paused))
+            post_notice(transaction, NewNotice(banner="", paused=paused))
 
     post(paused=True)
     with ThreadPoolExecutor(1) as pool:

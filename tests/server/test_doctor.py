@@ -37,7 +37,7 @@ from reverie_eval.server.boards.reviews import lift_review
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.intake.quotas import grant
-from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.notices import post_notice
 from reverie_eval.server.opening import acting
 from reverie_eval.server.operations import doctor
 from reverie_eval.server.operations.doctor import examine
@@ -337,7 +337,7 @@ def do_everything(server: Serving) -> None:
     result = later(add_reported, reported, server.state.settings.tasks)
     later(change_reported, result.id, ReportedChange(team="They all"), server.state.settings.tasks)
     later(remove_reported, result.id)
-    later(server.state.get(Notices).post, NewNotice(banner="Hello"))
+    later(post_notice, NewNotice(banner="Hello"))
     later(server.state.get(Schedules).set, PRIVATE, NewSchedule(paused=True))
     later(server.state.get(Snapshots).take, NewSnapshot(split=PRIVATE, title="2026"))
     later(remove_news, later(add_news, NewNews(text="Hello")).id)

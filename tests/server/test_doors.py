@@ -43,8 +43,9 @@ AT_SOME_DOORS: Mapping[str, set[str]] = {
     "reject_requests": {"page", "command"},
     # The command imports a file of one row.
     "add_reported": {"route", "page"},
-    # Pages and routes set all of a notice, commands one part of it: `change`.
-    "post": {"route", "page"},
+    # Pages and routes set all of a notice, commands one part of it: `change_notice`.
+    "post_notice": {"route", "page"},
+    "change_notice": {"command"},
     # Those who are invited, not organisers.
     "accept_invitation": {"route", "page"},
     # At the desk and over the API, tokens are revoked one by one.

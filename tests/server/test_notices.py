@@ -10,7 +10,7 @@ import pytest
 
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.server.audit.log import entries
-from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.notices import NO_NOTICE, current_notice, post_notice
 from reverie_eval.server.store.database import Database
 from tests.support.acting import NOON, acting
 from tests.support.flat_world import Run
@@ -39,7 +39,7 @@ def shown(server: Serving) -> tuple[str, bool]:
     return said["banner"], said["paused"]
 
 
-def test_before_the_first_the_settings_hold(server: Serving) -> None:
+def test_before_the_first_there_is_none(server: Serving) -> None:
     said = server.ask(ORGANISER, "GET", "/organiser/notice").json()
     assert said == {"banner": "", "paused": False, "created_at": None}
 
@@ -67,46 +67,21 @@ def test_the_latest_holds_at_once_and_is_written_down(server_on: Serving) -> Non
 
 
 def test_an_earlier_notice_is_known_from_its_moment_on(sqlite: Database) -> None:
-    notices, second = Notices("Welcome", paused=False), timedelta(seconds=1)
+    second = timedelta(seconds=1)
     with acting(sqlite, "Olga") as first:
-        assert notices.current(first.session) == notices.of_settings
-        notices.post(first, NewNotice(banner=BANNER, paused=True))
-        later = replace(first, now=NOON + second)
-        last = notices.post(later, NewNotice(banner="", paused=False))
-        assert notices.current(first.session) == last
+        session = first.session
+        assert current_notice(session) == NO_NOTICE
+        post_notice(first, NewNotice(banner=BANNER, paused=True))
+        last = post_notice(replace(first, now=NOON + second), NewNotice(banner="Welcome"))
+        assert current_notice(session) == last
         assert last.model_dump() == {
             "banner": "Welcome",
             "paused": False,
             "created_at": NOON + second,
         }
-        shown = [notices.current(first.session, NOON + each * second) for each in (-1, 0, 1, 2)]
+        shown = [current_notice(session, NOON + each * second) for each in (-1, 0, 1, 2)]
     assert [each.paused for each in shown] == [False, True, False, False]
     assert [each.created_at for each in shown] == [None, NOON, NOON + second, NOON + second]
-
-
-@pytest.mark.parametrize(
-    ("settled", "posted", "expected"),
-    [
-        pytest.param(("", False), ("B", True), ("B", True), id="nothing settled"),
-        pytest.param(("A", False), ("B", False), ("B", False), id="another banner"),
-        pytest.param(("A", False), ("", False), ("A", False), id="no banner"),
-        pytest.param(("A", True), ("B", False), ("B", True), id="the settings' pause stays"),
-        pytest.param(("A", True), ("B", True), ("B", True), id="both pause"),
-    ],
-)
-def test_a_notice_stands_above_the_settings(
-    settled: tuple[str, bool],
-    posted: tuple[str, bool],
-    expected: tuple[str, bool],
-    folder: Path,
-    open_server: OpenServer,
-) -> None:
-    banner, paused = settled
-    settings = settings_of(folder).model_copy(update={"banner": banner, "paused": paused})
-    server = open_server(settings)
-    assert shown(server) == settled
-    post(server, posted[0], paused=posted[1])
-    assert shown(server) == expected
 
 
 def test_a_pause_stops_uploads_and_nothing_else(server: Serving) -> None:
@@ -168,11 +143,11 @@ def test_commands_post_a_banner_and_pause_and_leave_the_other_as_it_is(
     def standing() -> list[str]:
         return re.split("  +", said("phase show").splitlines()[1].strip())
 
-    assert standing() == ["all splits", "not paused", "-", "not paused"]
+    assert standing() == ["all splits", "-", "-", "not paused"]
     assert said("news banner", f" {BANNER} ") == f"not paused; banner: {BANNER}\n"
     assert said("phase pause") == f"paused; banner: {BANNER}\n"
     assert shown(server) == (BANNER, True)
-    assert standing() == ["all splits", "not paused", *2 * [f"paused; banner: {BANNER}"]]
+    assert standing() == ["all splits", "-", *2 * [f"paused; banner: {BANNER}"]]
     assert said("news banner", "") == "paused\n"
     assert shown(server) == ("", True)
     assert said("phase resume") == "not paused\n"
@@ -181,17 +156,6 @@ def test_commands_post_a_banner_and_pause_and_leave_the_other_as_it_is(
     assert said("phase resume") == "not paused; banner: Welcome\n"
     found = [each["actor"] for each in server.ask(ORGANISER, "GET", "/organiser/audit").json()]
     assert all(each.endswith(" (command line)") for each in found[-6:-2])
-
-
-def test_a_command_says_that_the_settings_pause_submissions(
-    server: Serving, folder: Path, run: Run
-) -> None:
-    settings = folder / "reverie-eval.toml"
-    settings.write_text('paused = true\nbanner = "Welcome"\n' + settings.read_text())
-    resumed = run("server", "phase", "resume", str(folder))
-    assert (resumed.status, resumed.out) == (0, "paused; banner: Welcome\n")
-    assert "the settings file still pauses submissions" in resumed.err
-    assert shown(server) == ("", False), "the server has not read the file again"
 
 
 @pytest.mark.parametrize("banner", ["two\nlines", "x" * 501])

@@ -79,7 +79,7 @@ def test_one_split_is_enough(tmp_path: Path) -> None:
         quota=None,
         phases=(Phase(name="always"),),
     )
-    assert (settings.paused, settings.banner, settings.required_metadata) == (False, "", ())
+    assert settings.required_metadata == ()
 
 
 def test_a_check_shows_where_uploads_are_stored(folder: Path) -> None:
@@ -263,10 +263,10 @@ def test_what_the_template_has_as_a_comment_is_a_setting(folder: Path, tmp_path:
             id="no title",
         ),
         pytest.param(
-            f'title = "a\\u001b[31mb"\nbanner = "c\\nd"\n{SPLIT}',
+            f'title = "a\\u001b[31mb"\norganiser = "c\\nd"\n{SPLIT}',
             [
                 "title: got 'a\\x1b[31mb'; must be one line without invisible characters",
-                "banner: got 'c\\nd'; must be one line without invisible characters",
+                "organiser: got 'c\\nd'; must be one line without invisible characters",
             ],
             id="what cannot be seen, and two lines",
         ),
@@ -281,10 +281,10 @@ def test_what_the_template_has_as_a_comment_is_a_setting(folder: Path, tmp_path:
             id="unknown metadata",
         ),
         pytest.param(
-            f"database = 5\nbanner = 3\nx = 1\n{SPLIT}",
+            f"database = 5\norganiser = 3\nx = 1\n{SPLIT}",
             [
                 "database: must be text",
-                "banner: got 3; must be text",
+                "organiser: got 3; must be text",
                 unknown("x"),
             ],
             id="everything at once, and no database's address",
@@ -348,11 +348,11 @@ def test_variables_win_over_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("REVERIE_EVAL_DATABASE", "postgresql+psycopg://me:word@host/name")
     monkeypatch.setenv("REVERIE_EVAL_SPLITS__test__protocol", "r2r-style")
     monkeypatch.setenv("REVERIE_EVAL_SPLITS__test__quota__day", "7")
-    monkeypatch.setenv("REVERIE_EVAL_PAUSED", "true")
-    settings = loaded(
-        tmp_path, f"title = 'Ours'\nbanner = 'Hello'\n{SPLIT}quota = {{ month = 9 }}\n"
-    )
-    assert (settings.title, settings.banner, settings.paused) == ("Theirs", "Hello", True)
+    monkeypatch.setenv("REVERIE_EVAL_ACCEPT_REQUESTS_TO_JOIN", "false")
+    content = f"title = 'Ours'\norganiser = 'Us'\n{SPLIT}quota = {{ month = 9 }}\n"
+    settings = loaded(tmp_path, content)
+    assert (settings.title, settings.organiser) == ("Theirs", "Us")
+    assert not settings.accept_requests_to_join
     assert settings.database_url == make_url("postgresql+psycopg://me:word@host/name")
     assert settings.splits["test"].protocol == "r2r-style"
     assert settings.splits["test"].effective_quota == Quota(day=7, month=9, year=40)
@@ -581,18 +581,6 @@ def test_a_split_takes_submissions_while_a_phase_is_open(
     reply = server.upload(OWNER)
     assert reply.status_code == status
     assert message in reply.text
-
-
-def test_a_paused_server_takes_none_but_answers_repeats(
-    folder: Path, open_server: OpenServer
-) -> None:
-    first = open_server()
-    assert first.upload(OWNER).status_code == 201
-    paused = open_server(settings_of(folder).model_copy(update={"paused": True}), first.tokens)
-    assert paused.upload(OWNER).status_code == 200
-    refused = paused.upload(OWNER, first.distinct())
-    assert (refused.status_code, refused.json()["code"]) == (409, "not-open")
-    assert paused.ask(OWNER, "POST", f"/splits/{OPEN}/validate", content=GOOD).status_code == 200
 
 
 @pytest.mark.parametrize(

@@ -18,12 +18,14 @@ from sqlalchemy import select
 
 from reverie_eval import CATALOGUE, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.audit.log import entries
 from reverie_eval.server.boards.reviews import lift_review
 from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.intake.submissions import publication, result_on, submission_of
+from reverie_eval.server.messages.notices import post_notice
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import Webhook
 from reverie_eval.server.state import Reading
@@ -291,8 +293,10 @@ def test_a_closed_split_says_why(
     paused: bool,
 ) -> None:
     given = [Phase(name=name, opens=opens, closes=closes) for name, opens, closes in phases]
-    settings = settings_of(folder).model_copy(update={"paused": paused, "banner": banner})
+    settings = settings_of(folder)
     server = open_server(adjusted(settings, OPEN, phases=given or settings.splits[OPEN].phases))
+    with server.acting() as transaction:
+        post_notice(transaction, NewNotice(banner=banner, paused=paused))
     reply = server.upload(OWNER)
     assert (reply.status_code, reply.json()["detail"]) == (409, detail)
 

@@ -26,7 +26,7 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page, see_other, show_faults_with
 from reverie_eval.server.http.runtime import Runtime, RuntimeState
 from reverie_eval.server.identity import Sessions
-from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.notices import current_notice
 from reverie_eval.server.store.tables import BrowserSession, Person
 from reverie_eval.version import __version__
 
@@ -45,7 +45,7 @@ Back = Annotated[str, Form()]
 def show_server(server: Server) -> schemas.ServerReport:
     """Show the server's version, its settings and the organiser's notice."""
     with server.database.reading() as session:
-        notice = server.get(Notices).current(session)
+        notice = current_notice(session)
     return schemas.ServerReport(
         title=server.settings.title,
         version=__version__,

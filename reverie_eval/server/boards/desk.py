@@ -32,7 +32,7 @@ from reverie_eval.server.http.openapi import organiser_router, problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
-from reverie_eval.server.messages.notices import Notices, latest_notice
+from reverie_eval.server.messages.notices import current_notice, post_notice
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.tasks import Task
 
@@ -306,44 +306,36 @@ def _typed_of(result: schemas.ReportedEntry) -> forms.Typed:
 
 
 @forms.shown_at(pages, NOTICE, "notice.html")
-def draw_notice(desk: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
-    """Show the current notice, and the form to change it, with its input or the posted notice."""
-    notices, posted = desk.server.get(Notices), latest_notice(reading.session)
-    if posted and not typed:
-        typed = {"banner": posted.banner, **({"paused": "true"} if posted.paused else {})}
-    return {
-        "posted": posted,
-        "standing": notices.current(reading.session),
-        "settled": notices.of_settings,
-        "typed": typed,
-    }
+def draw_notice(_: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
+    """Show the current notice, and the form to change it, with its input or the current notice."""
+    standing = current_notice(reading.session)
+    current = {"banner": standing.banner, **({"paused": "true"} if standing.paused else {})}
+    return {"standing": standing, "typed": typed or current}
 
 
 @routes.get("/notice")
 def show_notice(organiser: Organiser) -> schemas.NoticeReport:
     """Show the current banner, and whether submissions are paused."""
     with organiser.reading() as reading:
-        return organiser.server.get(Notices).current(reading.session)
+        return current_notice(reading.session)
 
 
 @routes.put("/notice")
 def change_notice(new: schemas.NewNotice, organiser: Organiser) -> schemas.NoticeReport:
     """Set the banner, and pause or resume submissions; takes effect immediately."""
-    return organiser.perform(organiser.server.get(Notices).post, new)
+    return organiser.perform(post_notice, new)
 
 
 @pages.post(NOTICE)
-def post_notice(desk: Desk, form: Posted) -> Response:
+def post_notice_at_desk(desk: Desk, form: Posted) -> Response:
     """Show a preview of a notice; post it if it was confirmed."""
     typed = forms.typed_by(desk, form, draw_notice)
     new = read_model(schemas.NewNotice, {**typed, "paused": typed.get("paused") == "true"})
-    notices = desk.server.get(Notices)
     if not forms.is_confirmed(form):
         with desk.reading() as reading:
-            current = notices.current(reading.session)
-        coming = notices.if_posted(new, reading.now)
-        return forms.ask(desk, typed, "notice-preview.html", now_standing=current, standing=coming)
-    desk.perform(notices.post, new)
+            current = current_notice(reading.session)
+        return forms.ask(desk, typed, "notice-preview.html", now_standing=current, standing=new)
+    desk.perform(post_notice, new)
     return forms.done(NOTICE, "posted")
 
 

@@ -42,7 +42,7 @@ from reverie_eval.server.http.callers import CallReading, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
 from reverie_eval.server.http.labels import name_fields, place_of
 from reverie_eval.server.identity import TOKEN_NAMES, Sessions, token_state
-from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.notices import NO_NOTICE, current_notice
 from reverie_eval.server.rooms import Tab, desk_of
 from reverie_eval.server.store.tables import Person
 from reverie_eval.tasks import DEFAULT_TASK, Task
@@ -206,8 +206,8 @@ def see_other(path: str) -> RedirectResponse:
 
 def _site(request: Request, reading: CallReading | None) -> Site:
     server = state_of(request)
-    notices, person, csrf_token = server.get(Notices), None, ""
-    notice = notices.current(reading.session) if reading else notices.of_settings
+    person, csrf_token = None, ""
+    notice = current_notice(reading.session) if reading else NO_NOTICE
     if reading is not None and reading.browser is not None:
         person, csrf_token = reading.caller, server.get(Sessions).csrf_token(reading.browser.id)
     is_copy = request.app.state.is_copy

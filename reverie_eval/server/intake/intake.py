@@ -34,7 +34,7 @@ from reverie_eval.server.errors import ConflictError, NotOpenError
 from reverie_eval.server.intake.attempts import recording
 from reverie_eval.server.intake.quotas import check_quota, usage_of
 from reverie_eval.server.intake.submissions import check_metadata
-from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.notices import current_notice
 from reverie_eval.server.messages.queue import notify
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.scoring.contexts import Context, open_file
@@ -229,7 +229,7 @@ class Intake:
             check_metadata(method, self.server.settings.required_metadata)
             schedule = self.server.get(Schedules).of_split(session, row.split).at(row.received_at)
             if not organiser:
-                notice = self.server.get(Notices).current(session, row.received_at)
+                notice = current_notice(session, row.received_at)
                 self._check_paused(notice, board, schedule)
             self._check_open(board, schedule, row.received_at)
             check_quota(session, row, person, board, limits, in_the_past=bool(organiser))

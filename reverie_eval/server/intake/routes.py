@@ -25,7 +25,7 @@ from reverie_eval.server.intake.submissions import (
     result_on,
     submission_of,
 )
-from reverie_eval.server.messages.notices import Notices
+from reverie_eval.server.messages.notices import current_notice
 from reverie_eval.server.scoring.boards import Board
 
 splits = APIRouter(prefix=f"{API}/splits", tags=["splits"])
@@ -190,7 +190,7 @@ def _reports(call: Call, boards: Collection[Board]) -> list[schemas.SplitReport]
             else {}
         )
         schedules = call.server.get(Schedules).in_effect(reading.session)
-        notice = call.server.get(Notices).current(reading.session)
+        notice = current_notice(reading.session)
         return [
             _report(board, schedules[board.split], notice, quotas.get(board.split), reading.now)
             for board in boards

@@ -16,7 +16,6 @@ from reverie_eval.schemas.service import ReleaseScores, Schedule
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
-from reverie_eval_cli.output import note
 
 if TYPE_CHECKING:
     from reverie_eval.server.boards.schedules import Change, Timetable
@@ -42,26 +41,19 @@ def show(*, folder: Folder) -> None:
     desk or by commands, and as they are in effect.
     """
     from reverie_eval.server.boards.schedules import Schedules
-    from reverie_eval.server.messages.notices import Notices
+    from reverie_eval.server.messages.notices import current_notice
 
-    settings = folder.settings
-    notices = Notices(settings.banner, paused=settings.paused)
     with folder.reading() as session:
-        reports = Schedules(settings.splits).list_all(session)
-        notice = notices.current(session)
+        reports = Schedules(folder.settings.splits).list_all(session)
+        notice = current_notice(session)
     # Side by side, because what the desk has set overrides the file.
     rows = [
         (each.split, _text(each.settings), _text(each.desk), _text(each.in_effect))
         for each in reports
     ]
-    # Without a time, nobody has posted it: it is that of the settings file.
-    posted = notice if notice.created_at else None
-    standing = [_of_server(each) for each in (notices.of_settings, posted, notice)]
-    print_list(("of", "settings file", "desk", "in effect"), [("all splits", *standing), *rows])
-
-
-def _of_server(notice: NoticeReport | None) -> str:
-    return "-" if notice is None else _notice_text(notice)
+    text = _notice_text(notice)
+    of_all = ("all splits", "-", text if notice.created_at else "-", text)
+    print_list(("of", "settings file", "desk", "in effect"), [of_all, *rows])
 
 
 @phase.command("set")
@@ -152,9 +144,8 @@ def resume(*, folder: Folder, split: str | None) -> None:
 
     if split:
         _change_schedule(folder, split, schedules.resume)
-    # The desk cannot undo what the settings file says.
-    elif _change_notice(folder, paused=False).paused:
-        note("the settings file still pauses submissions: `paused = true`")
+    else:
+        _change_notice(folder, paused=False)
 
 
 def _change_schedule(folder: Folder, split: str, change: "Change") -> None:
@@ -249,22 +240,19 @@ def remove(*, folder: Folder, number: int) -> None:
 def banner(*, folder: Folder, text: str) -> None:
     """Show a banner on all pages: TEXT is one line.
 
-    An empty TEXT removes it; then the banner of the settings file is shown again.
+    An empty TEXT removes it.
     """
     # Checked first, as the pages check it: a banner has to fit on a line.
     _change_notice(folder, banner=options.checked(NewNotice, banner=text).banner)
 
 
-def _change_notice(folder: Folder, **changes: object) -> NoticeReport:
-    """Change the notice, print what applies now, and return it."""
-    from reverie_eval.server.messages.notices import Notices
+def _change_notice(folder: Folder, **changes: object) -> None:
+    """Change the notice, and print what applies now."""
+    from reverie_eval.server.messages.notices import change_notice
 
-    settings = folder.settings
     with folder.acting() as transaction:
-        notices = Notices(settings.banner, paused=settings.paused)
-        current = notices.change(transaction, **changes)
+        current = change_notice(transaction, **changes)
     print(_notice_text(current))
-    return current
 
 
 def _notice_text(current: NoticeReport) -> str:

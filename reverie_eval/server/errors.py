@@ -344,5 +344,5 @@ def request_error(error: Exception) -> RequestError | None:
         return RejectedFileError(error.problems)
     if isinstance(error, TableError):
         told = [ProblemReport.model_validate(problem) for problem in error.problems]
-        return MalformedError(f"{count_text(len(told), 'problem')}; nothing was added", told)
+        return MalformedError(f"{count_text(len(told), 'problem')}; nothing was changed", told)
     return error if isinstance(error, RequestError) else None

@@ -263,6 +263,16 @@ def test_only_results_are_reported(changes: Mapping[str, str], message: str, des
     assert 'value="Qi et al."' in page.text
 
 
+def test_wrong_scores_and_other_fields_of_a_reported_result_are_told_at_once(
+    desk: Visitor,
+) -> None:
+    wrong = {"success": "115.3", "spl": "x", "source": "javascript:alert(1)", "name": ""}
+    page = said(desk.send("/desk/reported", {**RESULT, **wrong}))
+    for message in ("115.3 is not from 0 to 100", "'x' is not a number", "Source:", "Method:"):
+        assert message in page
+    assert "Scores:" not in page
+
+
 def test_a_reported_result_is_changed_in_place(desk: Visitor) -> None:
     scores = {"success": "11.531", "spl": "7", "path_length": "12.3"}
     told(desk, "/desk/reported", **RESULT, **scores, date="2020-06", ensemble="false")
@@ -311,7 +321,7 @@ def test_problems_of_a_pasted_table_are_shown_beside_it(desk: Visitor) -> None:
     form["date"] = ""  # a browser sends an empty field, too
     page = sending(desk, "/desk/reported/import", **form)
     assert page.status_code == 400
-    assert "2 problems; nothing was added." in said(page)
+    assert "2 problems; nothing was changed." in said(page)
     assert "line 2: SR %: 200 is not from 0 to 100" in said(page)
     assert "Blue,200" in page.text
 

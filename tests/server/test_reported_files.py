@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import pytest
 
 from reverie_eval.metrics import CATALOGUE, printed_value
+from reverie_eval.schemas.organising import NewReported, ReportedChange
 from reverie_eval.server.boards.reported_files import as_printed, read_change, read_results
 from reverie_eval.server.errors import TableError
 
@@ -230,20 +231,31 @@ def test_a_metric_that_the_task_does_not_have_is_refused() -> None:
 
 
 def test_a_change_is_read_as_a_file_is() -> None:
-    cells = {"team": "", "date": "", "method": "M", "Paper": "", "ensemble": "no", "TL": "9.5"}
-    assert read_change({"RGS": "32.49"}) == {"method": {}, "scores": {"rgs": 0.3249}}
-    assert read_change({**cells, "SR (%)": "", "source": "x", "description": ""}) == {
-        "team": "",
+    cells = {"team": "T", "date": "", "method": "M", "Paper": "", "ensemble": "no", "TL": "9.5"}
+    only = read_change(ReportedChange, {"RGS": "32.49"})
+    assert only.model_dump(exclude_unset=True) == {"method": {}, "scores": {"rgs": 0.3249}}
+    several = {**cells, "SR (%)": "", "source": "x", "description": ""}
+    assert read_change(ReportedChange, several).model_dump(exclude_unset=True) == {
+        "team": "T",
         "date": None,
         "source": "x",
-        "method": {"name": "M", "paper": None, "ensemble": "no", "description": ""},
+        "method": {"name": "M", "paper": None, "ensemble": False, "description": ""},
         "scores": {"path_length": 9.5, "success": None},
     }
+
+
+def test_everything_that_is_wrong_with_a_change_is_told_at_once() -> None:
+    cells = {"SR": "x", "TL": "-1", "method": "M", "team": "", "source": "x", "date": "soon"}
     with pytest.raises(TableError) as raised:
-        read_change({"SR": "x", "TL": "-1"})
-    assert [(each.code, str(each)) for each in raised.value.problems] == [
+        read_change(NewReported, cells, split="test")
+    assert [(each.code, str(each).partition(";")[0]) for each in raised.value.problems] == [
         ("wrong-value", "values: TL m: -1 is not 0 or more"),
         ("wrong-value", "values: SR: 'x' is not a number"),
+        ("wrong-value", "team: must have 1 or more characters"),
+        (
+            "wrong-value",
+            "date: must be a day, a month or a year: 2026-01-15, 2026-01, 01/2026 or 2026",
+        ),
     ]
 
 

@@ -18,14 +18,13 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas import organising as schemas
-from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import NewsReport, ProblemDocument, ReleaseScores, ReportedMethod
 from reverie_eval.schemas.wire import LONGEST_ID
 from reverie_eval.server.boards import news, reported, reviews, schedules
 from reverie_eval.server.boards.entries import is_anonymous
 from reverie_eval.server.boards.reported_files import as_printed, read_change
 from reverie_eval.server.boards.schedules import Schedules, Timetable, View
-from reverie_eval.server.errors import WRONG_FORM, MalformedError, NotFoundError, TableError
+from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http import desk as forms
 from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted, SplitName
 from reverie_eval.server.http.openapi import organiser_router, problems
@@ -198,11 +197,9 @@ def add_reported_result(new: schemas.NewReported, organiser: Organiser) -> schem
 def add_reported(desk: Desk, form: Posted) -> Response:
     """Add a reported result to a leaderboard."""
     typed = forms.typed_by(desk, form, draw_reported)
-    result = _result_in(typed)
-    scores = {key: value for key, value in result["scores"].items() if value is not None}
-    fields = {**result, "split": typed.get("split", ""), "scores": scores}
-    tasks = desk.server.settings.tasks
-    desk.perform(reported.add_reported, read_model(schemas.NewReported, fields), tasks)
+    cells = {name: cell for name, cell in _cells(typed).items() if cell or name not in CATALOGUE}
+    new = read_change(schemas.NewReported, cells, split=typed.get("split", ""))
+    desk.perform(reported.add_reported, new, desk.server.settings.tasks)
     return forms.done(REPORTED, "added")
 
 
@@ -247,7 +244,7 @@ def change_reported_result(
 def change_reported(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Change a reported result."""
     typed = forms.typed_by(desk, form, partial(draw_reported_result, result_id))
-    changed = read_model(schemas.ReportedChange, _result_in(typed))
+    changed = read_change(schemas.ReportedChange, _cells(typed))
     desk.perform(reported.change_reported, result_id, changed, desk.server.settings.tasks)
     return forms.done(REPORTED, "changed")
 
@@ -281,18 +278,9 @@ def _scores_asked(tasks: Sequence[Task]) -> Mapping[str, Any]:
     }
 
 
-def _result_in(typed: forms.Typed) -> Mapping[str, Any]:
-    """Return the fields of a result in the form, which has them as a table prints them.
-
-    Empty ones are not known. Raises MalformedError, which lists the scores that a metric cannot
-    have.
-    """
-    cells = {"method": typed.get("name", ""), **{name: typed.get(name, "") for name in _RESULT}}
-    try:
-        return read_change(cells)
-    except TableError as error:
-        problems = [ProblemReport.model_validate(each) for each in error.problems]
-        raise MalformedError(WRONG_FORM, problems) from None
+def _cells(typed: forms.Typed) -> Mapping[str, str]:
+    """Return the fields of a result in the form, which has them as a table prints them."""
+    return {"method": typed.get("name", ""), **{name: typed.get(name, "") for name in _RESULT}}
 
 
 def _typed_of(result: schemas.ReportedEntry) -> forms.Typed:

@@ -10,15 +10,20 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from decimal import Decimal
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
+
+from pydantic import ValidationError
 
 from reverie_eval.errors import Problem
 from reverie_eval.metrics import CATALOGUE, Metric, printed_value
-from reverie_eval.schemas.organising import Rates
+from reverie_eval.schemas.organising import NewReported, Rates, ReportedChange
 from reverie_eval.schemas.service import ReportedMethod
+from reverie_eval.schemas.wrong_values import wrong_value
 from reverie_eval.server.csv_files import CsvRow, CsvTable, read_csv, unreadable
 from reverie_eval.server.errors import TableError
 from reverie_eval.text import did_you_mean
+
+Request = TypeVar("Request", NewReported, ReportedChange)
 
 _PER_CENT = 100
 _ABOUT = ("team", "method", "date", "source", "dataset")
@@ -116,28 +121,31 @@ def read_results(
     return ResultsFile(rows, problems, unread)
 
 
-def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
-    """Return changes of a result, given as cells of a file, as fields of a request.
+def read_change(model: type[Request], cells: Mapping[str, str], **more: object) -> Request:
+    """Return a request about a reported result, whose values are given as cells of a file.
 
     Parameters
     ----------
+    model : type
+        ``ReportedChange`` or ``NewReported``.
     cells : mapping of str to str
         New values by column; an empty one removes the earlier value.
+    more
+        Fields of the request that a file does not have.
 
     Raises
     ------
     TableError
-        If columns are unknown, or values out of a metric's bounds; lists them.
+        If columns are unknown, or values wrong; lists all of them.
 
     Examples
     --------
-    >>> read_change({"SR": "59.64", "RGS": "", "date": "01/2026", "ensemble": "no"})
-    {'date': '01/2026', 'method': {'ensemble': 'no'}, 'scores': {'success': 0.5964, 'rgs': None}}
+    >>> change = read_change(ReportedChange, {"SR": "59.64", "RGS": "", "date": "01/2026"})
+    >>> change.scores, change.date
+    ({'success': 0.5964, 'rgs': None}, '2026-01')
     """
     given = dict(zip(_fields_of(list(cells), CATALOGUE), cells.values(), strict=True))
     scores, wrong = _read_scores(given, "percent")
-    if wrong:
-        raise TableError([Problem("wrong-value", "values", told) for told in wrong])
     about = {
         name: cell if cell or name in _TEXTS else None
         for name, cell in given.items()
@@ -145,8 +153,23 @@ def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
     }
     renamed = {"name": about.pop("method")} if "method" in about else {}
     method = {name: about.pop(name) for name in _OF_METHOD if name in about} | renamed
-    cleared = {key: None for key, cell in given.items() if key in CATALOGUE and key not in scores}
-    return {**about, "method": method, "scores": {**scores, **cleared}}
+    cleared = {key: None for key in given if key in CATALOGUE and given[key] in _NO_VALUE}
+    fields = {**about, **more, "method": method, "scores": {**scores, **cleared}}
+    problems = [Problem("wrong-value", "values", told) for told in wrong]
+    try:
+        request = model.model_validate(fields)
+    except ValidationError as error:
+        found = map(wrong_value, error.errors())
+        # Scores may seem to be missing because they are wrong.
+        problems += [
+            Problem(each.code, each.where, each.message)
+            for each in found
+            if not (wrong and each.where == "scores")
+        ]
+        raise TableError(problems) from None
+    if problems:
+        raise TableError(problems)
+    return request
 
 
 def _read_row(

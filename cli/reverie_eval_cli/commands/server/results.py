@@ -440,7 +440,7 @@ def edit(*, folder: Folder, number: int, changes: Mapping[str, str]) -> None:
     from reverie_eval.server.boards.reported_files import read_change
 
     # Read as the columns of a file are, so that both take the same words.
-    change, tasks = options.checked(ReportedChange, **read_change(changes)), folder.settings.tasks
+    change, tasks = read_change(ReportedChange, changes), folder.settings.tasks
     with folder.acting() as transaction:
         changed = change_reported(transaction, number, change, tasks)
     print(f"reported result {changed.id} ({changed.method.name}) changed")

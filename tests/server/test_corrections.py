@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from hashlib import sha256
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,6 @@ from reverie_eval.server.corrections.corrections import (
     count_outdated,
     list_corrections,
     outdated,
-    replace_at_once,
     replace_results,
     rescore_one,
 )
@@ -215,16 +213,14 @@ def scoring_again(server: Serving, split: str) -> Callable[[Job], Outcome]:
     return lambda job: server.state.scoring.run(rescore_one, split, "", job)
 
 
-def test_a_run_goes_on_where_another_was_interrupted(corrected: Serving) -> None:
+def test_a_correction_that_was_announced_keeps_its_reason(corrected: Serving) -> None:
     state = corrected.state
     place = state.boards[OPEN]
     with state.database.reading() as session:
-        jobs = outdated(session, place)
-    outcomes = map(scoring_again(corrected, OPEN), jobs)
-    running = replace_results(
-        state.transactions, place, jobs, outcomes, actor=ORGANISER, reason=WHY
-    )
-    assert len(list(islice(running, 1))) == 1
+        first, _ = outdated(session, place)
+    outcomes = {first: scoring_again(corrected, OPEN)(first)}
+    with corrected.acting(ORGANISER) as transaction:
+        replace_results(transaction, place, WHY, outcomes)
     assert rescored(corrected, reason="another reason") == (1, {})
     assert [each["reason"] for each in board(corrected)["corrections"]] == [WHY]
     submissions = corrected.ask(ORGANISER, "GET", "/submissions").json()
@@ -236,11 +232,10 @@ def test_two_runs_at_once_replace_each_result_once(corrected: Serving) -> None:
     place = state.boards[OPEN]
     with state.database.reading() as session:
         jobs = outdated(session, place)
-    outcomes = list(map(scoring_again(corrected, OPEN), jobs))
+    outcomes = {job: scoring_again(corrected, OPEN)(job) for job in jobs}
     for _ in range(2):
-        list(
-            replace_results(state.transactions, place, jobs, outcomes, actor=ORGANISER, reason=WHY)
-        )
+        with corrected.acting(ORGANISER) as transaction:
+            replace_results(transaction, place, WHY, outcomes)
     submissions = corrected.ask(ORGANISER, "GET", "/submissions").json()
     assert [len(each["earlier"]) for each in submissions] == [1, 1]
 
@@ -846,7 +841,7 @@ def test_the_new_ground_truth_comes_last_and_the_earlier_one_stays_private(
     place.chmod(0o600)
     found: list[bytes] = []
     copied: list[int] = []
-    real_replace, real_copy = replace_at_once, shutil.copyfileobj
+    real_replace, real_copy = replace_results, shutil.copyfileobj
 
     def watched(*given: Any) -> None:
         real_replace(*given)
@@ -856,7 +851,7 @@ def test_the_new_ground_truth_comes_last_and_the_earlier_one_stays_private(
         real_copy(source, target)
         copied.append(os.fstat(target.fileno()).st_mode & 0o077)
 
-    monkeypatch.setattr(corrections, "replace_at_once", watched)
+    monkeypatch.setattr(corrections, "replace_results", watched)
     monkeypatch.setattr(shutil, "copyfileobj", watch_copy)
     corrects(run, folder)
     assert found == [before]

@@ -27,7 +27,7 @@ OF_OTHER_ACTIONS = {
     "notify_of_same_file",
     "notify",
     "notify_of_fault",
-    "replace_at_once",
+    "replace_results",
     "append_rules",
     "record_inspection",
     "take_due",

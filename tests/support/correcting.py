@@ -18,17 +18,15 @@ class Corrected(NamedTuple):
 
 def rescored(server: Serving, split: str = OPEN, reason: str = WHY) -> Corrected:
     """Score everything again that was scored by other ground truth or rules."""
-    state, scored, rejected = server.state, 0, {}
+    state, scored = server.state, 0
+    rejected: dict[str, str] = {}
     for board in state.board(split).all:
         with state.database.reading() as session:
             jobs = outdated(session, board)
-        outcomes = (state.scoring.run(rescore_one, split, board.name, job) for job in jobs)
-        actor = server.person(ORGANISER)
-        for job, outcome in replace_results(
-            state.transactions, board, jobs, outcomes, actor=actor, reason=reason
-        ):
-            if isinstance(outcome, str):
-                rejected[job.submission_id] = outcome
-            else:
-                scored += 1
+        outcomes = {job: state.scoring.run(rescore_one, split, board.name, job) for job in jobs}
+        with state.transactions.begin(server.person(ORGANISER)) as transaction:
+            replace_results(transaction, board, reason, outcomes)
+        told = {job.submission_id: why for job, why in outcomes.items() if isinstance(why, str)}
+        rejected |= told
+        scored += len(jobs) - len(told)
     return Corrected(scored, rejected)

@@ -1,14 +1,13 @@
 """Scoring submissions again after a split's ground truth or rules were corrected.
 
 Each submission is scored from its upload, on one leaderboard of its split after the other. The new
-result replaces the old one in a transaction of its own; the old one stays on record with its
-receipt. So the next run continues an interrupted one: it finds only the remaining submissions. The
-time at which a submission was received, its use of the quota, and its reviews do not change.
+result replaces the old one, which stays on record with its receipt. The time at which a submission
+was received, its use of the quota, and its reviews do not change.
 
 A leaderboard that is added to a split later gets its results in the same way.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from typing import NamedTuple, TypeAlias
@@ -22,7 +21,7 @@ from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult, Receipt
 from reverie_eval.server.audit.signing import read_as
-from reverie_eval.server.audit.transactions import Actor, Transaction, Transactions
+from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.boards.leaderboard import ranks
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
@@ -79,33 +78,12 @@ def rejected(error: SubmissionError) -> Outcome:
 
 
 def replace_results(
-    transactions: Transactions,
-    board: Board,
-    jobs: Sequence[Job],
-    outcomes: Iterable[Outcome],
-    *,
-    actor: Actor,
-    reason: str,
-) -> Iterator[tuple[Job, Outcome]]:
-    """Announce the correction and replace results one by one; without jobs, do nothing.
-
-    ``outcomes`` are those of the jobs, in their order. First results correct nothing, so they are
-    not announced.
-    """
-    if any(job.was_scored for job in jobs):
-        with transactions.begin(actor) as transaction:
-            reason = _announced(transaction, board, reason)
-    for job, outcome in zip(jobs, outcomes, strict=True):
-        if isinstance(outcome, Rescored):
-            with transactions.begin(actor) as transaction:
-                _replace(transaction, board, reason, job, outcome)
-        yield job, outcome
-
-
-def replace_at_once(
     transaction: Transaction, board: Board, reason: str, outcomes: Mapping[Job, Outcome]
 ) -> None:
-    """Announce the correction, and replace all results in one transaction."""
+    """Announce a correction, and replace the results of a leaderboard.
+
+    First results correct nothing, so they are not announced.
+    """
     if any(job.was_scored for job in outcomes):
         reason = _announced(transaction, board, reason)
     for job, outcome in outcomes.items():

@@ -2,12 +2,12 @@
 
 import shutil
 import stat
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from sqlalchemy.orm import Session
 
@@ -16,13 +16,13 @@ from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.progress import Progress, no_progress
 from reverie_eval.schemas.organising import ResultChange
+from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.corrections.corrections import (
     Job,
     Outcome,
     changes,
     outdated,
     rejected,
-    replace_at_once,
     replace_results,
     rescore_one,
 )
@@ -38,6 +38,8 @@ from reverie_eval.server.state import ServerState
 FOR_ONE = 100
 """Submissions for each process: starting one takes as long as scoring some dozens of them."""
 _SCORING = "scoring again"
+Outcomes: TypeAlias = dict[str, dict[Job, Outcome]]
+"""The outcomes of submissions that were scored again, by the names of leaderboards."""
 
 
 class Replaced(NamedTuple):
@@ -66,13 +68,9 @@ def preview(
     """
     if bundle is not None:
         settings = _with_bundle(settings, split, bundle)
-    found: list[ResultChange] = []
     with opened_server(settings) as state:
-        for board in state.board(split).all:
-            outcomes = _score(state, board, _outdated(state, board), jobs, progress)
-            with state.database.reading() as session:
-                found += changes(session, board, _named(outcomes))
-    return found
+        boards = state.board(split).all
+        return _changes(state, boards, _score_all(state, boards, jobs, progress))
 
 
 def rescore(
@@ -80,25 +78,20 @@ def rescore(
 ) -> Sequence[ResultChange]:
     """Score all submissions again that were scored with other ground truth or rules.
 
-    Returns how results changed, including those that an interrupted run replaced.
+    One transaction stores all results. If it fails or is interrupted, nothing has changed.
 
     Raises
     ------
     SettingsError, NotFoundError
         As :func:`preview`.
     """
-    found: list[ResultChange] = []
     with opened_server(settings) as state:
-        for board in state.board(split).all:
-            waiting = _outdated(state, board)
-            with _scoring(state, board, waiting, jobs) as outcomes:
-                replaced = replace_results(
-                    state.transactions, board, waiting, outcomes, actor=actor, reason=reason
-                )
-                scored = dict(progress(replaced, _SCORING, len(waiting)))
-            with state.database.reading() as session:
-                found += changes(session, board, _named(scored), first_results=_first(waiting))
-    return found
+        boards = state.board(split).all
+        outcomes = _score_all(state, boards, jobs, progress)
+        if any(outcomes.values()):
+            with state.transactions.begin(actor) as transaction:
+                _replace_all(transaction, state, boards, outcomes, reason)
+        return _changes(state, boards, outcomes)
 
 
 def replace_ground_truth(
@@ -131,39 +124,62 @@ def replace_ground_truth(
     # shows the earlier results.
     with opened_server(settings) as earlier, opened_server(corrected) as state:
         boards = state.board(split).all
-        outcomes: dict[str, dict[Job, Outcome]] = {board.name: {} for board in boards}
-        while True:
-            with state.database.reading() as session:
-                missing = _missing(session, boards, outcomes)
-            if not missing:
-                break
-            for board, waiting in missing:
-                found = _score(state, board, waiting, jobs, progress)
-                outcomes[board.name] = _updated(outcomes[board.name], found)
+        outcomes = _score_all(state, boards, jobs, progress)
         with (
             _replacement(settings, split, bundle) as replacement,
             earlier.transactions.begin(actor) as transaction,
         ):
-            # Uploads that came since the last look; there is hardly ever one.
-            for board, waiting in _missing(transaction.session, boards, outcomes):
-                found = _score(state, board, waiting, 1, no_progress)
-                outcomes[board.name] = _updated(outcomes[board.name], found)
             before, after = (rules_of({split: each.boards[split]}) for each in (earlier, state))
             replaced = {name: before[name] for name in different(after, before)}
             # Another correction may have replaced those of other splits meanwhile.
             recorded = LastRules().read(transaction.session)
             known = {name: recorded.get(name, own) for name, own in rules_of(state.boards).items()}
             append_rules(transaction, {**known, **after}, replaced)
-            for board in boards:
-                replace_at_once(transaction, board, reason, outcomes[board.name])
+            _replace_all(transaction, state, boards, outcomes, reason)
             replacement.install()  # last, so that nobody finds it long before the new results
-    changed: list[ResultChange] = []
-    with opened_server(settings) as state, state.database.reading() as session:
-        for board in state.board(split).all:
-            of_board = outcomes[board.name]
-            named = _named(of_board)
-            changed += changes(session, board, named, first_results=_first(of_board))
-    return Replaced(changed, replacement.aside)
+        return Replaced(_changes(state, boards, outcomes), replacement.aside)
+
+
+def _score_all(
+    state: ServerState, boards: Sequence[Board], jobs: int, progress: Progress
+) -> Outcomes:
+    """Score all outdated results of leaderboards, also those that come meanwhile."""
+    outcomes: Outcomes = {board.name: {} for board in boards}
+    while True:
+        with state.database.reading() as session:
+            missing = _missing(session, boards, outcomes)
+        if not missing:
+            return outcomes
+        for board, waiting in missing:
+            _update(outcomes[board.name], _score(state, board, waiting, jobs, progress))
+
+
+def _replace_all(
+    transaction: Transaction,
+    state: ServerState,
+    boards: Sequence[Board],
+    outcomes: Outcomes,
+    reason: str,
+) -> None:
+    """Replace the results of leaderboards."""
+    # Uploads that came since the last look; there is hardly ever one.
+    for board, waiting in _missing(transaction.session, boards, outcomes):
+        _update(outcomes[board.name], _score(state, board, waiting, 1, no_progress))
+    for board in boards:
+        replace_results(transaction, board, reason, outcomes[board.name])
+
+
+def _changes(
+    state: ServerState, boards: Sequence[Board], outcomes: Outcomes
+) -> Sequence[ResultChange]:
+    """Return how results changed or would change, leaderboard by leaderboard."""
+    found: list[ResultChange] = []
+    with state.database.reading() as session:
+        for board in boards:
+            named = {job.submission_id: outcome for job, outcome in outcomes[board.name].items()}
+            first = {job.submission_id for job in outcomes[board.name] if not job.was_scored}
+            found += changes(session, board, named, first_results=first)
+    return found
 
 
 def _missing(
@@ -177,39 +193,31 @@ def _missing(
     return [(board, waiting) for board, waiting in found if waiting]
 
 
-def _updated(known: Mapping[Job, Outcome], found: Mapping[Job, Outcome]) -> dict[Job, Outcome]:
+def _update(known: dict[Job, Outcome], found: Mapping[Job, Outcome]) -> None:
     """Add outcomes, also of submissions that were published since they were scored again."""
     again = {job.submission_id for job in found}
-    rest = {job: outcome for job, outcome in known.items() if job.submission_id not in again}
-    return {**rest, **found}
-
-
-def _outdated(state: ServerState, board: Board) -> Sequence[Job]:
-    with state.database.reading() as session:
-        return outdated(session, board)
+    for job in [job for job in known if job.submission_id in again]:
+        del known[job]
+    known.update(found)
 
 
 def _score(
     state: ServerState, board: Board, waiting: Sequence[Job], jobs: int, progress: Progress
-) -> dict[Job, Outcome]:
-    with _scoring(state, board, waiting, jobs) as outcomes:
-        scored = zip(waiting, outcomes, strict=True)
-        return dict(progress(scored, _SCORING, len(waiting)))
-
-
-@contextmanager
-def _scoring(
-    state: ServerState, board: Board, waiting: Sequence[Job], jobs: int
-) -> Iterator[Iterable[Outcome]]:
-    """Score submissions, many of them in several processes; yield the outcomes in their order."""
+) -> Mapping[Job, Outcome]:
+    """Score submissions again in processes of their own."""
     number = min(jobs, 1 + len(waiting) // FOR_ONE)
-    here = state.scoring
+    # The ground truth of other splits would only take time and memory.
+    only = {board.split: state.settings.splits[board.split]}
+    settings = state.settings.model_copy(update={"splits": only})
+    boards = {board.split: state.boards[board.split]}
     with (
-        here if number == 1 else ScoringProcesses(state.settings, state.boards, number) as scoring,
+        ScoringProcesses(settings, boards, number) as scoring,
         ThreadPoolExecutor(number) as threads,
     ):
         try:
-            yield threads.map(partial(_rescore, scoring, board), waiting)
+            outcomes = threads.map(partial(_rescore, scoring, board), waiting)
+            scored = zip(waiting, outcomes, strict=True)
+            return dict(progress(scored, _SCORING, len(waiting)))
         finally:
             threads.shutdown(cancel_futures=True)  # after an error, nothing more is scored
 
@@ -224,15 +232,6 @@ def _rescore(scoring: Scoring, board: Board, job: Job) -> Outcome:
             "a process that scored was killed, perhaps for lack of memory, or the ground truth was "
             "replaced meanwhile; run the command again, with fewer --jobs if it was memory"
         ) from None
-
-
-def _named(outcomes: Mapping[Job, Outcome]) -> Mapping[str, Outcome]:
-    return {job.submission_id: outcome for job, outcome in outcomes.items()}
-
-
-def _first(jobs: Iterable[Job]) -> Collection[str]:
-    """Return the submissions that had no result before."""
-    return {job.submission_id for job in jobs if not job.was_scored}
 
 
 class _Replacement(NamedTuple):

@@ -204,9 +204,9 @@ def rescore(
 
     All submissions to SPLIT that were scored with other ground truth or rules than the current ones
     are scored from their uploads; so are those without a result on another leaderboard. Dates,
-    quotas and reviews stay the same; the earlier results and receipts are kept. With --bundle, the
-    ground truth and all results are replaced at once, also of servers that run. If it is
-    interrupted, run it again.
+    quotas and reviews stay the same; the earlier results and receipts are kept. All results are
+    replaced at once; with --bundle, so is the ground truth, also of servers that run. If it is
+    interrupted, nothing has changed.
 
     Prints how every result changed, the largest changes first, for each leaderboard of the split.
 

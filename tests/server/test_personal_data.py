@@ -7,7 +7,6 @@ import shlex
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import replace
 from datetime import timedelta
 from threading import Barrier
 
@@ -22,7 +21,7 @@ from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.audit.log import entries
 from reverie_eval.server.audit.rows import mismatches, swapped_names
 from reverie_eval.server.errors import ConflictError
-from reverie_eval.server.intake.retention import Retention
+from reverie_eval.server.intake.retention import tidy
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.store.tables import AuditEntry, BrowserSession, Message, Person, Token
 from tests.support.acting import NOON, add_person, ask_to_join, create_token
@@ -156,7 +155,7 @@ def test_actions_on_people_that_are_cut_off_the_log_are_seen(server: Serving) ->
         merge_teams(transaction, NewMerge(team="Red", into="Green"))
         delete_person(transaction, 1)
     server.clock.turn(days=1)
-    replace(server.state.get(Retention), days=1).tidy("test")
+    tidy(server.state, 1)
     assert faults(server) == []
     with server.state.database.writing() as session:
         session.execute(delete(AuditEntry).where(AuditEntry.id > first))
@@ -299,7 +298,7 @@ def test_people_are_looked_after_on_both_databases(server_on: Serving) -> None:
     ]
     assert statuses == 6 * [200]
     server.clock.turn(days=1)
-    assert replace(server.state.get(Retention), days=1).tidy("test").files == 1
+    assert len(tidy(server.state, 1)) == 2
     with server.state.database.reading() as session:
         assert list(mismatches(session)) == []
         assert list(swapped_names(session)) == []

@@ -1,6 +1,5 @@
 """Files of old submissions that are not published: deleted by rule, and what knows of it."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,8 @@ from sqlalchemy import select
 
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.corrections.corrections import outdated, rescore_one
-from reverie_eval.server.intake.retention import Retention, Tidied
+from reverie_eval.server.intake.retention import tidy
+from reverie_eval.server.intake.room import jobs
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.store.tables import Submission
@@ -60,9 +60,9 @@ def files(server: Serving) -> int:
 def test_a_file_is_deleted_after_so_many_days(seconds: int, expected: int, server: Serving) -> None:
     submission = sent(server)
     server.clock.turn(days=DAYS, seconds=seconds)
-    tidied = server.state.get(Retention).tidy("test")
-    assert (list(tidied.submissions), files(server)) == (expected * [submission], 1 - expected)
-    assert server.state.get(Retention).tidy("test").files == 0
+    assert tidy(server.state, DAYS) == expected * [submission]
+    assert files(server) == 1 - expected
+    assert tidy(server.state, DAYS) == []
 
 
 def test_what_is_published_stays_and_what_is_withdrawn_does_not(server: Serving) -> None:
@@ -71,7 +71,7 @@ def test_what_is_published_stays_and_what_is_withdrawn_does_not(server: Serving)
     publish(server, OWNER, withdrawn)
     publish(server, OWNER, withdrawn, withdrawn=True)
     server.clock.turn(days=DAYS)
-    assert list(server.state.get(Retention).tidy("test").submissions) == [withdrawn]
+    assert tidy(server.state, DAYS) == [withdrawn]
     assert server.ask(OWNER, "GET", f"/submissions/{published}/file").status_code == 200
 
 
@@ -82,9 +82,9 @@ def test_what_is_published_meanwhile_stays(server: Serving) -> None:
         transaction.session.get_one(Submission, second).published_at = transaction.now
 
     server.clock.turn(days=DAYS)
-    begins = replace(server.state.transactions, begins=publish_second)
-    tidied = replace(server.state.get(Retention), transactions=begins).tidy("test")
-    assert (sorted(tidied.submissions), tidied.files) == (sorted([first, third]), 2)
+    server.state.transactions.begins = publish_second
+    assert sorted(tidy(server.state, DAYS)) == sorted([first, third])
+    assert files(server) == 1
     assert server.ask(OWNER, "GET", f"/submissions/{second}/file").status_code == 200
 
 
@@ -97,7 +97,7 @@ def test_the_oldest_files_are_deleted_first(server: Serving) -> None:
     with server.state.database.reading() as session:
         digests = {row.id: row.sha256 for row in session.scalars(select(Submission))}
     assert sorted(names, key=digests.__getitem__) != names  # no accident
-    assert server.state.get(Retention).tidy("test") == Tidied(names, 5)
+    assert tidy(server.state, DAYS) == names
 
 
 def test_a_file_of_two_teams_stays_until_both_need_it_no_more(server: Serving) -> None:
@@ -106,22 +106,21 @@ def test_a_file_of_two_teams_stays_until_both_need_it_no_more(server: Serving) -
     server.clock.turn(days=1)
     second = sent(server, OTHER, content)
     server.clock.turn(days=DAYS - 1)
-    assert server.state.get(Retention).tidy("test").files == 0
+    assert tidy(server.state, DAYS) == []
     server.clock.turn(days=1)
-    tidied = server.state.get(Retention).tidy("test")
-    assert (list(tidied.submissions), tidied.files) == ([first, second], 1)
+    assert tidy(server.state, DAYS) == [first, second]
 
 
 def test_the_same_file_is_stored_again_for_another_team(server: Serving) -> None:
     content = server.distinct()
     sent(server, OWNER, content)
     server.clock.turn(days=DAYS)
-    server.state.get(Retention).tidy("test")
+    tidy(server.state, DAYS)
     again = sent(server, OTHER, content)
     assert server.ask(OTHER, "GET", f"/submissions/{again}/file").content == content
     assert faults(server) == []
     server.clock.turn(days=DAYS)
-    assert list(server.state.get(Retention).tidy("test").submissions) == [again]
+    assert tidy(server.state, DAYS) == [again]
 
 
 def test_a_file_that_is_deleted_while_the_same_arrives_is_not_lost(server: Serving) -> None:
@@ -144,7 +143,7 @@ def test_everything_knows_that_the_file_is_gone(
     submission = server.upload(OWNER).json()["submission"]
     path = f"/submissions/{submission['id']}"
     server.clock.turn(days=DAYS)
-    server.state.get(Retention).tidy("server")
+    tidy(server.state, DAYS)
     seen = server.ask(OWNER, "GET", path).json()
     assert seen["upload_deleted_at"] == "2026-04-01T12:00:00Z"
     assert (seen["receipt"], seen["report"]) == (submission["receipt"], submission["report"])
@@ -176,10 +175,13 @@ def test_everything_knows_that_the_file_is_gone(
     assert corrected.state.scoring.run(rescore_one, board.split, "", job) == told
 
 
-def test_without_a_number_of_days_nothing_is_deleted(server: Serving) -> None:
-    sent(server)
-    server.clock.turn(days=10_000)
-    assert replace(server.state.get(Retention), days=None).tidy("test") == Tidied([], 0)
+def test_without_a_number_of_days_nothing_is_deleted(
+    server: Serving, open_server: OpenServer
+) -> None:
+    for days, expected in ((DAYS, ["tidying"]), (None, [])):
+        settings = server.state.settings.model_copy(update={"keep_uploads_days": days})
+        state = open_server(settings, server.tokens).state
+        assert [job.name for job in jobs(state)] == expected
 
 
 @pytest.mark.server

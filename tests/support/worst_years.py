@@ -25,7 +25,7 @@ from reverie_eval import GroundTruth
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.runner import run_agent
 from reverie_eval.server.app import create_app
-from reverie_eval.server.intake.retention import Retention
+from reverie_eval.server.intake.retention import tidy
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
@@ -297,7 +297,9 @@ class WorstYear:
 
     def tidy(self) -> None:
         """Delete old files, as a running server does every day."""
-        self.lab.running()[0].get(Retention).tidy("server")
+        state = self.lab.running()[0]
+        if state.settings.keep_uploads_days is not None:
+            tidy(state, state.settings.keep_uploads_days)
 
     # What organisers publish.
 

@@ -1,14 +1,13 @@
 """What submissions add to the server."""
 
 from collections.abc import Iterable, Mapping
-from datetime import datetime
+from datetime import datetime, timedelta
 from functools import partial
 
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.audit.log import SERVER
 from reverie_eval.server.intake import desk, pages, routes
-from reverie_eval.server.intake.retention import Retention
+from reverie_eval.server.intake.retention import expired, tidy
 from reverie_eval.server.jobs import DAY, Job
 from reverie_eval.server.rooms import Room, Tab
 from reverie_eval.server.state import ServerState
@@ -16,13 +15,14 @@ from reverie_eval.server.state import ServerState
 
 def jobs(server: ServerState) -> Iterable[Job]:
     """Yield the job that deletes old uploads, if the settings limit their age."""
-    retention = server.get(Retention)
+    days = server.settings.keep_uploads_days
+    if days is None:
+        return
 
     def waiting(session: Session, now: datetime) -> Mapping[str, int]:
-        return {"files": retention.count_expired(session, now)}
+        return {"files": len(expired(session, now - timedelta(days=days)))}
 
-    if server.settings.keep_uploads_days is not None:
-        yield Job("tidying", partial(retention.tidy, SERVER), DAY, waiting)
+    yield Job("tidying", partial(tidy, server, days), DAY, waiting)
 
 
 ROOM = Room(

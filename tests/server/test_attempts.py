@@ -17,15 +17,15 @@ from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.intake import attempts
-from reverie_eval.server.intake.attempts import (
+from reverie_eval.server.intake.attempts import list_attempts
+from reverie_eval.server.intake.intake import Intake
+from reverie_eval.server.operations.room import (
     SplitCounts,
     Totals,
     counts_of_splits,
     last_day,
-    list_attempts,
     totals,
 )
-from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import Attempt

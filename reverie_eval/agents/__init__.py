@@ -6,15 +6,16 @@ nothing can be a function that does what ``act`` does.
 """
 
 from reverie_eval.agents._episode import Agent, BatchAgent, Episode, Solved
-from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
 from reverie_eval.agents._finding import AGENT_ENTRY_POINTS, BUILT_IN_AGENTS, AgentSource
-from reverie_eval.agents._reference import (
+from reverie_eval.agents._untrained import (
     AGENTS,
     DEMO_AGENT,
     MAX_RANDOM_STEPS,
+    NearestFirstAgent,
     RandomAgent,
     ShortestAgent,
     StopAgent,
+    WordMatchAgent,
 )
 from reverie_eval.agents.chat import ChatAgent
 

@@ -18,8 +18,7 @@ from types import FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any
 
 from reverie_eval.agents._episode import Agent, BatchAgent, Episode
-from reverie_eval.agents._exploring import NearestFirstAgent, WordMatchAgent
-from reverie_eval.agents._reference import AGENTS
+from reverie_eval.agents._untrained import AGENTS, NearestFirstAgent, WordMatchAgent
 from reverie_eval.agents.chat import ChatAgent
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Observation

@@ -12,10 +12,26 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from reverie_eval.agents.trained._advice import AdvisedWorld, best_names
+from reverie_eval.agents.trained._agent import MOST_EXPANDED, Choice, Queue
 from reverie_eval.agents.trained._coding import Layout, Panorama, Vocabulary
-from reverie_eval.agents.trained._imitation import Walks, imitation_loss
-from reverie_eval.agents.trained._navigating import (
+from reverie_eval.agents.trained._losses import (
+    Walks,
+    erase,
+    hinge,
+    imitation_loss,
+    policy_loss,
+    ranking_loss,
+    returns_of,
+)
+from reverie_eval.agents.trained._recipes import RECIPES
+from reverie_eval.agents.trained._world import (
+    AdvisedWorld,
+    World,
+    best_names,
+    hold_back,
+    make_coder,
+)
+from reverie_eval.agents.trained.navigators import (
     ActionScores,
     Decision,
     Navigator,
@@ -26,11 +42,6 @@ from reverie_eval.agents.trained._navigating import (
     State,
     collate,
 )
-from reverie_eval.agents.trained._queue import MOST_EXPANDED, Choice, Queue
-from reverie_eval.agents.trained._ranking import erase, hinge, ranking_loss
-from reverie_eval.agents.trained._recipes import RECIPES
-from reverie_eval.agents.trained._reinforcement import policy_loss, returns_of
-from reverie_eval.agents.trained._world import World, hold_back, make_coder
 from reverie_eval.agents.trained.pointers import Candidates, MAttNet, Pointer
 from reverie_eval.dataset import DatasetFiles, compile_for_training
 from reverie_eval.ground_truth import GroundTruth

@@ -3,18 +3,19 @@
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from itertools import count
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from reverie_eval.agents._episode import Agent, BatchAgent, Episode
-from reverie_eval.agents._exploring import Explored
-from reverie_eval.agents.trained._advice import best_names, point
+from reverie_eval.agents._untrained import Explored
 from reverie_eval.agents.trained._coding import Coder, Panorama
-from reverie_eval.agents.trained._imitation import MOST_ACTIONS
+from reverie_eval.agents.trained._losses import MOST_ACTIONS
 from reverie_eval.agents.trained._model_file import (
     ModelCard,
     coder_of,
@@ -22,10 +23,9 @@ from reverie_eval.agents.trained._model_file import (
     read_model_card,
     set_threads,
 )
-from reverie_eval.agents.trained._navigating import Decision, Navigator, Reading, State, collate
-from reverie_eval.agents.trained._queue import Choice, Queue
 from reverie_eval.agents.trained._recipes import WALKS, Walk, recipe_of
-from reverie_eval.agents.trained.pointers import Pointer, Question
+from reverie_eval.agents.trained.navigators import Decision, Navigator, Reading, State, collate
+from reverie_eval.agents.trained.pointers import Pointer, Question, best_names, point
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Answer, Go, Observation, Stop
@@ -34,6 +34,8 @@ MODEL, POINTER = "model.safetensors", "pointer.safetensors"
 """The files of a model's folder: what was trained, and the pointer that answers for a navigator."""
 DECIMALS = 6
 """Decimals of a score. In double precision, the rest of a batch changes only later ones."""
+MOST_EXPANDED = 40
+"""Viewpoints whose actions are scored, after which the best of the known ends is taken."""
 _DIGEST_SHOWN = 12
 
 
@@ -111,6 +113,59 @@ class PointingAgent:
         """Go on, or point."""
         ahead = next(self._ahead, None)
         return self._pointer.answers([seen])[0] if ahead is None else Go(ahead)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An action that was scored."""
+
+    origin: str | None
+    """The viewpoint at which it was; None at the start."""
+    target: str
+    """The viewpoint to which it leads; ``origin`` if it is to stop there."""
+    score: float
+    """The sum of the scores along its way."""
+    state: Any
+    """What the model keeps, after this action."""
+
+    @property
+    def is_stop(self) -> bool:
+        """Whether it ends the episode."""
+        return self.origin == self.target
+
+
+class Queue:
+    """The queue of FAST-Short: the actions that were scored and not taken, wherever they were.
+
+    Ke et al., "Tactical Rewind: Self-Correction via Backtracking in Vision-and-Language
+    Navigation", CVPR 2019, section 3: every action that was scored and not taken stays in the
+    queue, with the sum of the logits along its way; the best one is taken next, wherever it is. The
+    agent walks there. It stops when the best action is to stop: *short*, because no other end is
+    looked for after the first.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, int, Choice]] = []
+        self._number = count()  # of equal scores, the earlier one is better
+        self._expanded: set[str | None] = set()
+
+    def add(self, choices: Sequence[Choice]) -> None:
+        """Add all actions of a viewpoint."""
+        self._expanded.add(choices[0].origin)
+        for choice in choices:
+            heappush(self._waiting, (-choice.score, next(self._number), choice))
+
+    def pop(self) -> Choice:
+        """Take the best action: one that stops, or one that leads where the agent was not yet.
+
+        There is one, because each viewpoint has an action to stop, and the first that is taken ends
+        the episode. After :data:`MOST_EXPANDED` viewpoints it is the best stop.
+        """
+        is_full = len(self._expanded) >= MOST_EXPANDED
+        while True:
+            _, _, choice = heappop(self._waiting)
+            if choice.is_stop or not (is_full or choice.target in self._expanded):
+                return choice
 
 
 @dataclass(eq=False)

@@ -9,8 +9,7 @@ from torch import nn
 
 from reverie_eval.agents.trained._coding import Coder
 from reverie_eval.agents.trained._model_file import ModelCard
-from reverie_eval.agents.trained._navigating import Sizes, SlotInputs
-from reverie_eval.agents.trained.navigators import Follower, Rcm, SelfMonitor
+from reverie_eval.agents.trained.navigators import Follower, Rcm, SelfMonitor, Sizes, SlotInputs
 from reverie_eval.agents.trained.pointers import MAttNet, NameRnn, Pointer
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.text import did_you_mean

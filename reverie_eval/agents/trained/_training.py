@@ -13,9 +13,15 @@ import torch
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
-from reverie_eval.agents.trained._advice import AdvisedWorld
 from reverie_eval.agents.trained._agent import MODEL, POINTER, LoadedPointer
-from reverie_eval.agents.trained._imitation import batches, imitation_loss, success_rate
+from reverie_eval.agents.trained._losses import (
+    batches,
+    imitation_loss,
+    pointing_rate,
+    policy_loss,
+    ranking_loss,
+    success_rate,
+)
 from reverie_eval.agents.trained._model_file import (
     FORMAT_VERSION,
     Epoch,
@@ -25,11 +31,9 @@ from reverie_eval.agents.trained._model_file import (
     save_model,
     set_threads,
 )
-from reverie_eval.agents.trained._navigating import Navigator
-from reverie_eval.agents.trained._ranking import pointing_rate, ranking_loss
 from reverie_eval.agents.trained._recipes import Recipe, find_recipe
-from reverie_eval.agents.trained._reinforcement import policy_loss
-from reverie_eval.agents.trained._world import World, hold_back, make_coder
+from reverie_eval.agents.trained._world import AdvisedWorld, World, hold_back, make_coder
+from reverie_eval.agents.trained.navigators import Navigator
 from reverie_eval.agents.trained.pointers import Pointer
 from reverie_eval.arrays import IntArray
 from reverie_eval.dataset import DatasetFiles, compile_for_training, scans_of

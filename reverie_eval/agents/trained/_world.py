@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from reverie_eval.agents.trained._coding import Coder, Vocabulary
-from reverie_eval.agents.trained._navigating import Decision
+from reverie_eval.agents.trained.navigators import Decision
+from reverie_eval.agents.trained.pointers import Pointer, Question, best_names, point
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import SUCCESS_DISTANCE
@@ -142,6 +143,36 @@ class World:
         if self._has_targets:
             return self.solution.is_visible(self.solution.target_object[rows], viewpoints)
         return self.distance(rows, viewpoints) < SUCCESS_DISTANCE
+
+
+class AdvisedWorld(World):
+    """A world in which a pointer, which is not trained any more, looks at every viewpoint first.
+
+    The interaction of navigator and pointer of Qi et al., "REVERIE", CVPR 2020, section 4: the
+    labels of the three objects that the pointer scores best in each view that the agent can go to
+    are a part of what the navigator sees.
+    """
+
+    def __init__(self, truth: GroundTruth, coder: Coder, pointer: Pointer, its: Coder) -> None:
+        super().__init__(truth, coder)
+        self._pointer, self._its = pointer, World(truth, its)
+        self._tops: dict[tuple[int, int], IntArray] = {}
+
+    def tops(self, rows: IntArray, viewpoints: IntArray) -> Sequence[IntArray | None]:
+        """Return the names that the pointer chooses in each slot, (n_slots, N_TOP)."""
+        asked = list(zip(rows.tolist(), viewpoints.tolist(), strict=True))
+        new = [each for each in asked if each not in self._tops]
+        if new:
+            questions = [
+                Question(self._its.panoramas[at], self._its.matches(row)) for row, at in new
+            ]
+            words = np.stack([self._its.words[row] for row, _ in new])
+            scores = point(self._pointer, self._its.coder, words, questions)
+            for (row, at), its in zip(new, scores, strict=True):
+                panorama = self.panoramas[at]
+                top = best_names(its[: len(panorama.name)], panorama.name, panorama.in_slot)
+                self._tops[row, at] = top
+        return [self._tops[each] for each in asked]
 
 
 def make_coder(truth: GroundTruth, rows: IntArray, *, reads_objects: bool = True) -> Coder:

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from reverie_eval.agents.trained._coding import N_AROUND, N_LOCATION, N_OFFSET, Panorama
-from reverie_eval.agents.trained._navigating import DROPOUT, Sizes, WordEncoder
-from reverie_eval.arrays import FloatArray
+from reverie_eval.agents.trained._coding import N_AROUND, N_LOCATION, N_OFFSET, Coder, Panorama
+from reverie_eval.agents.trained.navigators import DROPOUT, N_TOP, Sizes, WordEncoder
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 
 
 class Question(NamedTuple):
@@ -199,3 +199,37 @@ class MAttNet(Pointer):
         total = names.new_full(valid.shape, -torch.inf)
         total[valid] = (scores * weights[row]).sum(dim=-1)  # section 3.3
         return total
+
+
+@torch.no_grad()
+def point(
+    model: Pointer, coder: Coder, words: IntArray, questions: Sequence[Question]
+) -> FloatArray:
+    """Return the scores (B, J) of all objects, for expressions (B, L) with words of the coder."""
+    tokens = torch.from_numpy(coder.tokens)
+    scores: FloatArray = model(torch.from_numpy(words), tokens, candidates_of(questions)).numpy()
+    return scores
+
+
+def best_names(scores: FloatArray, name: IntArray, in_slot: BoolArray) -> IntArray:
+    """Return the names of the best objects in each slot, and -1 where there are fewer.
+
+    Parameters
+    ----------
+    scores : float array of shape (n_objects,)
+        The pointer's.
+    name : int array of shape (n_objects,)
+        The names, as the navigator numbers them.
+    in_slot : bool array of shape (n_slots, n_objects)
+
+    Returns
+    -------
+    int array of shape (n_slots, N_TOP)
+        The best first.
+    """
+    in_order = np.argsort(-scores, kind="stable")
+    best = np.full((len(in_slot), N_TOP), -1)
+    for row, its in zip(best, in_slot[:, in_order], strict=True):
+        chosen = name[in_order[its][:N_TOP]]
+        row[: len(chosen)] = chosen
+    return best

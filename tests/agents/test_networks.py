@@ -27,7 +27,6 @@ from reverie_eval.agents.trained._recipes import RECIPES
 from reverie_eval.agents.trained._world import (
     AdvisedWorld,
     World,
-    best_names,
     hold_back,
     make_coder,
 )
@@ -42,7 +41,7 @@ from reverie_eval.agents.trained.navigators import (
     State,
     collate,
 )
-from reverie_eval.agents.trained.pointers import Candidates, MAttNet, Pointer
+from reverie_eval.agents.trained.pointers import Candidates, MAttNet, Pointer, best_names
 from reverie_eval.dataset import DatasetFiles, compile_for_training
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.simulator import Environment, Go

@@ -8,13 +8,19 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from reverie_eval.agents._episode import Episode
-from reverie_eval.agents.chat import _describing as describing
-from reverie_eval.agents.chat._acting import Choices, Chosen, NoActionError
-from reverie_eval.agents.chat._asking import Asker, Message
-from reverie_eval.agents.chat._endpoint import Endpoint
-from reverie_eval.agents.chat._prices import Budget, Prices
-from reverie_eval.agents.chat._prompts import Prompts
-from reverie_eval.agents.chat._replies import Reply
+from reverie_eval.agents.chat._asking import Asker, Budget, Message, Prices
+from reverie_eval.agents.chat._dialogue import (
+    Choices,
+    Chosen,
+    Explored,
+    NoActionError,
+    Prompts,
+    captions_of,
+    describe_objects,
+    describe_ways,
+    pictures_around,
+)
+from reverie_eval.agents.chat._endpoint import Endpoint, Reply
 from reverie_eval.agents.chat.errors import CutReplyError, RefusalError, WrongActionError
 from reverie_eval.arrays import Array
 from reverie_eval.errors import ReverieEvalError, naming_missing_parts
@@ -123,7 +129,7 @@ class ChatAgent:
         self._episode = episode
         self._seed = episode.rng.getrandbits(32)
         self._has_target = find_task(episode.task).has_targets
-        self._explored = describing.Explored()
+        self._explored = Explored()
         self._moved = 0
         self._messages: list[Message] = []
         self._thought = ""
@@ -168,17 +174,17 @@ class ChatAgent:
         objects, pictures = None, None
         if self._observe == "objects":
             self._explored.note_objects(seen.candidates)
-            visible = describing.objects(seen)
+            visible = describe_objects(seen)
             objects = {each.object_id: each.object_id for each in seen.candidates}
         if self._observe == "views":
-            views = describing.pictures_around(seen)
-            visible = describing.captions(seen, views)
+            views = pictures_around(seen)
+            visible = captions_of(seen, views)
             pictures = dict(enumerate(views, 1))
         said = self._prompts.fill(
             "step",
             map=self._explored.map(self._thought) if self._history == "map" else "",
             place=here,
-            neighbours=describing.ways(seen, neighbours, self._explored, views),
+            neighbours=describe_ways(seen, neighbours, self._explored, views),
             visible=visible,
             moves_left=f"You have {count_text(left, 'move') if left else 'no moves'} left.",
         )

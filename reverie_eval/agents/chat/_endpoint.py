@@ -2,12 +2,12 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
-from reverie_eval.agents.chat._replies import Reply
 from reverie_eval.agents.chat.errors import BusyError, EndpointError, LongPromptError, RefusalError
 from reverie_eval.errors import ReverieEvalError, naming_missing_parts
 from reverie_eval.logs import Usage
@@ -26,6 +26,26 @@ _WRONG_FORMAT = frozenset({400, 404, 415, 422, 501})
 # Seconds to wait for a connection.
 _CONNECT = 10.0
 _MOST_SHOWN = 300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply:
+    """What a model replied to one request: a line of the file of all replies."""
+
+    key: str = ""
+    """A digest of model, settings, messages and seed; empty if there is nothing to use again."""
+    asked: str
+    """The model that was asked for."""
+    model: str
+    """The model that replied, as the endpoint calls it."""
+    text: str
+    refusal: str
+    """Why the model refused; empty if it did not."""
+    end: str
+    """Why it ended: ``stop``, ``length`` and so on."""
+    usage: Usage
+    received: str
+    """ISO 8601, in UTC."""
 
 
 class Endpoint:

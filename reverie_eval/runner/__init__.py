@@ -6,9 +6,7 @@ A run's folder has what :class:`Identity` says in ``run.json``, a line for each 
 
 from reverie_eval.errors import RunError
 from reverie_eval.logs import SUBMISSION, Attempt, Step, read_attempts, read_steps
-from reverie_eval.runner._failures import FAILED_IN_A_ROW, TREATMENTS, WAITS, TransientError
-from reverie_eval.runner._folder import read_card
-from reverie_eval.runner._records import (
+from reverie_eval.runner._folder import (
     RUN_SCHEMAS,
     SCHEMA_VERSION,
     Circumstance,
@@ -16,10 +14,18 @@ from reverie_eval.runner._records import (
     Limits,
     RunCard,
     Totals,
+    read_card,
     run_schema,
 )
 from reverie_eval.runner._run import AttemptEnd, Record, run, run_agent
-from reverie_eval.runner._walking import RunPlan, check_agent
+from reverie_eval.runner._walking import (
+    FAILED_IN_A_ROW,
+    TREATMENTS,
+    WAITS,
+    RunPlan,
+    TransientError,
+    check_agent,
+)
 
 __all__ = [
     "FAILED_IN_A_ROW",

@@ -16,10 +16,8 @@ from reverie_eval.agents import AgentSource
 from reverie_eval.errors import RunError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.logs import EPISODES, SUBMISSION, Attempt, read_attempts
-from reverie_eval.runner._failures import FAILED_IN_A_ROW, WAITS
-from reverie_eval.runner._folder import RunFolder
-from reverie_eval.runner._records import KEPT, Circumstance, Identity, Totals
-from reverie_eval.runner._walking import Job, Rows, RunPlan, Walker
+from reverie_eval.runner._folder import KEPT, Circumstance, Identity, RunFolder, Totals
+from reverie_eval.runner._walking import FAILED_IN_A_ROW, WAITS, Job, Rows, RunPlan, Walker
 from reverie_eval.runner._workers import walk_in_workers, walk_with_executor
 from reverie_eval.scoring import Executor
 from reverie_eval.simulator import Environment, Stop

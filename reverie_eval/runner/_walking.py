@@ -8,20 +8,85 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from os import PathLike
-from typing import Any, NamedTuple, TypeAlias, get_args
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 from reverie_eval.agents import AgentSource, Episode
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.logs import Attempt, State, Step, total_usage
-from reverie_eval.runner._failures import treatment_of
-from reverie_eval.runner._records import Limits, encode
+from reverie_eval.runner._folder import Limits, encode
 from reverie_eval.simulator import Action, Environment, Stop
 from reverie_eval.simulator.conformance import ConformanceError
 from reverie_eval.text import count_text
 
+Treatment = Literal["retry", "cut_off", "stop"]
+"""What is done about an error: it is worth another attempt, it cuts the episode off, or it stops
+the run."""
+
+TREATMENTS: Mapping[str, Treatment] = MappingProxyType(
+    {
+        # What the agent did cannot be done where it is: it ends there, without an answer.
+        "reverie_eval.errors.ActionError": "cut_off",
+        # A language model: it refused, its reply was cut off or has no action also after it was
+        # asked again, or it was sent more than it can read. All other errors of its endpoint stop
+        # the run, as a wrong key and an unknown model do.
+        "reverie_eval.agents.chat.errors.RefusalError": "cut_off",
+        "reverie_eval.agents.chat.errors.CutReplyError": "cut_off",
+        "reverie_eval.agents.chat.errors.WrongActionError": "cut_off",
+        "reverie_eval.agents.chat.errors.LongPromptError": "cut_off",
+        "reverie_eval.agents.chat.errors.BusyError": "retry",
+        # An agent says so itself.
+        "reverie_eval.runner.TransientError": "retry",
+        # The network, or the other end.
+        "builtins.ConnectionError": "retry",
+        "builtins.TimeoutError": "retry",
+        "asyncio.exceptions.TimeoutError": "retry",
+        "concurrent.futures._base.TimeoutError": "retry",
+        "http.client.IncompleteRead": "retry",
+        "http.client.RemoteDisconnected": "retry",
+        "urllib.error.HTTPError": "stop",  # a kind of URLError: a wrong key will stay wrong
+        "urllib.error.URLError": "retry",
+        "requests.exceptions.ConnectionError": "retry",
+        "requests.exceptions.Timeout": "retry",
+        "httpx.TransportError": "retry",
+        "aiohttp.client_exceptions.ClientConnectionError": "retry",
+        "openai.APIConnectionError": "retry",
+        "openai.InternalServerError": "retry",
+        "openai.RateLimitError": "retry",
+        "anthropic.APIConnectionError": "retry",
+        "anthropic.InternalServerError": "retry",
+        "anthropic.RateLimitError": "retry",
+    }
+)
+"""What is done about errors, by class: the first of an error's bases that is named here decides. An
+error that is not named stops the run, because nobody knows whether it is the agent's, the
+endpoint's or ours."""
+
+WAITS = (1.0, 4.0, 16.0, 64.0)
+"""Seconds before the second attempt, the third and so on; after the last, the episode failed."""
+
+FAILED_IN_A_ROW = 3
+"""So many failed episodes without another in between stop the run: an endpoint is gone."""
+
 _ACTIONS = get_args(Action)
 # What the table decides on; an agent's `sys.exit` must not pass for an end of the run.
 _ERRORS = (Exception, SystemExit)
+
+
+class TransientError(Exception):
+    """For agents to raise: something outside failed, and the episode is worth another attempt."""
+
+
+TransientError.__module__ = "reverie_eval.runner"
+
+
+def treatment_of(error: BaseException) -> Treatment:
+    """Return what is done about an error."""
+    for base in type(error).__mro__:
+        name = f"{base.__module__}.{base.__qualname__}"
+        if name in TREATMENTS:
+            return TREATMENTS[name]
+    return "stop"
 
 
 class Job(NamedTuple):

@@ -22,7 +22,7 @@ from reverie_eval.runner import (
     read_steps,
     run,
 )
-from reverie_eval.runner._failures import treatment_of
+from reverie_eval.runner._walking import treatment_of
 from reverie_eval.simulator import Go, Observation, Stop, Turn
 from tests.support.runs import EPISODES, STAYED, Act, Home, Scripted, scripted, some, stop
 
@@ -220,8 +220,19 @@ def test_a_process_that_is_killed_stops_the_run(tmp_path: Path) -> None:
         run(plan, tmp_path / "run", jobs=2)
 
 
-def test_processes_say_why_they_have_no_agent(tmp_path: Path) -> None:
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_agent_that_is_refused_says_why_and_leaves_no_folder(tmp_path: Path, jobs: int) -> None:
     file = tmp_path / "unready.py"
     file.write_text("class Agent:\n    def __init__(self): raise KeyError('MY_KEY')\n")
     with pytest.raises(ReverieEvalError, match="cannot be made: KeyError: 'MY_KEY'"):
-        run(RunPlan(AgentSource(str(file)), some(2)), tmp_path / "run", jobs=2)
+        run(RunPlan(AgentSource(str(file)), some(2)), tmp_path / "run", jobs=jobs)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_refused_agent_leaves_a_folder_with_files_of_others(tmp_path: Path) -> None:
+    file = tmp_path / "run" / ".unready.py"
+    file.parent.mkdir()
+    file.write_text("class Agent:\n    def __init__(self): raise KeyError('MY_KEY')\n")
+    with pytest.raises(ReverieEvalError, match="cannot be made: KeyError: 'MY_KEY'"):
+        run(RunPlan(AgentSource(str(file)), some(2)), tmp_path / "run")
+    assert file.is_file()

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 from safetensors.torch import load_file, save_file
 
 from reverie_eval.agents import DEMO_AGENT, AgentSource
@@ -73,6 +74,18 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
     assert train(plan, folder) == card  # nothing is left to do
     with pytest.raises(ReverieEvalError, match="another training, with other seed; choose"):
         train(TrainingPlan("mattnet", files, seed=1), folder)
+
+
+def test_an_interruption_in_the_first_epoch_leaves_no_folder(
+    files: DatasetFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(torch.optim.Adam, "step", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        train(TrainingPlan("mattnet", files), tmp_path / "model")
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import torch
 from safetensors.torch import load_file
 from torch import Tensor, nn
+from typing_extensions import Self
 
 from reverie_eval.agents.trained._agent import MODEL, POINTER, LoadedPointer
 from reverie_eval.agents.trained._losses import (
@@ -123,33 +125,34 @@ def train(
         words=coder.vocabulary.words,
         remembered=coder.remembered,
     )
-    folder.mkdir(parents=True, exist_ok=True)
-    files = _Files(folder)
-    if (done := files.finished(card)) is not None:
-        return done
-    torch.manual_seed(plan.seed)
-    model = recipe.build(coder)
-    optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate)
-    card = files.resume(card, model, optimizer)
-    if pointer and recipe.inputs.top:
-        world: World = AdvisedWorld(truth, coder, pointer.model, pointer.coder)
-    else:
-        world = World(truth, coder)
-    while len(card.curve) < recipe.epochs and len(card.curve) - card.best < PATIENCE:
-        number = len(card.curve) + 1
-        rng = np.random.default_rng([plan.seed, number])
-        torch.manual_seed(int(rng.integers(2**63)))
-        shown = _shuffled(world, parts.trained, rng)
-        loss = _train_epoch(model, optimizer, shown, _loss_of(recipe, model, world, number, rng))
-        rate = _rate_of(model, world)
-        epoch = Epoch(loss=loss, seen=rate(parts.seen), unseen=rate(parts.unseen))
-        curve = [*card.curve, epoch]
-        best = best_epoch(curve, recipe.reinforced_from or 1)
-        card = msgspec.structs.replace(card, curve=curve, best=best)
-        files.keep(card, model, optimizer)
-        on_epoch(number, epoch)
-    files.finish(card, plan.pointer)
-    return card
+    with _Files(folder) as files:
+        if (done := files.finished(card)) is not None:
+            return done
+        torch.manual_seed(plan.seed)
+        model = recipe.build(coder)
+        optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate)
+        card = files.resume(card, model, optimizer)
+        if pointer and recipe.inputs.top:
+            world: World = AdvisedWorld(truth, coder, pointer.model, pointer.coder)
+        else:
+            world = World(truth, coder)
+        while len(card.curve) < recipe.epochs and len(card.curve) - card.best < PATIENCE:
+            number = len(card.curve) + 1
+            rng = np.random.default_rng([plan.seed, number])
+            torch.manual_seed(int(rng.integers(2**63)))
+            shown = _shuffled(world, parts.trained, rng)
+            loss = _train_epoch(
+                model, optimizer, shown, _loss_of(recipe, model, world, number, rng)
+            )
+            rate = _rate_of(model, world)
+            epoch = Epoch(loss=loss, seen=rate(parts.seen), unseen=rate(parts.unseen))
+            curve = [*card.curve, epoch]
+            best = best_epoch(curve, recipe.reinforced_from or 1)
+            card = msgspec.structs.replace(card, curve=curve, best=best)
+            files.keep(card, model, optimizer)
+            on_epoch(number, epoch)
+        files.finish(card, plan.pointer)
+        return card
 
 
 def _input_class(
@@ -225,6 +228,14 @@ class _Files:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+
+    def __enter__(self) -> Self:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(OSError):  # it is empty if training was interrupted in the first epoch
+            self._folder.rmdir()
 
     def finished(self, card: ModelCard) -> ModelCard | None:
         """Return the card of a finished training; None if it has not ended."""

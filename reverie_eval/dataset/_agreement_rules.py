@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray
-from reverie_eval.dataset._box_rules import touches_border
-from reverie_eval.dataset._boxes import Boxes
+from reverie_eval.dataset._boxes import Boxes, touches_border
 from reverie_eval.dataset._dataset import Centres
 from reverie_eval.dataset._reader import Position, ViewpointKey, target_of, viewpoints_of
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning

@@ -1,4 +1,4 @@
-"""Navigation graphs as published and as ground truth; rules for them and for reading files."""
+"""Navigation graphs as published and as ground truth, and the rules for them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -205,25 +205,6 @@ def _flatten_blocks(blocks: Sequence[Array]) -> Array:
 
 
 # Rules.
-
-
-FILE_RULES: Sequence[Rule[Reader]] = (
-    info("files", "files read", lambda reader: Count(reader.n_files)),
-    error(
-        "malformed-file",
-        "files that do not have the published form",
-        "All other counts leave out their content, so fetch them again first.",
-        lambda reader: Count.from_names(
-            [f"{path.name}: {reason}" for path, reason in reader.unreadable], reader.n_files
-        ),
-    ),
-    error(
-        "duplicate-key",
-        "keys that occur twice in one JSON object",
-        "JSON readers keep one of the two values and drop the other: remove one.",
-        lambda reader: Count.from_names(reader.duplicate_keys, None),
-    ),
-)
 
 
 def _n_viewpoints(graphs: Graphs) -> int:

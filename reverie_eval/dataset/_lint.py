@@ -9,10 +9,17 @@ from typing import ClassVar, Literal
 from pydantic import ConfigDict
 
 from reverie_eval.dataset import _agreement_rules as agreement
-from reverie_eval.dataset import _box_rules as box_rules
-from reverie_eval.dataset import _item_rules as item_rules
-from reverie_eval.dataset._boxes import Boxes
+from reverie_eval.dataset._boxes import (
+    BOX_RULES,
+    SIZE_RULES,
+    VISIBILITY_RULES,
+    Boxes,
+    size_spreads,
+    visibility_spreads,
+)
 from reverie_eval.dataset._dataset import (
+    ITEM_RULES,
+    TARGET_RULES,
     Centres,
     Dataset,
     DatasetFiles,
@@ -20,9 +27,10 @@ from reverie_eval.dataset._dataset import (
     Split,
     Targets,
     read_dataset,
+    target_spreads,
 )
-from reverie_eval.dataset._graphs import FILE_RULES, GRAPH_RULES, graph_spreads
-from reverie_eval.dataset._reader import Reader
+from reverie_eval.dataset._graphs import GRAPH_RULES, graph_spreads
+from reverie_eval.dataset._reader import FILE_RULES, Reader
 from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_problems
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.progress import Progress, no_progress
@@ -30,9 +38,9 @@ from reverie_eval.tasks import Task
 from reverie_eval.version import __version__
 
 _BOX_SECTIONS: Sequence[tuple[str, Sequence[Rule[Boxes]], Callable[[Boxes], list[Spread]]]] = (
-    ("boxes", box_rules.BOX_RULES, lambda _: []),
-    ("visibility", box_rules.VISIBILITY_RULES, box_rules.visibility_spreads),
-    ("box sizes", box_rules.SIZE_RULES, box_rules.size_spreads),
+    ("boxes", BOX_RULES, lambda _: []),
+    ("visibility", VISIBILITY_RULES, visibility_spreads),
+    ("box sizes", SIZE_RULES, size_spreads),
     ("neighbouring views", agreement.VIEW_RULES, agreement.view_spreads),
 )
 _NO_CENTRES = "left out: give the centres of the objects with --object-positions objpos.json"
@@ -114,10 +122,10 @@ def check_sound(dataset: Dataset, purpose: Purpose) -> None:
     for split in dataset.splits:
         # Without other splits: episodes that two of them share are for lint to find.
         items = Items(split, graphs)
-        found += find_problems(item_rules.ITEM_RULES, items, split.path, purpose)
+        found += find_problems(ITEM_RULES, items, split.path, purpose)
         if split.has_solution and files.boxes:
             targets = Targets(split, items.with_target, boxes)
-            found += find_problems(item_rules.TARGET_RULES, targets, split.path, purpose)
+            found += find_problems(TARGET_RULES, targets, split.path, purpose)
     if found:
         raise DatasetError(found)
 
@@ -140,15 +148,15 @@ def _other_splits(split: Split, splits: Sequence[Split]) -> Mapping[str, str]:
 
 def _annotations(items: Items, boxes: Boxes, task: Task) -> LintSection:
     split = items.split
-    counts = [rule.check(items) for rule in item_rules.ITEM_RULES]
+    counts = [rule.check(items) for rule in ITEM_RULES]
     if not task.has_targets:
         return LintSection("annotations", split.name, counts)
     # The published test file is sound without one.
     if not split.has_solution:
         return LintSection("annotations", split.name, counts, note=_NO_SOLUTION)
     targets = Targets(split, items.with_target, boxes)
-    counts += [rule.check(targets) for rule in item_rules.TARGET_RULES]
-    return LintSection("annotations", split.name, counts, item_rules.target_spreads(targets))
+    counts += [rule.check(targets) for rule in TARGET_RULES]
+    return LintSection("annotations", split.name, counts, target_spreads(targets))
 
 
 def _distances(boxes: Boxes, centres: Centres | None, items: Sequence[Items]) -> LintSection:

@@ -1,4 +1,4 @@
-"""Reading JSON files, valid or not, with their digests and problems; the forms of records."""
+"""Reading JSON files, valid or not: digests, problems and their rules, the forms of records."""
 
 import gzip
 import hashlib
@@ -22,6 +22,7 @@ from pydantic import (
 )
 
 from reverie_eval.arrays import INT32_END, LARGEST_OBJECT_ID
+from reverie_eval.dataset._rules import Count, Rule, error, info
 from reverie_eval.progress import Progress, no_progress
 from reverie_eval.tasks import Annotation
 from reverie_eval.text import damage_text, first_few
@@ -220,3 +221,24 @@ BOXES = TypeAdapter(dict[str, dict[str, Any]])
 entries are read one by one as :class:`ObjectRecord`."""
 OBJECT_POSITIONS = TypeAdapter(dict[str, dict[ObjectKey, Position]])
 """``objpos.json``: the centre of every object by scan and object id."""
+
+
+# Rules.
+
+FILE_RULES: Sequence[Rule[Reader]] = (
+    info("files", "files read", lambda reader: Count(reader.n_files)),
+    error(
+        "malformed-file",
+        "files that do not have the published form",
+        "All other counts leave out their content, so fetch them again first.",
+        lambda reader: Count.from_names(
+            [f"{path.name}: {reason}" for path, reason in reader.unreadable], reader.n_files
+        ),
+    ),
+    error(
+        "duplicate-key",
+        "keys that occur twice in one JSON object",
+        "JSON readers keep one of the two values and drop the other: remove one.",
+        lambda reader: Count.from_names(reader.duplicate_keys, None),
+    ),
+)

@@ -10,9 +10,14 @@ from reverie_eval.analysis._breakdown import (
     find_grouping,
 )
 from reverie_eval.analysis._comparison import (
+    BEST,
+    SMALLEST_SHOWN_P,
     ComparedSubmissionsError,
     Comparison,
+    Difference,
+    check_comparable,
     compare,
+    p_text,
 )
 from reverie_eval.analysis._costs import (
     BudgetCurve,
@@ -23,18 +28,12 @@ from reverie_eval.analysis._costs import (
     logged,
     success_within,
 )
-from reverie_eval.analysis._differences import (
-    BEST,
-    SMALLEST_SHOWN_P,
-    Difference,
-    check_comparable,
-    p_text,
-)
 from reverie_eval.analysis._episodes import (
     Episode,
     Gallery,
     PredictedBox,
     VisibleObject,
+    WalkOutcomes,
     episode,
     episodes_won,
     gallery,
@@ -54,7 +53,6 @@ from reverie_eval.analysis._plans import Plan, plan
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, leaders, rank_intervals
 from reverie_eval.analysis._runs import RunIntervals, Runs
 from reverie_eval.analysis._sweeps import SPLIT_FIELD, Sweep, check_curve, sweep, sweep_files
-from reverie_eval.analysis._walks import WalkOutcomes
 
 __all__ = [
     "BEST",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reverie_eval.analysis._differences import evidence_text
+from reverie_eval.analysis._comparison import evidence_text
 from reverie_eval.analysis._runs import crossed_means, runs_of
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import CUSTOM_DATASET

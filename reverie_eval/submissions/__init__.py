@@ -16,18 +16,6 @@ from reverie_eval.submissions._answers import NO_POINT, official_point
 from reverie_eval.submissions._conversion import Conversion, convert
 from reverie_eval.submissions._document import are_records
 from reverie_eval.submissions._fields import submission_schema
-from reverie_eval.submissions._finding import (
-    RECEIPT_ENDING,
-    check_names,
-    find_fields,
-    find_files,
-    find_runs,
-    has_fields,
-    is_pattern,
-    source_name,
-    submission_names,
-    watch_files,
-)
 from reverie_eval.submissions._hints import answer_hints, submission_hints
 from reverie_eval.submissions._predictions import (
     NO_BOXES,
@@ -46,10 +34,20 @@ from reverie_eval.submissions._records import (
 )
 from reverie_eval.submissions._sources import (
     MAX_MEBIBYTES_VARIABLE,
+    RECEIPT_ENDING,
     Source,
+    check_names,
     check_value_count,
+    find_fields,
+    find_files,
+    find_runs,
+    has_fields,
+    is_pattern,
     read_bytes,
+    source_name,
+    submission_names,
     unpack,
+    watch_files,
 )
 from reverie_eval.submissions._trajectories import join_items, submission_text
 

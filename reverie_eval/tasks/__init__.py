@@ -4,22 +4,6 @@ A task says how its annotations are read, which submissions it expects, by which
 scored, and by which metrics they are ranked. Everything else in the package is the same for all.
 """
 
-from reverie_eval.tasks._annotation import (
-    AnnotatedPath,
-    Annotation,
-    EpisodeAnnotation,
-    Outline,
-    PathAnnotation,
-    ViewpointId,
-    turns_of,
-)
-from reverie_eval.tasks._codebases import (
-    Codebase,
-    CodebaseEvaluator,
-    CodebaseFile,
-    codebases,
-    find_codebase,
-)
 from reverie_eval.tasks._fields import (
     ANSWER,
     BOX,
@@ -33,7 +17,16 @@ from reverie_eval.tasks._fields import (
     VIEW,
     Field,
 )
-from reverie_eval.tasks._published import PublishedResult, published_on, published_results
+from reverie_eval.tasks._published import (
+    Codebase,
+    CodebaseEvaluator,
+    CodebaseFile,
+    PublishedResult,
+    codebases,
+    find_codebase,
+    published_on,
+    published_results,
+)
 from reverie_eval.tasks._registry import (
     BUILT_IN,
     DEFAULT_TASK,
@@ -46,12 +39,19 @@ from reverie_eval.tasks._registry import (
 from reverie_eval.tasks._task import (
     DEFAULT_PROTOCOL,
     TO_REGION,
+    AnnotatedPath,
+    Annotation,
+    EpisodeAnnotation,
     GoalRule,
     HopReading,
     KnownSplit,
+    Outline,
     Paper,
+    PathAnnotation,
     Protocol,
     Task,
+    ViewpointId,
+    turns_of,
 )
 
 __all__ = [

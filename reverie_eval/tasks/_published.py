@@ -1,9 +1,13 @@
-"""Results that papers report, with the split, the protocol and the source of each.
+"""What others have published: results in papers, and codebases that score or write files.
 
-They stand in ``published.toml``, and nowhere else.
+Results have their split, protocol and source, and stand in ``published.toml``, nowhere else. Of
+codebases, ``codebases.toml`` says by which protocol their numbers are reproduced, and what their
+files look like.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import date
 from functools import cache
 from os import PathLike
 from pathlib import Path
@@ -12,11 +16,12 @@ from typing import Literal
 import msgspec
 from msgspec import Struct
 
-from reverie_eval.errors import ReverieEvalError
+from reverie_eval.errors import ProtocolError, ReverieEvalError
 from reverie_eval.files import parse_toml
 from reverie_eval.metrics import CATALOGUE, printed_value
+from reverie_eval.tasks._registry import BUILT_IN, find_task
 
-_FILE = Path(__file__).with_name("published.toml")
+_RESULTS = Path(__file__).with_name("published.toml")
 
 
 class PublishedResult(Struct, frozen=True, kw_only=True):
@@ -88,7 +93,7 @@ def published_results(file: str | PathLike[str] | None = None) -> Sequence[Publi
     >>> best.scores["rgs"], best.paper
     (0.0624, 'Qi et al., REVERIE, CVPR 2020')
     """
-    return _read(_FILE if file is None else Path(file))
+    return _read(_RESULTS if file is None else Path(file))
 
 
 def published_on(
@@ -110,8 +115,8 @@ def _read(file: Path) -> Sequence[PublishedResult]:
         return list(_results(msgspec.convert(content, _Tables)))
     except (ValueError, KeyError) as error:  # those of the TOML, of its form, and of a number
         raise ReverieEvalError(
-            f"{file}: {error}; the form is that of {_FILE.name}, which ships with reverie-eval: "
-            f"{_FILE}"
+            f"{file}: {error}; the form is that of {_RESULTS.name}, which ships with reverie-eval: "
+            f"{_RESULTS}"
         ) from None
 
 
@@ -133,3 +138,109 @@ def _results(tables: _Tables) -> Iterator[PublishedResult]:
                     title=table.title,
                     source=table.source,
                 )
+
+
+# Public codebases.
+
+_CODEBASES = Path(__file__).with_name("codebases.toml")
+_ON_GITHUB = re.compile(r"github\.com[:/]([^/]+/[^/]+)")
+# How similar an unknown name must be to be asked about: FAST is not FSTTA.
+_CLOSE = 0.7
+
+
+class _Tried(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Code that was executed, or only read."""
+
+    executed: date | None = None
+    """When it was last run here; None if it was only read."""
+
+    @property
+    def standing(self) -> str:
+        """Whether it was executed, and when."""
+        return "read" if self.executed is None else f"executed {self.executed}"
+
+
+class CodebaseEvaluator(_Tried, frozen=True, kw_only=True):
+    """How a codebase scores one task."""
+
+    task: str
+    protocol: str
+    """The protocol of the task that gives the same values for every episode, apart from
+    ``differs``."""
+    source: str
+    """The file and lines in the repository; empty if it has no evaluator for the task."""
+    differs: str = ""
+    """What the evaluator does otherwise than the protocol, as sentences."""
+
+
+class CodebaseFile(_Tried, frozen=True, kw_only=True):
+    """What a codebase's own result writer writes."""
+
+    name: str = ""
+    """The name of the file, with ``{split}``."""
+    form: str
+    """The records, trajectories and answers, in a sentence."""
+    example: str = ""
+    """A record as the writer wrote it, on made-up viewpoints; empty if it was only read."""
+
+
+class Codebase(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A public repository that scores a task, or writes files to be scored."""
+
+    name: str
+    """What papers and tables call the method."""
+    repository: str
+    """``owner/name`` on GitHub."""
+    commit: str
+    """The commit that was executed or read."""
+    also: Sequence[str] = ()
+    """Other names that the codebase is known by."""
+    evaluator: Sequence[CodebaseEvaluator] = ()
+    """How the codebase scores, for each task that it does."""
+    file: Sequence[CodebaseFile] = ()
+    """What the codebase writes, for each form of a file."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Everything that the codebase can be looked up by."""
+        return [self.name, *self.also, self.repository, self.repository.partition("/")[2]]
+
+
+class _Codebases(Struct, frozen=True, forbid_unknown_fields=True):
+    codebase: Sequence[Codebase]
+
+
+@cache
+def codebases() -> Sequence[Codebase]:
+    """Return all codebases, by name."""
+    found = msgspec.convert(parse_toml(_CODEBASES.read_text("utf-8")), _Codebases)
+    return sorted(found.codebase, key=lambda each: each.name.casefold())
+
+
+def find_codebase(name: str) -> Codebase:
+    """Return a codebase by its name, another name, or its repository; case does not matter.
+
+    Raises
+    ------
+    ProtocolError
+        If there is none; the message suggests the closest.
+
+    Examples
+    --------
+    >>> find_codebase("vln-duet").name, find_codebase("git@github.com:cshizhe/VLN-DUET.git").name
+    ('DUET', 'DUET')
+    """
+    from difflib import get_close_matches  # slow to import, and only needed in errors
+
+    address = _ON_GITHUB.search(name)
+    wanted = (name if address is None else address[1]).strip("/").removesuffix(".git").casefold()
+    by_name = {key.casefold(): each for each in codebases() for key in each.names}
+    if wanted in by_name:
+        return by_name[wanted]
+    scored = [task for task in map(find_task, BUILT_IN) if task.has_protocol(name)]
+    if scored:
+        options = " or ".join(f"--task {task.name} --protocol {name}" for task in scored)
+        raise ProtocolError(f"{name!r} is a protocol itself: score with {options}")
+    close = get_close_matches(wanted, by_name, n=1, cutoff=_CLOSE)
+    guess = f"did you mean {by_name[close[0]].name}? " if close else ""
+    raise ProtocolError(f"unknown codebase {name!r}; {guess}`reverie-eval protocol` lists all")

@@ -7,9 +7,15 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from reverie_eval.tasks._annotation import AnnotatedPath, EpisodeAnnotation, ViewpointId
 from reverie_eval.tasks._fields import INSTR_ID
-from reverie_eval.tasks._task import TO_REGION, Protocol, Task
+from reverie_eval.tasks._task import (
+    TO_REGION,
+    AnnotatedPath,
+    EpisodeAnnotation,
+    Protocol,
+    Task,
+    ViewpointId,
+)
 
 
 class _Start(Struct, frozen=True):

@@ -5,8 +5,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from reverie_eval.tasks._annotation import PathAnnotation
-from reverie_eval.tasks._task import Protocol, Task
+from reverie_eval.tasks._task import PathAnnotation, Protocol, Task
 
 
 class R2RAnnotation(PathAnnotation, frozen=True, kw_only=True):

@@ -7,9 +7,8 @@ from msgspec import Meta, field
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
 from reverie_eval.metrics import PRIMARY_METRIC
-from reverie_eval.tasks._annotation import PathAnnotation
 from reverie_eval.tasks._fields import ANSWER
-from reverie_eval.tasks._task import Paper, Protocol, Task
+from reverie_eval.tasks._task import Paper, PathAnnotation, Protocol, Task
 
 
 class ReverieAnnotation(PathAnnotation, frozen=True, kw_only=True):

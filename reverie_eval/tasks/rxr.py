@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from reverie_eval.tasks._annotation import AnnotatedPath, EpisodeAnnotation
 from reverie_eval.tasks._fields import INSTR_ID
-from reverie_eval.tasks._task import Protocol, Task
+from reverie_eval.tasks._task import AnnotatedPath, EpisodeAnnotation, Protocol, Task
 
 
 class RxRAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):

@@ -6,16 +6,17 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from reverie_eval.tasks._annotation import (
+from reverie_eval.tasks._fields import ITEM_MARK, POINT
+from reverie_eval.tasks._task import (
     AnnotatedPath,
     Annotation,
     EpisodeAnnotation,
     Outline,
+    Protocol,
+    Task,
     ViewpointId,
     turns_of,
 )
-from reverie_eval.tasks._fields import ITEM_MARK, POINT
-from reverie_eval.tasks._task import Protocol, Task
 
 _Parts = Annotated[list[str], Meta(min_length=1)]
 

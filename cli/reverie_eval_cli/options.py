@@ -399,7 +399,7 @@ def checked(
     # Only organisers' commands check with the models of the API, which are slow to load.
     from pydantic import ValidationError
 
-    from reverie_eval.schemas.wrong_values import wrong_value
+    from reverie_eval.schemas.wire import wrong_value
 
     try:
         return model.model_validate(fields)

@@ -9,7 +9,6 @@ from reverie_eval.ground_truth._bundle import (
 )
 from reverie_eval.ground_truth._graph import ID_LENGTH, NavigationGraph, ViewpointTable
 from reverie_eval.ground_truth._solution import CandidateBoxes, Solution
-from reverie_eval.ground_truth._subset import draw_subset, find_words, read_episode_ids
 from reverie_eval.ground_truth._truth import (
     DEMO_BUNDLES,
     DEMO_DATASET,
@@ -19,7 +18,10 @@ from reverie_eval.ground_truth._truth import (
     GroundTruth,
     bundle_folder,
     bundled_splits,
+    draw_subset,
     find_ground_truth,
+    find_words,
+    read_episode_ids,
 )
 
 __all__ = [

@@ -17,7 +17,7 @@ from reverie_eval.reporting.tables import (
     metric_cell,
     metric_cells,
 )
-from reverie_eval.schemas.evidence import (
+from reverie_eval.schemas.organising import (
     EvidenceReport,
     SameFile,
     SimilarPair,

@@ -39,8 +39,15 @@ from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
 from reverie_eval.reporting.skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.schemas.service import Phase, Phases, ReleaseScores, first_overlap
-from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
-from reverie_eval.schemas.wrong_values import wrong_value
+from reverie_eval.schemas.wire import (
+    SERVER_VARIABLE,
+    TOKEN_VARIABLE,
+    Email,
+    Https,
+    Line,
+    Name,
+    wrong_value,
+)
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import did_you_mean

@@ -22,8 +22,8 @@ from reverie_eval.simulator._observation import (
     Point,
     Stop,
     Turn,
+    colours_of_skybox,
 )
-from reverie_eval.simulator._pictures import colours_of_skybox
 from reverie_eval.simulator.on_path import MatterSim
 
 FOLDER = Path(__file__).parent / "on_path"

@@ -16,7 +16,7 @@ from reverie_eval.arrays import LARGEST_OBJECT_ID
 from reverie_eval.errors import ActionError, naming_missing_parts
 from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, view_angles
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.simulator._environment import Environment
+from reverie_eval.simulator._environment import Environment, Surroundings
 from reverie_eval.simulator._observation import (
     Action,
     Answer,
@@ -28,7 +28,6 @@ from reverie_eval.simulator._observation import (
     Stop,
     Turn,
 )
-from reverie_eval.simulator._surroundings import Surroundings
 from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK, find_task
 
 with naming_missing_parts():

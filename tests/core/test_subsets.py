@@ -11,7 +11,7 @@ import pytest
 import reverie_eval as rv
 from reverie_eval.errors import Problem
 from reverie_eval.ground_truth import draw_subset, find_ground_truth, read_episode_ids
-from reverie_eval.ground_truth._subset import subset_digest
+from reverie_eval.ground_truth._truth import subset_digest
 from reverie_eval.reporting import results_table
 from tests.conftest import SAMPLES
 from tests.support.flat_world import Run

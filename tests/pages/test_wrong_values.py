@@ -7,8 +7,7 @@ import pytest
 from pydantic import Field, TypeAdapter, ValidationError
 
 from reverie_eval.schemas.service import Method, SubmissionChange
-from reverie_eval.schemas.wire import Https, Instant, Name
-from reverie_eval.schemas.wrong_values import wrong_value
+from reverie_eval.schemas.wire import Https, Instant, Name, wrong_value
 
 LINK = "must be a link that begins with https://"
 INSTANT = "must be a time with its time zone, such as 2027-06-01T12:00:00Z"

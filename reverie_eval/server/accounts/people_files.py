@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from reverie_eval.errors import Problem
 from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport
 from reverie_eval.schemas.people import NewPeopleImport, PeopleImportReport, PersonInvitation
-from reverie_eval.schemas.wrong_values import wrong_value
+from reverie_eval.schemas.wire import wrong_value
 from reverie_eval.server.accounts import people
 from reverie_eval.server.accounts.joining import invite
 from reverie_eval.server.audit.transactions import Transaction

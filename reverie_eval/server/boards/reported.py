@@ -23,7 +23,7 @@ from reverie_eval.schemas.organising import (
     ReportedChange,
     ReportedEntry,
 )
-from reverie_eval.schemas.wrong_values import wrong_value
+from reverie_eval.schemas.wire import wrong_value
 from reverie_eval.server.audit.transactions import Transaction, difference
 from reverie_eval.server.boards.reported_files import FileRow, read_results
 from reverie_eval.server.errors import (

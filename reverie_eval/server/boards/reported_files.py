@@ -18,7 +18,7 @@ from reverie_eval.errors import Problem
 from reverie_eval.metrics import CATALOGUE, Metric, printed_value
 from reverie_eval.schemas.organising import NewReported, Rates, ReportedChange
 from reverie_eval.schemas.service import ReportedMethod
-from reverie_eval.schemas.wrong_values import wrong_value
+from reverie_eval.schemas.wire import wrong_value
 from reverie_eval.server.csv_files import CsvRow, CsvTable, read_csv, unreadable
 from reverie_eval.server.errors import TableError
 from reverie_eval.text import did_you_mean

@@ -15,7 +15,7 @@ from fastapi.responses import Response
 from starlette.datastructures import FormData, UploadFile
 
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.schemas.wrong_values import wrong_field
+from reverie_eval.schemas.wire import wrong_field
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.http.callers import Call, CallReading, Desk
 from reverie_eval.server.http.rendering import page, see_other, show_faults_with

@@ -18,7 +18,7 @@ from starlette.exceptions import HTTPException
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.schemas.wrong_values import unreadable_json, wrong_value
+from reverie_eval.schemas.wire import unreadable_json, wrong_value
 from reverie_eval.server import errors
 from reverie_eval.server.http.callers import refusal_of
 from reverie_eval.server.http.exchange import exchange_of

@@ -45,7 +45,7 @@ from reverie_eval.geometry import (
     polygon_overlap,
 )
 from reverie_eval.ground_truth import NavigationGraph
-from reverie_eval.progress import no_progress
+from reverie_eval.processes import no_progress
 from reverie_eval.reporting.answer_svg import room_shapes
 from reverie_eval.reporting.answers import seen_in
 from reverie_eval.reporting.building_svg import BuildingPicture

@@ -19,7 +19,7 @@ from reverie_eval.dataset._box_building import is_hidden
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import read_dataset
 from reverie_eval.geometry import HEIGHT, NEAR, VIEW_AXES, WIDTH, pixels_of
-from reverie_eval.progress import no_progress
+from reverie_eval.processes import no_progress
 
 MARGIN = 1.0
 """Pixels by which a box may miss a centre: boxes are whole pixels, centres are not."""

@@ -1,14 +1,15 @@
-"""Work on many things in several processes."""
+"""Work on many things, in several processes, and how far it is."""
 
 import signal
 import sys
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from reverie_eval.errors import ReverieEvalError
 
+T = TypeVar("T")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -91,3 +92,15 @@ def map_in_processes(
         except BaseException:
             pool.stop()  # otherwise leaving the block waits for the items still to be worked on
             raise
+
+
+class Progress(Protocol):
+    """Wraps the items that are about to be worked on, and may show how far that is."""
+
+    def __call__(self, items: Iterable[T], description: str, total: int, /) -> Iterable[T]:
+        """Return the items, ``total`` of them, one after another."""
+
+
+def no_progress(items: Iterable[T], description: str, total: int, /) -> Iterable[T]:  # noqa: ARG001
+    """Return the items, and show nothing."""
+    return items

@@ -284,7 +284,7 @@ class Sweep(Mapping[str, Scored]):
 
     def _repr_html_(self) -> str:
         """Show the rows in a notebook, the best marked."""
-        from reverie_eval.reporting.sweeps import sweep_table
+        from reverie_eval.reporting.scores import sweep_table
 
         return sweep_table(self).to_html()
 

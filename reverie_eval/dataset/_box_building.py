@@ -24,8 +24,7 @@ from reverie_eval.dataset._rules import find_problems
 from reverie_eval.errors import DatasetError, Problem, ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.geometry import boxes_in_views
-from reverie_eval.processes import map_in_processes
-from reverie_eval.progress import Progress, no_progress
+from reverie_eval.processes import Progress, map_in_processes, no_progress
 from reverie_eval.text import count_text, first_few
 
 _HOUSE = ".house"

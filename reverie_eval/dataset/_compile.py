@@ -28,7 +28,7 @@ from reverie_eval.ground_truth import (
     NavigationGraph,
     pack_texts,
 )
-from reverie_eval.progress import Progress, no_progress
+from reverie_eval.processes import Progress, no_progress
 from reverie_eval.tasks import Annotation, find_task
 
 # The centre of an object of which none is published.

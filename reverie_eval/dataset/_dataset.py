@@ -33,7 +33,7 @@ from reverie_eval.dataset._reader import (
 )
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 from reverie_eval.errors import DatasetError, Problem
-from reverie_eval.progress import Progress
+from reverie_eval.processes import Progress
 from reverie_eval.tasks import DEFAULT_TASK, Annotation, Task, find_task
 
 # The published splits, in the order in which they are shown.

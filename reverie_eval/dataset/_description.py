@@ -22,7 +22,7 @@ from reverie_eval.dataset._dataset import DatasetFiles, Split, read_dataset
 from reverie_eval.dataset._lint import check_sound
 from reverie_eval.dataset._reader import viewpoints_of
 from reverie_eval.ground_truth import NavigationGraph
-from reverie_eval.progress import Progress, no_progress
+from reverie_eval.processes import Progress, no_progress
 from reverie_eval.tasks import DEFAULT_TASK
 from reverie_eval.text import category_text, count_text, tokenize
 from reverie_eval.version import __version__

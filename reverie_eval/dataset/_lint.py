@@ -33,7 +33,7 @@ from reverie_eval.dataset._graphs import GRAPH_RULES, graph_spreads
 from reverie_eval.dataset._reader import FILE_RULES, Reader
 from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_problems
 from reverie_eval.errors import DatasetError, Problem
-from reverie_eval.progress import Progress, no_progress
+from reverie_eval.processes import Progress, no_progress
 from reverie_eval.tasks import Task
 from reverie_eval.version import __version__
 

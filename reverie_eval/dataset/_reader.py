@@ -23,7 +23,7 @@ from pydantic import (
 
 from reverie_eval.arrays import INT32_END, LARGEST_OBJECT_ID
 from reverie_eval.dataset._rules import Count, Rule, error, info
-from reverie_eval.progress import Progress, no_progress
+from reverie_eval.processes import Progress, no_progress
 from reverie_eval.tasks import Annotation
 from reverie_eval.text import damage_text, first_few
 

@@ -4,21 +4,20 @@ Code imports the modules by name, so that scoring a file loads neither pydantic 
 
 ====================  ==========================================================
 tables                one Table, its formats, and how terminals show it
-scores, comparisons   scores, rankings, runs and differences in every format
+scores, comparisons   scores, rankings, runs, sweeps and differences in every format
 results               methods side by side, as papers show them
 service               what an evaluation server replies
 datasets              the faults and contents of a dataset
 drawing               lines by class, as SVG and with matplotlib
 charts, figures       distributions; all figures with matplotlib
 history               results over the years, and a rank over time
-outcome_matrix        the outcomes of many methods in every episode
-episode_figure        an episode for a paper: SVG, PDF, PNG
+outcomes              how the walks of many methods end: in every episode, and on plans
+episode_figure        an episode for a paper: SVG, PDF, PNG; files in which its walk plays
 maps, buildings       an episode from above, as data, and the building around it
-map_layout, map_svg   what is on a map and where; maps as SVG, with the signs of map_marks
+map_layout, map_svg   what is on a map and where; maps as SVG, with the signs of map_marks, and
+                      what an agent did and said, step by step
 floors_svg            a building as stacked floors; building_svg has a walk on them
-animations            files in which a walk plays
 answers, answer_svg   what is visible where an agent answered; its pictures
-replay                what an agent did and said, step by step
 skyboxes              photographs for these pictures
 report                the HTML report; report_sections has its words and numbers
 ====================  ==========================================================

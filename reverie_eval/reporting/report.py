@@ -24,9 +24,8 @@ from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import answer_views
 from reverie_eval.reporting.building_svg import BUILDING_STYLE
 from reverie_eval.reporting.comparisons import comparison_table, procedures, sentences
-from reverie_eval.reporting.map_svg import map_key, map_svg
+from reverie_eval.reporting.map_svg import map_key, map_svg, replay_html
 from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.reporting.replay import replay_html
 from reverie_eval.reporting.resources import as_markup, text_of
 from reverie_eval.scoring import FEW_CLUSTERS, OUTCOMES, Clustering, Intervals, Scores
 from reverie_eval.submissions import check_names

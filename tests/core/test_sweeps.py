@@ -9,7 +9,7 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval.analysis._ranks import covariance_of_rows, largest_error
-from reverie_eval.reporting.sweeps import selection_printout
+from reverie_eval.reporting.scores import selection_printout
 from reverie_eval.submissions import find_fields
 from tests.conftest import SAMPLES
 from tests.support.flat_world import Run

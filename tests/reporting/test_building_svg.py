@@ -308,7 +308,7 @@ def test_files_that_play(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     from PIL import Image, ImageSequence
 
     # Few pictures, each of which takes long.
-    monkeypatch.setattr("reverie_eval.reporting.animations._RATE", 1)
+    monkeypatch.setattr("reverie_eval.reporting.episode_figure._RATE", 1)
     try:
         import vl_convert  # noqa: F401
     except ModuleNotFoundError:
@@ -347,7 +347,7 @@ def test_files_that_cannot_be_written(
 def test_mp4(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "ffmpeg").symlink_to(get_ffmpeg_exe())
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    monkeypatch.setattr("reverie_eval.reporting.animations._RATE", 1)
+    monkeypatch.setattr("reverie_eval.reporting.episode_figure._RATE", 1)
     file = tmp_path / "walk.mp4"
     words = ["figure", str(SAMPLES / "mediocre.json"), EPISODE, "--split", "val_unseen"]
     assert run(*words, "--animate", "-o", str(file)) == (0, "", "")
@@ -367,7 +367,7 @@ def test_what_ffmpeg_cannot_write(
     ffmpeg.write_text(f"#!/bin/sh\ncat > /dev/null\n{fails}\n")
     ffmpeg.chmod(0o755)
     monkeypatch.setenv("PATH", str(ffmpeg.parent), prepend=os.pathsep)
-    monkeypatch.setattr("reverie_eval.reporting.animations._RATE", 1)
+    monkeypatch.setattr("reverie_eval.reporting.episode_figure._RATE", 1)
     words = ["figure", str(SAMPLES / "mediocre.json"), EPISODE, "--split", "val_unseen"]
     ended = run(*words, "--animate", "-o", str(tmp_path / "walk.mp4"))
     assert (ended.status, ended.err) == (2, f"reverie-eval: ffmpeg failed: {told}\n")

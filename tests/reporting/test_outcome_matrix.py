@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from reverie_eval.reporting.outcome_matrix import outcome_matrix
+from reverie_eval.reporting.outcomes import outcome_matrix
 
 Image = pytest.importorskip("PIL.Image")
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from reverie_eval.analysis import WalkOutcomes
-from reverie_eval.reporting.walk_faults import STOPS, WalkFaults
+from reverie_eval.reporting.outcomes import STOPS, WalkFaults
 from tests.support.home_world import OTHER_WALKS, WALKS, home_scores
 
 

@@ -18,7 +18,7 @@ from fixtures.servers import make_folder
 from reverie_eval.dataset import DatasetFiles
 from reverie_eval.dataset._dataset import read_dataset
 from reverie_eval.geometry import N_HEADINGS, RoomView, model_building
-from reverie_eval.progress import no_progress
+from reverie_eval.processes import no_progress
 from reverie_eval.reporting.answer_svg import answer_picture
 from reverie_eval.reporting.answers import AnswerView, seen_in
 from reverie_eval.server.opening import acting

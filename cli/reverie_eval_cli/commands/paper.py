@@ -292,7 +292,7 @@ def figure(
     EPISODE is an instr_id. A second SUBMISSION is drawn on the same map. NAME=FILE names a method.
     """
     from reverie_eval.reporting import save_figure
-    from reverie_eval.reporting.animations import check_animation_name, save_animation
+    from reverie_eval.reporting.episode_figure import check_animation_name, save_animation
     from reverie_eval.reporting.figures import check_figure_name
 
     *submissions, episode = words

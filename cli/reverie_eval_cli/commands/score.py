@@ -358,7 +358,7 @@ def _print_line(cells: Sequence[str], file: str) -> None:
 
 def print_sweep(wanted: Wanted) -> int:
     """Print a row for each checkpoint or setting, and the best; return the exit status."""
-    from reverie_eval.reporting.sweeps import sweep_printout  # imports what takes long, too
+    from reverie_eval.reporting.scores import sweep_printout  # imports what takes long, too
 
     sweep = _score_and_draw(wanted, _pattern(wanted), wanted.scoring)
     if sweep:
@@ -369,7 +369,7 @@ def print_sweep(wanted: Wanted) -> int:
 def select_and_report(wanted: Wanted) -> int:
     """Print the rows of the split to select on, and the best of them on the other."""
     from reverie_eval.analysis import SPLIT_FIELD
-    from reverie_eval.reporting.sweeps import selection_printout
+    from reverie_eval.reporting.scores import selection_printout
 
     pattern, select = _pattern(wanted), str(wanted.select)
     if f"{{{SPLIT_FIELD}}}" not in pattern:

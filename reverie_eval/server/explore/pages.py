@@ -18,9 +18,8 @@ from reverie_eval.reporting.answer_svg import answer_picture, answer_svg
 from reverie_eval.reporting.answers import AnswerView, answer_views
 from reverie_eval.reporting.map_svg import interactive_map_svg, map_key
 from reverie_eval.reporting.maps import EpisodeMap, Step
-from reverie_eval.reporting.outcome_matrix import OPACITIES
+from reverie_eval.reporting.outcomes import OPACITIES, STOPS, WalkFaults
 from reverie_eval.reporting.report_sections import BEST_OUTCOME_FIRST, funnel_rows, outcome_rows
-from reverie_eval.reporting.walk_faults import STOPS, WalkFaults
 from reverie_eval.server.boards.leaderboard import make_distinct
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.explore.episodes import (

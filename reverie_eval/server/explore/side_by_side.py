@@ -13,8 +13,7 @@ import numpy as np
 
 from reverie_eval.analysis import WalkOutcomes
 from reverie_eval.arrays import BoolArray, IntArray
-from reverie_eval.reporting.outcome_matrix import outcome_matrix
-from reverie_eval.reporting.walk_faults import WalkFaults
+from reverie_eval.reporting.outcomes import WalkFaults, outcome_matrix
 from reverie_eval.server.explore.file_results import FileResults
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.scoring.contexts import Context, Scoring

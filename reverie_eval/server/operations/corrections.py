@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
-from reverie_eval.progress import Progress, no_progress
+from reverie_eval.processes import Progress, no_progress
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.corrections.corrections import (

@@ -12,7 +12,7 @@ from sqlalchemy import func, select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.progress import Progress, no_progress
+from reverie_eval.processes import Progress, no_progress
 from reverie_eval.receipts import Content, NewerVersionError, ReceiptError, read, verify_by_history
 from reverie_eval.schemas.service import (
     BoardResult,

@@ -19,7 +19,7 @@ from reverie_eval import analysis
 from reverie_eval.arrays import BoolArray, IntArray, last_of, offsets_of, row_of
 from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import CATALOGUE, jumps
-from reverie_eval.progress import Progress, no_progress
+from reverie_eval.processes import Progress, no_progress
 from reverie_eval.schemas import organising as schemas
 from reverie_eval.scoring import Lookups, is_goal
 from reverie_eval.server.errors import NotFoundError

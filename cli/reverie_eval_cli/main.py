@@ -45,7 +45,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
             },
             "Send to an evaluation server": {
                 "login": "evaluation_server:login",
-                "submit": "submit:submit",
+                "submit": "evaluation_server:submit",
                 "leaderboard": "evaluation_server:leaderboard",
                 "verify": "evaluation_server:verify",
             },

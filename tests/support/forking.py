@@ -31,7 +31,7 @@ PROCESSES.set_forkserver_preload(
         "reverie_eval_cli.main",
         "reverie_eval_cli.commands.score",
         "reverie_eval_cli.commands.serve",
-        "reverie_eval_cli.commands.submit",
+        "reverie_eval_cli.commands.evaluation_server",
         "reverie_eval_cli.commands.server",
         "tests.support.codabench",
         "tests.support.killing",

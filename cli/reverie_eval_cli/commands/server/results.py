@@ -28,7 +28,7 @@ from reverie_eval.submissions import find_files
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.commands.submit import MethodOptions, method_options, with_card
+from reverie_eval_cli.commands.evaluation_server import MethodOptions, method_options, with_card
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import Folder, actor, minute, print_list, read_text, server_folder
 from reverie_eval_cli.output import note, with_progress

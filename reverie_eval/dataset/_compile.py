@@ -29,7 +29,7 @@ from reverie_eval.ground_truth import (
     pack_texts,
 )
 from reverie_eval.processes import Progress, no_progress
-from reverie_eval.tasks import Annotation, find_task
+from reverie_eval.tasks import CHANGED, Annotation, find_task
 
 # The centre of an object of which none is published.
 _UNKNOWN = (np.inf, np.inf, np.inf)
@@ -148,7 +148,7 @@ def origin_notes(header: BundleHeader) -> Iterator[str]:
             f"the annotations are a known copy that differs from the published {task.title}: "
             f"{difference}; scores on it are not comparable with published ones"
         )
-    elif task.published and header.dataset == CUSTOM_DATASET:
+    elif header.dataset.endswith(CHANGED) or (task.published and header.dataset == CUSTOM_DATASET):
         yield (
             f"the annotations are not a published file of {task.title}; their SHA-256 is "
             f"{header.sources.get('annotations')}"

@@ -37,6 +37,7 @@ from reverie_eval.tasks._registry import (
     task_names,
 )
 from reverie_eval.tasks._task import (
+    CHANGED,
     DEFAULT_PROTOCOL,
     TO_REGION,
     AnnotatedPath,
@@ -58,6 +59,7 @@ __all__ = [
     "ANSWER",
     "BOX",
     "BUILT_IN",
+    "CHANGED",
     "DEFAULT_PROTOCOL",
     "DEFAULT_TASK",
     "ENTRY_POINTS",

@@ -145,6 +145,8 @@ class PathAnnotation(Annotation, frozen=True, kw_only=True):
 
 DEFAULT_PROTOCOL = "official-v1"
 """Every task has a protocol of this name: the rules of the dataset's own authors."""
+CHANGED = " (changed)"
+"""The end of a release's name, for a file of its size with other content."""
 KnownSplit = Literal["train", "val_seen", "val_unseen", "val_unseen_house", "test"]
 """Splits of the tasks of this package, for editors to complete; others have other names."""
 GoalRule = Literal[
@@ -257,6 +259,9 @@ class Task:
     releases: Mapping[tuple[str, int, int], str] = field(default_factory=dict)
     """Names of releases by split, number of records and number of episodes, if there are
     several."""
+    digests: Mapping[str, tuple[str, int, int]] = field(default_factory=dict)
+    """The split and the numbers of each file of these releases by its SHA-256, where it is known:
+    another file with these numbers is a changed copy."""
     edited_copies: Mapping[str, str] = field(default_factory=dict)
     """How edited copies in circulation differ, by their SHA-256."""
     id_pattern: str
@@ -301,10 +306,16 @@ class Task:
         return bool(self.point_fields)
 
     def release(self, split: str, records: int, episodes: int, sha256: str) -> str | None:
-        """Return the name of the release that a split's file is from; None if it is unknown."""
+        """Return the name of the release that a split's file is from; None if it is unknown.
+
+        A file of a release's size, with other content, has the name with :data:`CHANGED`.
+        """
         if self.published.get(sha256) == split:
             return self.title
-        return self.releases.get((split, records, episodes))
+        size = split, records, episodes
+        name = self.releases.get(size)
+        is_changed = size in self.digests.values() and self.digests.get(sha256) != size
+        return f"{name}{CHANGED}" if name and is_changed else name
 
     def has_id_like(self, instr_id: str) -> bool:
         """Whether an id looks like one of an episode."""

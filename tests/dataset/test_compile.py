@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,14 +12,16 @@ import pytest
 
 from fixtures.demo_world.episodes import Answer, episodes_of, submitted
 from reverie_eval import DatasetError, GroundTruth, Problem, evaluate
-from reverie_eval.dataset import DatasetFiles, compile_for_training, compile_split
+from reverie_eval.dataset import DatasetFiles, compile_for_training, compile_split, origin_notes
 from reverie_eval.dataset._reader import object_key
 from reverie_eval.ground_truth import Bundle
+from reverie_eval.tasks import find_task
 from tests.support.oracle import Scan, Viewpoint, distances_from
 
 T = TypeVar("T")
 
 SPLIT = "val_unseen"
+V1_VAL_UNSEEN = "4df35a0847e242df6db1794b1e0d8676fee0f2f2432a599311a643388550e63c"
 DATA = Path("tasks", "REVERIE", "data")
 ANNOTATIONS = DATA / f"REVERIE_{SPLIT}.json"
 BOXES = DATA / "BBox"
@@ -79,6 +82,33 @@ def test_a_bundle_knows_the_episodes_of_other_splits(bundle: Bundle) -> None:
 def test_another_split_that_cannot_be_read_is_left_out(world: Path) -> None:
     (world / DATA / "REVERIE_train.json").write_text("[")
     assert compiled(world).other_splits.keys() == {"test", "val_seen"}
+
+
+@pytest.mark.parametrize(
+    ("split", "numbers", "digest", "name"),
+    [
+        pytest.param("val_unseen", (1328, 3521), V1_VAL_UNSEEN, "REVERIE v1", id="as published"),
+        pytest.param("val_unseen", (1328, 3521), "0" * 64, "REVERIE v1 (changed)", id="changed"),
+        pytest.param("val_unseen", (1327, 3518), "0" * 64, None, id="another dataset"),
+        pytest.param("test", (2304, 6292), "0" * 64, "REVERIE v1", id="its solution is private"),
+    ],
+)
+def test_a_release_is_named_by_its_file(
+    split: str, numbers: tuple[int, int], digest: str, name: str | None
+) -> None:
+    assert find_task("reverie").release(split, *numbers, digest) == name
+
+
+@pytest.mark.dataset
+def test_changed_annotations_of_a_release_are_called_so(published: Path, tmp_path: Path) -> None:
+    changed = tmp_path / f"REVERIE_{SPLIT}.json"
+    shutil.copyfile(published / "reverie-v1" / ANNOTATIONS, changed)
+    edit(changed, lambda items: items[0].update(heading=0))
+    header = compiled(published / "reverie-v1", annotations=changed).header
+    assert header.dataset == "REVERIE v1 (changed)"
+    (note,) = origin_notes(header)
+    digest = sha256(changed.read_bytes()).hexdigest()
+    assert note == f"the annotations are not a published file of REVERIE; their SHA-256 is {digest}"
 
 
 def test_sources_are_named_by_their_digests(bundle: Bundle, world: Path) -> None:

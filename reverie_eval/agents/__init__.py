@@ -5,35 +5,27 @@ An agent has two methods, ``start(episode)`` and ``act(observation)``, which ret
 nothing can be a function that does what ``act`` does.
 """
 
-from reverie_eval.agents._episode import Agent, BatchAgent, Episode, Solved
-from reverie_eval.agents._finding import AGENT_ENTRY_POINTS, BUILT_IN_AGENTS, AgentSource
+from reverie_eval.agents._episode import Agent, BatchAgent, Episode
+from reverie_eval.agents._finding import BUILT_IN_AGENTS, AgentSource
 from reverie_eval.agents._untrained import (
     AGENTS,
     DEMO_AGENT,
     MAX_RANDOM_STEPS,
-    NearestFirstAgent,
     RandomAgent,
     ShortestAgent,
     StopAgent,
-    WordMatchAgent,
 )
-from reverie_eval.agents.chat import ChatAgent
 
 __all__ = [
     "AGENTS",
-    "AGENT_ENTRY_POINTS",
     "BUILT_IN_AGENTS",
     "DEMO_AGENT",
     "MAX_RANDOM_STEPS",
     "Agent",
     "AgentSource",
     "BatchAgent",
-    "ChatAgent",
     "Episode",
-    "NearestFirstAgent",
     "RandomAgent",
     "ShortestAgent",
-    "Solved",
     "StopAgent",
-    "WordMatchAgent",
 ]

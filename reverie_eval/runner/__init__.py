@@ -8,8 +8,6 @@ from reverie_eval.errors import RunError
 from reverie_eval.logs import SUBMISSION, Attempt, Step, read_attempts, read_steps
 from reverie_eval.runner._folder import (
     RUN_SCHEMAS,
-    SCHEMA_VERSION,
-    Circumstance,
     Identity,
     Limits,
     RunCard,
@@ -30,13 +28,11 @@ from reverie_eval.runner._walking import (
 __all__ = [
     "FAILED_IN_A_ROW",
     "RUN_SCHEMAS",
-    "SCHEMA_VERSION",
     "SUBMISSION",
     "TREATMENTS",
     "WAITS",
     "Attempt",
     "AttemptEnd",
-    "Circumstance",
     "Identity",
     "Limits",
     "Record",

@@ -18,7 +18,6 @@ from reverie_eval.submissions._document import are_records
 from reverie_eval.submissions._fields import submission_schema
 from reverie_eval.submissions._hints import answer_hints, submission_hints
 from reverie_eval.submissions._predictions import (
-    NO_BOXES,
     BoxAnswers,
     Content,
     Predictions,
@@ -53,7 +52,6 @@ from reverie_eval.submissions._trajectories import join_items, submission_text
 
 __all__ = [
     "MAX_MEBIBYTES_VARIABLE",
-    "NO_BOXES",
     "NO_POINT",
     "RECEIPT_ENDING",
     "TOO_MUCH_MEMORY",

@@ -7,7 +7,7 @@ networks of the papers are in ``navigators`` and ``pointers``.
 """
 
 from reverie_eval.agents.trained._agent import MODEL, POINTER, find_trained
-from reverie_eval.agents.trained._model_file import Epoch, ModelCard, read_model_card
+from reverie_eval.agents.trained._model_file import Epoch, read_model_card
 from reverie_eval.agents.trained._recipes import RECIPES, Recipe, find_recipe
 from reverie_eval.agents.trained._training import TrainingPlan, train
 
@@ -16,7 +16,6 @@ __all__ = [
     "POINTER",
     "RECIPES",
     "Epoch",
-    "ModelCard",
     "Recipe",
     "TrainingPlan",
     "find_recipe",

@@ -463,8 +463,8 @@ def burn_whatever_is_given(*_: object) -> None:
 @pytest.fixture
 def rescoring(
     folder: Path, open_server: OpenServer, run: Run, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[Callable[..., None]], Outcome]:
-    """Score two submissions again in two processes, by a function of the test."""
+) -> Callable[..., Outcome]:
+    """Score two submissions again in one or two processes, by a function of the test."""
     server = open_server()
     for _ in range(2):
         assert server.upload(OWNER, server.distinct()).status_code == 201
@@ -474,16 +474,16 @@ def rescoring(
     monkeypatch.setattr(scoring_processes, "SECONDS", 0)
     monkeypatch.setattr(corrections, "FOR_ONE", 1)  # so that two are enough for two processes
 
-    def again(work: Callable[..., None]) -> Outcome:
+    def again(work: Callable[..., None], jobs: str = "2") -> Outcome:
         monkeypatch.setattr(corrections, "rescore_one", work)
-        words = ("--bundle", str(new), "--dry-run", "--jobs", "2")
+        words = ("--bundle", str(new), "--dry-run", "--jobs", jobs)
         return run("server", "rescore", str(folder), OPEN, *words)
 
     return again
 
 
 def test_scoring_again_says_that_a_process_was_killed(
-    rescoring: Callable[[Callable[..., None]], Outcome],
+    rescoring: Callable[..., Outcome],
 ) -> None:
     done = rescoring(die)
     assert done.status == 2
@@ -491,10 +491,11 @@ def test_scoring_again_says_that_a_process_was_killed(
     assert "fewer --jobs" in done.err
 
 
+@pytest.mark.parametrize("jobs", ["1", "2"])
 def test_scoring_again_says_which_files_take_too_long(
-    rescoring: Callable[[Callable[..., None]], Outcome],
+    jobs: str, rescoring: Callable[..., Outcome]
 ) -> None:
-    done = rescoring(burn_whatever_is_given)
+    done = rescoring(burn_whatever_is_given, jobs)
     assert done.status == 1
     assert done.out.count("more than 0 seconds of processor time") == 2
     assert "2 submissions cannot be scored again" in done.err

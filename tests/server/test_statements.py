@@ -21,9 +21,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder
 from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.accounts.people import merge_teams
-from reverie_eval.server.boards.entries import EntriesCache
 from reverie_eval.server.boards.leaderboard import Rankings
-from reverie_eval.server.boards.rank_intervals import RankIntervals
 from reverie_eval.server.operations import health
 from reverie_eval.server.settings import Split
 from reverie_eval.tasks import BUILT_IN, name_on_server
@@ -84,8 +82,7 @@ def counting(server: Serving) -> Iterator[Counter[str]]:
 
 def forget(server: Serving) -> None:
     """Let the next request find nothing of leaderboards, as after a change of all of them."""
-    for kind in (Rankings, EntriesCache, RankIntervals):
-        server.state.services.pop(kind, None)
+    server.state.services.pop(Rankings, None)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import groupby
 from threading import Lock
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 import sqlalchemy as sa
@@ -22,7 +22,6 @@ from reverie_eval.server.audit.log import last_recorded
 from reverie_eval.server.boards.reviews import PublishedReview, is_disqualified
 from reverie_eval.server.boards.schedules import Schedules, Timetable
 from reverie_eval.server.scoring.boards import Board, without_version
-from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import UnreadableValueError
 from reverie_eval.server.store.tables import IS_SHOWN, ReportedResult, Review, Submission, Team
 
@@ -159,11 +158,6 @@ class EntriesCache:
         """By split: the number of the last entry of the audit log then, and the counts."""
         self._lock = Lock()
         """Makes concurrent requests read the entries only once."""
-
-    @classmethod
-    def of(cls, server: ServerState) -> Self:
-        """Return the cache of a server."""
-        return cls(server.get(Schedules))
 
     def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
         """Return the entries of a leaderboard, read again if it may have changed.

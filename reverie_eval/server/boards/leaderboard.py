@@ -21,6 +21,7 @@ from reverie_eval.reporting.tables import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, ReportedMethod
 from reverie_eval.server.boards.entries import BoardEntries, EntriesCache, Entry, Row, is_anonymous
 from reverie_eval.server.boards.rank_intervals import RankInterval, RankIntervals
+from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.csv_files import csv_text
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.scoring.boards import Board, if_readable
@@ -318,15 +319,14 @@ def _bibtex_text(text: str) -> str:
 class Rankings:
     """The leaderboards of a server as they are now."""
 
-    def __init__(
-        self, server: ServerState, entries: EntriesCache, rank_intervals: RankIntervals
-    ) -> None:
-        self._server, self._entries, self._rank_intervals = server, entries, rank_intervals
+    def __init__(self, server: ServerState) -> None:
+        self._server = server
+        self._entries, self._rank_intervals = EntriesCache(server.get(Schedules)), RankIntervals()
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
         """Return the leaderboards of a server."""
-        return cls(server, server.get(EntriesCache), server.get(RankIntervals))
+        return cls(server)
 
     def ranking(self, session: Session, board: Board, metric: str | None = None) -> Ranking:
         """Return a leaderboard; raises the errors of :func:`leaderboard`.

@@ -8,7 +8,7 @@ used, and the number of items, which is known from the public instructions.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import Self, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from sqlalchemy import select
@@ -20,7 +20,6 @@ from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.scoring import Scores, clusters_of
 from reverie_eval.server.boards.entries import Row
 from reverie_eval.server.scoring.boards import Board
-from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import ClusterSums
 
 MOST_COMPARED = 100
@@ -83,11 +82,6 @@ class RankIntervals:
     """By signature, leaderboard and metric: the values that were compared, and their intervals."""
     _lock: Lock = field(default_factory=Lock)
     """Makes concurrent requests compute them only once."""
-
-    @classmethod
-    def of(cls, _: ServerState) -> Self:
-        """Return the intervals of a server."""
-        return cls()
 
     def compute(
         self, session: Session, board: Board, metric: str, rows: Iterable[Row]

@@ -114,8 +114,9 @@ class KeyTable:
         if not self._keys.size:
             return find_sorted(self._keys, wanted)
         slots = self._slots(wanted)
-        index = self._row[slots]
-        is_found = np.equal(self._keys[index], wanted)
+        # `take` needs two thirds of the time of an index in brackets.
+        index = self._row.take(slots)
+        is_found = np.equal(self._keys.take(index), wanted)
         left = np.flatnonzero(self._is_shared[slots] & ~is_found)
         index[left], is_found[left] = find_sorted(self._keys, wanted[left])
         return index, is_found

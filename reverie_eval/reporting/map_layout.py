@@ -429,7 +429,9 @@ def put_name(room: Room, taken: Sequence[FloatArray], size: tuple[float, float])
     box = text_box(Mark("name", np.zeros(2), text=room.name))
     first, last = points + box[0] - 1, points + box[1] + 1
     is_free = ((first >= low) & (last <= high)).all(axis=1)
-    for its_low, its_high in taken:
+    boxes = np.array(taken).reshape(-1, 2, 2)
+    is_near = ((boxes[:, 0] < high) & (low < boxes[:, 1])).all(axis=1)  # few are
+    for its_low, its_high in boxes[is_near]:
         is_free &= ~((first < its_high) & (its_low < last)).all(axis=1)
     border = first[is_free, None] + _BORDER * (last - first)[is_free, None]
     is_within = room.contains(border.reshape(-1, 2)).reshape(-1, len(_BORDER))

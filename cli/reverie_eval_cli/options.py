@@ -244,11 +244,15 @@ track = with_default(
     default="full",
     help="grounding: answers alone, with the agent placed at the goal.",
 )
-episodes_from = click.option(
-    "--episodes-from",
-    metavar="FILE",
-    type=PATH,
-    help="Score only the episodes whose instr_ids FILE lists, one a line or as JSON.",
+
+
+def episodes_listed(meaning: str) -> Callable[[Command], Command]:
+    """Add a file that lists some episodes."""
+    return click.option("--episodes-from", metavar="FILE", type=PATH, help=meaning)
+
+
+episodes_from = episodes_listed(
+    "Score only the episodes whose instr_ids FILE lists, one a line or as JSON."
 )
 cluster = with_default(
     "--cluster",

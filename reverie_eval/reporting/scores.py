@@ -344,7 +344,7 @@ def sweep_printout(sweep: "Sweep") -> Printout:
     return Printout.of_table(
         lambda: sweep_table(sweep),
         json=lambda: json.dumps(_as_json(sweep), indent=2),
-        csv=lambda: _csv_table(sweep).to_csv(),
+        csv=lambda: _sweep_csv(sweep),
     )
 
 
@@ -375,7 +375,7 @@ def selection_printout(sweep: "Sweep", reported: Scored) -> Printout:
         return results_table({sweep.best: reported})
 
     papers = dict.fromkeys(("markdown", "latex"), paper_table)
-    return Printout(parts, as_json, lambda: _csv_table(sweep).to_csv(), papers)
+    return Printout(parts, as_json, lambda: _sweep_csv(sweep), papers)
 
 
 def sweep_table(sweep: "Sweep") -> Table:
@@ -423,7 +423,6 @@ def _cautions(sweep: "Sweep", remedy: str) -> Sequence[str]:
 
 
 def _as_json(sweep: "Sweep") -> Mapping[str, Any]:
-    keys = [metric.key for metric in sweep.metrics]
     return {
         "signature": sweep.first.signature,
         "metric": sweep.primary.key,
@@ -436,26 +435,27 @@ def _as_json(sweep: "Sweep") -> Mapping[str, Any]:
                 "name": name,
                 "fields": sweep.fields[name],
                 "runs": list(runs),
-                "scores": {key: sweep.mean(name, key) for key in keys},
+                "scores": _means(sweep, name),
             }
             for name, runs in sweep.rows.items()
         ],
     }
 
 
-def _csv_table(sweep: "Sweep") -> Table:
+def _sweep_csv(sweep: "Sweep") -> str:
     """Return unrounded means by the keys of their metrics."""
     names, *_ = sweep.fields.values()
-    keys = [metric.key for metric in sweep.metrics]
-    return Table(
-        [*names, "runs", *keys, "signature"],
-        [
-            [
-                *sweep.fields[name].values(),
-                str(len(runs)),
-                *(str(sweep.mean(name, key)) for key in keys),
-                sweep.first.signature,
-            ]
-            for name, runs in sweep.rows.items()
-        ],
+    rows = (
+        (
+            [*sweep.fields[name].values(), str(len(runs))],
+            _means(sweep, name),
+            [sweep.first.signature],
+        )
+        for name, runs in sweep.rows.items()
     )
+    return _csv([*names, "runs"], [metric.key for metric in sweep.metrics], rows)
+
+
+def _means(sweep: "Sweep", name: str) -> Mapping[str, float]:
+    """Return the means of a row, unrounded, by the keys of their metrics."""
+    return {metric.key: sweep.mean(name, metric.key) for metric in sweep.metrics}

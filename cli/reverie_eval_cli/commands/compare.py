@@ -185,12 +185,7 @@ def report(
     type=options.Number(min=1),
     help="Plan a sample of N episodes, as `reverie-eval subset --n N` draws it.",
 )
-@click.option(
-    "--episodes-from",
-    metavar="FILE",
-    type=options.PATH,
-    help="Plan the episodes whose instr_ids FILE lists.",
-)
+@options.episodes_listed("Plan the episodes whose instr_ids FILE lists.")
 @click.option(
     "--against",
     metavar="PERCENT",

@@ -46,12 +46,9 @@ _object_positions = click.option(
     help="The bundle to write; or a folder, existing or ending in /, for SPLIT.npz or "
     "SPLIT.public.npz, in it or in its folder of the task's name.",
 )
-@click.option(
-    "--episodes-from",
-    metavar="FILE",
-    type=options.PATH,
-    help="Declare a sample: the bundle scores only the episodes whose instr_ids FILE lists, one a "
-    "line or as JSON.",
+@options.episodes_listed(
+    "Declare a sample: the bundle scores only the episodes whose instr_ids FILE lists, one a "
+    "line or as JSON."
 )
 @click.option("--public", is_flag=True, help="Leave out the solution: a bundle to validate with.")
 def compile_bundle(

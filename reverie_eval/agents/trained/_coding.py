@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.geometry import HEIGHT, N_HEADINGS, WIDTH
 from reverie_eval.simulator import Observation
 from reverie_eval.text import tokenize
 
@@ -26,7 +27,6 @@ N_AROUND = 5
 """Objects around a candidate that its relation module looks at. Source: Yu et al., 2018, section
 3.2.3."""
 _LEAST_COUNT = 3
-_N_COLUMNS = 12
 
 
 def words_of(text: str) -> Sequence[str]:
@@ -225,15 +225,15 @@ class Coder:
 
 def _beside(view: int) -> set[int]:
     """Return a view and the two beside it, in the same row."""
-    first = view - view % _N_COLUMNS
-    return {first + (view + turn) % _N_COLUMNS for turn in (-1, 0, 1)}
+    first = view - view % N_HEADINGS
+    return {first + (view + turn) % N_HEADINGS for turn in (-1, 0, 1)}
 
 
 def _largest(boxes: Sequence[tuple[int, tuple[int, int, int, int]]]) -> tuple[float, ...]:
     """Return the direction and the size of an object's largest box."""
     view, (x, y, width, height) = max(boxes, key=lambda box: box[1][2] * box[1][3])
-    row, column = divmod(view, _N_COLUMNS)
+    row, column = divmod(view, N_HEADINGS)
     # A view is 60 degrees high, so 80 wide; rows and columns are 30 degrees apart.
-    heading = (column * 30 + ((x + width / 2) / 640 - 0.5) * 80) / 360
-    elevation = ((row - 1) * 30 + (0.5 - (y + height / 2) / 480) * 60) / 60
-    return heading, elevation, width / 640, height / 480
+    heading = (column * 30 + ((x + width / 2) / WIDTH - 0.5) * 80) / 360
+    elevation = ((row - 1) * 30 + (0.5 - (y + height / 2) / HEIGHT) * 60) / 60
+    return heading, elevation, width / WIDTH, height / HEIGHT

@@ -15,8 +15,8 @@ import numpy as np
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray
 from reverie_eval.dataset._boxes import Boxes, touches_border
-from reverie_eval.dataset._dataset import Centres
-from reverie_eval.dataset._reader import Position, ViewpointKey, target_of, viewpoints_of
+from reverie_eval.dataset._dataset import Centres, centre_of
+from reverie_eval.dataset._reader import ViewpointKey, target_of, viewpoints_of
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 from reverie_eval.geometry import (
     FOCAL_LENGTH,
@@ -62,15 +62,11 @@ class Distances:
     def _offsets(self, pairs: Sequence[tuple[ViewpointKey, int]]) -> FloatArray:
         graphs, offsets = self.boxes.graphs, np.full((len(pairs), 3), np.nan)
         for row, (key, object_id) in enumerate(pairs):
-            centre = self._centre(key.scan_id, object_id)
+            centre = centre_of(self.centres, key.scan_id, object_id)
             if centre is not None and graphs.is_node(key):
                 scan = graphs.scans[key.scan_id]
                 offsets[row] = centre - scan.position[scan.row[key.viewpoint_id]]
         return offsets
-
-    def _centre(self, scan_id: str, object_id: int) -> Position | None:
-        # Keys of objects in JSON are text.
-        return self.centres.get(scan_id, {}).get(str(object_id))
 
 
 def _listed_where(distances: Distances, mask: BoolArray) -> Count:

@@ -16,6 +16,7 @@ from reverie_eval.dataset._dataset import (
     DatasetFiles,
     Items,
     Targets,
+    centre_of,
     read_one_split,
     read_split,
 )
@@ -116,7 +117,7 @@ def _bundle_of(content: Dataset, dataset: str | None) -> Bundle:
         if centres is not None:
             arrays["candidate_distance"] = _candidate_distances(arrays, centres, graph)
             arrays["target_position"] = np.array(
-                [_centre_of_target(item, centres) for item in items]
+                [centre_of(centres, item.scan, target_of(item)) or _UNKNOWN for item in items]
             )
     # Episodes of other splits are used in messages only, so problems in their files are ignored.
     split = annotations.name
@@ -216,10 +217,6 @@ def _candidates(boxes: Boxes, graph: NavigationGraph) -> tuple[IntArray, dict[st
     }
 
 
-def _centre_of_target(item: Annotation, centres: Centres) -> Sequence[float]:
-    return centres.get(item.scan, {}).get(str(target_of(item)), _UNKNOWN)
-
-
 def _candidate_distances(
     candidates: Mapping[str, Array], centres: Centres, graph: NavigationGraph
 ) -> FloatArray:
@@ -227,7 +224,7 @@ def _candidate_distances(
     viewpoint = candidates["candidate_viewpoint"]
     objects = candidates["candidate_object"].tolist()
     centre = [
-        centres.get(graph.scan_of(index), {}).get(str(object_id), _UNKNOWN)
+        centre_of(centres, graph.scan_of(index), object_id) or _UNKNOWN
         for index, object_id in zip(viewpoint.tolist(), objects, strict=True)
     ]
     offset = np.array(centre).reshape(-1, 3) - graph.viewpoint_position[viewpoint]

@@ -192,6 +192,12 @@ Centres = Mapping[str, Mapping[str, Position]]
 """Centres of objects by scan and object id, metres."""
 
 
+def centre_of(centres: Centres, scan_id: str, object_id: int) -> Position | None:
+    """Return the centre of an object; None if it is not known."""
+    # Keys of objects in JSON are text.
+    return centres.get(scan_id, {}).get(str(object_id))
+
+
 @dataclass(frozen=True, eq=False)
 class Split:
     """The records of an annotation file."""

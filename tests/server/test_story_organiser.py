@@ -9,7 +9,6 @@ from tests.support.signing import receipt_in
 
 OURS = """
 title = "REVERIE at our lab"
-banner = "Welcome."
 
 [splits.test]
 bundle = "bundles/our-test.npz"

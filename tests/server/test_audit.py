@@ -16,6 +16,7 @@ from reverie_eval.server.audit.log import (
     INSPECTED,
     AuditLog,
     audit_reports,
+    details_in_words,
     entries,
     entry_digest,
     history,
@@ -383,3 +384,29 @@ def test_keys_that_are_not_as_the_log_says_are_named(database: Database) -> None
             f"{name}: its public key was changed",
             f"{name}: {ended}",
         ]
+
+
+@pytest.mark.parametrize(
+    ("details", "told"),
+    [
+        pytest.param({"paused": False, "extra": 0}, {"paused": "no", "extra": "0"}, id="plain"),
+        pytest.param({"expires_at": None, "dataset": ""}, {}, id="empty"),
+        pytest.param(
+            {"method": {"name": "Ours", "code": None, "extra_data": True}},
+            {"method": "name Ours, extra data yes"},
+            id="a method",
+        ),
+        pytest.param(
+            {"phases": [{"name": "a", "opens": None}, {"name": "b", "opens": "2027-01-01"}]},
+            {"phases": "name a; name b, opens 2027-01-01"},
+            id="phases",
+        ),
+        pytest.param(
+            {"before": {"anonymous_until": None}, "after": {"anonymous_until": "2027-01-01"}},
+            {"before": "anonymous until none", "after": "anonymous until 2027-01-01"},
+            id="a change from nothing",
+        ),
+    ],
+)
+def test_details_in_words(details: dict[str, Any], told: dict[str, str]) -> None:
+    assert details_in_words(details) == told

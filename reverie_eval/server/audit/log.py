@@ -213,6 +213,29 @@ def audit_reports(session: Session, entries: Sequence[AuditEntry]) -> list[Audit
     ]
 
 
+def details_in_words(details: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return the details of an entry as people read them: of what is empty, only what changed."""
+    return {
+        name.replace("_", " "): _in_words(value, with_empty=name in ("before", "after"))
+        for name, value in details.items()
+        if value not in (None, "")
+    }
+
+
+def _in_words(value: Any, *, with_empty: bool) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(
+            f"{name.replace('_', ' ')} {_in_words(each, with_empty=with_empty)}"
+            for name, each in value.items()
+            if with_empty or each not in (None, "")
+        )
+    if isinstance(value, list):
+        return "; ".join(_in_words(each, with_empty=with_empty) for each in value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "none" if value in (None, "") else str(value)
+
+
 def names_in(
     session: Session, entries: Iterable[AuditEntry], *where: ColumnElement[bool]
 ) -> Mapping[str, str]:

@@ -12,7 +12,7 @@ from fastapi.responses import Response
 
 from reverie_eval.schemas import organising as schemas
 from reverie_eval.schemas.service import SnapshotEntry
-from reverie_eval.server.audit.log import list_entries, list_reports, names_in
+from reverie_eval.server.audit.log import details_in_words, list_entries, list_reports, names_in
 from reverie_eval.server.corrections.corrections import count_outdated, list_corrections
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots
 from reverie_eval.server.http import desk as forms
@@ -108,6 +108,7 @@ def show_audit(
             reading,
             "desk/audit.html",
             entries=listed,
+            in_words=details_in_words,
             names=names_in(session, listed.rows),
             is_first=cursor is None,
             actor=actor,

@@ -104,7 +104,7 @@ def audit(*, folder: Folder, layout: str) -> None:
 
     `server doctor` checks that nothing in it was changed.
     """
-    from reverie_eval.server.audit.log import audit_reports, entries
+    from reverie_eval.server.audit.log import audit_reports, details_in_words, entries
 
     with folder.reading() as session:
         found = audit_reports(session, entries(session))
@@ -119,7 +119,7 @@ def audit(*, folder: Folder, layout: str) -> None:
             entry.action,
             entry.subject,
             # A method's description may have several lines.
-            printable(", ".join(f"{name}: {value}" for name, value in entry.details.items())),
+            printable(", ".join(map(": ".join, details_in_words(entry.details).items()))),
         )
         for entry in found
     ]

@@ -46,6 +46,8 @@ _SHOWN_TEXT = 60
 # Enough to find the place in a file that is not JSON.
 _SHOWN_BEGINNING = 30
 _SPACE = re.compile(r"\s*")
+# What a file may end within besides texts, lists and objects: words, and the rest of a number.
+_CUT_ANYWHERE = ("true", "false", "null", "NaN", "-Infinity", ".0", "e-0", "e+0", "E-0", "E+0")
 
 
 class RepeatingObject(dict[str, Any]):
@@ -133,7 +135,10 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
 
 def _why_not_json(error: "JSONDecodeError") -> Problem:
     where = f"line {error.lineno}, column {error.colno}"
-    if error.pos >= len(error.doc.rstrip()) or error.msg.startswith("Unterminated string"):
+    rest = error.doc[error.pos :].rstrip()
+    # Python expects a comma where a number was cut, and a value where a word was.
+    is_cut = any(each.startswith(rest) and rest != each for each in _CUT_ANYWHERE)
+    if is_cut or error.msg.startswith("Unterminated string"):
         return problems.CUT_SHORT.of_file(where)
     found = error.doc[error.pos : error.pos + _SHOWN_BEGINNING]
     return problems.NOT_JSON.of_file(where, reason=error.msg.removesuffix(" at"), found=found)

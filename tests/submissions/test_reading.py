@@ -79,6 +79,8 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
         ),
         pytest.param(b'[{"a": 1}', "not-json", "line 1, column 10", "cut short", id="cut off"),
         pytest.param(b'["a", "b]', "not-json", "line 1, column 7", "cut short", id="cut in a text"),
+        pytest.param(b'["a", 1.', "not-json", "line 1, column 8", "cut short", id="number"),
+        pytest.param(b'["a", nu', "not-json", "line 1, column 7", "cut short", id="word"),
         pytest.param(
             b"[1e5, .5]", "not-json", "line 1, column 7", "Expecting", id="no digit before point"
         ),

@@ -93,7 +93,11 @@ def test_login_with_nothing(
 ) -> None:
     typed(text, monkeypatch)
     outcome = run("login", "--server", real_server.url)
-    assert outcome == (2, "", "reverie-eval: no token given\n")
+    assert outcome == (
+        2,
+        "",
+        "reverie-eval: no token given; enter the one that you were sent, or the invitation\n",
+    )
 
 
 @pytest.mark.parametrize(

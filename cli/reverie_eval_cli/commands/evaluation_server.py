@@ -81,7 +81,9 @@ def _ask() -> str:
     except EOFError:
         text = ""
     if not text.strip():
-        raise ReverieEvalError("no token given")
+        raise ReverieEvalError(
+            "no token given; enter the one that you were sent, or the invitation"
+        )
     return text.strip()
 
 

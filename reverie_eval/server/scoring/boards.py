@@ -421,8 +421,9 @@ def find_board(boards: Mapping[str, Board], split: str, name: str = "") -> Board
     if not name:
         return board
     if name not in board.others:
-        known = ", ".join(board.others) or "none"
-        raise NotFoundError(f"{split} has no leaderboard {name!r}; its other leaderboards: {known}")
+        others = ", ".join(board.others)
+        known = f"its other leaderboards: {others}" if others else "it has no other leaderboards"
+        raise NotFoundError(f"{split} has no leaderboard {name!r}; {known}")
     return board.others[name]
 
 

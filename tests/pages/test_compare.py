@@ -67,8 +67,11 @@ def bar_of(metric: Metric, found: Difference) -> str:
     """Return what is said of the bar of a difference; lengths have none."""
     if metric.unit != "fraction":
         return ""
-    ends = (signed(metric, end) for end in (found.interval.low, found.interval.high))
-    return f"{metric.label}: {' to '.join(ends)}"
+    return f"{metric.label}: {ends_of(metric, found)}"
+
+
+def ends_of(metric: Metric, found: Difference) -> str:
+    return f"{signed(metric, found.interval.low)} to {signed(metric, found.interval.high)}"
 
 
 def outcomes_of(name: str) -> Mapping[str, str]:
@@ -93,10 +96,7 @@ def test_two_ticks_lead_to_what_the_command_says_of_the_files(server: Serving) -
             CATALOGUE[key].heading,
             CATALOGUE[key].display(expected.scores["Good"][key]),
             CATALOGUE[key].display(expected.scores["Mediocre"][key]),
-            signed(CATALOGUE[key], found.mean),
-            " to ".join(
-                signed(CATALOGUE[key], end) for end in (found.interval.low, found.interval.high)
-            ),
+            f"{signed(CATALOGUE[key], found.mean)} {ends_of(CATALOGUE[key], found)}",
             bar_of(CATALOGUE[key], found),
         ]
         for key, found in expected["Good"].items()

@@ -153,7 +153,7 @@ def test_an_agent_looks_where_its_file_says(home: Serving) -> None:
         record["trajectory"] = [[place, 1.0, 0.0] for place, *_ in record["trajectory"]]
     id_ = send(home, json.dumps(turned).encode())
     page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/2_4_0?submission={id_}")
-    assert re.findall(r"<td class=\"number\">(\d+°)</td></tr>", page.text) == ["57°"] * 3
+    assert re.findall(r'data-label="facing">(\d+°)</td></tr>', page.text) == ["57°"] * 3
 
 
 def test_an_episode_s_metrics_are_yes_or_no(home: Serving, submission: str) -> None:

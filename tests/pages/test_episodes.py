@@ -305,9 +305,9 @@ def test_what_is_chosen_is_marked_where_it_was_chosen(
 
 def counts(reply: httpx.Response) -> list[tuple[str, list[int]]]:
     """Return the rows of the table of outcomes."""
-    table = re.search(r'<table class="outcomes">.*?</table>', reply.text, re.DOTALL)
+    table = re.search(r'<table class="outcomes counts">.*?</table>', reply.text, re.DOTALL)
     assert table
-    rows = re.findall(r'<th scope="row">.*?([^>]*)</th>(.*?)</tr>', table[0], re.DOTALL)
+    rows = re.findall(r'<th scope="row">.*?</svg>([^<]*)<(.*?)</tr>', table[0], re.DOTALL)
     return [(name, [int(n) for n in re.findall(r">(\d+)<", cells)]) for name, cells in rows]
 
 

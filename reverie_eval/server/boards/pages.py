@@ -160,7 +160,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Asked) -> Response:
             announced=announcements(session, board, NEWS_SHOWN),
             reviewed=[row for row in (*part.rows, *apart[:MOST_APART]) if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
-            has_charts=bool(charted),
+            has_charts=bool(charted) and len(ranking.metrics) > 1,
             timeline=timeline_of(ranking, [*charted, *apart], query.metric),
             # A page that is opened as a file cannot load its data.
             chart=chart_of(ranking, charted, query.x, query.y) if is_copy else None,

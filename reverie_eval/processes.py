@@ -3,7 +3,7 @@
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -12,6 +12,12 @@ from reverie_eval.errors import ReverieEvalError
 T = TypeVar("T")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+# glibc's ``M_TOP_PAD`` and ``M_MMAP_THRESHOLD``:
+# https://man7.org/linux/man-pages/man3/mallopt.3.html
+_TOP_PAD, _MMAP_THRESHOLD = -2, -3
+# Bytes of freed memory that each of glibc's arenas keeps.
+_BYTES_KEPT = 16 << 20
 
 
 def can_start_processes() -> bool:
@@ -79,7 +85,8 @@ def map_in_processes(
 
     # "spawn" starts fresh processes: a forked copy of a process with threads, which a progress bar
     # has, may hang.
-    with ProcessPool(jobs, context=get_context("spawn")) as pool:
+    context = get_context("spawn")
+    with ProcessPool(jobs, initializer=_keep_freed_memory, context=context) as pool:
         try:
             with starting_processes():
                 results = pool.map(work, items)
@@ -92,6 +99,20 @@ def map_in_processes(
         except BaseException:
             pool.stop()  # otherwise leaving the block waits for the items still to be worked on
             raise
+
+
+def _keep_freed_memory() -> None:
+    """Tell glibc to keep some of the memory of freed arrays for the next ones.
+
+    Otherwise it returns that of each file's arrays to the system, and asks for it again for those
+    of the next file, which takes a tenth of the processor's time.
+    """
+    import ctypes
+
+    with suppress(AttributeError):  # another C library
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(_MMAP_THRESHOLD, _BYTES_KEPT)
+        mallopt(_TOP_PAD, _BYTES_KEPT)
 
 
 class Progress(Protocol):

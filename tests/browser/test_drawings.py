@@ -13,6 +13,7 @@ from reverie_eval.reporting.building_svg import BUILDING_STYLE, BuildingPicture
 from reverie_eval.reporting.map_svg import map_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from tests.conftest import SAMPLES
+from tests.support.browser import new_page
 
 UNREADABLE = """([smallest, contrast]) => {
     const found = [];
@@ -66,7 +67,7 @@ def unreadable(
     browser: Browser, drawings: Sequence[str], width: int, scheme: Literal["light", "dark"]
 ) -> tuple[int, Sequence[str]]:
     """Return how many texts there are on drawings of a width, and what is wrong with them."""
-    page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    page = new_page(browser, viewport={"width": width, "height": 900}, color_scheme=scheme)
     ground = ":root { color-scheme: light dark } body { margin: 0; background: Canvas }"
     page.set_content(f"<style>{ground}{BUILDING_STYLE}</style>{''.join(drawings)}")
     # All of it is on the screen, or nothing would be found under a text.

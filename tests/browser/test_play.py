@@ -23,7 +23,7 @@ from reverie_eval.reporting.answer_svg import (
     panorama_svg,
 )
 from reverie_eval.reporting.answers import Span, seen_in
-from tests.support.browser import PHONE, Held, OpenPage
+from tests.support.browser import PHONE, Held, OpenPage, new_page
 from tests.support.demo_site import OPEN, OWNER, SAMPLES, Site
 
 KEPT = f"reverie-eval walks {OPEN}"
@@ -251,7 +251,7 @@ HITS = """pictures => pictures.map(picture => {
 def test_the_smallest_box_is_hit_in_every_view(browser: Browser) -> None:
     random = Random(3)
     pictures = [made_up_picture(random, is_ahead=number % 2 == 0) for number in range(200)]
-    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page = new_page(browser, viewport={"width": 1200, "height": 900})
     sheet = files("reverie_eval.server.http").joinpath("static/style.css").read_text()
     page.set_content(f"<style>{sheet}{ANSWER_STYLE}</style>")
     found = page.evaluate(HITS, pictures)

@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from tests.conftest import REPOSITORY, unavailable
+from tests.support.browser import new_page
 
 pytestmark = pytest.mark.browser
 SITE = REPOSITORY / "build" / "docs" / "latest"
@@ -46,7 +47,7 @@ def page(browser: Browser) -> Iterator[Page]:
     """Open a page in which the site is searched."""
     if not (SITE / "search.html").exists():
         unavailable("the site is not built: scripts/docs")
-    page = browser.new_page()
+    page = new_page(browser)
     page.goto((SITE / "search.html").as_uri())
     page.wait_for_function("Search.hasIndex()")
     yield page

@@ -10,6 +10,7 @@ import tinycss2
 from playwright.sync_api import Browser
 
 from tests.conftest import REPOSITORY
+from tests.support.browser import new_page
 
 PACKAGE = REPOSITORY / "reverie_eval"
 SHEETS = sorted(PACKAGE.rglob("*.css"))
@@ -56,7 +57,7 @@ def _rules(nodes: list[tinycss2.ast.Node]) -> Iterator[Rule]:
 def test_a_browser_understands_every_declaration(sheet: Path, browser: Browser) -> None:
     declarations = [each for rule in rules(sheet) for each in rule.declarations.items()]
     assert len(declarations) > 10
-    page = browser.new_page()
+    page = new_page(browser)
     assert page.evaluate(UNKNOWN, declarations) == []
     page.close()
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.support.browser import MILLISECONDS
+from tests.support.browser import new_page
 from tests.support.serving import PRIVATE
 from tests.support.year import Year, at, begin_year, check, hand_over, live
 
@@ -128,15 +128,14 @@ class Desk:
 @pytest.mark.slow
 def test_a_year_at_the_desk(tmp_path: Path, browser: Browser) -> None:
     with begin_year(tmp_path) as year:
-        page = browser.new_context().new_page()
-        page.set_default_timeout(MILLISECONDS)
+        page = new_page(browser)
         organiser = Desk(year, page)
         live(year, organiser)
         year.move_to(at(12, 20))
         with ThreadPoolExecutor(1) as thread:  # the browser's event loop runs in this one
             successor = thread.submit(hand_over, year).result()
         check(year, successor)
-        page.context.close()
+        page.close()
         assert organiser.steps == {
             "import": 5,
             "join": 6,

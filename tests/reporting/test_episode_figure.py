@@ -14,6 +14,7 @@ from reverie_eval.analysis import Episode
 from reverie_eval.reporting import save_figure
 from reverie_eval.reporting.episode_figure import Columns, figure_svg
 from tests.conftest import SAMPLES, unavailable
+from tests.support.browser import new_page
 from tests.support.flat_world import Run
 from tests.support.home_world import OTHER_WALKS, WALKS, home_scores
 
@@ -107,7 +108,7 @@ def test_everything_can_be_read_in_print(homes: Mapping[str, rv.Scores], browser
     ]
     columns: list[Columns] = [1, 2]
     figures = [figure_svg(each, number, legend=True) for each in shown for number in columns]
-    page = browser.new_page()
+    page = new_page(browser)
     page.set_content("".join(figures))
     assert page.evaluate(UNREADABLE) == []
     page.close()

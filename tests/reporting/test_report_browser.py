@@ -8,6 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from reverie_eval.reporting.report import report_html
+from tests.support.browser import new_page
 from tests.support.home_world import OTHER_WALKS, home_log, home_scores
 
 A4 = 688
@@ -36,7 +37,7 @@ def opened(browser: Browser, both: str, tmp_path: Path) -> Iterator[tuple[Page, 
     file = tmp_path / "report.html"
     file.write_text(both)
     heard: list[str] = []
-    page = browser.new_page()
+    page = new_page(browser)
     page.on("console", lambda message: heard.append(message.text))
     page.on("pageerror", lambda error: heard.append(str(error)))
     page.on("request", lambda request: heard.append(request.url))

@@ -5,7 +5,7 @@ import json
 import re
 import signal
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -143,21 +143,19 @@ def test_health_does_not_wait_for_what_hangs(
     assert health_of(server) == WELL  # from now on, what does not hang takes no time
     hanging, seconds = ["database", "uploads"], 0.5
     with server.state.database.writing():  # and everybody else waits
-        while (failed := _failed_within(seconds, server, monkeypatch)) != hanging:
+        while (found := _found_within(seconds, server, monkeypatch))["failed"] != hanging:
             seconds *= 2  # on a slow machine, what does not hang takes its time as well
-            assert seconds < PATIENCE, failed
-        remedies = health_of(server)[1]["remedies"]
-    late = f"not done after {seconds:g} seconds"
+            assert seconds < PATIENCE, found
+    late, remedies = f"not done after {seconds:g} seconds", found["remedies"]
     assert remedies["database"].startswith(f"{late}: the machine, the database or the store is too")
     assert remedies["uploads"] == f"not checked, because 'database' was {late}"
 
 
-def _failed_within(
+def _found_within(
     seconds: float, server: Serving, monkeypatch: pytest.MonkeyPatch
-) -> Sequence[str]:
+) -> Mapping[str, Any]:
     monkeypatch.setattr(health, "SECONDS_TO_ANSWER", seconds)
-    failed: Sequence[str] = health_of(server)[1]["failed"]
-    return failed
+    return health_of(server)[1]
 
 
 def test_health_leaves_no_trace(server: Serving) -> None:

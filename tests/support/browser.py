@@ -192,6 +192,13 @@ def open_page(browser: Browser) -> Iterator[OpenPage]:
     assert complaints == []
 
 
+def new_page(browser: Browser, **of: Any) -> Page:
+    """Open a window that is on no site."""
+    page = browser.new_page(**of)
+    page.set_default_timeout(MILLISECONDS)
+    return page
+
+
 def new_context(browser: Browser, site: Site, size: Size, **of: Any) -> BrowserContext:
     """Open a window of this width and height, with nothing kept from others."""
     width, height = size

@@ -41,10 +41,11 @@ if TYPE_CHECKING:
         model_building,
     )
     from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
+    from reverie_eval.geometry._kinds import BLOCK, kind_of
     from reverie_eval.geometry._room_names import name_room
     from reverie_eval.geometry._room_views import RoomView, Seen
     from reverie_eval.geometry._shells import Face, floor_joints
-    from reverie_eval.geometry._solids import BLOCK, Solids, kind_of, sides_of
+    from reverie_eval.geometry._solids import Solids, sides_of
 
 __all__ = [
     "BLOCK",
@@ -99,7 +100,7 @@ __all__ = [
 def __getattr__(name: str) -> object:
     # Scoring a file needs none of these, which take four fifths of the time to import geometry.
     for module in (
-        ("_buildings", "_framing", "_room_names", "_room_views", "_shells", "_solids")
+        ("_buildings", "_framing", "_kinds", "_room_names", "_room_views", "_shells", "_solids")
         if name in __all__
         else ()
     ):

@@ -158,6 +158,9 @@ def clip_at_depth(polygon: FloatArray, depth: float) -> FloatArray:
            [-2.,  0.,  1.],
            [-1.,  0.,  0.]])
     """
+    is_kept = polygon[:, 2] >= depth
+    if is_kept.all() or not is_kept.any():
+        return polygon[is_kept]
     corners = []
     for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         if start[2] >= depth:

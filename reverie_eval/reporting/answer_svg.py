@@ -57,6 +57,8 @@ _STEP = 30
 _LETTER: Mapping[str, float] = MappingProxyType({"other": 6.9, "target": 8.3, "answer": 8.3})
 # Height of a line of labels, in units of the page.
 _LINE = 15.0
+# Units of the page: faces that are not so large are not drawn.
+_TINY = 0.8
 # Baselines of the highest and the lowest label, in units of the page.
 _HIGHEST_LINE, _LOWEST_LINE = 12, HEIGHT - 4
 # Directions whose depth is less than this fraction of their length are clipped.
@@ -241,9 +243,10 @@ def room_shapes(room_view: RoomView) -> str:
         path(
             kind,
             "".join(
-                line_data(_on_page(room_view.picture, outline)) + "z"
+                line_data(outline) + "z"
                 for face in same
-                for outline in face.outlines
+                for outline in (_on_page(room_view.picture, each) for each in face.outlines)
+                if np.ptp(outline, axis=0).max() >= _TINY
             ),
         )
         for kind, same in groupby(room_view.faces(), key=lambda face: face.kind)

@@ -28,6 +28,10 @@ _FLATTENED = 0.6
 # Metres: what is smaller is left out, what begins higher above the floor, and what is larger though
 # its name does not tell what it is: stairs, beams, fences.
 _SMALL, _HANGS, _BULKY = 0.35, 0.9, 1.2
+# Kinds of such objects; the building has stairs of its own.
+_UNKNOWN = (BLOCK, kind_of("stairs"))
+# Square metres: parts of furniture whose largest side is smaller are left out: knobs, thin legs.
+_TINY = 0.04
 # Stairs rise this much of their height, so that a flight ends as high as the walls.
 _RISE = 0.3
 # Metres: the width of boards and tiles, and units of the page between joints at least.
@@ -184,13 +188,17 @@ class Floors:
         bottom = solids.centre[:, 2] - solids.half[:, 2] - self._floor[level]
         is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS) & (solids.room >= 0)
         is_shown &= (2 * solids.half[:, :2] >= _SMALL).all(axis=1)
-        is_unknown = np.array([kind_of(name) == BLOCK for name in solids.names], dtype=bool)
+        is_unknown = np.array([kind_of(name) in _UNKNOWN for name in solids.names], dtype=bool)
         is_shown &= ~is_unknown | (2 * solids.half[:, :2] <= _BULKY).any(axis=1)
         for room in np.unique(solids.room[is_shown]).tolist():
             rows = np.flatnonzero(is_shown & (solids.room == room))
             is_shown[rows] = self._building.rooms[room].contains(solids.centre[rows, :2])
         shown = solids.take(is_shown)
-        corners, of_solid, materials, _ = shown.parts()
+        corners, of_solid, parts, _ = shown.parts()
+        sides = np.sort(np.ptp(corners, axis=1), axis=1)
+        is_drawn = sides[:, 1] * sides[:, 2] >= _TINY
+        corners, of_solid = corners[is_drawn], of_solid[is_drawn]
+        materials = [parts[row].material for row in np.flatnonzero(is_drawn).tolist()]
         flat = corners[..., :2] @ self._axes.T
         up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
         far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)

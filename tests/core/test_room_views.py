@@ -1,6 +1,7 @@
 """Solids of objects, and views of the rooms that they stand in."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,7 +116,8 @@ def test_backs_are_at_the_nearest_wall() -> None:
     """The back of a couch is its highest box; walls to the east, north, west, south."""
     around = [(1.5, 0, 1), (0, 1.5, 1), (-1.5, 0, 1), (0, -1.5, 1)]
     corners, row, *_ = solids(["couch"] * 4, around).parts()
-    backs = [corners[row == each][1].mean(axis=0)[:2] for each in range(4)]
+    highest = [max(corners[row == each], key=lambda box: box[:, 2].max()) for each in range(4)]
+    backs = [box.mean(axis=0)[:2] for box in highest]
     assert np.sign(np.round(backs - np.array(around)[:, :2], 3)).tolist() == [
         [1, 0],
         [0, 1],
@@ -200,7 +202,6 @@ def seen_box(view: int, *xywh: int) -> Seen:
         pytest.param("chair", (300, 300, 60, 120), 0.0, None, id="stands on the floor"),
         pytest.param("chandelier", (300, 60, 60, 60), None, 2.6, id="hangs from the ceiling"),
         pytest.param("vase", (300, 300, 60, 180), 0.0, None, id="not below the floor"),
-        pytest.param("vase", (300, 10, 60, 200), None, 2.6, id="not above the ceiling"),
     ],
 )
 def test_what_is_seen_is_where_it_belongs(
@@ -229,6 +230,58 @@ def test_pictures_are_on_the_wall_behind_them(view: int, axis: int) -> None:
     assert fitted.back[0] == axis
 
 
+def test_the_ceiling_is_above_what_hangs_on_walls() -> None:
+    """A picture 40 pixels below the upper edge is on the wall 3 m away; the ceiling meets it above.
+
+    It is 1.44 m above the camera, and a ceiling is 1.1 m above it if nothing is higher.
+    """
+    picture = solids(["picture"], [(0.0, 1.9, 2.0)])
+    faces = look(NORTH, picture, seen_box(NORTH, 290, 40, 60, 90))
+    (wall,) = (face.outlines[0] for face in faces if face.kind == "wall lit")
+    assert 240 - 415.692 * (1.44 + 0.3) / 3 < wall[:, 1].min() < 40
+
+
+def test_other_rooms_are_seen_through_doors() -> None:
+    """Behind the northern wall is a room with a table in its middle."""
+    beyond = FLOOR + np.array([0.0, 6.0])
+    rooms = [Room("", 0, [FLOOR], 36.0), Room("kitchen", 0, [beyond], 36.0)]
+    middle = np.array([(0.0, 6.0, 0.4)])
+    table = replace(solids(["table"], [(0.0, 0.0, 0.4)]), room=np.ones(1, int), centre=middle)
+    doors = [Line(0, np.array([(-0.5, 3.0), (0.5, 3.0)]))]
+    building = Building(np.zeros(1, int), np.zeros(1, int), rooms, doors, [], table)
+    kinds = [face.kind for face in RoomView(building, CAMERA, 0, NORTH, NOTHING).faces()]
+    floors = [kind for kind in kinds if kind.startswith("floor")]
+    assert floors == ["floor tiled", "floor"]
+    assert any("wood" in kind for kind in kinds[: kinds.index("floor")])
+    east = RoomView(building, CAMERA, 0, EAST, NOTHING).faces()
+    assert "floor tiled" not in {face.kind for face in east}
+
+
+def test_a_door_before_which_something_hangs_is_closed() -> None:
+    picture = solids(["picture"], [(0.0, 1.9, 1.5)])
+    kinds = {face.kind for face in look(NORTH, picture, seen_box(NORTH, 290, 200, 60, 60))}
+    assert "opening" not in kinds
+
+
+@pytest.mark.parametrize(
+    ("box", "names", "bottom"),
+    [
+        pytest.param((300, 330, 40, 40), ["vase"], None, id="on the wall"),
+        pytest.param((300, 500, 40, 60), ["vase"], 0.0, id="on the floor"),
+    ],
+)
+def test_nothing_hangs_in_the_air(
+    box: tuple[int, ...], names: Sequence[str], bottom: float | None
+) -> None:
+    """What nothing carries is on the floor or on the wall, 3 m away, whichever is nearer."""
+    seen = seen_box(NORTH, *box)
+    fitted = room_view(NORTH, solids(names, [(0.0, 1.5, 1.0)], size=0.2), seen).fitted
+    if bottom is None:
+        assert fitted.centre[0, 1] == pytest.approx(3.0, abs=0.1)
+    else:
+        assert fitted.centre[0, 2] - fitted.half[0, 2] == pytest.approx(bottom, abs=0.02)
+
+
 def test_a_picture_is_level_and_shows_what_is_important() -> None:
     """However high or low it is: 60 pixels around its middle, in pixels of the level view."""
     lamp = solids(["lamp"], [(0.0, 1.9, 2.9)])
@@ -243,7 +296,8 @@ def test_a_picture_is_level_and_shows_what_is_important() -> None:
 
 def order(seen: Seen = NOTHING, important: Sequence[int] = ()) -> list[int]:
     """Return the order in which three boxes, 2.2, 2.8 and 2.5 m away, are drawn."""
-    things = solids(["box"] * 3, [(0, 2.2, 1.5), (0.5, 2.8, 1.5), (-0.5, 2.5, 1.5)], size=0.3)
+    on_floor = [(0.0, 2.2, 0.15), (0.5, 2.8, 0.15), (-0.5, 2.5, 0.15)]
+    things = solids(["box"] * 3, on_floor, size=0.3)
     drawn = [face.object_id for face in look(NORTH, things, seen, important) if face.object_id >= 0]
     return list(dict.fromkeys(drawn))
 
@@ -260,18 +314,21 @@ def test_nothing_hides_the_last_of_what_is_drawn_last() -> None:
 
 
 def test_what_is_within_another_box_is_in_front_of_it() -> None:
-    """Object 1 is farther away, but its box lies within that of object 0."""
+    """Object 1 is farther away, but its box lies within that of object 0.
+
+    Nothing carries them, so they hang on the wall, behind object 2.
+    """
     boxes = np.array([(200, 150, 200, 200), (250, 200, 50, 50)])
-    assert order(Seen(np.array([0, 1]), np.array([NORTH, NORTH]), boxes)) == [2, 0, 1]
+    assert order(Seen(np.array([0, 1]), np.array([NORTH, NORTH]), boxes)) == [0, 1, 2]
 
 
 @pytest.mark.parametrize(("away", "is_drawn"), [(-2.5, False), (2.0, False), (2.01, True)])
 def test_what_is_behind_or_near_without_a_box_is_not_drawn(away: float, is_drawn: bool) -> None:  # noqa: FBT001
-    faces = look(NORTH, solids(["box"], [(0, away, 1.5)]))
+    faces = look(NORTH, solids(["box"], [(0, away, 0.5)]))
     assert (0 in {face.object_id for face in faces}) == is_drawn
 
 
 def test_only_sides_that_face_the_camera_are_drawn() -> None:
     """A low box in front of the camera shows its top and its near side."""
-    faces = look(NORTH, solids(["box"], [(0, 2.5, 0.5)]))
-    assert sorted(each.kind for each in faces if each.object_id == 0) == ["wood lit", "wood top"]
+    faces = look(NORTH, solids(["piano"], [(0, 2.5, 0.5)]))
+    assert sorted(each.kind for each in faces if each.object_id == 0) == ["dark lit", "dark top"]

@@ -62,8 +62,8 @@ class AnswerView:
     """The room in the view, which is drawn without photographs; None without a view."""
 
     @classmethod
-    def at_stop(cls, episode: Episode) -> "AnswerView":
-        """Show the answer from where the agent stopped."""
+    def at_stop(cls, episode: Episode, who: str = "The agent") -> "AnswerView":
+        """Show the answer from where the agent stopped; the caption calls it as ``who`` says."""
         objects = episode.visible_objects(episode.stop)
         target = _find(objects, episode.target_object)
         predicted = _find(objects, episode.predicted_object)
@@ -73,7 +73,7 @@ class AnswerView:
         sight = _Sight.of(episode, episode.stop, view, objects, (predicted, target))
         sentences = [
             _where(sight.view, _STOP),
-            _answer_sentence(episode, predicted),
+            _answer_sentence(episode, predicted, who),
             _target_sentence(episode, predicted, target, sight.picture),
             "" if objects else "No object is visible from here.",
         ]
@@ -174,14 +174,17 @@ class AnswerView:
         return f"{self.caption} {count} {are} visible from here: {around}."
 
 
-def answer_views(episodes: Mapping[str, Episode]) -> Sequence[tuple[str, AnswerView]]:
+def answer_views(
+    episodes: Mapping[str, Episode], who: str = "The agent"
+) -> Sequence[tuple[str, AnswerView]]:
     """Show the answers of submissions to an episode from their stops.
 
-    ``episodes`` has the same episode, by the names of the submissions. The last picture shows the
+    ``episodes`` has the same episode, by the names of the submissions; captions call the one that
+    walked as ``who`` says. The last picture shows the
     target from the end of the annotated path, under an empty name, unless it is visible from every
     stop.
     """
-    views = [(name, AnswerView.at_stop(episode)) for name, episode in episodes.items()]
+    views = [(name, AnswerView.at_stop(episode, who)) for name, episode in episodes.items()]
     if all(view.target for _, view in views):
         return views
     first, *_ = episodes.values()
@@ -404,12 +407,12 @@ def _iou_text(episode: Episode) -> str:
     return f"IoU {episode.values['iou']:.2f}" if is_compared else ""
 
 
-def _answer_sentence(episode: Episode, predicted: VisibleObject | None) -> str:
+def _answer_sentence(episode: Episode, predicted: VisibleObject | None, who: str) -> str:
     if episode.predicted_box:
         iou = _iou_text(episode)
         return f"The predicted box has {iou} with the target's box." if iou else ""
     if episode.predicted_object is None:
-        return "The agent predicted no object." if episode.target_object is not None else ""
+        return f"{who} predicted no object." if episode.target_object is not None else ""
     name = episode.object_name(episode.predicted_object)
     if episode.predicted_object == episode.target_object:
         name = f"the target, {name}"

@@ -21,7 +21,7 @@ from fastapi.responses import Response
 from reverie_eval.analysis import Episode, VisibleObject
 from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ActionError
-from reverie_eval.geometry import RoomView, level_view
+from reverie_eval.geometry import RoomView, level_view, view_angles
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.reporting.answer_svg import (
     ObjectLink,
@@ -307,8 +307,10 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
         )
         for way in walk.ways
     ]
-    heading = np.rad2deg(seen.heading) if played.facing is None else played.facing
-    facing = round(float(heading)) % 360
+    heading = seen.heading if played.facing is None else np.deg2rad(played.facing)
+    # What is said is the direction of the view that is shown, the nearest of twelve.
+    view = level_view(heading)
+    facing = round(float(np.rad2deg(view_angles(np.array([view]))[0, 0])))
     visible = [_visible(each) for each in seen.candidates]
     here: dict[str, str | int] = {"walk": played.walk, "facing": facing}
     candidates = [
@@ -316,7 +318,6 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
         for each in visible
     ]
     objects = sorted(candidates, key=lambda each: (each.name, each.span.middle))
-    view = level_view(np.deg2rad(facing))
     room_view = _room_ahead(walk, view, visible)
     skybox = find_skybox(walk.board.truth.graph, seen.viewpoint_id)
     pointed_at = [*zip(candidates, visible, strict=True)]
@@ -372,7 +373,7 @@ def _scored(browsing: Browsing, walk: HumanWalk, played: Played) -> dict[str, An
         "key": drawn(map_key(shown)),
         "answers": [
             (name, drawn(answer_svg(view)), view.caption)
-            for name, view in answer_views({NAME: scored})
+            for name, view in answer_views({NAME: scored}, "You")
             if walk.board.task.has_targets
         ],
         "headline": [metric.key for metric in walk.board.task.headline_metrics(scored.values)],

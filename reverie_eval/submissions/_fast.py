@@ -612,8 +612,8 @@ def _find_elements(text: bytes, n_records: int) -> _Elements:
         written = written.replace(b'""', b'[""]')
     marks = np.frombuffer(written, np.uint8)
     is_open, is_close = marks == _OPEN, marks == _CLOSE
-    depth = np.cumsum(is_open.view(np.int8) - is_close.view(np.int8), dtype=np.int32)
-    last = np.flatnonzero(is_close & (depth == 0))
+    # Only at the end of a trajectory are two lists closed at once, unless one is nested too deeply.
+    last = np.flatnonzero(is_close[:-1] & is_close[1:]) + 1
     _require(len(last) == n_records)
     is_open[np.append(0, last[:-1] + 2)] = is_close[last] = False
     opens, closes = np.flatnonzero(is_open), np.flatnonzero(is_close)

@@ -23,7 +23,7 @@ from typing_extensions import Self
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.geometry._plans import DOOR_WIDTH, Plan, axes_of, without_outliers
 from reverie_eval.geometry._polygons import are_inside
-from reverie_eval.geometry._room_names import name_room
+from reverie_eval.geometry._room_names import is_outdoors, name_room
 from reverie_eval.geometry._solids import CAMERA_HEIGHT, Solids
 from reverie_eval.geometry._views import FOCAL_LENGTH, HEIGHT, VIEW_AXES, WIDTH, rays_of
 
@@ -38,6 +38,8 @@ _LEAST_SPREAD, _PENALTY = 0.6, 9.0
 _FEWEST, _MOST = 3, 250
 # The room of a viewpoint: metres that tell near objects, and the area whose room counts half.
 _AT_HAND, _NEAR, _LARGE = 0.5, 1.5, 50.0
+# Metres from a viewpoint to what it lists, at most: boxes are released of objects so near.
+_IN_SIGHT = 3.0
 # Stairs: the least climb of an edge, its slopes, the least climb of edges that lead on from each
 # other, metres up from tread to tread, and the least metres between treads of two edges.
 _CLIMB, _SLOPES, _FLIGHT, _TREAD, _APART = 0.4, (0.25, 2.5), 1.0, 0.19, 0.3
@@ -121,6 +123,8 @@ class Room(NamedTuple):
     """Corners, each of shape (n, 2): the outline, and those of holes and separate parts."""
     area: float
     """Square metres."""
+    is_outdoors: bool = False
+    """Whether its objects tell that it has no walls of its own."""
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Whether points of shape (n, 2) are in the room: within an odd number of outlines.
@@ -190,7 +194,8 @@ class Building:
     def walls_on(self, storey: int) -> Iterator[Wall]:
         """Yield the walls of a storey, each once, although it is in the outlines of both rooms."""
         lines: dict[tuple[int, float], list[tuple[float, float]]] = {}
-        for outline in chain.from_iterable(room.outlines for room in self.rooms_on(storey)):
+        within = [room.outlines for room in self.rooms_on(storey) if not room.is_outdoors]
+        for outline in chain.from_iterable(within):
             corners = (outline @ self.solids.axes.T).round(_DECIMALS)
             for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
                 along = int(np.abs(end - start).argmax())
@@ -254,6 +259,7 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
     on_storey = storey[:, None] == room_storey
     home = _rooms_of_viewpoints(objects.votes_of_viewpoints(), camera, boxes, on_storey)
     ways = _ways_of_rooms(home[edges], len(room_storey))
+    evidence = [_within_sight(its, camera[home == room]) for room, its in enumerate(evidence)]
     flights = _flights(position, edges) if storey.any() else []
     found: list[Room] = []
     doors: list[Line] = []
@@ -271,7 +277,7 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
             outlines = list(plan.outlines(index))
             if not outlines:
                 continue
-            name = ""
+            name, outdoors = "", False
             if index < len(here):
                 room = int(here[index])
                 number[room] = len(found)
@@ -280,8 +286,9 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
                 ]
                 sides = np.ptp(np.vstack(outlines), axis=0)
                 name = name_room(names, int(ways[room]), float(sides.max() / sides.min()))
+                outdoors = is_outdoors(names)
             turned = [corners @ axes for corners in outlines]
-            found.append(Room(name, level, turned, plan.area(index)))
+            found.append(Room(name, level, turned, plan.area(index), outdoors))
         doors += [Line(level, ends @ axes) for ends in plan.doors(legs)]
     return Building(
         storey=storey,
@@ -481,6 +488,19 @@ def _rooms_of_viewpoints(
     area = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
     votes = np.where(may_be, votes + is_within / (1 + area / _LARGE), 0)
     return np.where(votes.max(axis=1) > 0, votes.argmax(axis=1), -1)
+
+
+def _within_sight(objects: FloatArray, cameras: FloatArray) -> FloatArray:
+    """Return the objects of a room, shape (n, 2), that its viewpoints can have listed.
+
+    Others are of another room, or not where they seem to be; without any, all are returned. If a
+    room has no viewpoint, its objects are near their median.
+    """
+    if not len(cameras):
+        cameras = np.median(objects, axis=0, keepdims=True)
+    away = np.hypot(*np.moveaxis(objects[:, None] - cameras, -1, 0)).min(axis=1)
+    is_near = away <= _IN_SIGHT
+    return objects[is_near] if is_near.any() else objects
 
 
 def _ways_of_rooms(between: IntArray, count: int) -> IntArray:

@@ -1,4 +1,4 @@
-"""Names of rooms, from what is in them: a bed tells of a bedroom, and many ways of a hallway."""
+"""What rooms are, from what is in them: a bed tells of a bedroom, and grass of a garden."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -63,6 +63,12 @@ _FEWEST_CHAIRS, _DINING = 3, 4.0
 # A hallway leads to more than so many rooms, or is longer than so many times its width: what each
 # further one counts, and what all of them count at most.
 _WAYS, _LONG = (2, 0.6, 4.0), (2, 0.7, 2.5)
+# Words for what is outdoors, how many objects that have one tell of it, and which share of all.
+_OUTDOORS = {
+    *("barbecue", "bush", "bushes", "fence", "flowers", "fountain", "garden", "grass", "grill"),
+    *("ground", "hedge", "lawn", "pathway", "patio", "shrubbery", "tree"),
+}
+_FEWEST_OUTDOORS, _USUALLY_LESS = 2, 0.2
 # The least distance to the runner-up: the largest multiple of a quarter with which at least 70 % of
 # goals have a name in nine of ten draws of ten buildings of version 2's train split; other splits
 # have other buildings, so 70 % of all goals would be too few. Leaving out any one building does not
@@ -101,6 +107,18 @@ def name_room(names: Sequence[str], ways: int, length: float) -> str:
         score["hallway"] += min(max(weight * (value - usual), 0), most)
     (_, runner_up), (best, most) = sorted(score.items(), key=lambda each: each[1])[-2:]
     return best if most - runner_up >= MARGIN else ""
+
+
+def is_outdoors(names: Sequence[str]) -> bool:
+    """Whether what has objects with these names is a garden or a terrace.
+
+    Examples
+    --------
+    >>> is_outdoors(["tree", "bushes", "patio chair"]), is_outdoors(["tree", "couch", "lamp"])
+    (True, False)
+    """
+    count = sum(not _OUTDOORS.isdisjoint(name.split()) for name in names)
+    return count >= _FEWEST_OUTDOORS and count > _USUALLY_LESS * len(names)
 
 
 @cache

@@ -21,8 +21,9 @@ CAMERA_HEIGHT = 1.5
 _STANDS = 0.5
 # Metres of the thinnest and the largest side of an object.
 _LEAST, _MOST = 0.03, 4.0
-# Half the thickness of what hangs on a wall, and half the width of a room at least, metres.
-_THIN, _ROOM = 0.03, 0.45
+# Metres: half the thickness of what hangs on a wall, half the depth at most of what is shallow (at
+# most this part of its width), and half the width of a room at least.
+_THIN, _DEEP, _SHALLOW, _ROOM = 0.03, 0.4, 0.5, 0.45
 # Iterations that fit a solid to a box, by how much each may change a side, and the least depth.
 _FITS, _CHANGE, _NEAR = 6, 2.0, 0.15
 
@@ -89,7 +90,8 @@ class Solids:
         across, high = np.clip(size / 2, _LEAST / 2, largest / 2).T
         half = np.stack([across, across, high], axis=1)
         rows = np.arange(len(half))
-        half[rows, back % 2] = np.where(is_board, _THIN, across * depth)
+        deep = np.minimum(across * depth, np.where(depth <= _SHALLOW, _DEEP, np.inf))
+        half[rows, back % 2] = np.where(is_board, _THIN, deep)
         # What is outside of its room was seen too badly to say where it is.
         is_inside = (to_walls >= 0).all(axis=1, keepdims=True)
         middle, reach = bounds.mean(axis=1), np.maximum((bounds[:, 1] - bounds[:, 0]) / 2, _ROOM)

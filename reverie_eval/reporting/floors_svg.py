@@ -5,6 +5,7 @@ furniture as solids, stairs and a title. What an episode does on them is drawn b
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import groupby, pairwise
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.geometry import BLOCK, Tread, floor_joints, floors_of, kind_of, sides_of
+from reverie_eval.geometry import BLOCK, Solids, Tread, floor_joints, floors_of, kind_of, sides_of
 from reverie_eval.reporting.drawing import element, path, path_data
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_marks import draw_mark
@@ -32,6 +33,10 @@ _SMALL, _HANGS, _BULKY = 0.35, 0.9, 1.2
 _UNKNOWN = (BLOCK, kind_of("stairs"))
 # Square metres: parts of furniture whose largest side is smaller are left out: knobs, thin legs.
 _TINY = 0.04
+# Metres above the floor where what stands on it begins, at most.
+_STANDS = 0.15
+# Forms that reach down to the floor where nothing is beneath them.
+_REACHING = ("sink", "cabinet", "shelves")
 # Stairs rise this much of their height, so that a flight ends as high as the walls.
 _RISE = 0.3
 # Metres: the width of boards and tiles, and units of the page between joints at least.
@@ -108,12 +113,14 @@ class Floors:
             width = f'stroke-width="{_WAY * self.scale:.1f}"'
             yield element("path", f'class="way" d="{path_data("way", ways)}" {width}')
         for room in self._building.rooms_on(level):
-            kind = f"room {room.name.partition(' ')[0]}".strip()
+            of = "outdoors" if room.is_outdoors else room.name.partition(" ")[0]
+            kind = f"room {of}".strip()
             yield path(kind, path_data(kind, [self._page(its, level) for its in room.outlines]))
         axes, step = self._building.solids.axes, max(_BOARD, _FINEST / self.scale)
         joints = [
             self._page(ends, level)
             for room in self._building.rooms_on(level)
+            if not room.is_outdoors
             for ends in floor_joints(room.outlines, axes, room.name, step)
         ]
         if joints:
@@ -127,7 +134,8 @@ class Floors:
 
     def _solids(self, level: int) -> Iterator[str]:
         """Draw walls and furniture, the farthest first."""
-        faces = [self._walls(level), self._stairs(level), self._furniture(level)]
+        furniture = self._furniture(self._shown(level), level)
+        faces = [self._walls(level), self._stairs(level), furniture]
         kinds = [kind for each in faces for kind in each.kinds]
         data = _outlines_data(np.concatenate([each.outlines for each in faces]))
         far = np.concatenate([each.far for each in faces])
@@ -183,7 +191,8 @@ class Floors:
         corners[:, 1::2, 2] = np.minimum(top, WALL_HEIGHT)[:, None]
         return self._faces(corners, corners[..., 1].mean(axis=1), ["stair"] * len(steps), level)
 
-    def _furniture(self, level: int) -> _Faces:
+    def _shown(self, level: int) -> Solids:
+        """Return the furniture of a level."""
         solids = self._building.solids
         bottom = solids.centre[:, 2] - solids.half[:, 2] - self._floor[level]
         is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS) & (solids.room >= 0)
@@ -193,7 +202,20 @@ class Floors:
         for room in np.unique(solids.room[is_shown]).tolist():
             rows = np.flatnonzero(is_shown & (solids.room == room))
             is_shown[rows] = self._building.rooms[room].contains(solids.centre[rows, :2])
-        shown = solids.take(is_shown)
+        return self._without_floating(solids.take(is_shown), level)
+
+    def _without_floating(self, solids: Solids, level: int) -> Solids:
+        """Let some furniture that rests on nothing reach down to the floor; leave out the rest."""
+        above = np.maximum(solids.centre[:, 2] - solids.half[:, 2] - self._floor[level], 0)
+        flat, stands = solids.centre[:, :2] @ solids.axes.T, above <= _STANDS
+        is_over = np.abs(flat[:, None] - flat[stands]) <= solids.half[stands, :2]
+        floats = ~stands & ~is_over.all(axis=2).any(axis=1)
+        down = np.where(floats, above, 0)[:, None] * (0, 0, 0.5)
+        reaches = np.array([kind_of(name).form in _REACHING for name in solids.names], dtype=bool)
+        grounded = replace(solids, centre=solids.centre - down, half=solids.half + down)
+        return grounded.take(~floats | reaches)
+
+    def _furniture(self, shown: Solids, level: int) -> _Faces:
         corners, of_solid, parts, _ = shown.parts()
         sides = np.sort(np.ptp(corners, axis=1), axis=1)
         is_drawn = sides[:, 1] * sides[:, 2] >= _TINY

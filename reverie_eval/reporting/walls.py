@@ -1,13 +1,13 @@
 """The walls of a level as boxes: with gaps for doors, and with the windows in outer walls."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from reverie_eval.arrays import FloatArray
-from reverie_eval.geometry import Building, door_spans
+from reverie_eval.geometry import Building, Wall, door_spans, kind_of
 
 HEIGHT = 0.8
 """The height of a drawn wall, metres: low enough to see what is behind it."""
@@ -15,7 +15,7 @@ HEIGHT = 0.8
 _OUTER, _INNER, _PIECE = 0.3, 0.14, 1.5
 # Metres: what is too short to stand between two doors, the distance of a window from its wall, the
 # least width of a window, and the height of its sill.
-_POST, _BESIDE, _NARROW, _SILL = 1.3, 0.6, 0.35, 0.3
+_POST, _BESIDE, _NARROW, _SILL = 1.3, 1.0, 0.35, 0.3
 
 
 class WallPiece(NamedTuple):
@@ -48,14 +48,14 @@ class WallPiece(NamedTuple):
 
 def walls_of(building: Building, level: int) -> Iterator[WallPiece]:
     """Yield the pieces of all walls of a level."""
-    doors, windows = building.doors_on(level), _windows_on(building, level)
-    for wall in building.walls_on(level):
+    walls, doors = [*building.walls_on(level)], building.doors_on(level)
+    for wall, windows in zip(walls, _windows_in(walls, building, level), strict=True):
         half = (_OUTER if wall.is_outer else _INNER) / 2
         along = (wall.ends[1] - wall.ends[0]) / np.hypot(*(wall.ends[1] - wall.ends[0]))
         # Long enough to close its corners.
         start, end = wall.ends[0] - half * along, wall.ends[1] + half * along
-        gaps = door_spans(doors, start, end)
-        panes = _spans_beside(windows, start, end, gaps) if wall.is_outer else gaps[:0]
+        gaps = openings(door_spans(doors, start, end))
+        panes = _apart(windows + half, gaps)
         for ends in wall_pieces(start, end, np.concatenate([gaps, panes])):
             yield WallPiece("wall", ends, half)
         for span in panes:
@@ -64,47 +64,61 @@ def walls_of(building: Building, level: int) -> Iterator[WallPiece]:
             yield WallPiece("glass", ends, half / 3, low=_SILL)
 
 
-def _windows_on(building: Building, level: int) -> FloatArray:
-    """Return the ends of the windows of a level, shape (n, 2, 2)."""
+def _windows_in(walls: Sequence[Wall], building: Building, level: int) -> Iterator[FloatArray]:
+    """Yield where windows are in each wall, shape (n, 2): in the nearest outer wall.
+
+    Metres from its start, as far as they are in it, the widest first.
+    """
     solids = building.solids
-    is_window = [name.rpartition(" ")[2].startswith("window") for name in solids.names]
-    rows = np.flatnonzero((solids.storey == level) & np.array(is_window, dtype=bool))
-    across = (1 - solids.back[rows]) % 2
-    aside = solids.half[rows, across, None] * solids.axes[across]
-    centre = solids.centre[rows, :2]
-    return np.stack([centre - aside, centre + aside], axis=1)
+    is_window = np.array([kind_of(name).form == "window" for name in solids.names], dtype=bool)
+    windows = solids.take(is_window & (solids.storey == level))
+    half = windows.half[:, :2].max(axis=1)
+    ends = np.array([wall.ends for wall in walls]).reshape(-1, 2, 2)
+    along = ends[:, 1] - ends[:, 0]
+    length = np.hypot(*along.T)
+    along /= length[:, None]
+    offset = windows.centre[:, None, :2] - ends[:, 0]
+    at = np.einsum("nwi,wi->nw", offset, along)
+    off = np.abs(offset[..., 0] * along[:, 1] - offset[..., 1] * along[:, 0])
+    is_outer = np.array([wall.is_outer for wall in walls], dtype=bool)
+    off = np.where(is_outer & (at > 0) & (at < length) & (off < _BESIDE), off, np.inf)
+    is_nearest = (off == off.min(axis=1, initial=np.inf, keepdims=True)) & np.isfinite(off)
+    widest = np.argsort(-half, kind="stable")
+    for row, wide in enumerate(length.tolist()):
+        its = widest[is_nearest[widest, row]]
+        yield np.clip(np.stack([at[its, row] - half[its], at[its, row] + half[its]], 1), 0, wide)
 
 
-def _spans_beside(
-    windows: FloatArray, start: FloatArray, end: FloatArray, gaps: FloatArray
-) -> FloatArray:
-    """Return where windows are in a wall, as :func:`door_spans` does, but for those at a gap."""
-    length = np.hypot(*(end - start))
-    along = (end - start) / length
-    offset = windows - start
-    span = np.sort(offset @ along, axis=1)
-    across = np.abs(offset[..., 0] * along[1] - offset[..., 1] * along[0])
-    is_here = (across < _BESIDE).all(axis=1) & (np.ptp(span, axis=1) > _NARROW)
-    is_here &= (span[:, 0] > 0) & (span[:, 1] < length)
-    taken = gaps.tolist()
-    for low, high in span[is_here].tolist():
-        if all(high < first or last < low for first, last in taken):
-            taken.append([low, high])
-    return np.array(taken[len(gaps) :]).reshape(-1, 2)
+def _apart(spans: FloatArray, taken: FloatArray) -> FloatArray:
+    """Return the spans that are wide enough, and on none before them or of those taken."""
+    found: list[FloatArray] = []
+    for span in spans:
+        others = np.array([*taken, *found]).reshape(-1, 2)
+        is_apart = (span[1] < others[:, 0]) | (others[:, 1] < span[0])
+        if span[1] - span[0] > _NARROW and is_apart.all():
+            found.append(span)
+    return np.array(found).reshape(-1, 2)
+
+
+def openings(doors: FloatArray) -> FloatArray:
+    """Join doors, spans of shape (n, 2), that are close together: no wall stands between them."""
+    joined: list[list[float]] = []
+    for low, high in sorted(doors.tolist()):
+        if joined and low - joined[-1][1] < _POST:
+            joined[-1][1] = max(joined[-1][1], high)
+        else:
+            joined.append([low, high])
+    return np.array(joined).reshape(-1, 2)
 
 
 def wall_pieces(start: FloatArray, end: FloatArray, gaps: FloatArray) -> Iterator[FloatArray]:
-    """Yield the ends of short pieces of a wall, without what :func:`door_spans` returns.
-
-    What is left between two gaps that are close together is a part of both.
-    """
+    """Yield the ends of short pieces of a wall, without gaps: metres from its start, (n, 2)."""
     length = float(np.hypot(*(end - start)))
     along = (end - start) / length
     begin = 0.0
     for first, last in [*sorted(gaps.tolist()), (length, length)]:
         stop = min(first, length)
-        is_post = begin > 0 and stop < length and stop - begin < _POST
-        if stop - begin > 1e-6 and not is_post:
+        if stop - begin > 1e-6:
             count = int(np.ceil((stop - begin) / _PIECE))
             for low, high in pairwise(np.linspace(begin, stop, count + 1)):
                 yield np.stack([start + low * along, start + high * along])

@@ -259,6 +259,14 @@ def test_where_objects_are_without_their_distances() -> None:
     assert outline.min(axis=0) == pytest.approx([-0.45, -0.45])
 
 
+def test_a_room_ends_where_its_viewpoints_see_no_more() -> None:
+    """Three metres from its camera: the fifth object is not where it seems to be."""
+    around = np.array([(2.5, 0, 0), (-2.5, 0, 0), (0, 2.5, 0), (0, -2.5, 0), (3.1, 0, 0)])
+    seen = seen_from(np.zeros((1, 3)), [0] * 5, around, ["chair"] * 5, known=True)
+    (room,) = model_building(np.zeros((1, 3)), np.zeros((0, 2), dtype=np.int64), seen).rooms
+    assert corners(room) == [[-2.5, -2.5], [-2.5, 2.5], [2.5, -2.5], [2.5, 2.5]]
+
+
 def test_one_ray_ends_at_the_usual_distance() -> None:
     """Objects in three directions, seen once: 1.45 m from the camera."""
     position = np.zeros((1, 3))

@@ -22,7 +22,7 @@ from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_svg import interactive_map_svg
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.sheets import Sheets
-from reverie_eval.reporting.walls import wall_pieces, walls_of
+from reverie_eval.reporting.walls import openings, wall_pieces, walls_of
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run
 
@@ -73,7 +73,7 @@ def test_walls_have_gaps_for_doors(
     ends = [[(3, low), (3, high)] for low, high in doors] + [[(1, 0), (1, 2)]]
     wall = np.array([3.0, 0.0]), np.array([3.0, 2.0])
     spans = door_spans([Line(0, np.array(each, float)) for each in ends], *wall)
-    pieces = list(wall_pieces(*wall, spans))
+    pieces = list(wall_pieces(*wall, openings(spans)))
     assert [tuple(piece[:, 1].round(9)) for piece in pieces] == expected
 
 
@@ -82,7 +82,7 @@ def test_windows_are_in_outer_walls(turn: float) -> None:
     """One beside an outer wall; not those beside an inner one, at a door, and amid a room."""
     axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
     square = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
-    centre = np.array([(1.0, 0.2), (3.8, 2.0), (6.0, 3.9), (2.0, 2.0)])
+    centre = np.array([(1.0, 0.9), (3.8, 2.0), (6.0, 3.9), (2.0, 2.0)])
     n_windows = len(centre)
     nowhere = np.zeros(n_windows, dtype=np.int64)
     solids = Solids(
@@ -171,6 +171,55 @@ def test_what_is_large_and_unknown_is_left_out(
     changed = replace(whole.building, solids=replace(solids, half=large, names=names))
     svg = BuildingPicture(replace(whole, building=changed)).svg()
     assert bool(of_class(svg, "wood")) == is_drawn
+
+
+def renamed(episode: Episode, name: str, up: float) -> str:
+    """Draw a building whose only large object has a name and begins so far above its floor."""
+    whole = EpisodeMap.of({"": episode})
+    solids = whole.building.solids
+    row = solids.object_id.tolist().index(episode.target_object)
+    half, centre = np.full_like(solids.half, 0.1), solids.centre.copy()
+    half[row] = 0.5
+    floor = float(np.median(whole.position[whole.storey == solids.storey[row], 2])) - 1.5
+    centre[row, 2] = floor + up + 0.5
+    names = ["lamp"] * len(solids.names)
+    names[row] = name
+    moved = replace(solids, half=half, centre=centre, names=names)
+    return BuildingPicture(replace(whole, building=replace(whole.building, solids=moved))).svg()
+
+
+def foot(svg: str) -> float:
+    """Return how low on the page wood is, whose outlines go from corner to corner."""
+    outlines = [
+        np.array(outline.rstrip("z").replace("l", " ").split(), dtype=float).reshape(-1, 2)
+        for each in of_class(svg, "wood")
+        for outline in each.get("d", "").split("M")[1:]
+    ]
+    return max(float(outline.cumsum(axis=0)[:, 1].max()) for outline in outlines)
+
+
+@pytest.mark.parametrize(
+    ("name", "up", "is_drawn"),
+    [
+        pytest.param("bookcase", 0.0, True, id="stands"),
+        pytest.param("bookcase", 0.6, True, id="reaches down"),
+        pytest.param("box", 0.0, True, id="lies on the floor"),
+        pytest.param("box", 0.6, False, id="floats"),
+    ],
+)
+def test_nothing_floats(episode: Episode, name: str, up: float, *, is_drawn: bool) -> None:
+    svg = renamed(episode, name, up)
+    assert bool(of_class(svg, "wood")) == is_drawn
+    if is_drawn:
+        assert foot(svg) == pytest.approx(foot(renamed(episode, name, 0.0)), abs=0.11)
+
+
+def test_gardens_have_no_walls_and_no_names(episode: Episode) -> None:
+    whole = EpisodeMap.of({"": episode})
+    rooms = [room._replace(is_outdoors=True) for room in whole.building.rooms]
+    svg = BuildingPicture(replace(whole, building=replace(whole.building, rooms=rooms))).svg()
+    assert of_class(svg, "outdoors")
+    assert not [*of_class(svg, "wall"), *of_class(svg, "joint"), *of_class(svg, "room-name")]
 
 
 def test_levels_are_stacked(scores: rv.Scores) -> None:

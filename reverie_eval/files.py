@@ -43,7 +43,7 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
     # In the same folder, because renaming is atomic within a file system only.
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with _naming(path, draft):
+        with naming(path, draft):
             descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
             with os.fdopen(descriptor, "wb") as file:
                 if path.exists():
@@ -59,7 +59,7 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def _naming(path: Path, draft: Path) -> Iterator[None]:
+def naming(path: Path, draft: Path) -> Iterator[None]:
     """Let errors name the caller's file or folder instead of the draft.
 
     Of a full disk, the system names no file, or the one that was copied.
@@ -88,7 +88,7 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
     with TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as hidden:
         staging = Path(hidden, "new")
         staging.mkdir()
-        with _naming(folder, staging):
+        with naming(folder, staging):
             yield staging
         # A folder with files cannot be replaced by a rename, so the old one steps aside first.
         if target.exists():
@@ -121,7 +121,7 @@ def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterato
         # One level deeper, because the temporary folder is private to its owner.
         staging = Path(hidden, target.name)
         staging.mkdir(mode)
-        with _naming(folder, staging):
+        with naming(folder, staging):
             yield staging
         if is_new:
             staging.rename(target)

@@ -1,6 +1,7 @@
 """What an organiser's commands share: the server's folder, who acts, the time, and lists."""
 
 import getpass
+import logging
 import os
 import shlex
 import sys
@@ -49,9 +50,11 @@ class Folder:
         return load_settings(self.path)
 
     def open(self) -> "AbstractContextManager[ServerState]":
-        """Open the server, not only its database."""
+        """Open the server, not only its database; what it logs are notes of the command."""
         from reverie_eval.server.opening import opened_server
 
+        if logging.lastResort is not None:
+            logging.lastResort.setFormatter(_Notes())
         return opened_server(self.settings)
 
     @contextmanager
@@ -94,6 +97,15 @@ class Folder:
                 words = ["server", "token", "add", str(self), person.name]
                 command = shlex.join(["reverie-eval", *words, "--team", person.team.name])
                 note(f"no organiser has a valid token now; `{command}` creates one")
+
+
+class _Notes(logging.Formatter):
+    """Formats what is logged as a note in one line, with its cause in place of a traceback."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line."""
+        cause = f": {record.exc_info[1]}".splitlines()[0] if record.exc_info else ""
+        return f"note: {record.getMessage()}{cause}"
 
 
 server_folder = click.argument("folder", type=click.Path(path_type=Folder))

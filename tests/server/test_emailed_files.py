@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from html import unescape
 from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy import text
 
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport
@@ -20,6 +21,7 @@ from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.scoring.boards import Board
 from tests.support.acting import NOON
 from tests.support.flat_world import Outcome, Run
+from tests.support.processes import Laptop
 from tests.support.serving import (
     BROKEN,
     GOOD,
@@ -101,6 +103,17 @@ def test_publishing_names_an_upload_that_is_damaged(office: Office, mailed: Path
     sha256 = upload.name.partition(".")[0]
     assert f"the upload {sha256} cannot be read" in told
     assert "run `reverie-eval server doctor`" in told
+
+
+def test_what_is_logged_meanwhile_is_a_note_without_a_traceback(
+    office: Office, mailed: Path
+) -> None:
+    trigger = "CREATE TRIGGER full BEFORE INSERT ON attempt BEGIN SELECT RAISE(ABORT, 'full'); END"
+    with office.server.state.database.writing() as session:
+        session.execute(text(trigger))
+    alone = replace(office, run=Laptop(mailed, is_real=True).run)
+    note, *_ = alone.submit(mailed / "first.json").err.splitlines()
+    assert note == "note: upload not recorded: (sqlite3.IntegrityError) full"
 
 
 def test_each_file_is_scored_and_answered(office: Office, mailed: Path) -> None:

@@ -2,6 +2,9 @@
 
 import hashlib
 import os
+import resource
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -79,6 +82,21 @@ def test_what_is_staged_and_not_kept_leaves_nothing(uploads: Uploads) -> None:
     with suppress(RuntimeError), uploads.staged(OTHER_SHA256, pack(CONTENT)):
         raise RuntimeError
     assert list(uploads.names()) == []
+
+
+def test_a_full_disk_is_told_with_the_upload_that_it_has_no_space_for(tmp_path: Path) -> None:
+    put = f"from {uploads_module.__name__} import *; FolderUploads(Path()).put({SHA256!r}, b'[]')"
+    ended = subprocess.run(
+        [sys.executable, "-c", put],
+        cwd=tmp_path,
+        # The largest file that it may write, in bytes.
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10)),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.stderr.splitlines()[-1].endswith(f"File too large: '{name_of(SHA256)}'")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_what_is_staged_and_kept_is_there_at_once(uploads: Uploads) -> None:

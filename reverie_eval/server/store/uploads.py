@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from tempfile import NamedTemporaryFile, TemporaryFile
+from tempfile import TemporaryFile, mkstemp
 from threading import Lock
 from typing import Any, TypeAlias
 from urllib.parse import urlsplit
@@ -23,6 +23,7 @@ from urllib.parse import urlsplit
 from isal import igzip
 
 from reverie_eval.errors import ReverieEvalError
+from reverie_eval.files import naming
 
 PIECE = 256 << 10
 """Bytes of an upload that are in memory during a download."""
@@ -169,15 +170,16 @@ class FolderUploads:
         with self._making:
             _make_folder(path.parent)
         # Also if the file exists: it may be deleted before this one is kept.
-        with NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
-            hidden = Path(file.name)
-            try:
+        descriptor, name = mkstemp(dir=path.parent, prefix=".")
+        hidden = Path(name)
+        try:
+            with naming(path, hidden), os.fdopen(descriptor, "wb") as file:
                 file.write(packed)
                 file.flush()
                 os.fsync(file.fileno())
-                yield partial(_rename, hidden, path)
-            finally:
-                hidden.unlink(missing_ok=True)
+            yield partial(_rename, hidden, path)
+        finally:
+            hidden.unlink(missing_ok=True)
 
     def put(self, sha256: str, content: bytes) -> None:
         """Write the file whole and through to the disk, or not at all."""

@@ -58,6 +58,11 @@ _NO_SETTINGS = frozenset(
     {GROUND_TRUTH_VARIABLE, PANORAMAS_VARIABLE, SERVER_VARIABLE, TOKEN_VARIABLE}
 )
 """Environment variables of other commands."""
+_SET_BY_COMMANDS: Mapping[str | int, str] = {
+    "banner": "reverie-eval server news banner",
+    "paused": "reverie-eval server phase pause",
+}
+"""What may be looked for in the settings, but is changed without a restart."""
 _POSTGRESQL = "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
 _DATABASES = f"must be an SQLite file, sqlite:///FILE, or PostgreSQL, {_POSTGRESQL}"
 
@@ -566,8 +571,13 @@ def _problems(error: ValidationError) -> Iterator[Problem]:
 
 def _no_setting(place: Sequence[str | int]) -> Problem:
     *parents, name = place
-    message = f"is not a setting{did_you_mean(name, _settings_in(parents))}"
-    return Problem("wrong-setting", ".".join(map(str, place)), message)
+    command = _SET_BY_COMMANDS.get(name)
+    hint = (
+        f"; remove it, and use `{command}`"
+        if command
+        else did_you_mean(name, _settings_in(parents))
+    )
+    return Problem("wrong-setting", ".".join(map(str, place)), f"is not a setting{hint}")
 
 
 def _settings_in(place: Iterable[str | int]) -> Iterable[str]:

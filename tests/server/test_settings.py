@@ -258,6 +258,18 @@ def test_what_the_template_has_as_a_comment_is_a_setting(folder: Path, tmp_path:
             id="no bytes",
         ),
         pytest.param(
+            f"banner = 'Hello'\npaused = true\n{SPLIT}paused = true\n",
+            [
+                "banner: is not a setting; remove it, and use `reverie-eval server news banner`",
+                "paused: is not a setting; remove it, and use `reverie-eval server phase pause`",
+                (
+                    "splits.test.paused: is not a setting; remove it, and use `reverie-eval server "
+                    "phase pause`"
+                ),
+            ],
+            id="what commands set",
+        ),
+        pytest.param(
             f"title = ''\n{SPLIT}",
             ["title: got ''; must have 1 or more characters"],
             id="no title",

@@ -107,9 +107,9 @@ def _keep_freed_memory() -> None:
     Otherwise it returns that of each file's arrays to the system, and asks for it again for those
     of the next file, which takes a tenth of the processor's time.
     """
-    import ctypes
+    with suppress(ImportError, AttributeError):  # Python without ctypes, or another C library
+        import ctypes
 
-    with suppress(AttributeError):  # another C library
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(_MMAP_THRESHOLD, _BYTES_KEPT)
         mallopt(_TOP_PAD, _BYTES_KEPT)

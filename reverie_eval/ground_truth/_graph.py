@@ -28,9 +28,11 @@ class ViewpointTable:
 
     def __init__(self, ids: Sequence[str]) -> None:
         self.ids = ids
-        """All of them; the table has those of the usual length."""
+        """All of them; the table has those of the usual length, of letters and digits alone."""
         letters = [each.encode() for each in ids]
-        row = np.array([row for row, each in enumerate(letters) if len(each) == ID_LENGTH], int)
+        # JSON writes these as they are, and nothing else that a file has looks like them.
+        is_usual = [len(each) == ID_LENGTH and each.isalnum() for each in letters]
+        row = np.flatnonzero(is_usual)
         words = _words_of(np.array([letters[each] for each in row], f"S{ID_LENGTH}"))
         keys = _key_of(words)
         order = np.argsort(keys)

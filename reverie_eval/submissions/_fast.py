@@ -236,7 +236,7 @@ def _split_items(content: bytes) -> _Records:
     instr_ids, locations = [], []
     for row, (item, parts) in enumerate(zip(items, trajectories, strict=True)):
         name = str(item.instr_id)
-        _require(ITEM_MARK not in name and not DUETS_ID.fullmatch(name))
+        _require(parts and ITEM_MARK not in name and not DUETS_ID.fullmatch(name))
         for index in range(len(parts)):
             instr_ids.append(f"{name}{ITEM_MARK}{seen[name]}")
             locations.append(RecordLocation(row, trajectory=index))
@@ -563,8 +563,11 @@ def _read_walks(
         raise _Declined
     _check_numbers(text, begin, _count_letters(ids.view(np.uint8)) + n_brackets)
     if stop_commas is None or exact_angles:
-        count = n_numbers[last_of(offsets_of(n_elements))]
-        stop_angles = _read_angles(text, begin, offsets_of(length), count)
+        offsets = offsets_of(length)
+        count = np.repeat(n_numbers, n_viewpoints)[last_of(offsets)]
+        # Numbers end a trajectory, unless an empty hop comes behind them.
+        _require((count == n_numbers[last_of(offsets_of(n_elements))]).all())
+        stop_angles = _read_angles(text, begin, offsets, count)
     else:
         is_small = _are_within_turn(text, stop_commas)
         stop_angles = np.repeat(np.where(is_small, 0, np.inf), 2).reshape(-1, 2)

@@ -11,6 +11,7 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from reverie_eval import SubmissionError
+from reverie_eval.ground_truth import ViewpointTable
 from reverie_eval.submissions import (
     convert,
     read_predictions,
@@ -341,6 +342,7 @@ def test_hops_by_the_fast_reader() -> None:
         pytest.param(record(trajectory=f"[[{A}, 30.5, 0]]"), True, id="degrees"),
         pytest.param(record(trajectory=f"[[{A}, 6.25, 0]]"), True, id="nearly a full turn"),
         pytest.param(record(trajectory=f"[[{A}, 6.5, 0]]"), True, id="more than a full turn"),
+        pytest.param(record(trajectory=f"[[{A}, 90, 0], []]"), False, id="degrees, empty hop"),
         pytest.param(record(trajectory="[[]]"), False, id="empty hop only"),
         pytest.param(record(trajectory="[]"), False, id="no pose"),
         pytest.param(record(instr_id='"reverie_7_1_0"'), True, id="prefix"),
@@ -373,6 +375,48 @@ def test_hops_by_the_fast_reader() -> None:
 def test_what_the_fast_reader_takes(text: str, *, is_taken: bool) -> None:
     text = text.replace('[["hall", 1.5, 0]]', f"[[{A}, 1.5, 0]]")
     assert read_by_both(document(text, text), find_task("reverie")) == is_taken
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        pytest.param(f"[[{A}, 1], [{A}, 1, 0, 5]]", f"[[{B}, 1, 0]]", id="a number, in a record"),
+        pytest.param(f"[[{A}, 1]]", f"[[{B}, 1, 0, 5]]", id="a number, between records"),
+        pytest.param(f"[[1, {A}, 0]]", f"[[{B}, 1, 0]]", id="an angle before an id"),
+        pytest.param(f"[[{A}, [1, 0], {B}, 1, 0]]", f"[[{B}, 1, 0]]", id="a pose within a pose"),
+        pytest.param(f"[[{A}, 1, 0], {B}, [1, 0]]", f"[[{B}, 1, 0]]", id="a pose without a list"),
+        pytest.param(f"[[[{A}, 1, 0]], [{A}, 1, 0]]", f"[{B}, 1, 0]", id="between records"),
+        pytest.param(
+            f"[[{A}, 1, 0] ]", f"[[[{A}, 1e-5, 0]], [[{B}, 1E5, 0]]]", id="ends of trajectories"
+        ),
+        pytest.param(f"[[{A}], [[{A}]]]", f"[[{B}] ]", id="ends of trajectories of hops"),
+        pytest.param(f"[{A}, []]", f"[{B}]", id="an empty hop among bare viewpoints"),
+        pytest.param(f"[[{A}], [5], []]", f"[[{B}], [ ]]", id="a number and an empty hop"),
+    ],
+)
+def test_no_fault_hides_another(one: str, other: str) -> None:
+    """Though both records together have as many marks as right ones have."""
+    content = document(record(trajectory=one), record(instr_id='"7_1_1"', trajectory=other))
+    assert not read_by_both(content, find_task("reverie"))
+
+
+@pytest.mark.parametrize(
+    ("viewpoint_id", "angle"),
+    [
+        pytest.param("room-e-0000000000000000000000000", "1E400", id="like an exponent"),
+        pytest.param("\\" * 32, "1", id="escaped in the file"),
+    ],
+)
+def test_ids_of_other_letters_are_declined(viewpoint_id: str, angle: str) -> None:
+    content = document(record(trajectory=f'[[{A}, {angle}, 0], ["{viewpoint_id}", 1, 0]]'))
+    table = ViewpointTable([A.strip('"'), viewpoint_id])
+    assert read_fast(content, find_task("reverie"), table) is None
+
+
+def test_an_item_without_trajectories_is_declined() -> None:
+    items = json.loads((SAMPLES / "soon.json").read_bytes())[:2]
+    content = json.dumps([{**items[0], "trajectory": []}, items[1]]).encode()
+    assert not read_by_both(content, find_task("soon"))
 
 
 @pytest.mark.parametrize("form", [list, tuple])

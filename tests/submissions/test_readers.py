@@ -328,6 +328,7 @@ def test_hops_by_the_fast_reader() -> None:
         pytest.param(record(predObjId='"03"'), True, id="leading zero"),
         pytest.param(record(predObjId="true"), False, id="boolean"),
         pytest.param(record(trajectory='[["7", 1.5, 0]]'), False, id="no viewpoint id"),
+        pytest.param(record(trajectory=f"[[{A}, 1.5, 0] ]"), True, id="space between brackets"),
         pytest.param(record(trajectory=f"[[{A}], []]"), True, id="empty hop"),
         pytest.param(record(trajectory=f"[[{A}], [5]]"), False, id="a number alone"),
         pytest.param(record(trajectory=f"[[{A}], 5]"), False, id="a number among hops"),
@@ -385,10 +386,14 @@ def test_what_the_fast_reader_takes(text: str, *, is_taken: bool) -> None:
         pytest.param(f"[[1, {A}, 0]]", f"[[{B}, 1, 0]]", id="an angle before an id"),
         pytest.param(f"[[{A}, [1, 0], {B}, 1, 0]]", f"[[{B}, 1, 0]]", id="a pose within a pose"),
         pytest.param(f"[[{A}, 1, 0], {B}, [1, 0]]", f"[[{B}, 1, 0]]", id="a pose without a list"),
+        pytest.param(f"[[{A}, 1, 0, [{A}, 1, 0]]]", f"[[{B}, 1, 0]]", id="a pose ends another"),
         pytest.param(f"[[[{A}, 1, 0]], [{A}, 1, 0]]", f"[{B}, 1, 0]", id="between records"),
+        pytest.param(f"[[{A[:-1]} , 1\", 0]]", f"[[{B}, 1, 0]]", id="a comma in a text"),
         pytest.param(
             f"[[{A}, 1, 0] ]", f"[[[{A}, 1e-5, 0]], [[{B}, 1E5, 0]]]", id="ends of trajectories"
         ),
+        pytest.param(f"[[{A}, {'9' * 400}, 0]]", f"[[{B}, 1, 0]]", id="a long number first"),
+        pytest.param(f"[[{A}, 1, 0]]", f"[[{B}, 1, {'9' * 400}]]", id="a long number last"),
         pytest.param(f"[[{A}], [[{A}]]]", f"[[{B}] ]", id="ends of trajectories of hops"),
         pytest.param(f"[{A}, []]", f"[{B}]", id="an empty hop among bare viewpoints"),
         pytest.param(f"[[{A}], [5], []]", f"[[{B}], [ ]]", id="a number and an empty hop"),

@@ -388,7 +388,7 @@ def test_what_the_fast_reader_takes(text: str, *, is_taken: bool) -> None:
         pytest.param(f"[[{A}, 1, 0], {B}, [1, 0]]", f"[[{B}, 1, 0]]", id="a pose without a list"),
         pytest.param(f"[[{A}, 1, 0, [{A}, 1, 0]]]", f"[[{B}, 1, 0]]", id="a pose ends another"),
         pytest.param(f"[[[{A}, 1, 0]], [{A}, 1, 0]]", f"[{B}, 1, 0]", id="between records"),
-        pytest.param(f"[[{A[:-1]} , 1\", 0]]", f"[[{B}, 1, 0]]", id="a comma in a text"),
+        pytest.param(f'[[{A[:-1]} , 1", 0]]', f"[[{B}, 1, 0]]", id="a comma in a text"),
         pytest.param(
             f"[[{A}, 1, 0] ]", f"[[[{A}, 1e-5, 0]], [[{B}, 1E5, 0]]]", id="ends of trajectories"
         ),

@@ -244,6 +244,11 @@ def test_a_change_is_read_as_a_file_is() -> None:
     }
 
 
+def test_a_new_result_lacks_the_scores_that_a_table_has_no_value_of() -> None:
+    cells = {"method": "M", "team": "T", "source": "x", "SR": "-", "SPL": "", "RGS": "32.49"}
+    assert read_change(NewReported, cells, split="test").scores == {"rgs": 0.3249}
+
+
 def test_everything_that_is_wrong_with_a_change_is_told_at_once() -> None:
     cells = {"SR": "x", "TL": "-1", "method": "M", "team": "", "source": "x", "date": "soon"}
     with pytest.raises(TableError) as raised:

@@ -197,8 +197,7 @@ def add_reported_result(new: schemas.NewReported, organiser: Organiser) -> schem
 def add_reported(desk: Desk, form: Posted) -> Response:
     """Add a reported result to a leaderboard."""
     typed = forms.typed_by(desk, form, draw_reported)
-    cells = {name: cell for name, cell in _cells(typed).items() if cell or name not in CATALOGUE}
-    new = read_change(schemas.NewReported, cells, split=typed.get("split", ""))
+    new = read_change(schemas.NewReported, _cells(typed), split=typed.get("split", ""))
     desk.perform(reported.add_reported, new, desk.server.settings.tasks)
     return forms.done(REPORTED, "added")
 

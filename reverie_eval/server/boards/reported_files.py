@@ -129,7 +129,7 @@ def read_change(model: type[Request], cells: Mapping[str, str], **more: object) 
     model : type
         ``ReportedChange`` or ``NewReported``.
     cells : mapping of str to str
-        New values by column; an empty one removes the earlier value.
+        New values by column; an empty one, or ``-`` for a score, removes the earlier value.
     more
         Fields of the request that a file does not have.
 
@@ -153,7 +153,8 @@ def read_change(model: type[Request], cells: Mapping[str, str], **more: object) 
     }
     renamed = {"name": about.pop("method")} if "method" in about else {}
     method = {name: about.pop(name) for name in _OF_METHOD if name in about} | renamed
-    cleared = {key: None for key in given if key in CATALOGUE and given[key] in _NO_VALUE}
+    empty = [key for key, cell in given.items() if key in CATALOGUE and cell in _NO_VALUE]
+    cleared = dict.fromkeys(empty) if model is ReportedChange else {}
     fields = {**about, **more, "method": method, "scores": {**scores, **cleared}}
     problems = [Problem("wrong-value", "values", told) for told in wrong]
     try:

@@ -4,12 +4,11 @@ Every submission is compared with the first, on the same episodes. Results on th
 correlated, so differences have intervals of their own, narrower than separate ones suggest.
 """
 
-import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import comb
+from math import comb, inf
 from operator import attrgetter
 from typing import TYPE_CHECKING, Literal
 
@@ -589,7 +588,7 @@ def baseline_first(scores: Mapping[str, Scored], baseline: str | None) -> Mappin
     if baseline == BEST:
         task = next(iter(scores.values())).ground_truth.task
         key = task.primary_metric({key for each in scores.values() for key in each}).key
-        baseline = max(scores, key=lambda name: scores[name].get(key, -math.inf))
+        baseline = max(scores, key=lambda name: scores[name].get(key, -inf))
     if baseline not in scores:
         raise ProtocolError(f"no submission is named {baseline!r}{did_you_mean(baseline, scores)}")
     return {baseline: scores[baseline], **scores}

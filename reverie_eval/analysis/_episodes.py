@@ -1,4 +1,4 @@
-"""Single episodes: trajectory, answer and outcome; and which episodes to look at."""
+"""Single episodes, which of them to look at, and how all walks of a method ended."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

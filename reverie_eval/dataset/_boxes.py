@@ -188,7 +188,7 @@ def _key(scan_and_viewpoint: str) -> ViewpointKey:
     return ViewpointKey(scan_id, viewpoint_id)
 
 
-# Rules.
+# Rules about the form of boxes.
 
 _FETCH = "Fetch the files again, or fix the program that wrote them."
 
@@ -321,6 +321,9 @@ BOX_RULES: Sequence[Rule[Boxes]] = (
     ),
 )
 
+
+# Rules about which objects are visible from where.
+
 # How often a name must be listed for its share of visible objects to mean something.
 _OFTEN = 100
 _VISIBLE_FROM_FEW = (
@@ -435,6 +438,8 @@ def visibility_spreads(boxes: Boxes) -> list[Spread]:
         ),
     ]
 
+
+# Rules about the sizes of boxes.
 
 # A box is a sliver if its shorter side has at most so many pixels.
 _SLIVER = 4

@@ -194,7 +194,6 @@ def _plain(value: Any) -> Any:
 
 _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
-
 _TITLES: Mapping[str, str] = MappingProxyType(
     {
         "fingerprint": "fingerprint of the ground truth",
@@ -257,6 +256,9 @@ def _field_docstrings(record: type) -> Iterator[tuple[str, str]]:
                 yield name, " ".join(text.split())
             case _:
                 pass
+
+
+# The folder itself.
 
 
 class RunFolder:

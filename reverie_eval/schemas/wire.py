@@ -1,4 +1,4 @@
-"""The base class and the field types of all messages between servers and clients; wrong values."""
+"""Messages between servers and clients: their base class, their fields, and wrong values."""
 
 import re
 from collections.abc import Mapping

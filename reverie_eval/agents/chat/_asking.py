@@ -34,7 +34,7 @@ FIRST_PAUSE = 1.0
 """Seconds before the second attempt, doubled before each further one, unless the endpoint says how
 long to wait."""
 REPLIES = "replies.jsonl"
-"""The name of the file in its folder."""
+"""The name of the file of replies."""
 
 Message: TypeAlias = Mapping[str, Any]
 OnPaid: TypeAlias = Callable[[Reply], None]

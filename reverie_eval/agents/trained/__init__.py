@@ -1,9 +1,9 @@
 """The paper's agents, trained on names instead of pictures: what the extra ``agents`` needs.
 
 A model only scores actions or objects. What is observed becomes numbers in ``_coding``; training
-walks episodes in batches (``_imitation``, ``_reinforcement``, ``_ranking``), and a trained agent
-walks them one by one in a run (``_agent``), greedily or by the queue of FAST (``_queue``). The
-networks of the papers are in ``navigators`` and ``pointers``.
+(``_training``) walks the episodes of ``_world`` in batches, for the losses in ``_losses``. A
+trained agent (``_agent``) walks those of a run, greedily or by the queue of FAST. The networks of
+the papers are in ``navigators`` and ``pointers``.
 """
 
 from reverie_eval.agents.trained._agent import MODEL, POINTER, find_trained

@@ -340,8 +340,8 @@ class Rcm(Follower):
     """RCM: the follower, with a critic that says what reward is still to come, b.
 
     Wang et al., "Reinforced Cross-Modal Matching and Self-Supervised Imitation Learning for
-    Vision-Language Navigation", CVPR 2019, section 3: the policy gradient whose loss is in
-    ``_reinforcement``. The intrinsic reward, by which a second network says how well a trajectory
+    Vision-Language Navigation", CVPR 2019, section 3: the policy gradient whose loss is
+    ``policy_loss``. The intrinsic reward, by which a second network says how well a trajectory
     tells the instruction, is left out, and so is the self-supervised imitation, which walks in the
     buildings of the evaluation.
     """

@@ -332,6 +332,7 @@ def test_hops_by_the_fast_reader() -> None:
         pytest.param(record(trajectory=f"[[{A}], []]"), True, id="empty hop"),
         pytest.param(record(trajectory=f"[[{A}], [5]]"), False, id="a number alone"),
         pytest.param(record(trajectory=f"[[{A}], 5]"), False, id="a number among hops"),
+        pytest.param(record(trajectory=f"[5, {A}]"), False, id="a number before a bare viewpoint"),
         pytest.param(record(trajectory=f"[{A}, [{A}]]"), False, id="bare, and in a list"),
         pytest.param(record(trajectory=f"[[[{A}]]]"), False, id="nested too deeply"),
         pytest.param(record(trajectory=f"[[{A}, 1]]"), False, id="one angle"),
@@ -389,6 +390,7 @@ def test_what_the_fast_reader_takes(text: str, *, is_taken: bool) -> None:
         pytest.param(f"[[{A}, 1, 0, [{A}, 1, 0]]]", f"[[{B}, 1, 0]]", id="a pose ends another"),
         pytest.param(f"[[[{A}, 1, 0]], [{A}, 1, 0]]", f"[{B}, 1, 0]", id="between records"),
         pytest.param(f'[[{A[:-1]} , 1", 0]]', f"[[{B}, 1, 0]]", id="a comma in a text"),
+        pytest.param(r'[["a\"b", 1, 0]]', f"[[{B}, 1, 0]]", id="a quote in a text"),
         pytest.param(
             f"[[{A}, 1, 0] ]", f"[[[{A}, 1e-5, 0]], [[{B}, 1E5, 0]]]", id="ends of trajectories"
         ),

@@ -44,6 +44,7 @@ from tests.support.serving import (
     PRIVATE,
     OpenServer,
     Template,
+    add_boards,
     running,
     settings_of,
     submission_for,
@@ -480,6 +481,17 @@ def rescoring(
         return run("server", "rescore", str(folder), OPEN, *words)
 
     return again
+
+
+def test_scoring_again_starts_its_processes_once(
+    folder: Path, open_server: OpenServer, run: Run, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert open_server().upload(OWNER).status_code == 201
+    add_boards(folder, OPEN)
+    with caplog.at_level("INFO", "reverie_eval.server.scoring"):
+        done = run("server", "rescore", str(folder), OPEN, "--reason", "two more", "--jobs", "1")
+    assert (done.status, done.out.count("Walker")) == (0, 3), done.err
+    assert caplog.messages.count("scoring process started") == 1
 
 
 def test_scoring_again_says_that_a_process_was_killed(

@@ -21,6 +21,7 @@ from reverie_eval.server.corrections.corrections import (
     Job,
     Outcome,
     changes,
+    count_outdated,
     outdated,
     rejected,
     replace_results,
@@ -70,7 +71,9 @@ def preview(
         settings = _with_bundle(settings, split, bundle)
     with opened_server(settings) as state:
         boards = state.board(split).all
-        return _changes(state, boards, _score_all(state, boards, jobs, progress))
+        with _processes(state, split, jobs) as scoring:
+            outcomes = _score_all(state, scoring, boards, progress)
+        return _changes(state, boards, outcomes)
 
 
 def rescore(
@@ -87,10 +90,11 @@ def rescore(
     """
     with opened_server(settings) as state:
         boards = state.board(split).all
-        outcomes = _score_all(state, boards, jobs, progress)
-        if any(outcomes.values()):
-            with state.transactions.begin(actor) as transaction:
-                _replace_all(transaction, state, boards, outcomes, reason)
+        with _processes(state, split, jobs) as scoring:
+            outcomes = _score_all(state, scoring, boards, progress)
+            if any(outcomes.values()):
+                with state.transactions.begin(actor) as transaction:
+                    _replace_all(transaction, scoring, boards, outcomes, reason)
         return _changes(state, boards, outcomes)
 
 
@@ -122,9 +126,13 @@ def replace_ground_truth(
     load_boards(corrected)
     # The earlier ground truth is needed until the end: a snapshot of a phase that ends meanwhile
     # shows the earlier results.
-    with opened_server(settings) as earlier, opened_server(corrected) as state:
+    with (
+        opened_server(settings) as earlier,
+        opened_server(corrected) as state,
+        _processes(state, split, jobs) as scoring,
+    ):
         boards = state.board(split).all
-        outcomes = _score_all(state, boards, jobs, progress)
+        outcomes = _score_all(state, scoring, boards, progress)
         with (
             _replacement(settings, split, bundle) as replacement,
             earlier.transactions.begin(actor) as transaction,
@@ -135,13 +143,26 @@ def replace_ground_truth(
             recorded = LastRules().read(transaction.session)
             known = {name: recorded.get(name, own) for name, own in rules_of(state.boards).items()}
             append_rules(transaction, {**known, **after}, replaced)
-            _replace_all(transaction, state, boards, outcomes, reason)
+            _replace_all(transaction, scoring, boards, outcomes, reason)
             replacement.install()  # last, so that nobody finds it long before the new results
         return Replaced(_changes(state, boards, outcomes), replacement.aside)
 
 
+def _processes(state: ServerState, split: str, jobs: int) -> ScoringProcesses:
+    """Return processes that score a split's submissions again, several for many submissions.
+
+    They are started once: uploads could come faster than processes start.
+    """
+    with state.database.reading() as session:
+        most = max(count_outdated(session, board) for board in state.board(split).all)
+    # The ground truth of other splits would only take time and memory.
+    only = {split: state.settings.splits[split]}
+    settings = state.settings.model_copy(update={"splits": only})
+    return ScoringProcesses(settings, {split: state.boards[split]}, min(jobs, 1 + most // FOR_ONE))
+
+
 def _score_all(
-    state: ServerState, boards: Sequence[Board], jobs: int, progress: Progress
+    state: ServerState, scoring: ScoringProcesses, boards: Sequence[Board], progress: Progress
 ) -> Outcomes:
     """Score all outdated results of leaderboards, also those that come meanwhile."""
     outcomes: Outcomes = {board.name: {} for board in boards}
@@ -151,12 +172,12 @@ def _score_all(
         if not missing:
             return outcomes
         for board, waiting in missing:
-            _update(outcomes[board.name], _score(state, board, waiting, jobs, progress))
+            _update(outcomes[board.name], _score(scoring, board, waiting, progress))
 
 
 def _replace_all(
     transaction: Transaction,
-    state: ServerState,
+    scoring: ScoringProcesses,
     boards: Sequence[Board],
     outcomes: Outcomes,
     reason: str,
@@ -164,7 +185,7 @@ def _replace_all(
     """Replace the results of leaderboards."""
     # Uploads that came since the last look; there is hardly ever one.
     for board, waiting in _missing(transaction.session, boards, outcomes):
-        _update(outcomes[board.name], _score(state, board, waiting, 1, no_progress))
+        _update(outcomes[board.name], _score(scoring, board, waiting, no_progress))
     for board in boards:
         replace_results(transaction, board, reason, outcomes[board.name])
 
@@ -202,18 +223,9 @@ def _update(known: dict[Job, Outcome], found: Mapping[Job, Outcome]) -> None:
 
 
 def _score(
-    state: ServerState, board: Board, waiting: Sequence[Job], jobs: int, progress: Progress
+    scoring: ScoringProcesses, board: Board, waiting: Sequence[Job], progress: Progress
 ) -> Mapping[Job, Outcome]:
-    """Score submissions again in processes of their own."""
-    number = min(jobs, 1 + len(waiting) // FOR_ONE)
-    # The ground truth of other splits would only take time and memory.
-    only = {board.split: state.settings.splits[board.split]}
-    settings = state.settings.model_copy(update={"splits": only})
-    boards = {board.split: state.boards[board.split]}
-    with (
-        ScoringProcesses(settings, boards, number) as scoring,
-        ThreadPoolExecutor(number) as threads,
-    ):
+    with ThreadPoolExecutor(scoring.number) as threads:
         try:
             outcomes = threads.map(partial(_rescore, scoring, board), waiting)
             scored = zip(waiting, outcomes, strict=True)

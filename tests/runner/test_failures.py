@@ -230,9 +230,10 @@ def test_an_agent_that_is_refused_says_why_and_leaves_no_folder(tmp_path: Path, 
 
 
 def test_a_refused_agent_leaves_a_folder_with_files_of_others(tmp_path: Path) -> None:
-    file = tmp_path / "run" / ".unready.py"
-    file.parent.mkdir()
+    file, others = tmp_path / "unready.py", tmp_path / "run" / ".others"
     file.write_text("class Agent:\n    def __init__(self): raise KeyError('MY_KEY')\n")
+    others.parent.mkdir()
+    others.touch()
     with pytest.raises(ReverieEvalError, match="cannot be made: KeyError: 'MY_KEY'"):
         run(RunPlan(AgentSource(str(file)), some(2)), tmp_path / "run")
-    assert file.is_file()
+    assert others.is_file()

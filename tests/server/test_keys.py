@@ -276,7 +276,7 @@ def test_the_list_of_keys_says_which_is_in_use(after: Serving, folder: Path, run
     page = after.client.get("/guide/api").text
     assert first.key_id in page
     entries = run("server", "audit", str(folder)).out.splitlines()[1:]
-    assert "public_key: -----BEGIN PUBLIC KEY-----\\n" in entries[-1]  # on one line
+    assert "public key: -----BEGIN PUBLIC KEY-----\\n" in entries[-1]  # on one line
 
 
 def test_the_old_file_is_refused_with_the_way_out(folder: Path, run: Run) -> None:

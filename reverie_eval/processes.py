@@ -13,9 +13,8 @@ T = TypeVar("T")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-# glibc's ``M_TOP_PAD`` and ``M_MMAP_THRESHOLD``:
-# https://man7.org/linux/man-pages/man3/mallopt.3.html
-_TOP_PAD, _MMAP_THRESHOLD = -2, -3
+# glibc's ``M_TOP_PAD``: https://man7.org/linux/man-pages/man3/mallopt.3.html
+_TOP_PAD = -2
 # Bytes of freed memory that each of glibc's arenas keeps.
 _BYTES_KEPT = 16 << 20
 
@@ -86,7 +85,7 @@ def map_in_processes(
     # "spawn" starts fresh processes: a forked copy of a process with threads, which a progress bar
     # has, may hang.
     context = get_context("spawn")
-    with ProcessPool(jobs, initializer=_keep_freed_memory, context=context) as pool:
+    with ProcessPool(jobs, initializer=keep_freed_memory, context=context) as pool:
         try:
             with starting_processes():
                 results = pool.map(work, items)
@@ -101,7 +100,7 @@ def map_in_processes(
             raise
 
 
-def _keep_freed_memory() -> None:
+def keep_freed_memory() -> None:
     """Tell glibc to keep some of the memory of freed arrays for the next ones.
 
     Otherwise it returns that of each file's arrays to the system, and asks for it again for those
@@ -110,9 +109,7 @@ def _keep_freed_memory() -> None:
     with suppress(ImportError, AttributeError):  # Python without ctypes, or another C library
         import ctypes
 
-        mallopt = ctypes.CDLL(None).mallopt
-        mallopt(_MMAP_THRESHOLD, _BYTES_KEPT)
-        mallopt(_TOP_PAD, _BYTES_KEPT)
+        ctypes.CDLL(None).mallopt(_TOP_PAD, _BYTES_KEPT)
 
 
 class Progress(Protocol):

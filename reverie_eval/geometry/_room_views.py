@@ -283,9 +283,10 @@ class RoomView:
     def _in_front_of(self, away: FloatArray, others: FloatArray) -> FloatArray:
         """Return just less than the distance of the nearest object that carries or contains one.
 
-        ``away`` has the distances of all centres, shape (n_seen,), as the result, and ``others``
-        those of objects without boxes; inf if there is none. An object contains another if its box
-        contains the other's. By their centres alone, a table would hide the book that lies on it.
+        It is inf where no object does. ``away`` has the distances of all centres, shape (n_seen,),
+        as the result has, and ``others`` those of objects without boxes. An object contains another
+        if its box contains the other's. By their centres alone, a table would hide the book that
+        lies on it.
         """
         low = self._seen.xywh[:, :2].astype(np.float64)
         size = self._seen.xywh[:, 2:].astype(np.float64)

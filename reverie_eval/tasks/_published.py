@@ -223,7 +223,7 @@ def find_codebase(name: str) -> Codebase:
     Raises
     ------
     ProtocolError
-        If there is none; the message suggests the closest.
+        If there is no such codebase; the message suggests the most similar name.
 
     Examples
     --------

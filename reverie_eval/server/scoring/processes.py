@@ -5,7 +5,6 @@ processor time or memory than any real one needs is refused, and the process tha
 replaced, as is one that was killed. All end with the server, also if that is killed.
 """
 
-import ctypes
 import gc
 import logging
 import os
@@ -27,7 +26,7 @@ from threading import Lock, Thread
 from typing import Any, Concatenate, Generic, NamedTuple, Self, TypeVar
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
-from reverie_eval.processes import starting_processes
+from reverie_eval.processes import keep_freed_memory, starting_processes
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.scoring.boards import Board, load_boards
 from reverie_eval.server.scoring.contexts import (
@@ -53,10 +52,6 @@ _MOST_SECONDS = 120
 _NO_ROOM = "the system has no room for a process that reads the file"
 _NICENESS = 5
 """The process that answers requests comes first."""
-_TOP_PAD = -2
-"""glibc's ``M_TOP_PAD``: https://man7.org/linux/man-pages/man3/mallopt.3.html"""
-_BYTES_KEPT = 16 << 20
-"""Bytes of freed memory that each of glibc's arenas keeps."""
 _PROCESS_SIZE = Path("/proc/self/statm")
 """On Linux: the first number is the size of the address space, in pages."""
 
@@ -345,10 +340,7 @@ def _limited_memory(size: int) -> Iterator[None]:
 def settle_memory() -> None:
     """Tell the garbage collector and glibc that this process has started, and that uploads follow.
 
-    Collecting the ground truth, which stays in memory, would only cost time. And glibc, which would
-    otherwise return the memory of each freed array to the system and ask for it again, keeps some
-    of it for the next upload, which then takes a tenth less of the processor.
+    Collecting the ground truth, which stays in memory, would only cost time.
     """
     gc.freeze()
-    with suppress(AttributeError):  # another C library
-        ctypes.CDLL(None).mallopt(_TOP_PAD, _BYTES_KEPT)
+    keep_freed_memory()

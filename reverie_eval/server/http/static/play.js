@@ -1,5 +1,5 @@
 // Keeps the walks that a person has finished in this browser, with their times, and offers them as a file.
-// The walk is kept before anything is shown, because whoever sees the link to the next episode may follow it at once.
+// The walk is kept before the page is shown: the link to the next episode may be clicked as soon as it is there.
 const { split, number, episodes, episode, record } = document.currentScript.dataset;
 const { at, actions } = number ? begunWalk(split, number) : {};
 if (at) {

@@ -22,8 +22,8 @@ from reverie_eval.server.audit.log import audit_reports, entries
 from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.boards.rank_intervals import cluster_sums
 from reverie_eval.server.corrections.corrections import (
-    Job,
     Outcome,
+    Outdated,
     Rescored,
     changes,
     count_outdated,
@@ -35,7 +35,7 @@ from reverie_eval.server.corrections.corrections import (
 from reverie_eval.server.corrections.snapshots import Closing, Snapshots
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import SubmissionService
-from reverie_eval.server.operations import corrections
+from reverie_eval.server.operations import scoring_again
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.scoring.rules import append_rules, record_rules, rules_of
@@ -208,9 +208,9 @@ def test_nothing_is_left_to_score_again(corrected: Serving) -> None:
     assert len(board(corrected)["corrections"]) == 1
 
 
-def scoring_again(server: Serving, split: str) -> Callable[[Job], Outcome]:
+def rescorer(server: Serving, split: str) -> Callable[[Outdated], Outcome]:
     """Return what scores a submission to a split again."""
-    return lambda job: server.state.scoring.run(rescore_one, split, "", job)
+    return lambda old: server.state.scoring.run(rescore_one, split, "", old)
 
 
 def test_a_correction_that_was_announced_keeps_its_reason(corrected: Serving) -> None:
@@ -218,7 +218,7 @@ def test_a_correction_that_was_announced_keeps_its_reason(corrected: Serving) ->
     place = state.boards[OPEN]
     with state.database.reading() as session:
         first, _ = outdated(session, place)
-    outcomes = {first: scoring_again(corrected, OPEN)(first)}
+    outcomes = {first: rescorer(corrected, OPEN)(first)}
     with corrected.acting(ORGANISER) as transaction:
         replace_results(transaction, place, WHY, outcomes)
     assert rescored(corrected, reason="another reason") == (1, {})
@@ -231,8 +231,8 @@ def test_two_runs_at_once_replace_each_result_once(corrected: Serving) -> None:
     state = corrected.state
     place = state.boards[OPEN]
     with state.database.reading() as session:
-        jobs = outdated(session, place)
-    outcomes = {job: scoring_again(corrected, OPEN)(job) for job in jobs}
+        waiting = outdated(session, place)
+    outcomes = {old: rescorer(corrected, OPEN)(old) for old in waiting}
     for _ in range(2):
         with corrected.acting(ORGANISER) as transaction:
             replace_results(transaction, place, WHY, outcomes)
@@ -285,9 +285,9 @@ def test_a_missing_upload_does_not_stop_the_others(corrected: Serving) -> None:
 def test_changes_are_listed_with_ranks_the_largest_first(corrected: Serving) -> None:
     state, place = corrected.state, corrected.state.boards[OPEN]
     with state.database.reading() as session:
-        jobs = outdated(session, place)
+        waiting = outdated(session, place)
         outcomes: dict[str, Outcome] = {
-            job.submission_id: scoring_again(corrected, OPEN)(job) for job in jobs
+            old.submission_id: rescorer(corrected, OPEN)(old) for old in waiting
         }
         expected = changes(session, place, outcomes)
     rescored(corrected)
@@ -355,9 +355,9 @@ def report_of(server: Serving, submission: str, **changes: object) -> dict[str, 
 
 def test_a_submission_is_scored_again_or_it_is_said_why_not(server: Serving) -> None:
     place, uploads = server.state.boards[OPEN], server.state.uploads
-    score = scoring_again(server, OPEN)
+    score = rescorer(server, OPEN)
     sent(server, OWNER, GOOD)
-    job = Job(
+    old = Outdated(
         submission_id="0" * 16,
         sha256=sha256(GOOD).hexdigest(),
         has_intervals=False,
@@ -366,19 +366,19 @@ def test_a_submission_is_scored_again_or_it_is_said_why_not(server: Serving) -> 
     )
     plain, published = place.scored(GOOD), place.scored(GOOD, has_intervals=True)
     assert published.scores is not None
-    assert score(job) == Rescored(plain.report, None)
+    assert score(old) == Rescored(plain.report, None)
     sums = cluster_sums(published.scores)
-    assert score(job._replace(has_intervals=True)) == Rescored(published.report, sums)
-    assert score(job._replace(upload_deleted_at=NOON)) == (
+    assert score(old._replace(has_intervals=True)) == Rescored(published.report, sums)
+    assert score(old._replace(upload_deleted_at=NOON)) == (
         "its upload was deleted on 2026-03-02 (keep_uploads_days)"
     )
-    assert score(job._replace(sha256="0" * 64)) == (
+    assert score(old._replace(sha256="0" * 64)) == (
         f"the upload {'0' * 64} is missing; run `reverie-eval server doctor`"
     )
     uploads.put("1" * 64, BROKEN)
     with pytest.raises(SubmissionError) as rejected:
         place.read(BROKEN)
-    assert score(job._replace(sha256="1" * 64)) == f"rejected: {rejected.value.problems[0]}"
+    assert score(old._replace(sha256="1" * 64)) == f"rejected: {rejected.value.problems[0]}"
 
 
 def test_what_is_outdated_is_found_the_oldest_first(several: Serving) -> None:
@@ -402,19 +402,19 @@ def test_what_is_outdated_is_found_the_oldest_first(several: Serving) -> None:
     assert count_outdated_on(server, STRICT) == 1
     with server.state.database.reading() as session:
         found, strict = outdated(session, place), outdated(session, place.others[STRICT])
-    assert [(job.submission_id, *job[2:]) for job in found] == [
+    assert [(old.submission_id, *old[2:]) for old in found] == [
         (early[0], False, None, True),
         (early[1], False, None, True),
         (last, True, NOON, True),
     ]
-    assert [(job.submission_id, *job[2:]) for job in strict] == [(current, False, None, False)]
-    assert [job.sha256 for job in strict] == [shown(server, {"id": current})["sha256"]]
+    assert [(old.submission_id, *old[2:]) for old in strict] == [(current, False, None, False)]
+    assert [old.sha256 for old in strict] == [shown(server, {"id": current})["sha256"]]
     private = server.state.boards[PRIVATE]
     (secret,) = (row["submission_id"] for row in board(server, PRIVATE)["rows"])
     store(server, secret, report=report_of(server, secret, fingerprint="0" * 64))
     with server.state.database.reading() as session:
-        (job,) = outdated(session, private)
-    assert (job.submission_id, job.has_intervals) == (secret, False)
+        (old,) = outdated(session, private)
+    assert (old.submission_id, old.has_intervals) == (secret, False)
 
 
 def count_outdated_on(server: Serving, name: str) -> int:
@@ -596,7 +596,7 @@ def test_what_a_correction_changes_is_told_with_ranks_and_reasons(server: Servin
 def test_the_command_previews_and_then_corrects(
     server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(corrections, "FOR_ONE", 1)  # so that two are enough for two processes
+    monkeypatch.setattr(scoring_again, "FOR_ONE", 1)  # so that two are enough for two processes
     first, second = agents(2)
     best = sent(server, OWNER, first)
     sent(server, OTHER, second)
@@ -724,7 +724,7 @@ def test_an_upload_that_comes_while_others_are_scored_again_is_not_forgotten(
     first, second, third = agents(3)
     sent(server, OWNER, first)
     late = iter([second, third])
-    real = corrections._score  # noqa: SLF001
+    real = scoring_again._score  # noqa: SLF001
 
     def interrupted(*given: Any) -> Any:
         found = real(*given)
@@ -733,7 +733,7 @@ def test_an_upload_that_comes_while_others_are_scored_again_is_not_forgotten(
             break
         return found
 
-    monkeypatch.setattr(corrections, "_score", interrupted)
+    monkeypatch.setattr(scoring_again, "_score", interrupted)
     new = corrects(run, folder).header.fingerprint
     submissions = server.ask(ORGANISER, "GET", "/submissions").json()
     assert [each["report"]["fingerprint"] for each in submissions] == [new] * 3
@@ -747,14 +747,14 @@ def test_corrections_of_two_splits_at_once_are_both_in_force(
     sent(server, OWNER, submission_for(OPEN))
     other = correct(folder, PRIVATE).rename(folder / "other.npz")
     words = ("server", "rescore", str(folder), PRIVATE, "--bundle", str(other), "--reason", WHY)
-    real, begun = corrections._score, iter([words])  # noqa: SLF001
+    real, begun = scoring_again._score, iter([words])  # noqa: SLF001
 
     def interrupted(*given: Any) -> Any:
         for other_words in begun:
             assert run(*other_words).status == 0
         return real(*given)
 
-    monkeypatch.setattr(corrections, "_score", interrupted)
+    monkeypatch.setattr(scoring_again, "_score", interrupted)
     new = {OPEN: corrects(run, folder), PRIVATE: Bundle.load(other)}
     for split, bundle in new.items():
         reply = server.upload(OTHER, submission_for(split), split)
@@ -774,7 +774,7 @@ def test_a_correction_that_fails_changes_nothing(
     def fail(*_: object) -> None:
         raise ReverieEvalError("there is no power")
 
-    monkeypatch.setattr(corrections, "append_rules", fail)
+    monkeypatch.setattr(scoring_again, "append_rules", fail)
     words = ["server", "rescore", str(folder), OPEN, "--bundle", str(correct(folder))]
     done = run(*words, "--reason", WHY)
     assert (done.status, "there is no power" in done.err) == (2, True)
@@ -818,14 +818,14 @@ def test_a_submission_that_is_published_while_others_are_scored_again_gets_inter
     server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = f"/submissions/{server.upload(OWNER).json()['submission']['id']}"
-    real = corrections._score  # noqa: SLF001
+    real = scoring_again._score  # noqa: SLF001
 
     def interrupted(*given: Any) -> Any:
         found = real(*given)
         assert server.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
         return found
 
-    monkeypatch.setattr(corrections, "_score", interrupted)
+    monkeypatch.setattr(scoring_again, "_score", interrupted)
     new = corrects(run, folder).header.fingerprint
     report = server.ask(OWNER, "GET", path).json()["report"]
     assert (report["fingerprint"], bool(report["intervals"])) == (new, True)
@@ -851,7 +851,7 @@ def test_the_new_ground_truth_comes_last_and_the_earlier_one_stays_private(
         real_copy(source, target)
         copied.append(os.fstat(target.fileno()).st_mode & 0o077)
 
-    monkeypatch.setattr(corrections, "replace_results", watched)
+    monkeypatch.setattr(scoring_again, "replace_results", watched)
     monkeypatch.setattr(shutil, "copyfileobj", watch_copy)
     corrects(run, folder)
     assert found == [before]
@@ -867,14 +867,14 @@ def test_a_phase_that_ends_during_a_correction_has_a_snapshot_of_the_earlier_res
     earlier = server.state.boards[OPEN].signature
     end = datetime.now(UTC).replace(microsecond=0)
     ended: list[Closing] = []
-    real_score, real_due = corrections._score, Snapshots.due  # noqa: SLF001
+    real_score, real_due = scoring_again._score, Snapshots.due  # noqa: SLF001
 
     def score(*given: Any) -> Any:
         found = real_score(*given)
         ended.append(Closing(OPEN, "spring", end))
         return found
 
-    monkeypatch.setattr(corrections, "_score", score)
+    monkeypatch.setattr(scoring_again, "_score", score)
     monkeypatch.setattr(Snapshots, "due", lambda *given: ended or real_due(*given))
     corrects(run, folder)
     snapshot = server.client.get(f"/api/v1/splits/{OPEN}/snapshots/1").json()

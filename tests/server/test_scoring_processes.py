@@ -24,7 +24,7 @@ from reverie_eval import evaluate
 from reverie_eval.errors import SubmissionError
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.operations import corrections
+from reverie_eval.server.operations import scoring_again
 from reverie_eval.server.scoring import processes as scoring_processes
 from reverie_eval.server.scoring.boards import load_boards
 from reverie_eval.server.scoring.contexts import Context, open_file
@@ -473,10 +473,10 @@ def rescoring(
     new = folder / "new.npz"
     with_arrays(bundle, task_target=bundle.arrays["task_target"] + 1).save(new)
     monkeypatch.setattr(scoring_processes, "SECONDS", 0)
-    monkeypatch.setattr(corrections, "FOR_ONE", 1)  # so that two are enough for two processes
+    monkeypatch.setattr(scoring_again, "FOR_ONE", 1)  # so that two are enough for two processes
 
     def again(work: Callable[..., None], jobs: str = "2") -> Outcome:
-        monkeypatch.setattr(corrections, "rescore_one", work)
+        monkeypatch.setattr(scoring_again, "rescore_one", work)
         words = ("--bundle", str(new), "--dry-run", "--jobs", jobs)
         return run("server", "rescore", str(folder), OPEN, *words)
 

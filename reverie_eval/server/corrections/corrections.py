@@ -33,8 +33,8 @@ from reverie_eval.server.store.tables import IS_SHOWN, Correction, Submission, r
 from reverie_eval.server.store.uploads import UploadsError, stored_upload
 
 
-class Job(NamedTuple):
-    """A submission to be scored again."""
+class Outdated(NamedTuple):
+    """A submission without a result under current ground truth and rules, to be scored again."""
 
     submission_id: str
     sha256: str
@@ -56,14 +56,14 @@ Outcome: TypeAlias = Rescored | str
 """The result of scoring again, or why a submission cannot be scored again."""
 
 
-def rescore_one(context: Context, split: str, name: str, job: Job) -> Outcome:
+def rescore_one(context: Context, split: str, name: str, old: Outdated) -> Outcome:
     """Score a submission again on a leaderboard, or return why that cannot be done."""
-    if job.upload_deleted_at is not None:
-        return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
+    if old.upload_deleted_at is not None:
+        return f"its upload was deleted on {old.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
     board = find_board(context.boards, split, name)
     try:
-        content = stored_upload(context.uploads, job.sha256)
-        report, scores = board.scored(content, has_intervals=job.has_intervals)
+        content = stored_upload(context.uploads, old.sha256)
+        report, scores = board.scored(content, has_intervals=old.has_intervals)
     except SubmissionError as error:
         return rejected(error)
     except UploadsError as error:
@@ -78,24 +78,24 @@ def rejected(error: SubmissionError) -> Outcome:
 
 
 def replace_results(
-    transaction: Transaction, board: Board, reason: str, outcomes: Mapping[Job, Outcome]
+    transaction: Transaction, board: Board, reason: str, outcomes: Mapping[Outdated, Outcome]
 ) -> None:
     """Announce a correction, and replace the results of a leaderboard.
 
     First results correct nothing, so they are not announced.
     """
-    if any(job.was_scored for job in outcomes):
+    if any(old.was_scored for old in outcomes):
         reason = _announced(transaction, board, reason)
-    for job, outcome in outcomes.items():
+    for old, outcome in outcomes.items():
         if isinstance(outcome, Rescored):
-            _replace(transaction, board, reason, job, outcome)
+            _replace(transaction, board, reason, old, outcome)
 
 
 def _replace(
-    transaction: Transaction, board: Board, reason: str, job: Job, rescored: Rescored
+    transaction: Transaction, board: Board, reason: str, old: Outdated, rescored: Rescored
 ) -> None:
     report = rescored.report
-    row = transaction.session.get_one(Submission, job.submission_id)
+    row = transaction.session.get_one(Submission, old.submission_id)
     results = row.results
     known, quota = results.get(board.name), read_as(Receipt, results[""].receipt).quota
     if known is not None and board.measures_as(known.report):
@@ -123,7 +123,7 @@ def _replaced(known: BoardResult, transaction: Transaction, reason: str) -> Earl
     )
 
 
-def outdated(session: Session, board: Board) -> Sequence[Job]:
+def outdated(session: Session, board: Board) -> Sequence[Outdated]:
     """Return the submissions without a result under current data and rules, the oldest first.
 
     The published ones are to be scored with intervals, if the split is open.
@@ -140,7 +140,7 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
         .order_by(Submission.received_at, Submission.id)
     )
     return [
-        Job(
+        Outdated(
             submission_id=name,
             sha256=sha256,
             has_intervals=published is not None and not board.is_private,

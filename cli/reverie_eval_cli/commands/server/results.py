@@ -212,18 +212,18 @@ def rescore(
 
     Exit status: 0 all were scored, 1 some cannot be scored again, 2 usage or system error.
     """
-    from reverie_eval.server.operations import corrections
+    from reverie_eval.server.operations import scoring_again
 
     if reason is None and not dry_run:
         raise click.UsageError("give a --reason, or --dry-run to change nothing")
     settings, jobs = folder.settings, jobs or os.cpu_count() or 1
     # A preview needs no reason, because nothing is shown to anyone.
     if reason is None or dry_run:
-        changes = corrections.preview(settings, split, bundle, jobs=jobs, progress=with_progress)
+        changes = scoring_again.preview(settings, split, bundle, jobs=jobs, progress=with_progress)
     else:
         new = options.checked(NewCorrection, split=split, reason=reason)
         if bundle is not None:
-            changes, earlier = corrections.replace_ground_truth(
+            changes, earlier = scoring_again.replace_ground_truth(
                 settings,
                 split,
                 bundle,
@@ -234,7 +234,7 @@ def rescore(
             )
             note(f"servers that run use the new ground truth; the earlier one is now {earlier}")
         else:
-            changes = corrections.rescore(
+            changes = scoring_again.rescore(
                 settings, split, new.reason, actor=actor(), jobs=jobs, progress=with_progress
             )
     _print(changes, settings.tasks[split])

@@ -18,8 +18,8 @@ from reverie_eval.processes import Progress, no_progress
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.corrections.corrections import (
-    Job,
     Outcome,
+    Outdated,
     changes,
     count_outdated,
     outdated,
@@ -39,7 +39,7 @@ from reverie_eval.server.state import ServerState
 FOR_ONE = 100
 """Submissions for each process: starting one takes as long as scoring some dozens of them."""
 _SCORING = "scoring again"
-Outcomes: TypeAlias = dict[str, dict[Job, Outcome]]
+Outcomes: TypeAlias = dict[str, dict[Outdated, Outcome]]
 """The outcomes of submissions that were scored again, by the names of leaderboards."""
 
 
@@ -112,7 +112,7 @@ def replace_ground_truth(
 
     Submissions are scored while servers still use the earlier ground truth. Then one transaction
     replaces the file, records the new rules, which running servers follow, and stores all results,
-    so nobody sees a leaderboard of some old and some new ones. If it fails or is interrupted,
+    so nobody sees a leaderboard of some earlier and some new ones. If it fails or is interrupted,
     nothing has changed.
 
     Raises
@@ -197,34 +197,34 @@ def _changes(
     found: list[ResultChange] = []
     with state.database.reading() as session:
         for board in boards:
-            named = {job.submission_id: outcome for job, outcome in outcomes[board.name].items()}
-            first = {job.submission_id for job in outcomes[board.name] if not job.was_scored}
+            named = {old.submission_id: outcome for old, outcome in outcomes[board.name].items()}
+            first = {old.submission_id for old in outcomes[board.name] if not old.was_scored}
             found += changes(session, board, named, first_results=first)
     return found
 
 
 def _missing(
-    session: Session, boards: Sequence[Board], outcomes: Mapping[str, Mapping[Job, Outcome]]
-) -> Sequence[tuple[Board, Sequence[Job]]]:
+    session: Session, boards: Sequence[Board], outcomes: Mapping[str, Mapping[Outdated, Outcome]]
+) -> Sequence[tuple[Board, Sequence[Outdated]]]:
     """Return what is still to be scored on each leaderboard, if anything is."""
     found = [
-        (board, [job for job in outdated(session, board) if job not in outcomes[board.name]])
+        (board, [old for old in outdated(session, board) if old not in outcomes[board.name]])
         for board in boards
     ]
     return [(board, waiting) for board, waiting in found if waiting]
 
 
-def _update(known: dict[Job, Outcome], found: Mapping[Job, Outcome]) -> None:
+def _update(known: dict[Outdated, Outcome], found: Mapping[Outdated, Outcome]) -> None:
     """Add outcomes, also of submissions that were published since they were scored again."""
-    again = {job.submission_id for job in found}
-    for job in [job for job in known if job.submission_id in again]:
-        del known[job]
+    again = {old.submission_id for old in found}
+    for old in [old for old in known if old.submission_id in again]:
+        del known[old]
     known.update(found)
 
 
 def _score(
-    scoring: ScoringProcesses, board: Board, waiting: Sequence[Job], progress: Progress
-) -> Mapping[Job, Outcome]:
+    scoring: ScoringProcesses, board: Board, waiting: Sequence[Outdated], progress: Progress
+) -> Mapping[Outdated, Outcome]:
     with ThreadPoolExecutor(scoring.number) as threads:
         try:
             outcomes = threads.map(partial(_rescore, scoring, board), waiting)
@@ -234,9 +234,9 @@ def _score(
             threads.shutdown(cancel_futures=True)  # after an error, nothing more is scored
 
 
-def _rescore(scoring: Scoring, board: Board, job: Job) -> Outcome:
+def _rescore(scoring: Scoring, board: Board, old: Outdated) -> Outcome:
     try:
-        return scoring.run(rescore_one, board.split, board.name, job)
+        return scoring.run(rescore_one, board.split, board.name, old)
     except SubmissionError as error:  # it needs more than a process may use
         return rejected(error)
     except BusyError:

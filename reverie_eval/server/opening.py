@@ -4,7 +4,7 @@ Whatever is changed, the snapshots that are due are taken first.
 """
 
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -17,9 +17,10 @@ from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.transactions import Clock, Transaction, Transactions, utc_now
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import Snapshots
-from reverie_eval.server.scoring.boards import Boards, load_boards
+from reverie_eval.server.scoring.boards import Board, Boards, load_boards
 from reverie_eval.server.scoring.processes import ScoringProcesses
-from reverie_eval.server.settings import Settings
+from reverie_eval.server.scoring.rules import LastRules
+from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.state import ServerState, signer_of
 from reverie_eval.server.store.damage import damage_in, find_damage
 from reverie_eval.server.store.database import Database, is_full, is_unreachable, known_revisions
@@ -52,16 +53,28 @@ def open_server(settings: Settings, clock: Clock = utc_now, workers: int = 0) ->
     ReceiptError
         If the signing key is missing, others can read it, or another one is in use.
     """
-    boards = Boards(load_boards(settings))
-    scoring = ScoringProcesses(settings, boards, workers) if workers else None
     database = Database(settings.database_url)
     try:
+        boards = Boards(_load_boards(settings, database))
+        scoring = ScoringProcesses(settings, boards, workers) if workers else None
         server = ServerState(settings, boards, database, clock, scoring)
     except BaseException:
         database.close()
         raise
     server.transactions.begins = server.get(Snapshots).take_due
     return server
+
+
+def _load_boards(settings: Settings, database: Database) -> Mapping[str, Board]:
+    """Load the ground truth in force.
+
+    Raises SettingsError if a split cannot be scored, or the database is not of this version.
+    """
+    if not database.is_current():
+        remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
+        raise SettingsError([Problem("old-database", "database", remedy)])
+    with database.reading() as session:
+        return load_boards(settings, LastRules().read(session))
 
 
 @contextmanager
@@ -107,7 +120,7 @@ def acting(
     """
     with opened(settings) as database:
         snapshots = Snapshots(
-            lambda: load_boards(settings), Schedules(settings.splits), settings.organiser
+            lambda: _load_boards(settings, database), Schedules(settings.splits), settings.organiser
         )
         audit_log = AuditLog(signer_of(settings, database))
         transactions = Transactions(

@@ -26,8 +26,9 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.server.app import create_app
 from reverie_eval.server.opening import database_errors, open_server
+from reverie_eval.server.scoring.boards import rules_of
 from reverie_eval.server.scoring.processes import settle_memory
-from reverie_eval.server.scoring.rules import record_rules, rules_of
+from reverie_eval.server.scoring.rules import record_rules
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.uploads import UploadsError

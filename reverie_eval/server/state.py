@@ -12,14 +12,13 @@ from typing import Any, Protocol, Self, TypeVar
 
 from sqlalchemy.orm import Session
 
-from reverie_eval.errors import Problem
 from reverie_eval.server.audit.log import AuditLog
 from reverie_eval.server.audit.signing import Signer, current_key, open_key
 from reverie_eval.server.audit.transactions import Clock, Transactions
 from reverie_eval.server.scoring.boards import Board, Boards, all_boards, find_board, tasks_of
 from reverie_eval.server.scoring.contexts import Scoring, ScoringHere
 from reverie_eval.server.scoring.rules import RulesInForce
-from reverie_eval.server.settings import Settings, SettingsError
+from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.uploads import open_uploads
 from reverie_eval.tasks import Task
@@ -56,9 +55,6 @@ class ServerState:
         clock: Clock,
         scoring: Scoring | None = None,
     ) -> None:
-        if not database.is_current():
-            remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
-            raise SettingsError([Problem("old-database", "database", remedy)])
         self.settings, self.database, self.clock = settings, database, clock
         self.boards = boards
         self.rules = RulesInForce(boards, settings)

@@ -8,10 +8,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from signal import SIGKILL
+from typing import Any, Literal
 
 import pytest
 from sqlalchemy import select
+from sqlalchemy.engine.default import DefaultDialect
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.ground_truth import Bundle
@@ -38,7 +40,8 @@ from reverie_eval.server.intake.submissions import SubmissionService
 from reverie_eval.server.operations import scoring_again
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.scoring.rules import append_rules, record_rules, rules_of
+from reverie_eval.server.scoring.boards import rules_of
+from reverie_eval.server.scoring.rules import append_rules, record_rules
 from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.paging import Page
@@ -46,6 +49,8 @@ from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
 from tests.support.acting import NOON, review
 from tests.support.correcting import WHY, rescored
 from tests.support.flat_world import Run
+from tests.support.forking import Forked, Surroundings, run_command
+from tests.support.killing import Step, run_until
 from tests.support.serving import (
     BROKEN,
     GOOD,
@@ -63,6 +68,7 @@ from tests.support.serving import (
     with_arrays,
 )
 from tests.support.signing import receipt_in
+from tests.support.waiting import PATIENCE
 
 CORRECTED = "bundles/corrected.npz"
 
@@ -781,6 +787,51 @@ def test_a_correction_that_fails_changes_nothing(
     assert place.read_bytes() == kept
     assert board(server) == before
     assert server.upload(OTHER).status_code == 201
+
+
+def starts(server: Serving, folder: Path, open_server: OpenServer) -> None:
+    later = open_server(settings_of(folder), server.tokens)
+    record_rules(later.state.transactions, rules_of(later.state.boards))
+
+
+def is_checked(_server: Serving, folder: Path, _open: OpenServer) -> None:
+    assert [each for each in check_folder(folder) if each.kind != "ok"] == []
+
+
+def is_asked(server: Serving, _folder: Path, _open: OpenServer) -> None:
+    assert len(board(server)["rows"]) == 1
+
+
+@pytest.mark.parametrize("next_one", [starts, is_checked, is_asked])
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_correction_that_is_killed_at_its_commit_has_changed_nothing_or_all(
+    when: Literal["before", "after"],
+    next_one: Callable[[Serving, Path, OpenServer], None],
+    server: Serving,
+    folder: Path,
+    open_server: OpenServer,
+) -> None:
+    record_rules(server.state.transactions, rules_of(server.state.boards))
+    submission = sent(server, OWNER, submission_for(OPEN))
+    place, new = folder / "bundles" / f"{OPEN}.npz", correct(folder)
+    place.chmod(0o640)
+    expected = (new if when == "after" else place).read_bytes()
+    words = ("server", "rescore", folder, OPEN, "--bundle", new, "--reason", WHY, "--jobs", "1")
+    here = Surroundings(folder.parent, dict(os.environ), folder / "output", folder / "errors")
+    commit = Step(DefaultDialect, "do_commit", when)
+    assert Forked(run_until, here, commit, *words).wait(PATIENCE) == -SIGKILL
+    next_one(server, folder, open_server)
+    assert place.read_bytes() == expected
+    assert place.stat().st_mode & 0o777 == 0o640
+    report = shown(server, submission)["report"]
+    assert report["fingerprint"] == Bundle.load(place).header.fingerprint
+    is_asked(server, folder, open_server)
+    is_checked(server, folder, open_server)
+    corrects_again = run_command(*words, folder=folder.parent, environment=dict(os.environ))
+    assert corrects_again.status == 0, corrects_again.err
+    assert place.read_bytes() == new.read_bytes()
+    assert len(shown(server, submission)["earlier"]) == 1
+    assert list(folder.glob("bundles/*.next.npz")) == []
 
 
 def test_a_server_without_the_new_ground_truth_asks_to_wait(server: Serving) -> None:

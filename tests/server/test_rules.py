@@ -6,7 +6,8 @@ import pytest
 
 from reverie_eval.server.audit.log import RULES, entries
 from reverie_eval.server.audit.transactions import Transactions
-from reverie_eval.server.scoring.rules import LastRules, different, record_rules, rules_of
+from reverie_eval.server.scoring.boards import rules_of
+from reverie_eval.server.scoring.rules import LastRules, different, record_rules
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import AuditEntry
 from tests.support.acting import AUDIT_LOG, NOON

@@ -29,7 +29,7 @@ from reverie_eval.server.scoring.processes import ScoringProcesses, _Process
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store import uploads as store
 from reverie_eval.server.store.uploads import FolderUploads
-from tests.support.forking import PROCESSES, Forked, Surroundings
+from tests.support.forking import PROCESSES, Forked, Surroundings, command
 from tests.support.waiting import PATIENCE, wait_until
 
 
@@ -162,6 +162,12 @@ def _plant(step: str, times: int, connection: Connection) -> None:
 def die_at(step: Step, times: int) -> None:
     """Replace a step by one that kills this process at the nth time."""
     act_at(step, times, lambda _: os.kill(os.getpid(), signal.SIGKILL))
+
+
+def run_until(step: Step, *words: str | Path) -> None:
+    """Run a command that is killed when it comes to a step."""
+    die_at(step, 1)
+    command(*words)
 
 
 def act_at(

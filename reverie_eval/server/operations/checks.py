@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -23,8 +23,8 @@ from reverie_eval.server.audit.signing import (
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.corrections import count_outdated
 from reverie_eval.server.opening import REFUSALS, FolderError, damaged, database_fault, reason_of
-from reverie_eval.server.scoring.boards import Board, all_boards, load_boards
-from reverie_eval.server.scoring.rules import LastRules, different, rules_of
+from reverie_eval.server.scoring.boards import Board, all_boards, load_boards, rules_of
+from reverie_eval.server.scoring.rules import LastRules, different
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
     Settings,
@@ -70,8 +70,8 @@ def check_folder(folder: Path) -> Sequence[Finding]:
 
 def _findings(settings: Settings) -> Iterator[Finding]:
     yield from _at_settings(settings)
-    boards = yield from _at_ground_truth(settings)
     fault = database_fault(settings) or _damage(settings)
+    boards = yield from _at_ground_truth(settings, {} if fault else _rules_in_force(settings))
     if fault is not None:
         yield from _at_signing_key(settings, None)
         yield Finding("database", "fault", fault)
@@ -84,6 +84,17 @@ def _findings(settings: Settings) -> Iterator[Finding]:
         yield Finding("database", "ok", url)
         yield from guarded("database", _at_rows(session, settings, boards))
         yield from guarded("uploads", _at_uploads(settings, session))
+
+
+def _rules_in_force(settings: Settings) -> Mapping[str, str]:
+    """Return the rules that were recorded last; none if they cannot be read."""
+    with (
+        suppress(LookupError, TypeError, *REFUSALS),
+        closing(Database(settings.database_url)) as database,
+        database.reading() as session,
+    ):
+        return LastRules().read(session)
+    return {}
 
 
 def _at_rows(
@@ -168,10 +179,12 @@ def _at_password_file(settings: Settings) -> Iterator[Finding]:
             yield Finding("settings", "fault", message)
 
 
-def _at_ground_truth(settings: Settings) -> Generator[Finding, None, Mapping[str, Board]]:
+def _at_ground_truth(
+    settings: Settings, in_force: Mapping[str, str]
+) -> Generator[Finding, None, Mapping[str, Board]]:
     """Return the splits; none if some cannot be scored."""
     try:
-        boards = load_boards(settings)
+        boards = load_boards(settings, in_force)
     except SettingsError as error:
         yield from (Finding("ground truth", "fault", str(problem)) for problem in error.problems)
         return {}

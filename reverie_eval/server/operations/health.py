@@ -42,9 +42,8 @@ from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.jobs import Jobs
 from reverie_eval.server.messages.queue import tell_fault
 from reverie_eval.server.operations.checks import try_newest
-from reverie_eval.server.scoring.boards import Board, find_board
+from reverie_eval.server.scoring.boards import Board, find_board, rules_of
 from reverie_eval.server.scoring.contexts import Context
-from reverie_eval.server.scoring.rules import rules_of
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import FileReplacedError

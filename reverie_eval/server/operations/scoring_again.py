@@ -1,10 +1,11 @@
 """Score a split's submissions again from the server's own machine, in several processes."""
 
+import os
 import shutil
 import stat
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -13,7 +14,6 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.files import staged_file
-from reverie_eval.ground_truth import Bundle
 from reverie_eval.processes import Progress, no_progress
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.audit.transactions import Transaction
@@ -29,10 +29,10 @@ from reverie_eval.server.corrections.corrections import (
 )
 from reverie_eval.server.errors import BusyError, no_split
 from reverie_eval.server.opening import opened_server
-from reverie_eval.server.scoring.boards import Board, load_boards
+from reverie_eval.server.scoring.boards import Board, load_boards, rules_of, waiting_beside
 from reverie_eval.server.scoring.contexts import Scoring
 from reverie_eval.server.scoring.processes import ScoringProcesses
-from reverie_eval.server.scoring.rules import LastRules, append_rules, different, rules_of
+from reverie_eval.server.scoring.rules import LastRules, append_rules, different
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
@@ -111,9 +111,10 @@ def replace_ground_truth(
     """Replace a split's ground truth, and with it all results, at once.
 
     Submissions are scored while servers still use the earlier ground truth. Then one transaction
-    replaces the file, records the new rules, which running servers follow, and stores all results,
-    so nobody sees a leaderboard of some earlier and some new ones. If it fails or is interrupted,
-    nothing has changed.
+    records the new rules, which running servers follow, and stores all results, so nobody sees a
+    leaderboard of some earlier and some new ones. The new file waits beside its place from before
+    the commit, so whatever is killed when: either nothing has changed, or what loads the ground
+    truth next finds the new one.
 
     Raises
     ------
@@ -133,10 +134,11 @@ def replace_ground_truth(
     ):
         boards = state.board(split).all
         outcomes = _score_all(state, scoring, boards, progress)
-        with (
-            _replacement(settings, split, bundle) as replacement,
-            earlier.transactions.begin(actor) as transaction,
-        ):
+        place = settings.path(settings.splits[split].bundle)
+        fingerprint = earlier.boards[split].truth.fingerprint[:12]
+        aside = place.with_name(f"{place.stem}.{fingerprint}{place.suffix}")
+        _copy(place, aside, like=place)
+        with earlier.transactions.begin(actor) as transaction:
             before, after = (rules_of({split: each.boards[split]}) for each in (earlier, state))
             replaced = {name: before[name] for name in different(after, before)}
             # Another correction may have replaced those of other splits meanwhile.
@@ -144,8 +146,12 @@ def replace_ground_truth(
             known = {name: recorded.get(name, own) for name, own in rules_of(state.boards).items()}
             append_rules(transaction, {**known, **after}, replaced)
             _replace_all(transaction, scoring, boards, outcomes, reason)
-            replacement.install()  # last, so that nobody finds it long before the new results
-        return Replaced(_changes(state, boards, outcomes), replacement.aside)
+            _copy(bundle, waiting_beside(place), like=place)
+        # If this does not happen any more, whatever loads the ground truth next does it. A server
+        # that runs may have done it already.
+        with suppress(FileNotFoundError):
+            waiting_beside(place).replace(place)
+        return Replaced(_changes(state, boards, outcomes), aside)
 
 
 def _processes(state: ServerState, split: str, jobs: int) -> ScoringProcesses:
@@ -246,37 +252,17 @@ def _rescore(scoring: Scoring, board: Board, old: Outdated) -> Outcome:
         ) from None
 
 
-class _Replacement(NamedTuple):
-    """Another bundle for a split, and where the earlier one is kept."""
-
-    bundle: Path
-    place: Path
-    aside: Path
-
-    def install(self) -> None:
-        """Put the bundle in its place."""
-        _copy(self.bundle, self.place)
-
-
-@contextmanager
-def _replacement(settings: Settings, split: str, bundle: Path) -> Iterator[_Replacement]:
-    """Keep a split's bundle, so that another one can be installed; put it back after an error."""
-    place = settings.path(settings.splits[split].bundle)
-    earlier = Bundle.load(place).header.fingerprint[:12]
-    aside = place.with_name(f"{place.stem}.{earlier}{place.suffix}")
-    _copy(place, aside)
-    try:
-        yield _Replacement(bundle, place, aside)
-    except BaseException:
-        _copy(aside, place)
-        raise
-
-
-def _copy(source: Path, target: Path) -> None:
-    """Copy a file; a new one never has more readers than its source."""
-    mode = stat.S_IMODE(source.stat().st_mode)
+def _copy(source: Path, target: Path, *, like: Path) -> None:
+    """Copy a file, through to the disk; nobody else may use the new one than may use another."""
+    status = like.stat()
+    mode = stat.S_IMODE(status.st_mode)
     with staged_file(target, mode=mode) as file, source.open("rb") as content:
+        os.fchmod(file.fileno(), mode)
+        with suppress(PermissionError):  # an administrator may write for a service
+            os.fchown(file.fileno(), status.st_uid, status.st_gid)
         shutil.copyfileobj(content, file)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _with_bundle(settings: Settings, split: str, bundle: Path) -> Settings:

@@ -45,6 +45,7 @@ MAX_VALUES = 5_000_000
 split, and a sixth of the limit outside the server."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
+_UNKNOWN: Mapping[str, str] = MappingProxyType({})
 _RELEASED = {"signature", "split", "protocol", "dataset", "fingerprint", "version", "episodes"}
 """The fields of a private split's report, besides its scores and notes."""
 
@@ -351,16 +352,34 @@ def without_version(signature: str) -> str:
     return signature.rpartition("|version:")[0]
 
 
-def load_boards(settings: Settings) -> Mapping[str, Board]:
+def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
+    """Return what scores depend on, by leaderboard; a protocol is that of every version."""
+    return {board.label: without_version(board.signature) for board in all_boards(boards)}
+
+
+def load_boards(settings: Settings, in_force: Mapping[str, str] = _UNKNOWN) -> Mapping[str, Board]:
     """Load every split's ground truth, by the split's name.
 
-    Raises SettingsError, which names each split that cannot be scored, and why.
+    Parameters
+    ----------
+    settings : Settings
+        Settings of the server.
+    in_force : mapping
+        The rules that were recorded last, by leaderboard. If a correction was killed after it had
+        recorded its rules, its ground truth still waits beside its place, and is put there.
+
+    Raises
+    ------
+    SettingsError
+        If a split cannot be scored; it names each, and why.
     """
     boards, problems = {}, []
     for name, split in settings.splits.items():
         path = settings.path(split.bundle)
         try:
-            boards[name] = load_board(name, split, path)
+            boards[name] = _load_corrected(name, split, path, in_force) or load_board(
+                name, split, path
+            )
         except (GroundTruthError, OSError) as error:
             missing = "; put it there, or create it with `reverie-eval compile`"
             reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else str(error)
@@ -370,6 +389,27 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
     if problems:
         raise SettingsError(problems)
     return MappingProxyType(boards)
+
+
+def waiting_beside(bundle: Path) -> Path:
+    """Return where a split's corrected ground truth waits until its results are stored."""
+    return bundle.with_name(f"{bundle.stem}.next{bundle.suffix}")
+
+
+def _load_corrected(
+    name: str, split: Split, path: Path, in_force: Mapping[str, str]
+) -> Board | None:
+    """Load ground truth that still waits, and put it in its place; None unless it is in force."""
+    waiting = waiting_beside(path)
+    try:
+        board = load_board(name, split, waiting)
+    except (GroundTruthError, OSError):  # usually there is none
+        return None
+    if not rules_of({name: board}).items() <= in_force.items():
+        return None
+    with suppress(OSError):  # another process has moved it, or the folder cannot be written
+        waiting.replace(path)
+    return board
 
 
 def _public_solution(boards: Mapping[str, Board], settings: Settings) -> Iterator[Problem]:

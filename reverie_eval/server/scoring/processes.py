@@ -28,7 +28,7 @@ from typing import Any, Concatenate, Generic, NamedTuple, Self, TypeVar
 from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.processes import keep_freed_memory, starting_processes
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.scoring.boards import Board, load_boards
+from reverie_eval.server.scoring.boards import Board, load_boards, rules_of
 from reverie_eval.server.scoring.contexts import (
     SECONDS_TO_RETRY,
     STOPPED,
@@ -38,7 +38,6 @@ from reverie_eval.server.scoring.contexts import (
     Runner,
     Scoring,
 )
-from reverie_eval.server.scoring.rules import rules_of
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.uploads import open_uploads
 from reverie_eval.submissions import TOO_MUCH_MEMORY, TOO_MUCH_TIME
@@ -286,7 +285,7 @@ def _serve(connection: Connection, settings: Settings) -> None:
 
 
 def _load(settings: Settings, rules: Mapping[str, str]) -> Context:
-    boards = load_boards(settings)
+    boards = load_boards(settings, rules)
     if rules_of(boards) != rules:
         raise BusyError(SECONDS_TO_RETRY, "the ground truth is being replaced")
     settle_memory()

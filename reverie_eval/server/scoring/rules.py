@@ -16,23 +16,12 @@ from reverie_eval.errors import Problem
 from reverie_eval.server.audit.log import RULES, SERVER, last_recorded
 from reverie_eval.server.audit.transactions import Transaction, Transactions
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.scoring.boards import (
-    Board,
-    Boards,
-    all_boards,
-    load_boards,
-    without_version,
-)
+from reverie_eval.server.scoring.boards import Boards, load_boards, rules_of
 from reverie_eval.server.scoring.contexts import SECONDS_TO_RETRY
 from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.tables import AuditEntry
 
 _LOGGER = logging.getLogger("reverie_eval.server")
-
-
-def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
-    """Return what scores depend on, by leaderboard; a protocol is that of every version."""
-    return {board.label: without_version(board.signature) for board in all_boards(boards)}
 
 
 def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:
@@ -149,7 +138,7 @@ class RulesInForce:
 
     def _load(self, last: Mapping[str, str]) -> None:
         try:
-            loaded = load_boards(self._settings)
+            loaded = load_boards(self._settings, last)
         except SettingsError:
             _LOGGER.exception("the corrected ground truth cannot be loaded")
             loaded = {}

@@ -48,6 +48,8 @@ _SHOWN_BEGINNING = 30
 _SPACE = re.compile(r"\s*")
 # What a file may end within besides texts, lists and objects: words, and the rest of a number.
 _CUT_ANYWHERE = ("true", "false", "null", "NaN", "-Infinity", ".0", "e-0", "e+0", "E-0", "E+0")
+_COMMA_AT_END = re.compile(r",\s*([\]}])")
+_NO_RECORDS = "Expecting a list or an object"
 
 
 class RepeatingObject(dict[str, Any]):
@@ -134,14 +136,25 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
 
 
 def _why_not_json(error: "JSONDecodeError") -> Problem:
-    where = f"line {error.lineno}, column {error.colno}"
+    # Python stops at the bracket behind a comma too many, and from 3.13 on at the comma itself.
+    is_at_comma = error.msg.startswith("Illegal trailing comma")
+    comma = error.pos if is_at_comma else len(error.doc[: error.pos].rstrip()) - 1
+    if ending := _COMMA_AT_END.match(error.doc, comma):
+        return problems.COMMA_AT_END.of_file(_location(error.doc, comma), bracket=ending[1])
+    where = _location(error.doc, error.pos)
     rest = error.doc[error.pos :].rstrip()
-    # Python expects a comma where a number was cut, and a value where a word was.
+    # Python expects a comma where a number was cut, and a value where a word was. Between records,
+    # a word is not a value that was begun.
     is_cut = any(each.startswith(rest) and rest != each for each in _CUT_ANYWHERE)
-    if is_cut or error.msg.startswith("Unterminated string"):
+    if (is_cut and error.msg != _NO_RECORDS) or error.msg.startswith("Unterminated string"):
         return problems.CUT_SHORT.of_file(where)
     found = error.doc[error.pos : error.pos + _SHOWN_BEGINNING]
     return problems.NOT_JSON.of_file(where, reason=error.msg.removesuffix(" at"), found=found)
+
+
+def _location(text: str, position: int) -> str:
+    line, column = text.count("\n", 0, position) + 1, position - text.rfind("\n", 0, position)
+    return f"line {line}, column {column}"
 
 
 def _parse_without_brackets(text: str, log: ReadingLog) -> Any:
@@ -178,7 +191,7 @@ def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
     position = _end_of_space(text, 0)
     while position < len(text):
         if not text.startswith(_BRACKETS, position):
-            return values, json.JSONDecodeError("Expecting value", text, position)
+            return values, json.JSONDecodeError(_NO_RECORDS, text, position)
         try:
             value, position = decoder.raw_decode(text, position)
         except json.JSONDecodeError as error:

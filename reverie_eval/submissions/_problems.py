@@ -118,6 +118,11 @@ NOT_JSON = Template("not-json", "{reason}, got {found!j}; write the file with a 
 CUT_SHORT = Template(
     "not-json", "the JSON ends in the middle, so the file was cut short; write or copy it again"
 )
+COMMA_AT_END = Template(
+    "not-json",
+    "there is a comma before the closing {bracket}; remove it, or write the file with a JSON "
+    "library",
+)
 NOT_A_LITERAL = Template(
     "not-json",
     "looks printed by Python, but was cut short or holds more than lists, dictionaries, strings "

@@ -44,9 +44,7 @@ def test_a_broken_file_of_another_task_has_one_problem(mistake: str) -> None:
 
 def test_the_page_lists_every_mistake(demo: GroundTruth) -> None:
     assert len(MISTAKES) >= 60
-    from_python_3_13 = "column 28716: Illegal trailing comma before end of array, got ',]'"
-    rows = table(demo).replace(from_python_3_13, "column 28717: Expecting value, got ']'")
-    assert rows in PAGE.read_text(encoding="utf-8")
+    assert table(demo) in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,12 @@ PROBLEMS = [
         ["Extra data", "# done"],
     ),
     (problems.CUT_SHORT.of_file("line 3, column 1"), "not-json", "line 3, column 1", []),
+    (
+        problems.COMMA_AT_END.of_file("line 3, column 1", bracket="]"),
+        "not-json",
+        "line 3, column 1",
+        ["closing ]"],
+    ),
     (problems.NOT_A_LITERAL.of_file(), "not-json", "file", []),
     (
         problems.OTHER_RELEASE.of_file(

@@ -84,6 +84,14 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
         pytest.param(
             b"[1e5, .5]", "not-json", "line 1, column 7", "Expecting", id="no digit before point"
         ),
+        pytest.param(b"[1, 2 ,\n ]", "not-json", "line 1, column 7", "closing ]; r", id="comma"),
+        pytest.param(b'{"a": 1,}', "not-json", "line 1, column 8", "closing }", id="in an object"),
+        pytest.param(
+            b'{"a": ,}', "not-json", "line 1, column 7", "Expecting value, got ',}'", id="no value"
+        ),
+        pytest.param(
+            b"[{}]\n[{}] t", "not-json", "line 2, column 6", "or an object, got 't'", id="no record"
+        ),
         pytest.param(
             b'["a\nb"]',
             "not-json",

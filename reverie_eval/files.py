@@ -97,6 +97,19 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder, and those above it; at the end, remove those of them that are empty."""
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # it has files, and so have all above it
+            for each in made:
+                each.rmdir()
+
+
+@contextmanager
 def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterator[Path]:
     """Yield a hidden folder to fill; its contents move to ``folder`` at the end.
 

@@ -11,7 +11,7 @@ import re
 import textwrap
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +23,7 @@ from typing_extensions import Self
 
 from reverie_eval import logs
 from reverie_eval.errors import RunError
-from reverie_eval.files import staged_file
+from reverie_eval.files import made_folder, staged_file
 from reverie_eval.logs import (
     CARD,
     EPISODES,
@@ -295,16 +295,16 @@ class RunFolder:
         self.path = path
         self._episode_ids = episodes
         self._identity = identity
-        path.mkdir(parents=True, exist_ok=True)
-        self._open = [os.open(path, os.O_RDONLY)]
+        self._opened = ExitStack()
         try:
+            self._opened.enter_context(made_folder(path))
             self._begin(circumstance)
         except BaseException:
-            self.close()
+            self._opened.close()
             raise
 
     def _begin(self, circumstance: Circumstance) -> None:
-        (folder,) = self._open
+        folder = self._open(self.path, os.O_RDONLY)
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -312,7 +312,7 @@ class RunFolder:
         card = read_card(self.path)
         self._circumstances = [*(card.circumstances if card else ()), circumstance]
         self._check_files(card)
-        self._episodes, self._steps = (self._append_to(name) for name in (EPISODES, STEPS))
+        self._episodes, self._steps = (self._append_to(name) for name in _LOGS)
         self.attempts = list(read_attempts(self.path))
         unfinished = self._unfinished_steps()
         if card:
@@ -352,12 +352,17 @@ class RunFolder:
     def _path(self, name: str) -> Path:
         return self.path / name
 
+    def _open(self, path: Path, flags: int) -> int:
+        descriptor = os.open(path, flags, 0o666)
+        self._opened.callback(os.close, descriptor)
+        return descriptor
+
     def _append_to(self, name: str) -> int:
         path = self._path(name)
-        self._open.append(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666))
+        descriptor = self._open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         with path.open("r+b") as file:  # a line that was cut off is not a record
             file.truncate(sum(len(line) for line in file if line.endswith(b"\n")))
-        return self._open[-1]
+        return descriptor
 
     def _check_identity(self, begun: Identity) -> None:
         # As it will be read: a tuple is a list then.
@@ -425,18 +430,12 @@ class RunFolder:
         self._path(name).unlink(missing_ok=True)
 
     def _remove_blank(self) -> None:
-        """Remove a folder in which nothing was begun, unless it has files of others."""
+        """Remove the files if nothing was begun, unless the folder has files of others."""
         made = {CARD, *_LOGS}
         is_blank = not self.attempts and not self._path(STEPS).stat().st_size
         if is_blank and {each.name for each in self.path.iterdir()} <= made:
             for name in made:
                 self.remove(name)
-            self.path.rmdir()
-
-    def close(self) -> None:
-        """Leave the folder to others."""
-        while self._open:
-            os.close(self._open.pop())
 
     def __enter__(self) -> Self:
         return self
@@ -445,7 +444,7 @@ class RunFolder:
         if error:  # perhaps before anything was begun, as when an agent is refused
             with suppress(OSError):
                 self._remove_blank()
-        self.close()
+        self._opened.close()  # leaves the folder to others
 
 
 def read_card(folder: Path) -> RunCard | None:

@@ -76,7 +76,7 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
         train(TrainingPlan("mattnet", files, seed=1), folder)
 
 
-def test_an_interruption_in_the_first_epoch_leaves_no_folder(
+def test_an_interruption_in_the_first_epoch_leaves_folders_as_they_were(
     files: DatasetFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: object) -> None:
@@ -84,8 +84,11 @@ def test_an_interruption_in_the_first_epoch_leaves_no_folder(
 
     monkeypatch.setattr(torch.optim.Adam, "step", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        train(TrainingPlan("mattnet", files), tmp_path / "model")
+        train(TrainingPlan("mattnet", files), tmp_path / "models" / "new")
     assert not any(tmp_path.iterdir())
+    with pytest.raises(KeyboardInterrupt):
+        train(TrainingPlan("mattnet", files), tmp_path)
+    assert tmp_path.exists()
 
 
 @pytest.mark.parametrize(

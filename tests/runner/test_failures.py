@@ -221,12 +221,18 @@ def test_a_process_that_is_killed_stops_the_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_an_agent_that_is_refused_says_why_and_leaves_no_folder(tmp_path: Path, jobs: int) -> None:
+def test_an_agent_that_is_refused_says_why_and_leaves_folders_as_they_were(
+    tmp_path: Path, jobs: int
+) -> None:
     file = tmp_path / "unready.py"
     file.write_text("class Agent:\n    def __init__(self): raise KeyError('MY_KEY')\n")
-    with pytest.raises(ReverieEvalError, match="cannot be made: KeyError: 'MY_KEY'"):
-        run(RunPlan(AgentSource(str(file)), some(2)), tmp_path / "run", jobs=jobs)
-    assert not (tmp_path / "run").exists()
+    plan = RunPlan(AgentSource(str(file)), some(2))
+    (mine := tmp_path / "mine").mkdir()
+    for folder in (tmp_path / "runs" / "new", mine):
+        with pytest.raises(ReverieEvalError, match="cannot be made: KeyError: 'MY_KEY'"):
+            run(plan, folder, jobs=jobs)
+    assert not (tmp_path / "runs").exists()
+    assert not any(mine.iterdir())
 
 
 def test_a_refused_agent_leaves_a_folder_with_files_of_others(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,6 @@ import numpy as np
 import torch
 from safetensors.torch import load_file
 from torch import Tensor, nn
-from typing_extensions import Self
 
 from reverie_eval.agents.trained._agent import MODEL, POINTER, LoadedPointer
 from reverie_eval.agents.trained._losses import (
@@ -40,7 +38,7 @@ from reverie_eval.agents.trained.pointers import Pointer
 from reverie_eval.arrays import IntArray
 from reverie_eval.dataset import DatasetFiles, compile_for_training, scans_of
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.files import staged_file
+from reverie_eval.files import made_folder, staged_file
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.version import __version__
 
@@ -48,10 +46,11 @@ BATCH_SIZE = 64
 PATIENCE = 6
 """Epochs without a better one, after which training ends. What is held back says how good an epoch
 is to within some points only, so fewer would end it by chance."""
+# Longer gradients of a batch are scaled down to this length.
 _LARGEST_GRADIENT = 5.0
-_LATEST = "latest.safetensors"
 # Files of a training that has not ended: the weights and the optimizer after the last epoch, and
 # the best weights so far.
+_LATEST = "latest.safetensors"
 _BEST = "best.safetensors"
 
 
@@ -125,7 +124,8 @@ def train(
         words=coder.vocabulary.words,
         remembered=coder.remembered,
     )
-    with _Files(folder) as files:
+    files = _Files(folder)
+    with made_folder(folder):
         if (done := files.finished(card)) is not None:
             return done
         torch.manual_seed(plan.seed)
@@ -228,14 +228,6 @@ class _Files:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-
-    def __enter__(self) -> Self:
-        self._folder.mkdir(parents=True, exist_ok=True)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        with suppress(OSError):  # it is empty if training was interrupted in the first epoch
-            self._folder.rmdir()
 
     def finished(self, card: ModelCard) -> ModelCard | None:
         """Return the card of a finished training; None if it has not ended."""

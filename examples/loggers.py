@@ -1,7 +1,8 @@
 """Evaluate after every epoch, and log the scores: TensorBoard, MLflow or Weights & Biases.
 
 ``python loggers.py tensorboard`` (or ``mlflow``, ``wandb``) trains for three epochs and logs to the
-working folder; nothing leaves the machine. ``scores.to_dict()`` holds plain numbers by name, which
+working folder; nothing leaves the machine. The answers are samples, which ``reverie-eval demo``
+writes there. ``scores.to_dict()`` holds plain numbers by name, which
 is what each of them takes: fractions in [0, 1], lengths in metres. The signature belongs beside
 them: it names everything that the numbers depend on, and numbers of equal signatures compare.
 """
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import reverie_eval as rv
 
-SAMPLES = Path(__file__).parents[1] / "fixtures" / "submissions"
+SAMPLES = Path("demo")
 
 
 def epochs() -> Iterator[tuple[int, Path]]:

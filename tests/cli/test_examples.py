@@ -21,6 +21,7 @@ from typing import Any, TypeAlias
 import pytest
 
 import reverie_eval as rv
+from reverie_eval_cli.main import main
 from tests.conftest import REPOSITORY, SAMPLES, unavailable
 
 EXAMPLES = REPOSITORY / "examples"
@@ -38,12 +39,13 @@ every_notebook = pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda file:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Lay out what a reader has who takes the examples and the samples, and nothing else."""
+    """Lay out what a reader has who takes the examples, and writes the samples beside them."""
     shutil.copytree(EXAMPLES, tmp_path / "examples", ignore=shutil.ignore_patterns("[!a-z]*"))
     tutorials = tmp_path / DAY.parent.relative_to(REPOSITORY)
     tutorials.mkdir(parents=True)
     shutil.copy(DAY, tutorials)
-    shutil.copytree(SAMPLES, tmp_path / "fixtures" / "submissions")
+    for beside in (tmp_path / "examples", tutorials):
+        main(["demo", str(beside / "demo")])
     monkeypatch.setenv("HOME", str(tmp_path))  # where kernels and loggers keep their settings
     return tmp_path / "examples"
 

@@ -11,6 +11,8 @@ from click.shell_completion import CompletionItem
 
 _HELP = ("-h", "--help")
 _LONGEST_SUMMARY = 120
+# Words for our commands that others use, too far from their names for a guess by letters.
+_OTHER_WORDS = {"agent": "run", "check": "validate", "evaluate": "score", "upload": "submit"}
 
 
 class Group(click.Group):
@@ -83,6 +85,8 @@ class Program(LazyGroup):
             looks_like_command = args[0].isidentifier() and not Path(args[0]).exists()
             if looks_like_command and not ctx.resilient_parsing:
                 message = f"{args[0]!r} is neither a command nor a file."
+                if meant := _OTHER_WORDS.get(args[0]):
+                    raise click.UsageError(f"{message} Did you mean {meant!r}?", ctx)
                 raise NoSuchCommand(args[0], message, self._attributes, ctx)
             args = ["score", *args]
         return super().parse_args(ctx, args)

@@ -228,6 +228,7 @@ def test_words_that_make_no_sense(line: str, capsys: pytest.CaptureFixture[str])
     ("line", "suggestion"),
     [
         pytest.param("vaildate submit.json", "Did you mean 'validate'?", id="command"),
+        pytest.param("agent shortest", "Did you mean 'run'?", id="word of others"),
         pytest.param("server backpu folder", "Did you mean 'backup'?", id="command of a group"),
         pytest.param("submit.json --protcol x", "Did you mean '--protocol'?", id="option"),
         pytest.param(

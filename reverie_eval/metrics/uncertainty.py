@@ -61,7 +61,9 @@ def bootstrap_means(
         # because bincount would copy any others.
         cell = drawn + n_clusters * np.arange(count)[:, None]
         times = np.bincount(cell.ravel(), minlength=count * n_clusters)
-        total = times.reshape(count, n_clusters).astype(float) @ sums_and_sizes
+        times = times.reshape(count, n_clusters).astype(float)
+        # Not by ``@``: the order of BLAS's sums, and so their last digit, depends on its threads.
+        total = np.einsum("rc,cm->rm", times, sums_and_sizes)
         # Clusters differ in size, so the number of episodes is random too.
         means[batch] = total[:, :-1] / total[:, -1:]
     return means

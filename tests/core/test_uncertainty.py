@@ -1,5 +1,8 @@
 """Uncertainty: by hand, compared with enumeration and scipy, and in worlds with known means."""
 
+import os
+import subprocess
+import sys
 from itertools import product
 
 import numpy as np
@@ -44,6 +47,24 @@ def test_the_seed_determines_the_resamples() -> None:
     first, again, other = (bootstrap_means(values, cluster, seed=seed) for seed in (3, 3, 4))
     assert (first == again).all()
     assert (first != other).any()
+
+
+def test_the_digits_do_not_depend_on_the_number_of_threads() -> None:
+    code = (
+        "import numpy as np; from reverie_eval.metrics.uncertainty import bootstrap_means;"
+        "values = np.random.default_rng(0).random((3521, 12)); cluster = np.arange(3521) // 7;"
+        "print(bootstrap_means(values, cluster, resamples=500).tolist())"
+    )
+    one, two = (
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env=os.environ | {"OPENBLAS_NUM_THREADS": threads},
+            capture_output=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    )
+    assert one == two
 
 
 def test_standard_errors_equal_scipys_on_cluster_sums() -> None:

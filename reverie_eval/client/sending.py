@@ -18,7 +18,7 @@ from ipaddress import ip_address
 from socket import gaierror
 from time import sleep
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import httpx
 from pydantic import ValidationError
@@ -27,6 +27,10 @@ from reverie_eval.errors import Problem, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.text import earliest_time_text, printable
 from reverie_eval.version import __version__
+
+if TYPE_CHECKING:
+    from tenacity import Retrying
+    from tenacity.stop import stop_base
 
 
 class ServiceError(ReverieEvalError):
@@ -144,17 +148,11 @@ class Sender:
         final: the URL may be wrong. A reply that is not a success is raised as :func:`failure`
         says.
         """
-        from tenacity import Retrying, retry_if_exception_type, stop_after_attempt, stop_after_delay
+        from tenacity import stop_after_attempt, stop_after_delay
 
-        attempts = Retrying(
-            retry=retry_if_exception_type(_TemporaryError),
-            stop=stop_after_attempt(ATTEMPTS if call.is_repeatable else 1)
-            | stop_after_delay(PATIENCE),
-            wait=_pause,
-            before_sleep=self._announce,
-            sleep=sleep,
-            reraise=True,
-        )
+        most = ATTEMPTS if call.is_repeatable else 1
+        stop = stop_after_attempt(most) | stop_after_delay(PATIENCE)
+        attempts = retrying(_TemporaryError, stop, FIRST_PAUSE, self._announce)
         try:
             return attempts(self._reply, call)
         except _TemporaryError as temporary:
@@ -184,10 +182,9 @@ class Sender:
             raise _TemporaryError(failed, retry_after_of(response))
         raise failed
 
-    def _announce(self, attempt: Any) -> None:
+    def _announce(self, reason: Exception, seconds: float) -> None:
         if self._notice:
-            reason = attempt.outcome.exception()
-            self._notice(f"{reason}; retrying in {attempt.upcoming_sleep:g} s")
+            self._notice(f"{reason}; retrying in {seconds:g} s")
 
 
 def http_client(server: str, headers: Mapping[str, str]) -> httpx.Client:
@@ -209,10 +206,44 @@ def http_client(server: str, headers: Mapping[str, str]) -> httpx.Client:
         ) from None
 
 
-def _pause(attempt: Any) -> float:
-    """Return the seconds to wait after a failed attempt, tenacity's ``RetryCallState``."""
-    asked: float | None = attempt.outcome.exception().retry_after
-    return FIRST_PAUSE * 2 ** (attempt.attempt_number - 1) if asked is None else asked
+def retrying(
+    failure: type[Exception],
+    stop: "stop_base",
+    first_pause: float,
+    on_pause: Callable[[Exception, float], None],
+) -> "Retrying":
+    """Return what calls a function until it succeeds, and raises its last error if it does not.
+
+    Parameters
+    ----------
+    failure : type
+        The errors that another attempt may overcome. Their ``retry_after`` has the seconds to wait;
+        None if the other side does not say.
+    stop : stop_base
+        When to give up, as tenacity takes it.
+    first_pause : float
+        Seconds before the second attempt, doubled before each further one.
+    on_pause : callable
+        Called before each pause with the error and the seconds.
+    """
+    from tenacity import RetryCallState, Retrying, retry_if_exception_type
+
+    def seconds_after(attempt: RetryCallState) -> float:
+        asked: float | None = _error_of(attempt).retry_after
+        return first_pause * 2 ** (attempt.attempt_number - 1) if asked is None else asked
+
+    return Retrying(
+        retry=retry_if_exception_type(failure),
+        stop=stop,
+        wait=seconds_after,
+        before_sleep=lambda attempt: on_pause(_error_of(attempt), attempt.upcoming_sleep),
+        sleep=sleep,
+        reraise=True,
+    )
+
+
+def _error_of(attempt: Any) -> Any:
+    return attempt.outcome.exception()
 
 
 def _is_temporary(response: httpx.Response) -> bool:

@@ -17,7 +17,7 @@ from PIL import Image
 
 from reverie_eval import GroundTruth, ReverieEvalError
 from reverie_eval.agents import AgentSource
-from reverie_eval.agents.chat import _asking
+from reverie_eval.client import sending
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import RunCard, RunError, RunPlan, Totals, read_attempts, read_steps, run
 from reverie_eval.simulator import Environment
@@ -79,7 +79,7 @@ def served() -> Iterator[Endpoint]:
 @pytest.fixture
 def chat(served: Endpoint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Chat:
     waits: list[float] = []
-    monkeypatch.setattr(_asking, "sleep", waits.append)
+    monkeypatch.setattr(sending, "sleep", waits.append)
     monkeypatch.setattr("reverie_eval.runner._run.WAITS", ())
     monkeypatch.setenv("MY_KEY", KEY)
     served.requests.clear()
@@ -133,7 +133,7 @@ def test_a_reply_that_does_not_come_is_asked_for_again(
         timeout.read = PATIENCE
 
     monkeypatch.setattr(httpx, "Timeout", lambda *_, **__: timeout)
-    monkeypatch.setattr(_asking, "sleep", sleep)
+    monkeypatch.setattr(sending, "sleep", sleep)
     chat.served.script.append(replace(saying(STOP), is_slow=True))
     chat.run_one_as_usual()
     assert (chat.waits, len(chat.served.requests)) == ([1], 3)

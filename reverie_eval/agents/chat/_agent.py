@@ -31,8 +31,10 @@ from reverie_eval.text import count_text, did_you_mean
 InputClass = Literal["geometry", "objects", "views"]
 History = Literal["full", "map"]
 
+# Why a reply ended, as endpoints say it.
 _CUT = "length"
 _REFUSED = frozenset({"content_filter", "refusal"})
+# Of JPEGs. Higher than Pillow's 75, because objects to be pointed at may be small.
 _QUALITY = 85
 # Fields of a request that settings may not have.
 _OUR_FIELDS = frozenset({"model", "messages", "response_format", "stream", "n"})
@@ -59,7 +61,8 @@ class ChatAgent:
     prompts : path, optional
         A folder with texts that replace ours.
     moves : int
-        Moves that the model can make in an episode.
+        Moves that the model can make in an episode; by default as many as actions in agents of
+        public codebases, such as ``max_action_len`` of DUET.
     settings : mapping, optional
         Further fields of each request; by default, a temperature of 0.
     key_from : str

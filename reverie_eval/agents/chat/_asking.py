@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from datetime import date
 from functools import cached_property
 from pathlib import Path
-from time import sleep
 from typing import Any, TypeAlias
 from weakref import finalize
 
@@ -30,9 +29,9 @@ from reverie_eval.logs import Usage, read_steps
 from reverie_eval.text import first_few
 
 ATTEMPTS = 6
+"""With the pauses between them, half a minute, unless the endpoint says how long to wait."""
 FIRST_PAUSE = 1.0
-"""Seconds before the second attempt, doubled before each further one, unless the endpoint says how
-long to wait."""
+"""Seconds before the second attempt, doubled before each further one."""
 REPLIES = "replies.jsonl"
 """The name of the file of replies."""
 
@@ -43,6 +42,7 @@ OnPaid: TypeAlias = Callable[[Reply], None]
 _CLASSES = ("input", "cached", "output")
 # Prices are those of a million tokens.
 _UNIT = 1e-6
+# Of a key: 128 bits, which no two questions share by chance.
 _DIGITS = 32
 _LOGGER = logging.getLogger(__name__)
 
@@ -311,7 +311,9 @@ class Asker:
         RefusalError, LongPromptError
             If the endpoint says that it will not or cannot reply.
         """
-        from tenacity import Retrying, retry_if_exception_type, stop_after_attempt
+        from tenacity import stop_after_attempt
+
+        from reverie_eval.client.sending import retrying
 
         content = [self._model, self._settings, messages, seed]
         key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:_DIGITS]
@@ -319,14 +321,7 @@ class Asker:
             if self._replies.is_lost(key):
                 on_paid(reply)
             return reply
-        attempts = Retrying(
-            retry=retry_if_exception_type(BusyError),
-            stop=stop_after_attempt(ATTEMPTS),
-            wait=_pause,
-            before_sleep=_announce,
-            sleep=sleep,
-            reraise=True,
-        )
+        attempts = retrying(BusyError, stop_after_attempt(ATTEMPTS), FIRST_PAUSE, _announce)
         body = {"model": self._model, **self._settings, "messages": messages}
         return attempts(self._receive, key, body, response_format, on_paid)
 
@@ -363,12 +358,5 @@ class Asker:
         return reply
 
 
-def _pause(attempt: Any) -> float:
-    """Return the seconds to wait after a failed attempt, tenacity's ``RetryCallState``."""
-    asked: float | None = attempt.outcome.exception().retry_after
-    return FIRST_PAUSE * 2 ** (attempt.attempt_number - 1) if asked is None else asked
-
-
-def _announce(attempt: Any) -> None:
-    reason = attempt.outcome.exception()
-    _LOGGER.warning("%s; asking again in %g s", reason, attempt.upcoming_sleep)
+def _announce(reason: Exception, seconds: float) -> None:
+    _LOGGER.warning("%s; asking again in %g s", reason, seconds)

@@ -49,7 +49,8 @@ _PLACEHOLDERS: Mapping[str, frozenset[str]] = {
     "repair": frozenset({"problem"}),
 }
 _FIRST_LEVEL_VIEW = N_HEADINGS
-_SHOWN = 12
+# As many as signatures have of a fingerprint.
+_DIGEST_DIGITS = 12
 
 
 class Prompts:
@@ -74,7 +75,7 @@ class Prompts:
     @property
     def digest(self) -> str:
         """A digest of all texts."""
-        return hashlib.sha256(repr(self._texts).encode()).hexdigest()[:_SHOWN]
+        return hashlib.sha256(repr(self._texts).encode()).hexdigest()[:_DIGEST_DIGITS]
 
     def fill(self, name: str, **values: object) -> str:
         """Return a text with its placeholders filled; lines that are left empty are joined."""

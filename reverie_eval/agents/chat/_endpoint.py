@@ -25,6 +25,7 @@ _WAIT = frozenset({408, 409, 425, 429})
 _WRONG_FORMAT = frozenset({400, 404, 415, 422, 501})
 # Seconds to wait for a connection.
 _CONNECT = 10.0
+# Characters of an endpoint's error, which may be a whole page.
 _MOST_SHOWN = 300
 
 

@@ -23,6 +23,16 @@ MOST_ACTIONS = 10
 """Actions in an episode. Source: ``max_episode_len`` in ``trainFast.py`` of YuankaiQi/REVERIE."""
 PROGRESS_WEIGHT = 0.5
 """Lambda of Ma et al., 2019, section 3, as in REVERIE's ``follower.py``."""
+DISCOUNT = 0.95
+"""What a reward is worth a step before it comes. Source: Wang et al., CVPR 2019, section 4."""
+CRITIC_WEIGHT = 0.5
+"""Half of a squared error, whose gradient is the error, as in ``agent.py`` of EnvDrop (Tan et al.,
+NAACL 2019)."""
+MARGIN = 0.1
+"""By how much right scores should exceed wrong ones. Source: ``tools/opt.py`` of MAttNet."""
+
+# Episodes that are tried at once, which changes no rate.
+_EVALUATED_AT_ONCE = 256
 
 
 class Step(NamedTuple):
@@ -87,6 +97,7 @@ def imitation_loss(model: Navigator, world: World, rows: IntArray, *, is_student
     """
     walks = Walks(model, world, rows)
     paths = {row: world.path(row) for row in rows.tolist()}
+    # An episode may begin at its goal.
     whole = world.distance(rows, walks.viewpoints).clip(min=1e-6)
     whole_of = dict(zip(rows.tolist(), whole, strict=True))
     losses, progress_losses = [], []
@@ -101,6 +112,7 @@ def imitation_loss(model: Navigator, world: World, rows: IntArray, *, is_student
         losses.append(functional.cross_entropy(scores.logits, target, reduction="none"))
         if scores.progress is not None:
             left = world.distance(here, viewpoints) / [whole_of[row] for row in here.tolist()]
+            # The monitor cannot say less than -1, which an agent that walks away may deserve.
             done = torch.tensor((1 - left).clip(min=-1), dtype=torch.float32)
             progress_losses.append(functional.mse_loss(scores.progress, done, reduction="none"))
         actions = draw(scores.logits.detach()) if is_student else target
@@ -128,7 +140,7 @@ def success_rate(model: Navigator, world: World, rows: IntArray) -> float:
     """Return the share of episodes in which a navigator, always taking the best, succeeds."""
     model.eval()
     successes = 0
-    for batch in batches(world, rows, 256):
+    for batch in batches(world, rows, _EVALUATED_AT_ONCE):
         walks = Walks(model, world, batch)
         for number, step in enumerate(walks.steps()):
             best = step.scores.logits.argmax(dim=-1)
@@ -146,10 +158,6 @@ def batches(world: World, rows: IntArray, size: int) -> Iterator[IntArray]:
     for its in by_length.values():
         for begin in range(0, len(its), size):
             yield np.array(its[begin : begin + size])
-
-
-DISCOUNT = 0.95
-CRITIC_WEIGHT = 0.5
 
 
 def returns_of(
@@ -203,9 +211,6 @@ def policy_loss(model: Navigator, world: World, rows: IntArray) -> Tensor:
     advantage = torch.from_numpy(returns.astype(np.float32)) - torch.cat(expected)
     gradient = -(torch.cat(chosen) * advantage.detach()).mean()
     return gradient + CRITIC_WEIGHT * advantage.square().mean()
-
-
-MARGIN = 0.1
 
 
 def hinge(right: Tensor, wrong: Tensor) -> Tensor:
@@ -267,7 +272,7 @@ def pointing_rate(model: Pointer, world: World, rows: IntArray) -> float:
     model.eval()
     right = 0
     tokens = torch.from_numpy(world.coder.tokens)
-    for batch in batches(world, rows, 256):
+    for batch in batches(world, rows, _EVALUATED_AT_ONCE):
         words = torch.from_numpy(np.stack([world.words[row] for row in batch]))
         best = model(words, tokens, candidates_of(_questions(world, batch))).argmax(dim=1)
         right += sum(

@@ -87,6 +87,11 @@ class Episode:
         """Log something about the action that is being chosen: anything that JSON can say.
 
         Tokens and US dollars of several calls are added up; those that are never given are unknown.
+
+        Raises
+        ------
+        TypeError
+            If tokens or money are not a number.
         """
         usage = {
             "input_tokens": input_tokens,
@@ -97,7 +102,11 @@ class Episode:
         }
         for name, number in usage.items():
             if number is not None:
-                self._usage[name] += number  # type: ignore[assignment]  # money is a float
+                try:
+                    self._usage[name] += number  # type: ignore[assignment]  # money is a float
+                except TypeError:
+                    message = f"{name} should be a number to add up, not {number!r}"
+                    raise TypeError(message) from None
         self._notes |= notes
 
     @property

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from importlib.metadata import entry_points
+from numbers import Integral
 from pathlib import Path
 from types import FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any
@@ -82,7 +83,7 @@ class AgentSource:
                 "act(observation), or act_batch(episodes, observations)"
             )
         size = getattr(made, "batch_size", None)
-        if is_batch and not (isinstance(size, int) and size >= 1):
+        if is_batch and not (isinstance(size, Integral) and size >= 1):
             raise ReverieEvalError(
                 f"{self.name} has act_batch, and needs a batch_size: how many episodes it takes "
                 f"at a time, a whole number from 1, not {size!r}"
@@ -131,7 +132,7 @@ class AgentSource:
 
     def describe(self, error: BaseException) -> str:
         """Say what went wrong, and where in the agent's own files: which one at least."""
-        told = f"{type(error).__name__}: {error}"
+        told = _named(error)
         if self.name in BUILT_IN_AGENTS and isinstance(error, ReverieEvalError):
             return told  # nobody has to look into our files
         return f"{told} ({_location(error, self._module_file.parent) or self._module_file.name})"
@@ -194,6 +195,11 @@ def _check_options(name: str, found: Callable[..., Any], options: Mapping[str, A
         signature = inspect.signature(found)
     except ValueError:  # some classes written in C have none
         return
+    try:
+        signature.bind_partial(*given)
+    except TypeError:
+        message = f"{name} is not an agent; its function needs a parameter for the observation"
+        raise ReverieEvalError(message) from None
     own = list(signature.parameters.values())[len(given) :]
     names = ", ".join(each.name for each in own) or "none"
     takes_any = {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
@@ -286,8 +292,9 @@ def _location(error: BaseException, folder: Path) -> str:
     """Return the last place in the files of a folder that an error came through; or nothing."""
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         file = Path(frame.filename).resolve()
+        is_own = file.is_relative_to(folder) and file.is_file()  # `<string>` is none
         # An environment of packages may be in the folder, too.
-        if file.is_relative_to(folder) and "site-packages" not in file.relative_to(folder).parts:
+        if is_own and "site-packages" not in file.relative_to(folder).parts:
             return f"{file.name}, line {frame.lineno}"
     return ""
 
@@ -299,5 +306,10 @@ def _naming(what: str, folder: Path) -> Iterator[None]:
         yield
     except (Exception, SystemExit) as error:
         location = _location(error, folder)
-        shown = f"{what}: {type(error).__name__}: {error}{location and f' ({location})'}"
+        shown = f"{what}: {_named(error)}{location and f' ({location})'}"
         raise ReverieEvalError(shown) from error
+
+
+def _named(error: BaseException) -> str:
+    told = str(error)
+    return f"{type(error).__name__}: {told}" if told else type(error).__name__

@@ -69,8 +69,9 @@ FAILED_IN_A_ROW = 3
 """So many failed episodes without another in between stop the run: an endpoint is gone."""
 
 _ACTIONS = get_args(Action)
-# What the table decides on; an agent's `sys.exit` must not pass for an end of the run.
-_ERRORS = (Exception, SystemExit)
+# The user ends the run, or whoever takes its rows. All else is an agent's error, its `sys.exit` and
+# what asyncio cancelled included.
+_ENDS = (KeyboardInterrupt, GeneratorExit)
 
 
 class TransientError(Exception):
@@ -170,7 +171,9 @@ class Walker:
         began = time.perf_counter()
         try:
             return self._act(walks)
-        except _ERRORS as error:
+        except _ENDS:
+            raise
+        except BaseException as error:  # noqa: BLE001
             for walk in walks:
                 walk.error = error
             return []
@@ -187,7 +190,10 @@ class Walker:
             [walk.episode for walk in walks], [walk.seen for walk in walks]
         )
         if not isinstance(actions, Sequence) or len(actions) != len(walks):
-            raise TypeError(f"act_batch returned {actions!r} for {len(walks)} episodes")
+            raise TypeError(
+                f"act_batch returned {actions!r}; expected a list of {len(walks)} actions, one for "
+                "each episode"
+            )
         return actions
 
 
@@ -217,7 +223,9 @@ class _Walk:
         """Let an error of the agent end the attempt."""
         try:
             yield
-        except _ERRORS as error:
+        except _ENDS:
+            raise
+        except BaseException as error:  # noqa: BLE001
             self.error = error
 
     def start(self, agent: Any) -> None:

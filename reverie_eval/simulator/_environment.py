@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Integral
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, overload
@@ -274,6 +275,11 @@ class Environment:
             raise ActionError(f"the answer in {task.title} is not a direction")
         match action:
             case Answer(object_id):
+                if not isinstance(object_id, Integral) or isinstance(object_id, bool):
+                    raise ActionError(
+                        f"{action!r} has no object id; expected a whole number, such as the "
+                        "object_id of a candidate"
+                    )
                 visible: Collection[int] = range(LARGEST_OBJECT_ID + 1)
                 if self.surroundings.has_objects:
                     visible = {it.object_id for it in self._candidates_at(walk.poses[-1][0])}
@@ -356,12 +362,19 @@ class Environment:
 
 
 def _check_direction(action: Action, heading: float, elevation: float) -> None:
-    if not (math.isfinite(heading) and abs(elevation) <= math.pi / 2):
+    try:
+        is_direction = math.isfinite(heading) and abs(elevation) <= math.pi / 2
+    except (TypeError, OverflowError):  # not a number, or too large for one of floating point
+        is_direction = False
+    if not is_direction:
         raise ActionError(f"{action!r} is not a direction; angles are radians")
 
 
 def _check_box(action: Action, view: int, xywh: Sequence[float]) -> None:
-    is_box = len(xywh) == 4 and all(map(math.isfinite, xywh)) and min(xywh[2:]) > 0
+    try:
+        is_box = len(xywh) == 4 and all(map(math.isfinite, xywh)) and min(xywh[2:]) > 0
+    except (TypeError, OverflowError):
+        is_box = False
     if not is_box or view not in range(N_VIEWS):
         raise ActionError(
             f"{action!r} is not a box; expected left, top, width and height in one of 36 views"

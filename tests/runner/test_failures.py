@@ -1,5 +1,6 @@
 """Which errors end in an answer, in another attempt, or in the end of the run."""
 
+import asyncio
 import importlib
 from collections import Counter
 from collections.abc import Container
@@ -108,9 +109,18 @@ def test_the_time_to_start_and_of_a_choice_that_fails_counts(
     assert [(each.steps, each.seconds) for each in home.attempts] == [(1, 7.0)]
 
 
-def test_an_agent_that_exits_stops_the_run(home: Home) -> None:
-    with pytest.raises(RunError, match=r"stopped: 7_5_1: SystemExit: 3 \(runs.py, line "):
-        home.run(raising(SystemExit(3), starts=[2]))
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        pytest.param(SystemExit(3), "SystemExit: 3", id="exit"),
+        pytest.param(asyncio.CancelledError(), "CancelledError", id="cancelled"),
+    ],
+)
+def test_whatever_an_agent_raises_stops_the_run(
+    error: BaseException, told: str, home: Home
+) -> None:
+    with pytest.raises(RunError, match=rf"stopped: 7_5_1: {told} \(runs.py, line "):
+        home.run(raising(error, starts=[2]))
     assert [each.state for each in home.attempts] == ["ended", "failed"]
 
 
@@ -209,6 +219,15 @@ def test_a_log_that_is_not_json_stops_the_run(home: Home) -> None:
         return Stop()
 
     with pytest.raises(RunError, match="object cannot be written as JSON"):
+        home.run(act)
+
+
+def test_a_cost_that_is_not_a_number_is_named(home: Home) -> None:
+    def act(seen: Observation, agent: Scripted) -> Any:
+        agent.episode.log(money="$0.01")
+        return Stop()
+
+    with pytest.raises(RunError, match=r"money should be a number to add up, not '\$0.01' \(runs"):
         home.run(act)
 
 

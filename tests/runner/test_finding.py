@@ -21,6 +21,7 @@ AGENTS = """
 from dataclasses import dataclass
 from functools import partial
 from beside import ANSWER
+from numpy import int64
 from reverie_eval.simulator import Answer, Stop
 
 @dataclass
@@ -41,6 +42,11 @@ class Failing(Agent):
 class Unsized(NoAgent):
     def start(self, episode): pass
     def act_batch(self, episodes, observations): return [Stop()] * len(episodes)
+
+class Sized(Unsized):
+    batch_size = int64(4)
+
+def blind(): return Stop()
 
 def function(seen, answer=6): return Answer(answer)
 
@@ -124,7 +130,7 @@ def test_an_agent_is_found(
         pytest.param(
             "my_agents:Failing",
             {},
-            "cannot be made: KeyError: 'MY_KEY' (my_agents.py, line 20)",
+            "cannot be made: KeyError: 'MY_KEY' (my_agents.py, line 21)",
             id="failing",
         ),
         pytest.param("my_agents:Unsized", {}, "needs a batch_size: how many", id="no size"),
@@ -134,7 +140,13 @@ def test_an_agent_is_found(
             "cannot be imported: NameError: name 'nothing' is not defined (broken.py, line 1)",
             id="broken",
         ),
-        pytest.param("unread.py", {}, "cannot be imported: SyntaxError", id="a syntax error"),
+        pytest.param("my_agents:blind", {}, "needs a parameter for the observation", id="blind"),
+        pytest.param(
+            "unread.py",
+            {},
+            "unread.py cannot be imported: SyntaxError: invalid syntax (unread.py, line 1)",
+            id="a syntax error",
+        ),
         pytest.param(
             "exiting.py", {}, "cannot be imported: SystemExit: 3 (exiting.py, line 1)", id="exiting"
         ),
@@ -151,6 +163,23 @@ def test_what_is_not_an_agent_is_named(
     with pytest.raises(ReverieEvalError) as caught:
         AgentSource(name, options).make()
     assert message in str(caught.value)
+    assert "frozen" not in str(caught.value)
+
+
+def test_an_error_in_generated_code_is_where_the_agent_called_it(file: Path) -> None:
+    (file.parent / "pose.py").write_text(
+        "import dataclasses\n@dataclasses.dataclass(frozen=True)\nclass Pose:\n    x: float = 0.0\n"
+        "def Agent(seen):\n    Pose().x = 1.0\n"
+    )
+    source = AgentSource("pose.py")
+    agent: Any = source.make()
+    with pytest.raises(AttributeError) as caught:
+        agent.act(None)
+    assert source.describe(caught.value).endswith("(pose.py, line 6)")
+
+
+def test_a_batch_size_may_be_a_number_of_numpy(file: Path) -> None:
+    assert AgentSource("my_agents:Sized").make().batch_size == 4  # type: ignore[union-attr]
 
 
 def test_a_version_is_given_and_a_digest_is_of_the_file(file: Path) -> None:

@@ -92,7 +92,7 @@ def test_a_batch_changes_nothing(how: Mapping[str, Any], expected: bytes, tmp_pa
 def test_a_batch_with_too_few_actions_stops_the_run(tmp_path: Path) -> None:
     (tmp_path / "agent.py").write_text(BATCH)
     plan = RunPlan(AgentSource(f"{tmp_path}/agent.py", {"wrong": 1}), some(9))
-    with pytest.raises(RunError, match=r"TypeError: act_batch returned \[.*\] for 4 episodes"):
+    with pytest.raises(RunError, match=r"act_batch returned \[.*\]; expected a list of 4 actions"):
         run(plan, tmp_path / "run")
     assert [each.state for each in read_attempts(tmp_path / "run")] == ["failed"] * 4
 

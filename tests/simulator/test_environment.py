@@ -9,7 +9,7 @@ from dataclasses import FrozenInstanceError, replace
 from itertools import islice
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -296,6 +296,17 @@ NOT_VISIBLE = (
         pytest.param(Turn(0.0, 30.0), "is not a direction; angles are radians", id="degrees"),
         pytest.param(AnswerBox(36, BOX), "is not a box; expected left, top", id="no view"),
         pytest.param(AnswerBox(0, (1, 2, 0, 4)), "is not a box", id="a box without width"),
+        pytest.param(AnswerBox(0, cast("Any", None)), "is not a box", id="no box"),
+        *(
+            pytest.param(
+                Answer(cast("Any", wrong)),
+                f"{Answer(cast('Any', wrong))!r} has no object id; expected a whole number",
+                id=f"the object {wrong!r}",
+            )
+            for wrong in ("5", True, 5.0, [5], None)
+        ),
+        pytest.param(Turn(cast("Any", "left")), "is not a direction", id="a word"),
+        pytest.param(Turn(10**400), "is not a direction", id="a huge angle"),
         pytest.param(Point(0.0, 0.0), "the answer in REVERIE is not a direction", id="a point"),
         pytest.param("north", "'north' is not an action, such as a Go", id="a name"),
         pytest.param(None, "None is not an action, such as a Go", id="nothing"),

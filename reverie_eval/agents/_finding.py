@@ -13,10 +13,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from importlib.metadata import entry_points
-from numbers import Integral
 from pathlib import Path
 from types import FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any
+
+import numpy as np
 
 from reverie_eval.agents._episode import Agent, BatchAgent, Episode
 from reverie_eval.agents._untrained import AGENTS, NearestFirstAgent, WordMatchAgent
@@ -83,7 +84,7 @@ class AgentSource:
                 "act(observation), or act_batch(episodes, observations)"
             )
         size = getattr(made, "batch_size", None)
-        if is_batch and not (isinstance(size, Integral) and size >= 1):
+        if is_batch and not (isinstance(size, int | np.integer) and size >= 1):
             raise ReverieEvalError(
                 f"{self.name} has act_batch, and needs a batch_size: how many episodes it takes "
                 f"at a time, a whole number from 1, not {size!r}"

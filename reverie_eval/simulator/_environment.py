@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Integral
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, overload
@@ -275,7 +274,7 @@ class Environment:
             raise ActionError(f"the answer in {task.title} is not a direction")
         match action:
             case Answer(object_id):
-                if not isinstance(object_id, Integral) or isinstance(object_id, bool):
+                if not isinstance(object_id, int | np.integer) or isinstance(object_id, bool):
                     raise ActionError(
                         f"{action!r} has no object id; expected a whole number, such as the "
                         "object_id of a candidate"

@@ -69,8 +69,8 @@ FAILED_IN_A_ROW = 3
 """So many failed episodes without another in between stop the run: an endpoint is gone."""
 
 _ACTIONS = get_args(Action)
-# The user ends the run, or whoever takes its rows. All else is an agent's error, its `sys.exit` and
-# what asyncio cancelled included.
+# What ends a run from outside. All else is an error of the agent, its `sys.exit` and what asyncio
+# cancelled included.
 _ENDS = (KeyboardInterrupt, GeneratorExit)
 
 

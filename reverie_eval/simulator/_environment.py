@@ -274,7 +274,7 @@ class Environment:
             raise ActionError(f"the answer in {task.title} is not a direction")
         match action:
             case Answer(object_id):
-                if not isinstance(object_id, int | np.integer) or isinstance(object_id, bool):
+                if type(object_id) is not int and not isinstance(object_id, np.integer):
                     raise ActionError(
                         f"{action!r} has no object id; expected a whole number, such as the "
                         "object_id of a candidate"

@@ -17,7 +17,7 @@ from reverie_eval.dataset._dataset import (
     Items,
     Targets,
     centre_of,
-    read_one_split,
+    read_dataset,
     read_split,
 )
 from reverie_eval.dataset._lint import check_sound
@@ -64,7 +64,7 @@ def compile_split(
     DatasetError
         Listing everything in the files of this split that ``reverie-eval lint`` calls an error.
     """
-    return _bundle_of(read_one_split(files, split, progress), dataset)
+    return _bundle_of(read_dataset(files, progress, split), dataset)
 
 
 def compile_for_training(files: DatasetFiles, split: str) -> tuple[Bundle, int]:
@@ -78,7 +78,7 @@ def compile_for_training(files: DatasetFiles, split: str) -> tuple[Bundle, int]:
     DatasetError
         As :func:`compile_split`, but for these.
     """
-    content = read_one_split(files, split, no_progress)
+    content = read_dataset(files, no_progress, split)
     (whole,) = content.splits
     lost: Sequence[Annotation] = ()
     if files.boxes:

@@ -309,29 +309,18 @@ class Dataset:
         return any(split.has_solution for split in self.splits)
 
 
-def read_dataset(files: DatasetFiles, progress: Progress) -> Dataset:
-    """Read all splits, and the graphs and boxes of all scans."""
+def read_dataset(files: DatasetFiles, progress: Progress, only: str | None = None) -> Dataset:
+    """Read all splits and all scans, or only one split and its scans."""
     reader = Reader(progress)
-    graphs = read_graphs(reader, find_graphs(files.connectivity))
-    splits = [
-        read_split(reader, name, path, files.task) for name, path in files.annotations.items()
-    ]
+    names = files.annotations if only is None else [only]
+    splits = [read_split(reader, name, files.annotations[name], files.task) for name in names]
+    scans = None if only is None else splits[0].scans
+    graphs = read_graphs(reader, find_graphs(files.connectivity, scans))
     boxes = Boxes([], [], graphs)
-    if files.boxes:
-        boxes = read_boxes(reader, files.boxes, graphs)
+    # Boxes take longest to read, and one split without a solution needs none.
+    if files.boxes and (only is None or splits[0].has_solution):
+        boxes = read_boxes(reader, files.boxes, graphs, scans)
     return Dataset(files, reader, splits, graphs, boxes, _read_centres(reader, files))
-
-
-def read_one_split(files: DatasetFiles, name: str, progress: Progress) -> Dataset:
-    """Read one split, and the graphs and boxes of its scans."""
-    reader = Reader(progress)
-    split = read_split(reader, name, files.annotations[name], files.task)
-    graphs = read_graphs(reader, find_graphs(files.connectivity, split.scans))
-    boxes = Boxes([], [], graphs)
-    # Without a solution, nothing needs boxes, which take longest to read.
-    if split.has_solution and files.boxes:
-        boxes = read_boxes(reader, files.boxes, graphs, split.scans)
-    return Dataset(files, reader, [split], graphs, boxes, _read_centres(reader, files))
 
 
 def _read_centres(reader: Reader, files: DatasetFiles) -> Centres | None:

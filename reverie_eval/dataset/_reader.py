@@ -32,12 +32,6 @@ T = TypeVar("T")
 
 _SHOWN_ERRORS = 3
 _GZIP_MAGIC = b"\x1f\x8b"
-_LINES = ".jsonl"
-
-
-def _has_lines(name: str) -> bool:
-    """Whether a file of this name has a JSON object on each line."""
-    return _LINES in name
 
 
 class Reader:
@@ -102,7 +96,7 @@ class Reader:
             return fields
 
         # The standard library's parser is slower than others, but shows every repeated key.
-        if not _has_lines(name):
+        if ".jsonl" not in name:
             return json.loads(content, object_pairs_hook=build_object)
         lines = content.splitlines()
         return [json.loads(line, object_pairs_hook=build_object) for line in lines if line.strip()]

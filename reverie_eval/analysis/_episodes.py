@@ -404,7 +404,7 @@ class WalkOutcomes:
         return cls(
             outcome=outcome_indices(scores.episodes).astype(np.uint8),
             path_length=scores.episodes["path_length"],
-            stop=submission.viewpoint[submission.offsets[1:] - 1].astype(np.int32),
+            stop=submission.stop.astype(np.int32),
             wrong_turn=_wrong_turns(scores).astype(np.int32),
         )
 

@@ -105,7 +105,7 @@ class EpisodeTable(Mapping[str, Array]):
 
     @property
     def oracle_at_goal(self) -> BoolArray:
-        """Shape (n_poses,): the same for an oracle, which stops where the trajectory is best."""
+        """Shape (n_poses,): whether a stop at each pose would be a success of an oracle."""
         return self.lookups.oracle_at_goal(self.protocol.goal)
 
     @cached_property

@@ -198,14 +198,14 @@ class Lookups:
 
     def outline(self, which: Literal["first", "last"]) -> FloatArray:
         """Shape (n_episodes, 5, 2): the target as seen from the stop, turns; NaN if not visible."""
-        stop = self.submission.viewpoint[last_of(self.offsets)]
-        return self._solution.outlines(self.ground_truth.episodes.item, stop, which)
+        items = self.ground_truth.episodes.item
+        return self._solution.outlines(items, self.submission.stop, which)
 
     @cached_property
     def boxes(self) -> BoxScores:
         """The scores of the predicted boxes."""
-        stop = self.submission.viewpoint[last_of(self.offsets)]
-        return score_boxes(self.submission.boxes, stop, self.target_object, self._solution)
+        boxes, stop = self.submission.boxes, self.submission.stop
+        return score_boxes(boxes, stop, self.target_object, self._solution)
 
     @property
     def box_overlap(self) -> Overlap:
@@ -231,7 +231,7 @@ class Lookups:
     @cached_property
     def stop_to_goals(self) -> FloatArray:
         """Shape (n_episodes,): metres from the stop to the nearest annotated goal."""
-        return self._to_goals(self.submission.viewpoint[last_of(self.offsets)])
+        return self._to_goals(self.submission.stop)
 
     def _to_goals(self, viewpoint: IntArray) -> FloatArray:
         goal, offsets = self._solution.goals()
@@ -296,7 +296,7 @@ class _MovedGoals(Lookups):
 
     def __init__(self, given: Lookups) -> None:
         truth, submission = given.ground_truth, given.submission
-        solution, stop = truth.require_solution(), submission.viewpoint[last_of(given.offsets)]
+        solution, stop = truth.require_solution(), submission.stop
         # The stop becomes the goal of the episode, of all its lengths and distances.
         is_seen = solution.is_goal(truth.episodes.item, stop)
         moved = replace(solution, goal=np.where(is_seen, stop, solution.goal))

@@ -175,8 +175,8 @@ class Scores(Scored):
 
     def _notes_of_run(self, run: RunLog) -> Iterable[str]:
         submission, ids = self.require_submission(), self.ground_truth.graph.viewpoint_ids
-        ends = submission.viewpoint[submission.offsets[1:] - 1].tolist()
-        stops = dict(zip(self.instr_ids, (ids[each] for each in ends), strict=True))
+        ends = (ids[each] for each in submission.stop.tolist())
+        stops = dict(zip(self.instr_ids, ends, strict=True))
         return run.notes(stops, self.ground_truth.whole.episodes.index)
 
     @cached_property

@@ -9,7 +9,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.geometry import HEIGHT, N_HEADINGS, N_VIEWS, WIDTH, snap
 from reverie_eval.ground_truth import CandidateBoxes, GroundTruth
 from reverie_eval.metrics import ABSTAINED, box_match
@@ -87,8 +87,7 @@ def answer_hints(submission: SubmissionColumns, ground_truth: GroundTruth) -> It
     """Yield hints that depend on the annotated objects, if the ground truth has the solution."""
     if ground_truth.solution is None:
         return
-    stop = submission.viewpoint[last_of(submission.offsets)]
-    boxes = submission.boxes
+    boxes, stop = submission.boxes, submission.stop
     yield from reading_hints(boxes, stop[boxes.row], ground_truth.solution.boxes)
     predicted = submission.predicted_object != ABSTAINED
     # In a file that answers mostly by box, the few object ids that are left say too little.

@@ -1,4 +1,4 @@
-"""What reading a submission gives: its content as columns, and a log of what it found to say."""
+"""What reading a submission gives: its content as columns, with what there is to say about it."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -6,7 +6,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, take_rows
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of, offsets_of, take_rows
 from reverie_eval.errors import Problem
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._problems import PoseLocation, RecordLocation
@@ -127,6 +127,11 @@ class SubmissionColumns:
     point: FloatArray | None = None
     """Shape (n, 2): heading and elevation of each predicted point, in turns, or NaN for no point.
     None in a task without points."""
+
+    @property
+    def stop(self) -> IntArray:
+        """Shape (n,): the index of the last viewpoint of each trajectory; none is empty."""
+        return self.viewpoint[last_of(self.offsets)]
 
     @property
     def abstained(self) -> BoolArray:

@@ -16,7 +16,7 @@ import numpy as np
 from sqlalchemy import Select, select
 
 from reverie_eval import analysis
-from reverie_eval.arrays import BoolArray, IntArray, last_of, offsets_of, row_of
+from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of
 from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import CATALOGUE, jumps
 from reverie_eval.processes import Progress, no_progress
@@ -94,7 +94,7 @@ class Trace:
         success = board.score(reading).episodes.get("success")
         return cls(
             answer=answer,
-            stop=aligned.viewpoint[last_of(aligned.offsets)],
+            stop=aligned.stop,
             path=_path_codes(aligned),
             is_success=np.zeros(len(answer), dtype=bool) if success is None else success > 0,
             walks=_walks(aligned, board),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reverie_eval.analysis._comparison import evidence_text
-from reverie_eval.analysis._runs import crossed_means, runs_of
+from reverie_eval.analysis._runs import crossed_means, runs_of, values_of
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import CUSTOM_DATASET
 from reverie_eval.metrics import CATALOGUE, Metric
@@ -199,15 +199,10 @@ def against(
         published = {key: value for key, value in result.scores.items() if key in scored}
     n_split = len(whole.episodes.instr_ids)
     _check(scored, published, n, n_split)
-    reason = Intervals.why_not(truth, cluster)
-    if reason:
-        raise ProtocolError(reason)
+    Intervals.check_possible(truth, cluster)
     level = IntervalEngine.of(confidence).confidence
     keys, n_own = list(published), len(scored.instr_ids)
     runs, row_cluster = runs_of(scored), clusters_of(truth, cluster)
-    values = np.stack(
-        [np.column_stack([run.episodes[key] for key in keys]) for run in runs.values()]
-    )
     _, sizes = np.unique(clusters_of(whole, cluster), return_counts=True)
     n_published = n_split if n is None else n
 
@@ -218,7 +213,7 @@ def against(
                 means=crossed_means(runs, keys, cluster),
                 published=np.array(list(published.values())),
                 n_published=n_published,
-                spread=ResultSpread.of(values, row_cluster, sizes),
+                spread=ResultSpread.of(values_of(runs.values(), keys), row_cluster, sizes),
                 bounds=bounds_of(keys, attrgetter("bounds")),
                 n_episodes=n_episodes,
             ),

@@ -127,8 +127,7 @@ def success_within(
     from reverie_eval.metrics.engine import IntervalEngine
 
     key, solving = _shared_cost(logged({"": scores}), cost), _solving({"": scores}, metric)
-    if reason := Intervals.why_not(scores.ground_truth, cluster):
-        raise ProtocolError(reason)
+    Intervals.check_possible(scores.ground_truth, cluster)
     spent, is_solved = scores.costs[key], scores.episodes[solving.key] > 0
     levels = np.unique(spent[is_solved])
     if len(levels) > _MOST_BUDGETS:

@@ -155,9 +155,7 @@ class Runs(Scored):
         check_names(runs)
         first, *_ = runs.values()
         check_same_signature(runs.values(), "runs")
-        reason = Intervals.why_not(first.ground_truth, cluster)
-        if reason:
-            raise ProtocolError(reason)
+        Intervals.check_possible(first.ground_truth, cluster)
         keys = common_keys(runs.values())
         means = crossed_means(runs, keys, cluster)
         # Checked and completed as everywhere, though nothing is resampled.
@@ -264,8 +262,11 @@ def crossed_means(
 
     groups = equal_runs(runs)
     several = [runs[first] for first, *_ in groups]
-    values: FloatArray = np.stack(
-        [np.column_stack([each.episodes[key] for key in keys]) for each in several]
-    )
     weight = np.array([len(names) for names in groups]) / len(runs)
-    return CrossedMeans.of(values, clusters_of(several[0].ground_truth, cluster), weight)
+    row_cluster = clusters_of(several[0].ground_truth, cluster)
+    return CrossedMeans.of(values_of(several, keys), row_cluster, weight)
+
+
+def values_of(runs: Iterable[Scores], keys: Sequence[str]) -> FloatArray:
+    """Return the values of runs, shape (n_runs, n_episodes, n_metrics)."""
+    return np.stack([np.column_stack([each.episodes[key] for key in keys]) for each in runs])

@@ -164,6 +164,12 @@ class Intervals(ClusterIntervals):
         n_clusters = len(np.unique(clusters_of(truth, cluster)))
         return _one_cluster(cluster) if n_clusters < _MIN_CLUSTERS else None
 
+    @classmethod
+    def check_possible(cls, truth: GroundTruth, cluster: Clustering) -> None:
+        """Raise ProtocolError if intervals cannot be computed."""
+        if reason := cls.why_not(truth, cluster):
+            raise ProtocolError(reason)
+
     @property
     def procedure(self) -> str:
         """How the intervals were computed, so that they can be reproduced."""

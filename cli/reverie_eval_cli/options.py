@@ -16,6 +16,7 @@ from click.shell_completion import CompletionItem
 from reverie_eval import Evaluator, GroundTruth, ReverieEvalError, Scores, SubsetError
 from reverie_eval.files import parse_toml
 from reverie_eval.ground_truth import (
+    DEMO_BUNDLES,
     GROUND_TRUTH_VARIABLE,
     bundled_splits,
     find_ground_truth,
@@ -165,7 +166,7 @@ def complete_split(context: click.Context) -> Iterable[str]:
     """Complete to the splits of the ground truth, or to the published ones."""
     # Completion parses what was typed so far; an option behind the cursor is not known yet.
     given = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
-    return bundled_splits(Path(given) if given else None) or _SPLITS
+    return bundled_splits(Path(given or DEMO_BUNDLES)) or _SPLITS
 
 
 @completing

@@ -414,9 +414,9 @@ def find_ground_truth(
     return truth if subset is None else truth.subset(subset)
 
 
-def bundled_splits(folder: Path | None = None) -> Sequence[str]:
-    """Return the splits with a bundle in a folder, or in the demo world."""
-    return sorted({path.name.split(".")[0] for path in (folder or DEMO_BUNDLES).glob("*.npz")})
+def bundled_splits(folder: Path) -> Sequence[str]:
+    """Return the splits with a bundle in a folder."""
+    return sorted({path.name.split(".")[0] for path in folder.glob("*.npz")})
 
 
 def bundle_folder(folder: Path, task: str) -> Path:

@@ -115,11 +115,17 @@ class Timeline:
 
     def svg(self) -> str:
         """Draw the timeline."""
-        shapes = [*self._years(), *self._values(), *self._human(), *self._steps(), *self._marks()]
-        names = [*self._names()]
+        shapes = [
+            *self._axis.labels(self.height - 4),
+            *self._values(),
+            *self._human(),
+            *self._steps(),
+            *self._marks(),
+            *self._names(),
+        ]
         number = len(self.dated)
         title = f"{number} results by {self.metric.name}, {self._axis.first} to {self._axis.last}"
-        return wide_svg(title, self.height, [*shapes, *names])
+        return wide_svg(title, self.height, shapes)
 
     @cached_property
     def _axis(self) -> "Years":
@@ -143,9 +149,6 @@ class Timeline:
 
     def _cost(self, value: float) -> float:
         return -value if self.metric.better == "higher" else value
-
-    def _years(self) -> Iterator[str]:
-        yield from self._axis.labels(self.height - 4)
 
     def _values(self) -> Iterator[str]:
         for tick in self._ticks:

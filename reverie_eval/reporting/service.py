@@ -20,7 +20,6 @@ from reverie_eval.reporting.tables import (
 from reverie_eval.schemas.organising import (
     EvidenceReport,
     SameFile,
-    SimilarPair,
     SubmissionEvidence,
     TeamEvidence,
 )
@@ -266,8 +265,8 @@ def result_tables(submission: ScoredSubmission, server: str) -> Mapping[str, Tab
     if submission.scores_held_until is not None:
         return {}
     return {
-        further: submission_table(result.report, server)
-        for further, result in submission.results.items()
+        board: submission_table(result.report, server)
+        for board, result in submission.results.items()
     }
 
 
@@ -364,9 +363,19 @@ def pairs_table(report: EvidenceReport) -> Table:
     headings = ["team", "submission", "other team", "submission"]
     shares = ["answer and stop %", "answer %", "stop %", "path %"]
     usual = report.usual_similarity
+    rows = [
+        [
+            *(each.first.team, each.first.id, each.second.team, each.second.id),
+            _percent(each.equal),
+            _percent(each.equal_answers),
+            _percent(each.equal_stops),
+            _percent(each.equal_paths),
+        ]
+        for each in report.similar
+    ]
     return Table(
         [*headings, *shares],
-        [[*_pair_names(pair), *map(_percent, _shares(pair))] for pair in report.similar],
+        rows,
         frozenset(range(len(headings))),
         notes=[] if usual is None else [f"usual between two teams: {_percent(usual)} %"],
     )
@@ -408,14 +417,6 @@ def history_table(history: Iterable[SubmissionEvidence]) -> Table:
         for each in history
     ]
     return Table(headings, rows, frozenset({0, 1, 2, 3}))
-
-
-def _pair_names(pair: SimilarPair) -> tuple[str, ...]:
-    return pair.first.team, pair.first.id, pair.second.team, pair.second.id
-
-
-def _shares(pair: SimilarPair) -> tuple[float, ...]:
-    return pair.equal, pair.equal_answers, pair.equal_stops, pair.equal_paths
 
 
 def _percent(share: float | None) -> str:

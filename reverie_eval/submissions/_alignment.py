@@ -116,9 +116,8 @@ def check_batch(
 def check_navigation_only(*, found: bool, declared: bool | None) -> None:
     """Check that a submission is navigation only if, and only if, its method is declared so.
 
-    A file with answers need not be declared, so None means the same as False here.
-
-    Otherwise a file that lost its answers on the way would be scored, and use a submission.
+    Without this check, a file that lost its answers on the way would be scored, and use a
+    submission. A file with answers need not be declared, so None means the same as False here.
 
     Raises
     ------

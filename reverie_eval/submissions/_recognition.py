@@ -10,9 +10,8 @@ the parts, instructions counted from 1.
 """
 
 import re
-import typing
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, permutations
@@ -29,14 +28,10 @@ from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK, ITEM_MARK, Task, find_task
 
 Ids: TypeAlias = Sequence[str | None]
+Known: TypeAlias = Container[object]
+"""Ids that the ground truth has."""
 Locate: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
 """Returns the record of an id, and where in it the id is."""
-
-
-class Known(typing.Protocol):
-    """Ids that the ground truth has."""
-
-    def __contains__(self, instr_id: object, /) -> bool: ...
 
 
 # Returns what an id would be without a mistake, given the ids that are known.

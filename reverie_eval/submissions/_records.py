@@ -105,20 +105,15 @@ def read_predictions(
     """
     if not are_records(submission):
         return parse_predictions(read_bytes(submission), task, graph, answers_only=answers_only)
-    predictions = (
-        None
-        if answers_only or task.has_items
-        else convert_official(submission, has_answers=task.has_targets)
-    )
-    return predictions or read_carefully(submission, ReadingLog(), task, answers_only=answers_only)
+    if not answers_only and not task.has_items:
+        predictions = convert_official(submission, has_answers=task.has_targets)
+        if predictions is not None:
+            return predictions
+    return read_carefully(submission, ReadingLog(), task, answers_only=answers_only)
 
 
 def parse_predictions(
-    content: bytes,
-    task: Task = REVERIE,
-    graph: NavigationGraph | None = None,
-    *,
-    answers_only: bool = False,
+    content: bytes, task: Task, graph: NavigationGraph | None, *, answers_only: bool
 ) -> Predictions:
     """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
     if graph is not None:
@@ -145,7 +140,7 @@ def read_headings(content: bytes, instr_id: str, task: Task = REVERIE) -> Sequen
 
 
 def read_records(
-    document: Any, log: ReadingLog, task: Task = REVERIE, *, answers_only: bool = False
+    document: Any, log: ReadingLog, task: Task, *, answers_only: bool = False
 ) -> tuple[Sequence[ReadRecord], Signs]:
     """Read a list of records, or an object of records keyed by their instr_id.
 

@@ -151,7 +151,7 @@ def test_the_pointer_passes_on_its_best_names() -> None:
 
 
 def test_words_that_are_unknown_match_nothing(world: World) -> None:
-    assert not world.coder.matches(world.coder.words("xyzzy plugh")).any()
+    assert not world.coder.matches(world.coder.vocabulary.encode("xyzzy plugh")).any()
     shares = world.coder.matches(np.arange(len(world.coder.vocabulary.words) + 1))
     assert shares.tolist() == [0.0] + [1.0] * (len(shares) - 1)  # the first is of no name
     assert Vocabulary(("lamp", "table")).encode("the two Lamps").tolist() == [0, 0, 1]

@@ -71,7 +71,7 @@ class LoadedPointer:
 
     def scores(self, observations: Sequence[Observation]) -> Sequence[FloatArray]:
         """Return the scores of the candidates of each, whose instructions are equally long."""
-        words = np.stack([self.coder.words(seen.instruction) for seen in observations])
+        words = np.stack([self.coder.vocabulary.encode(seen.instruction) for seen in observations])
         panoramas = [self.coder.panorama(seen) for seen in observations]
         questions = [
             Question(panorama, self.coder.matches(its))
@@ -258,7 +258,7 @@ class WalkingAgent:
         return actions
 
     def _begin(self, seen: Observation) -> _Walking:
-        words = self._coder.words(seen.instruction)
+        words = self._coder.vocabulary.encode(seen.instruction)
         reading, state = self._model.read(torch.from_numpy(words)[None], self._tokens())
         came_by = Choice(None, seen.viewpoint_id, 0.0, state.take(torch.tensor(0)))
         return _Walking(words, reading.context[0], came_by)

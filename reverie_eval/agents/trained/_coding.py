@@ -160,10 +160,6 @@ class Coder:
         self._padded: IntArray = np.zeros((0, 1), dtype=np.int64)
         self._name("")  # so that there is one, even where nothing is visible
 
-    def words(self, instruction: str) -> IntArray:
-        """Return the indices of an instruction's words, shape (n_words,)."""
-        return self.vocabulary.encode(instruction)
-
     @property
     def tokens(self) -> IntArray:
         """Shape (n_names, n_tokens): the words of all names so far, then -1."""

@@ -33,7 +33,7 @@ class Parts(NamedTuple):
     """Held back with their buildings."""
 
 
-def hold_back(truth: GroundTruth, elsewhere: Collection[str] = ()) -> Parts:
+def hold_back(truth: GroundTruth, elsewhere: Collection[str]) -> Parts:
     """Choose the episodes by which training is stopped.
 
     Whole buildings are held back, and of the others pairs of a start and a goal: to hold back
@@ -88,7 +88,7 @@ class World:
         self.item = truth.episodes.item
         self.goal = self.solution.goal.tolist()
         environment = Environment(truth)
-        self.words = [coder.words(text) for text in environment.surroundings.instructions]
+        self.words = list(map(coder.vocabulary.encode, environment.surroundings.instructions))
         scans = {truth.graph.viewpoint_scan[start] for start in self.start}
         # All at once, so that every name is known before the first match is looked up.
         self.panoramas = {

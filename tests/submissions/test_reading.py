@@ -169,11 +169,24 @@ def test_a_gzip_file_may_have_many_members() -> None:
     assert read_predictions(content).instr_ids == read_predictions(document(record())).instr_ids
 
 
-def test_a_trailing_comma_is_shown_in_its_line() -> None:
-    """Python 3.13 shows the comma, older ones what follows."""
-    (problem,) = problems_of(b"[{},\n {},\n]")
-    assert problem.code == "not-json"
-    assert problem.where in ("line 2, column 4", "line 3, column 1")
+@pytest.mark.parametrize(
+    ("message", "position"),
+    [
+        pytest.param("Expecting value", 11, id="Python 3.12"),
+        pytest.param("Illegal trailing comma before end of array", 8, id="Python 3.13"),
+    ],
+)
+def test_a_trailing_comma_is_shown_where_it_is(
+    message: str, position: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "[{},\n {}, \n]"
+
+    def refuse(*_: object, **__: object) -> None:
+        raise json.JSONDecodeError(message, text, position)
+
+    monkeypatch.setattr(json, "loads", refuse)
+    (problem,) = problems_of(text.encode())
+    assert (problem.code, problem.where) == ("not-json", "line 2, column 4")
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,15 @@ def printable(text: str) -> str:
     )
 
 
+def whole_letters(text: str) -> str:
+    r"""Replace halves of characters, which JSON can have and UTF-8 cannot.
+
+    >>> whole_letters("\ud83d! \ud83d\ude00 é")
+    '�! 😀 é'
+    """
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
 def time_text(instant: datetime) -> str:
     """Format a time to the second: in local time, and in UTC if that is different.
 

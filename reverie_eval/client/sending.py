@@ -14,9 +14,10 @@ A submission that the server rejects is a SubmissionError, as it is without a se
 import ssl
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from email.utils import parsedate_to_datetime
 from ipaddress import ip_address
 from socket import gaierror
-from time import sleep
+from time import sleep, time
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -257,9 +258,18 @@ def _is_temporary(response: httpx.Response) -> bool:
 
 
 def retry_after_of(response: httpx.Response) -> float | None:
-    """Return after how many seconds a server wants to be asked again; None if it does not say."""
-    seconds = response.headers.get("retry-after", "")
-    return float(seconds) if seconds.isdecimal() else None
+    """Return after how many seconds a server wants to be asked again; None if it does not say.
+
+    The header has seconds, or a date (RFC 9110, section 10.2.3).
+    """
+    told = response.headers.get("retry-after", "")
+    if told.isdecimal():
+        return float(told)
+    try:
+        due = parsedate_to_datetime(told).timestamp()
+    except ValueError:
+        return None
+    return max(0.0, due - time())
 
 
 def reason_of(error: httpx.RequestError) -> str:

@@ -34,8 +34,17 @@ GO, ANSWER = (
 )
 STOP = '{"thought": "", "action": "stop"}'
 LOST = '{"thought": "", "action": "go", "place": 9}'
+HALF = '{"thought": "%s", "action": "go", "place": 2}'
+LONG_AGO = "Wed, 21 Oct 2015 07:28:00 GMT"
 HARMFUL = failing(400, "flagged", "content_filter")
 LONG = failing(400, "This model's maximum context length is 4096 tokens", "context_length_exceeded")
+TOO_LONG = {
+    "vLLM": "The decoder prompt (length 9) is longer than the maximum model length of 8.",
+    "SGLang": "The input (9 tokens) is longer than the model's context length (8 tokens).",
+    "llama.cpp": "request (9 tokens) exceeds the available context size (8 tokens)",
+    "Anthropic": "prompt is too long: 9 tokens > 8 maximum",
+    "Gemini": "The input token count (9) exceeds the maximum number of tokens allowed (8).",
+}
 
 
 class Chat:
@@ -93,10 +102,13 @@ def chat(served: Endpoint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
         pytest.param([], [], 2, id="good"),
         pytest.param([failing(429)], [1], 3, id="busy"),
         pytest.param([failing(429, Retry_After="7")], [7], 3, id="busy, and says when to ask"),
+        pytest.param([failing(429, Retry_After=LONG_AGO)], [0], 3, id="busy until a date"),
+        pytest.param([failing(429, Retry_After="soon")], [1], 3, id="busy for no known time"),
         pytest.param([failing(500), failing(503), failing(529)], [1, 2, 4], 5, id="broken"),
         pytest.param([replace(saying(STOP), is_cut=True)], [1], 3, id="cut connection"),
         pytest.param([Behaviour("<html>wait</html>")], [1], 3, id="a page of a proxy"),
         pytest.param([Behaviour({"error": {"message": "no"}})], [1], 3, id="error after all"),
+        pytest.param([Behaviour("[" * 10**5)], [1], 3, id="a deep list"),
         pytest.param([Behaviour({"choices": []})], [1], 3, id="no choice"),
         pytest.param([saying("", "error")], [1], 3, id="error in the choice"),
         pytest.param([saying("")], [1], 3, id="empty"),
@@ -105,6 +117,14 @@ def chat(served: Endpoint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
         pytest.param([saying('{"action": "go", "place"')], [], 3, id="broken JSON, repaired"),
         pytest.param([saying(LOST)], [], 3, id="wrong action, repaired"),
         pytest.param([saying("{", "length")], [], 3, id="cut reply, repaired"),
+        pytest.param([saying("{" * 10**6, "length")], [], 3, id="the same letter for ever"),
+        pytest.param([saying(f"<think>Or {STOP}?", "length")], [], 3, id="cut thought, repaired"),
+        pytest.param([saying(f"Or {STOP}?</think> I stay.")], [], 3, id="a thought alone"),
+        pytest.param(
+            [saying(LOST.replace("9", f'"{"9" * 5000}"'))], [], 3, id="digits for ever, repaired"
+        ),
+        pytest.param([saying(HALF % r"\ud83d")], [], 2, id="half of a character in its JSON"),
+        pytest.param([saying(HALF % "\ud83d")], [], 2, id="half of a character"),
         pytest.param(
             [replace(failing(400), unless="response_format")], [], 3, id="no response_format"
         ),
@@ -150,6 +170,12 @@ def test_a_reply_that_does_not_come_is_asked_for_again(
         pytest.param([saying("", "content_filter")], "RefusalError: content_filter", id="filtered"),
         pytest.param([HARMFUL] * 2, "RefusalError: flagged", id="filtered before"),
         pytest.param([LONG] * 2, "LongPromptError: This model's maximum", id="too long"),
+        *(
+            pytest.param(
+                [failing(400, said)] * 2, f"LongPromptError: {said}", id=f"{name}: too long"
+            )
+            for name, said in TOO_LONG.items()
+        ),
         pytest.param(
             [saying(LOST)] * 2,
             'WrongActionError: no action after a second try: "place" is 9, and can be: 2',

@@ -25,7 +25,7 @@ from reverie_eval.simulator import (
     Observation,
     Stop,
 )
-from reverie_eval.text import did_you_mean
+from reverie_eval.text import did_you_mean, whole_letters
 
 DEFAULT_PROMPTS = Path(__file__).parent / "prompts"
 """The folder of our own."""
@@ -51,6 +51,10 @@ _PLACEHOLDERS: Mapping[str, frozenset[str]] = {
 _FIRST_LEVEL_VIEW = N_HEADINGS
 # As many as signatures have of a fingerprint.
 _DIGEST_DIGITS = 12
+# Characters of a reply in which its action is looked for, at the end.
+_LONGEST_REPLY = 100_000
+# Of a number in a reply: enough for those of objects, and Python reads no thousands of digits.
+_MOST_DIGITS = 9
 
 
 class Prompts:
@@ -303,8 +307,9 @@ class Choices:
             If the reply has no action that the agent can take.
         """
         reply = _last_object(text)
-        thought = str(reply.get("thought") or "")
-        return Chosen(self._action(reply), thought, json.dumps(reply, ensure_ascii=False))
+        thought = whole_letters(str(reply.get("thought") or ""))
+        said = whole_letters(json.dumps(reply, ensure_ascii=False))
+        return Chosen(self._action(reply), thought, said)
 
     def _action(self, reply: Mapping[str, Any]) -> Action:
         match reply.get("action"):
@@ -322,7 +327,12 @@ class Choices:
 
 
 def _last_object(text: str) -> Mapping[str, Any]:
-    """Return the last JSON object in a text: some models think aloud before it."""
+    """Return the last JSON object in a text: some models think aloud before it.
+
+    What is in a thought's tags is not a reply, also if only one of the tags is there. A long text
+    is looked at near its end alone, because each ``{`` in it may begin an object.
+    """
+    text = text.rpartition("</think>")[2].partition("<think>")[0][-_LONGEST_REPLY:]
     decoder, at = json.JSONDecoder(), text.find("{")
     found: Mapping[str, Any] | None = None
     while at >= 0:
@@ -340,7 +350,9 @@ def _last_object(text: str) -> Mapping[str, Any]:
 
 def _chosen(reply: Mapping[str, Any], name: str, known: Mapping[int, T]) -> T:
     given = reply.get(name)
-    number = int(given) if isinstance(given, str) and given.isdecimal() else given
+    number = given
+    if isinstance(given, str) and given.isdecimal() and len(given) <= _MOST_DIGITS:
+        number = int(given)
     if type(number) is int and number in known:
         return known[number]
     can_be = ", ".join(map(str, known)) or "none, so choose another action"

@@ -11,7 +11,7 @@ from weakref import finalize
 from reverie_eval.agents.chat.errors import BusyError, EndpointError, LongPromptError, RefusalError
 from reverie_eval.errors import ReverieEvalError, naming_missing_parts
 from reverie_eval.logs import Usage
-from reverie_eval.text import printable
+from reverie_eval.text import printable, whole_letters
 
 if TYPE_CHECKING:
     import httpx
@@ -23,6 +23,16 @@ LONGEST_RETRY_AFTER = 300
 _WAIT = frozenset({408, 409, 425, 429})
 # Statuses of endpoints that do not know ``response_format``.
 _WRONG_FORMAT = frozenset({400, 404, 415, 422, 501})
+# What is said, beside OpenAI's code, if messages are longer than a model can read: by vLLM, in two
+# ways; by SGLang and Together; by llama.cpp; by Anthropic; by Gemini.
+_TOO_LONG = (
+    "maximum context length",
+    "longer than the maximum model length",
+    "longer than the model's context length",
+    "exceeds the available context size",
+    "prompt is too long",
+    "exceeds the maximum number of tokens allowed",
+)
 # Seconds to wait for a connection.
 _CONNECT = 10.0
 # Characters of an endpoint's error, which may be a whole page.
@@ -128,7 +138,7 @@ class Endpoint:
     def _reply_in(self, response: "httpx.Response", body: Mapping[str, Any]) -> Reply:
         try:
             document = response.json()
-        except ValueError:
+        except (ValueError, RecursionError):
             document = None
         if not response.is_success or not isinstance(document, dict) or "error" in document:
             raise self._failure(response, document)
@@ -157,7 +167,7 @@ class Endpoint:
         message = self._about(f"it answered {status}: {why}" if why else f"it answered {status}")
         if code == "content_filter":
             return RefusalError(why)
-        if code == "context_length_exceeded" or "maximum context length" in why:
+        if code == "context_length_exceeded" or any(words in why for words in _TOO_LONG):
             return LongPromptError(why)
         is_busy = response.status_code >= 500 or response.status_code in _WAIT
         # A proxy's page, or an error that came after the status was sent.
@@ -227,4 +237,4 @@ def _text(value: Any) -> str:
     """Return a text; content in parts, as some endpoints send it, is joined."""
     if isinstance(value, list):
         return "".join(_text(part.get("text")) for part in value if isinstance(part, dict))
-    return value if isinstance(value, str) else ""
+    return whole_letters(value) if isinstance(value, str) else ""

@@ -86,6 +86,11 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status."""
+    # Python has no stream for what the shell closed: `>&-`.
+    sys.stdout, sys.stderr = (
+        stream or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
+        for stream in (sys.stdout, sys.stderr)
+    )
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # A file's name may have characters that the terminal's encoding lacks.
@@ -93,8 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     status = 0
     try:
         status = _status(sys.argv[1:] if argv is None else list(argv))
-        if sys.stdout is not None:  # closed by the shell: `>&-`
-            sys.stdout.flush()
+        sys.stdout.flush()
     except BrokenPipeError:
         # The reader (`| head`) has seen enough. What is still buffered goes nowhere, so that
         # Python does not complain at exit.

@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -72,6 +72,24 @@ def test_a_closed_pipe_ends_a_command_quietly(
         surroundings = Surroundings(here, {**usual, **variables}, nobody, errors)
         status = Forked(command, surroundings, *words(line)).wait()
     assert (status, said.read_text()) == (0, "")
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("closed", "line", "status"),
+    [
+        pytest.param(">&-", SCORE, 0, id="no output"),
+        pytest.param("2>&-", ["score", "none.json", "--split", SPLIT], 2, id="no errors"),
+        pytest.param("<&- >&- 2>&-", SCORE, 0, id="nothing"),
+    ],
+)
+def test_streams_that_the_shell_closed_are_not_missed(
+    closed: str, line: Sequence[str], status: int
+) -> None:
+    script = f'exec "$0" "$@" {closed}'
+    command = ["sh", "-c", script, str(COMMAND), *line]
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (process.returncode, process.stdout, process.stderr) == (status, "", "")
 
 
 @pytest.mark.parametrize("module", ["reverie_eval", "reverie_eval_cli"])

@@ -6,6 +6,7 @@ Trajectories are stored flat: ``values`` has one element per pose, and with ``of
 
 import tokenize
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile
@@ -25,6 +26,9 @@ LARGEST_OBJECT_ID = INT32_END - 1
 ROUNDING = 1e-9
 """Relative; numbers that differ by less are equal, because the order of summation may differ."""
 
+# Elements that are worked on at once: arrays of so many fit the processor's cache, and their memory
+# is used again. That of whole columns of a million episodes would be new, and cleared, each time.
+_PART = 1 << 16
 # How numpy packs arrays. Each other method has exceptions of its own for damaged files.
 _METHODS = (ZIP_STORED, ZIP_DEFLATED)
 # numpy parses the header of each array as Python source, hence the last two of the first line.
@@ -68,13 +72,25 @@ def take_rows(rows: IntArray, offsets: IntArray) -> IntArray:
     >>> take_rows(np.array([2, 0]), np.array([0, 2, 2, 5]))
     array([2, 3, 4, 0, 1])
     """
-    lengths = np.diff(offsets)[rows]
+    begin = offsets[rows]
+    lengths = offsets[rows + 1] - begin
     # How far each row moves from its index in the output to its index in the input.
-    shift = offsets[rows] - offsets_of(lengths)[:-1]
+    shift = begin - offsets_of(lengths)[:-1]
     # In place: no second array of this length is needed.
     taken = np.repeat(shift, lengths)
     taken += np.arange(len(taken))
     return taken
+
+
+def in_parts(function: Callable[..., Array], *columns: Array) -> Array:
+    """Apply a function of columns of the same length to their parts, and join the results.
+
+    >>> in_parts(np.add, np.arange(3), np.arange(3))
+    array([0, 2, 4])
+    """
+    starts = range(0, max(len(columns[0]), 1), _PART)
+    parts = ([column[start : start + _PART] for column in columns] for start in starts)
+    return np.concatenate([function(*part) for part in parts])
 
 
 def find_sorted(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:

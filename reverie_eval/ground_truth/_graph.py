@@ -130,7 +130,8 @@ class NavigationGraph:
         first_of_scan = np.searchsorted(self.viewpoint_scan, self.viewpoint_scan)
         pair = np.flatnonzero(np.isfinite(self.distance))
         # Every viewpoint can reach itself, so there is a pair in each row.
-        return pair[np.searchsorted(pair, self._row_begin + first_of_scan)] - self._row_begin
+        first = pair[np.searchsorted(pair, self._row_begin + first_of_scan)] - self._row_begin
+        return first.astype(np.int32)  # half the memory where there are millions of poses
 
     def scan_of(self, viewpoint: int) -> str:
         """Return the scan id of a viewpoint."""

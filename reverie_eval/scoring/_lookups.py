@@ -6,7 +6,7 @@ the agent stops. It is wrong if that view does not show the target.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from reverie_eval.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    in_parts,
     last_of,
     offsets_of,
     row_of,
@@ -151,15 +152,17 @@ class Lookups:
     def at_goal(self, rule: GoalRule) -> BoolArray:
         """Shape (n_poses,): whether each pose is at a goal viewpoint of its episode."""
         if rule not in self._at_goal:
+            at_goal = partial(is_goal, rule, self.ground_truth)
             viewpoint = self.submission.viewpoint
-            self._at_goal[rule] = is_goal(rule, self.ground_truth, self._episode, viewpoint)
+            self._at_goal[rule] = in_parts(at_goal, self._episode, viewpoint)
         return self._at_goal[rule]
 
     @cached_property
     def leg_length(self) -> FloatArray:
         """Shape (n_poses,): metres from the episode's previous pose; 0 for its first pose."""
         viewpoint = self.submission.viewpoint
-        return self._graph.distance_between(_previous(viewpoint, self.offsets), viewpoint)
+        previous = _previous(viewpoint, self.offsets)
+        return in_parts(self._graph.distance_between, previous, viewpoint)
 
     @cached_property
     def is_jump(self) -> BoolArray:

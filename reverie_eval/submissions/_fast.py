@@ -93,6 +93,8 @@ _BOX_FIELDS = (BOX, VIEW, IMAGE_SIZE)
 _ANY_BOX = (0.0, 0.0, 1.0, 1.0)
 _NO_BOX = (np.nan,) * 4
 
+# An id and a number: without it, the commas of a file need not be looked for.
+_FIRST_POSE = re.compile(rb'\[\["\w{%d}", *[^"]' % ID_LENGTH)
 # All that viewpoint ids, numbers and the space between them consist of; exponents have an "e".
 _WITHOUT_MARKS = b"0123456789abcdef+-. \t\r\n"
 _QUOTE, _COMMA, _OPEN, _CLOSE, _COLON, _BLANK, _MINUS = b'",[]: -'
@@ -580,6 +582,8 @@ def _find_poses(text: bytes, n_records: int) -> _Elements | None:
     In valid JSON these brackets make poses of all, if there are no others: that is for
     :func:`_check_numbers` to see.
     """
+    if not _FIRST_POSE.match(text):
+        return None
     letters = np.frombuffer(text, np.uint8)
     found = np.flatnonzero(letters == _COMMA)
     if 2 * len(found) != 3 * np.count_nonzero(letters == _QUOTE):
@@ -590,7 +594,7 @@ def _find_poses(text: bytes, n_records: int) -> _Elements | None:
     last = np.flatnonzero(letters[end - 2] == _CLOSE)
     first = np.append(0, last[:-1] + 1)
     are_poses = (
-        (begin[0] > 2 and len(last) == n_records)
+        len(last) == n_records
         and (letters[begin - 2] == _OPEN).all()
         and (letters[begin - 1] == _QUOTE).all()
         and (letters[begin + ID_LENGTH] == _QUOTE).all()
@@ -599,7 +603,7 @@ def _find_poses(text: bytes, n_records: int) -> _Elements | None:
     )
     if not are_poses:
         return None
-    length, ones = last - first + 1, np.ones(len(begin), dtype=np.int32)
+    length, ones = last - first + 1, np.ones(len(begin), dtype=np.int8)
     n_brackets = 2 * (len(begin) + n_records)
     return _Elements(begin, length, length, ones, 2 * ones, n_brackets, commas[last, :2])
 

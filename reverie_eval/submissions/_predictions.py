@@ -6,7 +6,15 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of, offsets_of, take_rows
+from reverie_eval.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    in_parts,
+    last_of,
+    offsets_of,
+    take_rows,
+)
 from reverie_eval.errors import Problem
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._problems import PoseLocation, RecordLocation
@@ -147,7 +155,7 @@ class SubmissionColumns:
         box[self.boxes.row] = np.arange(len(self.boxes.row))
         has_box = np.flatnonzero(box[rows] >= 0)
         return SubmissionColumns(
-            viewpoint=self.viewpoint[take_rows(rows, self.offsets)],
+            viewpoint=in_parts(lambda part: self.viewpoint[take_rows(part, self.offsets)], rows),
             offsets=offsets_of(np.diff(self.offsets)[rows]),
             predicted_object=self.predicted_object[rows],
             answer_is_text=self.answer_is_text[rows],

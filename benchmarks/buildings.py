@@ -105,11 +105,12 @@ def main() -> int:
         seconds.append(process_time() - begin)
     storeys = Counter(int(each.storey.max()) + 1 for each in buildings.values())
     rooms = [room for each in buildings.values() for room in each.rooms]
-    n_halls = len(rooms) - sum(len({*each.solids.room} - {-1}) for each in buildings.values())
+    n_halls = sum(room.is_hall for room in rooms)
     print(f"{len(buildings)} buildings, {sum(n * of for n, of in storeys.items())} storeys")
     print(
-        f"by number of storeys: {dict(sorted(storeys.items()))}; {len(rooms) - n_halls:,} rooms, "
-        f"{sum(bool(room.name) for room in rooms):,} with a name, and {n_halls} halls"
+        f"by number of storeys: {dict(sorted(storeys.items()))}; {len(rooms) - n_halls:,} parts of "
+        f"rooms, {sum(room.is_side_part for room in rooms)} of them side parts; "
+        f"{sum(bool(room.name) for room in rooms):,} have a name; and {n_halls} halls"
     )
     stands = [each for its in buildings.items() for each in rooms_around(graph, *its)]
     own, some = np.mean(stands, axis=0)
@@ -228,12 +229,13 @@ def rooms_around(
 
     Halls do not count: they are where viewpoints are.
     """
-    with_objects = {row: building.rooms[row] for row in set(building.solids.room.tolist()) - {-1}}
     for row, position in enumerate(graph.viewpoint_position[graph.viewpoints_of(scan), :2]):
         inside = {
             index
-            for index, room in with_objects.items()
-            if room.storey == building.storey[row] and room.contains(position[None])[0]
+            for index, room in enumerate(building.rooms)
+            if room.storey == building.storey[row]
+            and not room.is_hall
+            and room.contains(position[None])[0]
         }
         yield int(building.room[row]) in inside, bool(inside)
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
         model_building,
     )
     from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
-    from reverie_eval.geometry._kinds import BLOCK, kind_of
+    from reverie_eval.geometry._kinds import BLOCK, Kind, kind_of
     from reverie_eval.geometry._room_names import name_room
     from reverie_eval.geometry._room_views import RoomView, Seen
     from reverie_eval.geometry._shells import Face, floor_joints
@@ -62,6 +62,7 @@ __all__ = [
     "WIDTH",
     "Building",
     "Face",
+    "Kind",
     "Line",
     "OrientedBoxes",
     "Picture",

@@ -24,6 +24,7 @@ from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.geometry._plans import DOOR_WIDTH, Plan, axes_of, without_outliers
 from reverie_eval.geometry._polygons import are_inside
 from reverie_eval.geometry._room_names import is_outdoors, name_room
+from reverie_eval.geometry._room_parts import RoomParts
 from reverie_eval.geometry._solids import CAMERA_HEIGHT, Solids
 from reverie_eval.geometry._views import FOCAL_LENGTH, HEIGHT, VIEW_AXES, WIDTH, rays_of
 
@@ -125,6 +126,10 @@ class Room(NamedTuple):
     """Square metres."""
     is_outdoors: bool = False
     """Whether its objects tell that it has no walls of its own."""
+    is_hall: bool = False
+    """Whether it has no objects, only ways between other rooms."""
+    is_side_part: bool = False
+    """Whether another part of the same room has more of its objects."""
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Whether points of shape (n, 2) are in the room: within an odd number of outlines.
@@ -260,39 +265,48 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
     home = _rooms_of_viewpoints(objects.votes_of_viewpoints(), camera, boxes, on_storey)
     ways = _ways_of_rooms(home[edges], len(room_storey))
     evidence = [_within_sight(its, camera[home == room]) for room, its in enumerate(evidence)]
+    things = [objects.names_in(room) for room in range(objects.n_rooms)]
+    outdoors = [is_outdoors(names) for names in things]
+    parts = RoomParts.of(evidence, camera, edges, home, outdoors)
+    main = parts.main
     flights = _flights(position, edges) if storey.any() else []
     found: list[Room] = []
     doors: list[Line] = []
-    number = np.full(len(room_storey), -1)
+    number = np.full(len(parts.room), -1)
     for level in range(int(storey.max()) + 1):
-        here = np.flatnonzero(room_storey == level)
-        around = [camera[home == room] for room in here]
+        here = np.flatnonzero(room_storey[parts.room] == level)
         inside = edges[(storey[edges] == level).all(axis=1)]
         alone = np.repeat(np.flatnonzero(storey == level)[:, None], 2, axis=1)
         legs = np.concatenate([camera[inside], *_seen_on(level, flights, camera, storey)])
         # A building without objects has no rooms at all.
         ways_there = np.concatenate([legs, camera[alone]]) if evidence else legs[:0]
-        plan = Plan.of([evidence[room] for room in here], around, ways_there)
+        points = [parts.points[part] for part in here.tolist()]
+        plan = Plan.of(parts.boxes[here], points, ways_there)
         for index in range(plan.n_rooms):
             outlines = list(plan.outlines(index))
             if not outlines:
                 continue
-            name, outdoors = "", False
-            if index < len(here):
-                room = int(here[index])
-                number[room] = len(found)
-                names = [
-                    objects.names[row] for row in np.flatnonzero(objects.room == room).tolist()
-                ]
-                sides = np.ptp(np.vstack(outlines), axis=0)
-                name = name_room(names, int(ways[room]), float(sides.max() / sides.min()))
-                outdoors = is_outdoors(names)
             turned = [corners @ axes for corners in outlines]
-            found.append(Room(name, level, turned, plan.area(index), outdoors))
+            its = Room("", level, turned, plan.area(index), is_hall=index >= len(here))
+            if not its.is_hall:
+                part = int(here[index])
+                room = int(parts.room[part])
+                number[part] = len(found)
+                siblings = np.flatnonzero(parts.room[here] == room).tolist()
+                corners = np.vstack([each for row in siblings for each in plan.outlines(row)])
+                sides = np.ptp(corners, axis=0)
+                name = name_room(things[room], int(ways[room]), float(sides.max() / sides.min()))
+                its = its._replace(
+                    name=name if parts.n_objects[part] else "",
+                    is_outdoors=outdoors[room],
+                    is_side_part=part not in main,
+                )
+            found.append(its)
         doors += [Line(level, ends @ axes) for ends in plan.doors(legs)]
+    part_of_object = parts.nearest(centre, objects.room)
     return Building(
         storey=storey,
-        room=np.append(number, -1)[home],
+        room=np.append(number, -1)[parts.home],
         rooms=found,
         doors=doors,
         treads=list(_treads(position, flights, storey, axes)),
@@ -300,10 +314,10 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
             object_id=np.unique(seen.object_id),
             names=objects.names,
             storey=room_storey[objects.room],
-            room=number[objects.room],
+            room=number[part_of_object],
             centre=objects.centre,
             size=objects.sizes(),
-            bounds=boxes[objects.room],
+            bounds=parts.boxes[part_of_object],
             floors=floors_of(position[:, 2], storey),
             axes=axes,
         ),
@@ -398,6 +412,10 @@ class _Objects(NamedTuple):
         rooms = self.room[self.row]
         np.add.at(votes, (rooms, storey[self.seen.viewpoint]), self._nearness)
         return np.asarray(votes.argmax(axis=1))
+
+    def names_in(self, room: int) -> Sequence[str]:
+        """Return the names of the objects of a room."""
+        return [self.names[row] for row in np.flatnonzero(self.room == room).tolist()]
 
     def sizes(self) -> FloatArray:
         """Return how wide and high the objects look, shape (n_objects, 2), metres: medians."""

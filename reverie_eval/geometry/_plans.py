@@ -8,16 +8,16 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.geometry._room_parts import CLEFT
 
 # Outlines: objects farther from the median than this many times the 75 % quantile are not evidence;
-# space around a viewpoint; share of the smaller room's evidence that a cut may lose; edges closer
-# than this are one wall.
-_OUTLIER, _AROUND, _MOST_LOST, _WALL = 2.2, 0.45, 0.22, 0.45
+# share of the smaller room's evidence that a cut may lose; edges closer than this are one wall.
+_OUTLIER, _MOST_LOST, _WALL = 2.2, 0.22, 0.6
 _CUTS = 24
 # Halls: half the least width; metres between the points of a way that tell if it is in a room.
-_HALL, _STEP = 0.6, 0.2
-# What is narrower than this between two rooms, or smaller than this among rooms, is a part of them.
-_CLEFT, _NOOK = 1.0, 10.0
+_HALL, _STEP = 0.7, 0.2
+# Square metres: what is smaller and has rooms all around is a part of them.
+_NOOK = 20.0
 # Width of a row of points, metres; another direction than north has to be better by this factor.
 _BIN, _CLEARLY = 0.12, 1.05
 # Doors in one wall that are closer together than this are one.
@@ -55,27 +55,13 @@ class Plan(NamedTuple):
     and the last row and column."""
 
     @classmethod
-    def of(
-        cls, evidence: Sequence[FloatArray], around: Sequence[FloatArray], legs: FloatArray
-    ) -> Self:
-        """Lay out the rooms of a storey, by their objects and the cameras that stand in each.
+    def of(cls, boxes: FloatArray, points: Sequence[FloatArray], legs: FloatArray) -> Self:
+        """Lay out the rooms of a storey, by boxes, shape (n, 2, 2), around what is in each.
 
         Where legs, shape (n, 2, 2), lead through none of them, there are halls, numbered after
         these rooms. Clefts between rooms are closed.
         """
-        points = [np.vstack(each) for each in zip(evidence, around, strict=True)]
-        boxes = np.array(
-            [
-                [
-                    np.vstack([its, stands - _AROUND]).min(axis=0),
-                    np.vstack([its, stands + _AROUND]).max(axis=0),
-                ]
-                for its, stands in zip(evidence, around, strict=True)
-            ]
-        ).reshape(-1, 2, 2)
-        # No room is narrower than one that a camera stands in.
-        middle, half = boxes.mean(axis=1), np.maximum(np.diff(boxes, axis=1)[:, 0] / 2, _AROUND)
-        boxes = np.stack([middle - half, middle + half], axis=1)
+        boxes = boxes.copy()
         _cut_apart(boxes, points)
         boxes = np.stack([_snapped(boxes[..., 0]), _snapped(boxes[..., 1])], axis=-1)
         halls = np.array([*_halls(boxes, legs)]).reshape(-1, 2, 2)
@@ -107,7 +93,7 @@ class Plan(NamedTuple):
                 for first, last in pairwise(rooms.tolist()):
                     # The cell after the first begins at the line of the first's number.
                     width = self.lines[axis][last - 1] - self.lines[axis][first]
-                    if last - first > 1 and width <= _CLEFT:
+                    if last - first > 1 and width <= CLEFT:
                         row[first + 1 : last] = max(row[first], row[last], key=self.area)
 
     def _close_nooks(self) -> None:
@@ -239,9 +225,9 @@ def _moved_to(lines: FloatArray, values: FloatArray) -> FloatArray:
     """Return numbers, those that are close to one of some lines moved to it."""
     if not lines.size:
         return values
-    off = lines.ravel() - values[..., None]
-    nearest = np.take_along_axis(off, np.abs(off).argmin(axis=-1)[..., None], -1)[..., 0]
-    return np.where(np.abs(nearest) <= _WALL, values + nearest, values)
+    # Not the number and its distance: what is on the same line has to be equal.
+    nearest = lines.ravel()[np.abs(lines.ravel() - values[..., None]).argmin(axis=-1)]
+    return np.where(np.abs(nearest - values) <= _WALL, nearest, values)
 
 
 def _touching(boxes: FloatArray) -> IntArray:

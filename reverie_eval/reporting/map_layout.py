@@ -165,7 +165,7 @@ class Layout:
         for room in sorted(self._map.building.rooms_on(storey), key=lambda each: -each.area):
             outlines = [self.frame.points(corners, storey) for corners in room.outlines]
             drawn = room._replace(outlines=outlines)
-            has_name = room.name and not room.is_outdoors
+            has_name = room.name and not room.is_outdoors and not room.is_side_part
             mark = put_name(drawn, taken, (WIDTH, self.frame.height)) if has_name else None
             if mark:
                 taken.append(text_box(mark))

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from reverie_eval.arrays import FloatArray
-from reverie_eval.geometry import Building, Wall, door_spans, kind_of
+from reverie_eval.geometry import Building, Kind, Wall, door_spans, kind_of
 
 HEIGHT = 0.8
 """The height of a drawn wall, metres: low enough to see what is behind it."""
@@ -19,9 +19,9 @@ _POST, _BESIDE, _NARROW, _SILL = 1.3, 1.0, 0.35, 0.3
 
 
 class WallPiece(NamedTuple):
-    """A straight piece of a wall, or a window in it."""
+    """A straight piece of a wall, or a window or a door in it."""
 
-    material: Literal["wall", "glass"]
+    material: Literal["wall", "glass", "wood"]
     ends: FloatArray
     """Shape (2, 2)."""
     half: float
@@ -49,35 +49,41 @@ class WallPiece(NamedTuple):
 def walls_of(building: Building, level: int) -> Iterator[WallPiece]:
     """Yield the pieces of all walls of a level."""
     walls, doors = [*building.walls_on(level)], building.doors_on(level)
-    for wall, windows in zip(walls, _windows_in(walls, building, level), strict=True):
+    found = (_found_in(walls, building, level, kind_of(name)) for name in ("window", "door"))
+    for wall, windows, closed in zip(walls, *found, strict=True):
         half = (_OUTER if wall.is_outer else _INNER) / 2
         along = (wall.ends[1] - wall.ends[0]) / np.hypot(*(wall.ends[1] - wall.ends[0]))
         # Long enough to close its corners.
         start, end = wall.ends[0] - half * along, wall.ends[1] + half * along
         gaps = openings(door_spans(doors, start, end))
         panes = _apart(windows + half, gaps)
-        for ends in wall_pieces(start, end, np.concatenate([gaps, panes])):
+        leaves = _apart(closed + half, np.concatenate([gaps, panes]))
+        for ends in wall_pieces(start, end, np.concatenate([gaps, panes, leaves])):
             yield WallPiece("wall", ends, half)
+        for span in leaves:
+            yield WallPiece("wood", start + np.outer(span, along), half / 3)
         for span in panes:
             ends = start + np.outer(span, along)
             yield WallPiece("wall", ends, half, high=_SILL)
             yield WallPiece("glass", ends, half / 3, low=_SILL)
 
 
-def _windows_in(walls: Sequence[Wall], building: Building, level: int) -> Iterator[FloatArray]:
-    """Yield where windows are in each wall, shape (n, 2): in the nearest outer wall.
+def _found_in(
+    walls: Sequence[Wall], building: Building, level: int, kind: Kind
+) -> Iterator[FloatArray]:
+    """Yield where objects of a kind are in each wall, shape (n, 2): in the nearest outer wall.
 
     Metres from its start, as far as they are in it, the widest first.
     """
     solids = building.solids
-    is_window = np.array([kind_of(name).form == "window" for name in solids.names], dtype=bool)
-    windows = solids.take(is_window & (solids.storey == level))
-    half = windows.half[:, :2].max(axis=1)
+    is_its = np.array([kind_of(name) == kind for name in solids.names], dtype=bool)
+    its = solids.take(is_its & (solids.storey == level))
+    half = its.half[:, :2].max(axis=1)
     ends = np.array([wall.ends for wall in walls]).reshape(-1, 2, 2)
     along = ends[:, 1] - ends[:, 0]
     length = np.hypot(*along.T)
     along /= length[:, None]
-    offset = windows.centre[:, None, :2] - ends[:, 0]
+    offset = its.centre[:, None, :2] - ends[:, 0]
     at = np.einsum("nwi,wi->nw", offset, along)
     off = np.abs(offset[..., 0] * along[:, 1] - offset[..., 1] * along[:, 0])
     is_outer = np.array([wall.is_outer for wall in walls], dtype=bool)
@@ -85,8 +91,9 @@ def _windows_in(walls: Sequence[Wall], building: Building, level: int) -> Iterat
     is_nearest = (off == off.min(axis=1, initial=np.inf, keepdims=True)) & np.isfinite(off)
     widest = np.argsort(-half, kind="stable")
     for row, wide in enumerate(length.tolist()):
-        its = widest[is_nearest[widest, row]]
-        yield np.clip(np.stack([at[its, row] - half[its], at[its, row] + half[its]], 1), 0, wide)
+        rows = widest[is_nearest[widest, row]]
+        ends = np.stack([at[rows, row] - half[rows], at[rows, row] + half[rows]], axis=1)
+        yield np.clip(ends, 0, wide)
 
 
 def _apart(spans: FloatArray, taken: FloatArray) -> FloatArray:

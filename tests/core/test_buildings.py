@@ -83,22 +83,23 @@ def test_rooms_are_runs_of_objects() -> None:
     assert [corners(room) for room in building.rooms] == [
         [[-1, -1], [-1, 3], [3, -1], [3, 3]],
         [[5, -1], [5, 3], [9, -1], [9, 3]],
-        [[3, 0.4], [3, 1.6], [5, 0.4], [5, 1.6]],
+        [[3, 0.3], [3, 1.7], [5, 0.3], [5, 1.7]],
     ]
     assert building.room.tolist() == [0, 1]
     assert [room.name for room in building.rooms] == ["", "kitchen", ""]
-    assert [room.area for room in building.rooms] == pytest.approx([16, 16, 2.4])
+    assert [room.area for room in building.rooms] == pytest.approx([16, 16, 2.8])
+    assert [room.is_hall for room in building.rooms] == [False, False, True]
 
 
 def test_a_wall_is_one_although_two_rooms_have_it() -> None:
     """Each room has a wall to the hall, and its other walls are outer ones."""
     walls = [(wall.ends.round(6).tolist(), wall.is_outer) for wall in house().walls_on(0)]
     inner = [ends for ends, is_outer in walls if not is_outer]
-    assert sorted(inner) == [[[3, 0.4], [3, 1.6]], [[5, 0.4], [5, 1.6]]]
+    assert sorted(inner) == [[[3, 0.3], [3, 1.7]], [[5, 0.3], [5, 1.7]]]
     beside = [ends for ends, is_outer in walls if is_outer and ends[0][0] == ends[1][0] == 3]
-    assert sorted(beside) == [[[3, -1], [3, 0.4]], [[3, 1.6], [3, 3]]]
+    assert sorted(beside) == [[[3, -1], [3, 0.3]], [[3, 1.7], [3, 3]]]
     length = sum(np.hypot(*np.subtract(*ends)) for ends, is_outer in walls if is_outer)
-    assert length == pytest.approx(2 * (16 - 1.2) + 2 * 2)
+    assert length == pytest.approx(2 * (16 - 1.4) + 2 * 2)
     assert not [*house().walls_on(1)]
 
 
@@ -111,27 +112,30 @@ def test_doors_are_where_an_edge_passes_a_wall() -> None:
 
 
 SQUARE = np.array([(0.0, 0.0), (3.0, 3.0)])
-NOBODY = np.zeros((0, 2))
+
+
+def plan_of(rooms: list[np.ndarray], legs: np.ndarray) -> Plan:
+    return Plan.of(np.array(rooms), rooms, legs)
 
 
 def test_one_door_in_each_wall() -> None:
     """A hall between two rooms has a door to each, and two ways 0.6 m apart share them."""
     legs = np.array([[(1.0, 1.0), (6.0, 1.0)], [(1.0, 1.6), (6.0, 1.6)]])
-    plan = Plan.of([SQUARE, SQUARE + np.array([4.5, 0])], [NOBODY] * 2, legs)
+    plan = plan_of([SQUARE, SQUARE + np.array([4.5, 0])], legs)
     assert plan.n_rooms == 3
     assert [ends.mean(axis=0).tolist() for ends in plan.doors(legs)] == [[3, 1], [4.5, 1]]
 
 
-@pytest.mark.parametrize(("apart", "area"), [(1.0, 12), (1.1, 9)])
+@pytest.mark.parametrize(("apart", "area"), [(1.5, 13.5), (1.6, 9)])
 def test_what_is_narrow_between_two_rooms_is_a_part_of_one(apart: float, area: float) -> None:
-    plan = Plan.of([SQUARE, SQUARE + np.array([3 + apart, 0])], [NOBODY] * 2, np.zeros((0, 2, 2)))
+    plan = plan_of([SQUARE, SQUARE + np.array([3 + apart, 0])], np.zeros((0, 2, 2)))
     assert plan.area(0) == pytest.approx(area)
     assert plan.area(1) == pytest.approx(9)
 
 
-@pytest.mark.parametrize(("side", "open_to_the_sky"), [(3.0, 0.0), (3.5, 3.5**2)])
+@pytest.mark.parametrize(("side", "open_to_the_sky"), [(4.4, 0.0), (4.5, 4.5**2)])
 def test_what_is_small_among_rooms_is_a_part_of_one(side: float, open_to_the_sky: float) -> None:
-    """A court of 9 square metres between four rooms is; a larger one is not."""
+    """A court of 19 square metres between four rooms is; a larger one is not."""
     low, high = 2.0, 2.0 + side
     around = [
         np.array([(0.0, 0.0), (low, high + 2)]),
@@ -139,21 +143,21 @@ def test_what_is_small_among_rooms_is_a_part_of_one(side: float, open_to_the_sky
         np.array([(high, low), (high + 2, high + 2)]),
         np.array([(low, high), (high, high + 2)]),
     ]
-    plan = Plan.of(around, [NOBODY] * 4, np.zeros((0, 2, 2)))
+    plan = plan_of(around, np.zeros((0, 2, 2)))
     total = sum(plan.area(room) for room in range(4))
     assert total == pytest.approx((high + 2) ** 2 - open_to_the_sky)
 
 
 def test_ways_beside_rooms_are_halls() -> None:
-    """Two ways that meet are in one hall, 1.2 m wide; a place apart is another."""
+    """Two ways that meet are in one hall, 1.4 m wide; a place apart is another."""
     legs = np.array(
         [[(1.0, 1.5), (8.0, 1.5)], [(8.0, 1.5), (8.0, 5.5)], [(20.0, 1.5), (20.0, 1.5)]]
     )
-    plan = Plan.of([SQUARE], [NOBODY], legs)
+    plan = plan_of([SQUARE], legs)
     assert plan.n_rooms == 3
     assert plan.area(0) == pytest.approx(9)
-    assert plan.area(1) == pytest.approx(5.6 * 1.2 + 1.2 * 4)
-    assert plan.area(2) == pytest.approx(1.2**2)
+    assert plan.area(1) == pytest.approx(5.7 * 1.4 + 1.4 * 4)
+    assert plan.area(2) == pytest.approx(1.4**2)
 
 
 def test_walls_follow_the_building() -> None:
@@ -256,7 +260,7 @@ def test_where_objects_are_without_their_distances() -> None:
     (room,) = model_building(position, np.array([[0, 1], [0, 2]]), seen).rooms
     (outline,) = room.outlines
     assert outline.max(axis=0) == pytest.approx([3, 3], abs=0.2)
-    assert outline.min(axis=0) == pytest.approx([-0.45, -0.45])
+    assert outline.min(axis=0) == pytest.approx([-0.7, -0.7])
 
 
 def test_a_room_ends_where_its_viewpoints_see_no_more() -> None:
@@ -267,13 +271,33 @@ def test_a_room_ends_where_its_viewpoints_see_no_more() -> None:
     assert corners(room) == [[-2.5, -2.5], [-2.5, 2.5], [2.5, -2.5], [2.5, 2.5]]
 
 
+def test_a_room_may_have_parts() -> None:
+    """Around a corner: all are of the room, and its name stands where most of its objects are."""
+    along = np.arange(0.0, 12.0, 2.0)
+    floor = [*((x, 0.0) for x in along), *((10.0, y) for y in along[1:])]
+    position = np.array([(*at, 1.5) for at in floor])
+    floor_of_objects = [(0, 1), (2, -1), (4, 1), (6, -1), (9, 8), (11, 8)]
+    centre = np.array([(*at, 1.0) for at in floor_of_objects])
+    seen = seen_from(position, [0, 1, 2, 3, 9, 9], centre, ["bed"] * 6, known=True)
+    edges = np.column_stack([np.arange(len(position) - 1), np.arange(1, len(position))])
+    building = model_building(position, edges, seen)
+    assert [(room.name, room.is_side_part) for room in building.rooms] == [
+        ("bedroom", True),
+        ("bedroom", False),
+    ]
+    assert not any(room.is_hall for room in building.rooms)
+    assert building.solids.room.tolist() == [1, 1, 1, 1, 0, 0]
+    for row, room in enumerate(building.room.tolist()):
+        assert building.rooms[room].contains(position[row, :2][None])[0]
+
+
 def test_one_ray_ends_at_the_usual_distance() -> None:
     """Objects in three directions, seen once: 1.45 m from the camera."""
     position = np.zeros((1, 3))
     around = np.array([(4.0, 0.0, 0.0), (-4.0, 0.0, 0.0), (0.0, 4.0, 0.0)])
     seen = seen_from(position, [0] * 3, around, ["chair"] * 3, known=False)
     (room,) = model_building(position, np.zeros((0, 2), dtype=np.int64), seen).rooms
-    assert corners(room) == [[-1.45, -0.45], [-1.45, 1.45], [1.45, -0.45], [1.45, 1.45]]
+    assert corners(room) == [[-1.45, -0.7], [-1.45, 1.45], [1.45, -0.7], [1.45, 1.45]]
 
 
 def test_sightings_look_at_the_middle_of_whole_boxes() -> None:

@@ -77,25 +77,25 @@ def test_walls_have_gaps_for_doors(
     assert [tuple(piece[:, 1].round(9)) for piece in pieces] == expected
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.5])
-def test_windows_are_in_outer_walls(turn: float) -> None:
-    """One beside an outer wall; not those beside an inner one, at a door, and amid a room."""
-    axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+def two_rooms(axes: np.ndarray, names: list[str]) -> Building:
+    """Return two rooms with four objects, 1 m wide.
+
+    One is beside an outer wall; the others beside an inner one, at a door, and amid a room.
+    """
     square = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
     centre = np.array([(1.0, 0.9), (3.8, 2.0), (6.0, 3.9), (2.0, 2.0)])
-    n_windows = len(centre)
-    nowhere = np.zeros(n_windows, dtype=np.int64)
+    nowhere = np.zeros(len(names), dtype=np.int64)
     solids = Solids(
-        object_id=np.arange(n_windows),
-        names=["bay window", "window", "windows", "window"],
+        object_id=np.arange(len(names)),
+        names=names,
         storey=nowhere,
         room=nowhere,
-        centre=np.column_stack([centre @ axes, np.ones(n_windows)]),
-        half=np.full((n_windows, 3), 0.5),
+        centre=np.column_stack([centre @ axes, np.ones(len(names))]),
+        half=np.full((len(names), 3), 0.5),
         back=np.array([3, 0, 1, 3]),
         axes=axes,
     )
-    building = Building(
+    return Building(
         storey=np.zeros(1, dtype=np.int64),
         room=np.zeros(1, dtype=np.int64),
         rooms=[Room("", 0, [(square + np.array([x, 0])) @ axes], 16.0) for x in (0, 4)],
@@ -103,6 +103,13 @@ def test_windows_are_in_outer_walls(turn: float) -> None:
         treads=[],
         solids=solids,
     )
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_windows_are_in_outer_walls(turn: float) -> None:
+    """One beside an outer wall; not those beside an inner one, at a door, and amid a room."""
+    axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+    building = two_rooms(axes, ["bay window", "window", "windows", "window"])
     pieces = [*walls_of(building, 0)]
     (pane,) = [piece for piece in pieces if piece.material == "glass"]
     assert np.sort(pane.ends @ axes.T, axis=0) == pytest.approx(np.array([(0.5, 0), (1.5, 0)]))
@@ -116,6 +123,16 @@ def test_windows_are_in_outer_walls(turn: float) -> None:
     assert length == pytest.approx(24 + 4 * 0.3 + 4 + 0.14 - 0.9)
     corners = pane.corners(axes)
     assert np.ptp(corners, axis=0) == pytest.approx([1.0, 0.1, 0.5])
+
+
+def test_doors_that_are_seen_are_in_outer_walls() -> None:
+    """A closed one, from the floor; no door to another room, and none where a way leads through."""
+    pieces = [*walls_of(two_rooms(np.eye(2), ["front door", "door", "door", "door"]), 0)]
+    (leaf,) = [piece for piece in pieces if piece.material == "wood"]
+    assert np.sort(leaf.ends, axis=0) == pytest.approx(np.array([(0.5, 0), (1.5, 0)]))
+    assert np.ptp(leaf.corners(np.eye(2)), axis=0) == pytest.approx([1.0, 0.1, 0.8])
+    spans = [np.sort(each.ends[:, 0]) for each in pieces if not each.ends[:, 1].any()]
+    assert sum(np.ptp(span) for span in spans) == pytest.approx(8.3)
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,19 @@ def naming(path: Path, draft: Path) -> Iterator[None]:
 
 
 @contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder, and those above it; at the end, remove those of them that are empty."""
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # it has files, and so have all above it
+            for each in made:
+                each.rmdir()
+
+
+@contextmanager
 def replacing_folder(folder: Path) -> Iterator[Path]:
     """Yield a hidden folder to fill; at the end it takes the place of ``folder``.
 
@@ -84,8 +97,10 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
         A folder to replace, or one that does not exist yet.
     """
     target = folder.resolve()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as hidden:
+    with (
+        made_folder(target.parent),
+        TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as hidden,
+    ):
         staging = Path(hidden, "new")
         staging.mkdir()
         with naming(folder, staging):
@@ -94,19 +109,6 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
         if target.exists():
             target.rename(Path(hidden, "old"))
         staging.rename(target)
-
-
-@contextmanager
-def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder, and those above it; at the end, remove those of them that are empty."""
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        yield
-    finally:
-        with suppress(OSError):  # it has files, and so have all above it
-            for each in made:
-                each.rmdir()
 
 
 @contextmanager
@@ -129,8 +131,10 @@ def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterato
     is_new = not target.exists()
     # Renaming is atomic only within one file system, so the hidden folder is on the target's.
     parent = target.parent if is_new else target
-    parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{target.name}-", dir=parent) as hidden:
+    with (
+        made_folder(parent),
+        TemporaryDirectory(prefix=f".{target.name}-", dir=parent) as hidden,
+    ):
         # One level deeper, because the temporary folder is private to its owner.
         staging = Path(hidden, target.name)
         staging.mkdir(mode)

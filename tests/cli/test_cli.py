@@ -444,7 +444,9 @@ def test_compiling_a_sample(here: Path, run: Run) -> None:
         out=scored.out
     )
     assert "|subset:" in scored.out
-    assert "name the file, as the split has another" in run(*words(f"{line} folder")).err
+    for folder in ("folder", "new/"):
+        assert "name the file, as the split has another" in run(*words(f"{line} {folder}")).err
+    assert not Path("new").exists()
 
 
 # Converting, agents and schemas are tried in full elsewhere; here, how they are called.

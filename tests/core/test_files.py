@@ -33,8 +33,11 @@ def test_an_existing_folder_is_filled_at_the_end(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("is_new", [True, False])
 def test_an_interrupted_write_leaves_nothing(tmp_path: Path, *, is_new: bool) -> None:
-    place = tmp_path / "place" if is_new else tmp_path
+    place = tmp_path / "deep" / "place" if is_new else tmp_path
     with pytest.raises(KeyboardInterrupt), staged_folder(place) as staging:
+        _begin(staging)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(KeyboardInterrupt), replacing_folder(tmp_path / "deep" / "other") as staging:
         _begin(staging)
     assert list(tmp_path.iterdir()) == []
 

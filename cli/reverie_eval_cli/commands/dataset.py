@@ -99,13 +99,11 @@ def _bundle_file(output: str, bundle: Bundle) -> Path:
     """Return the file to write; a folder that is named with a slash is made."""
     path = Path(output)
     # As with cp: a slash at the end says that a folder is meant, there or not.
-    if output.endswith(os.sep):
-        path.mkdir(parents=True, exist_ok=True)
-    if path.is_dir() and bundle.header.episodes:
-        raise ReverieEvalError(f"{path} is a folder; name the file, as the split has another")
-    if path.is_dir():
+    if output.endswith(os.sep) or path.is_dir():
+        if bundle.header.episodes:
+            raise ReverieEvalError(f"{path} is a folder; name the file, as the split has another")
         path = bundle_folder(path, bundle.header.task)
-        path.mkdir(exist_ok=True)
+        path.mkdir(parents=True, exist_ok=True)
         path /= bundle_name(bundle.header.split, public=bundle.is_public)
     if path.exists() and not path.is_file():
         raise ReverieEvalError(f"{path} is not a regular file, and is not replaced")

@@ -163,12 +163,12 @@ def _exit(*_: object) -> None:
 
 
 class TimeoutProtocol(HttpToolsProtocol):
-    """HTTP/1.1 with timeouts, and with a limit of the headers.
+    """HTTP/1.1 with timeouts, and with a limit of the headers; a body is read before the end.
 
     uvicorn waits without limit for the headers of a request, however many there are, for the rest
     of a body after the reply was sent, and for the client to read the reply, which stays in memory
     until then. Slow clients at many addresses could use up all connections, and large replies all
-    memory.
+    memory. But it waits for no more of the body if the client wants the connection to end.
 
     It is parsed by httptools, in C: h11, in Python, takes two milliseconds for a megabyte.
     """
@@ -177,6 +177,8 @@ class TimeoutProtocol(HttpToolsProtocol):
         super().__init__(*given, **named)
         self._headers_read: int | None = 0
         """Bytes of a request whose headers are not complete; None while there is no such."""
+        self._ends_with_reply = False
+        """Whether the client wants the connection to end, as those of HTTP/1.0 do."""
         self._for_request = _Deadline(self.loop)
         self._for_reply = _Deadline(self.loop)
 
@@ -198,6 +200,20 @@ class TimeoutProtocol(HttpToolsProtocol):
         if size > BYTES_OF_HEADERS:
             raise ValueError("headers too long")  # the parser makes it the reply to what is no HTTP
         super().on_headers_complete()
+        # Closed with a body unread, the connection would be reset, and a proxy that still sends
+        # would report a fault in place of the reply.
+        self._ends_with_reply = not self.cycle.keep_alive
+        self.cycle.keep_alive = True
+
+    def on_message_complete(self) -> None:
+        """Close the connection after the reply if that is asked for: the whole body is read."""
+        super().on_message_complete()
+        if not self._ends_with_reply:
+            return
+        if self.cycle.response_complete:
+            self.transport.close()
+        else:
+            self.cycle.keep_alive = False
 
     def data_received(self, data: bytes) -> None:
         """Read data; once the headers are complete, the application's own time limits apply."""

@@ -309,6 +309,21 @@ def test_headers_that_are_too_long_are_refused_also_when_they_come_at_once(
         assert reply_on(connection)[0] == 400
 
 
+def test_who_is_refused_while_they_send_may_send_on(small: Small) -> None:
+    """As proxies do, which ask for a connection's end: they report what breaks as a fault."""
+    lines = [
+        *("POST /api/v1/splits/val_unseen/submissions?name=x HTTP/1.1", "Host: server"),
+        *("Connection: close", f"Content-Length: {4 * MEBIBYTE}", "", ""),
+    ]
+    with small.connect() as connection:
+        connection.sendall("\r\n".join(lines).encode())
+        assert connection.recv(1, socket.MSG_PEEK)
+        for _ in range(4):
+            connection.sendall(bytes(MEBIBYTE))
+        assert reply_on(connection) == (401, "not-signed-in")
+        assert not connection.recv(1)
+
+
 def test_what_is_no_http_is_told_so(small: Small) -> None:
     with small.connect() as connection:
         connection.sendall(b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" * 9)

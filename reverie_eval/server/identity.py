@@ -36,6 +36,12 @@ TokenState: TypeAlias = Literal["valid", "expired", "revoked", "used or revoked"
 TOKEN_NAMES: Mapping[TokenKind, str] = {"access": "token", "invite": "invitation"}
 """Names for people, by kind."""
 
+_OF_OTHER_KIND: Mapping[TokenKind, str] = {
+    "access": "this is a token, not an invitation; sign in with it",
+    "invite": "this is an invitation, not a token; exchange it for a token first",
+}
+"""What to do with a token that was given in place of the other kind; both look alike."""
+
 LIFETIME = timedelta(hours=12)
 """Lifetime of a session; using the session does not extend it."""
 
@@ -75,8 +81,10 @@ def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> 
     token = session.scalars(select(Token).where(Token.digest == digest)).first()
     # The index compares digests, whose timing reveals nothing about the text; compare them fully.
     is_known = token is not None and secrets.compare_digest(token.digest, digest)
-    if token is None or not is_known or token.kind != kind:
+    if token is None or not is_known:
         raise NotSignedInError(f"unknown {TOKEN_NAMES[kind]}; ask the organiser for another")
+    if token.kind != kind:
+        raise NotSignedInError(_OF_OTHER_KIND[token.kind])
     check_valid(token, now)
     return token
 

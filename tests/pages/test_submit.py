@@ -398,12 +398,19 @@ def test_signing_in_leads_back_to_this_server_only(link: str, target: str) -> No
     assert own_path(link) == target
 
 
-@pytest.mark.parametrize("token", ["", "rv_none", "{invitation}"])
-def test_a_wrong_token_is_refused_in_place(server: Serving, token: str) -> None:
+@pytest.mark.parametrize(
+    ("token", "told"),
+    [
+        ("", "unknown token; ask the organiser for another"),
+        ("rv_none", "unknown token; ask the organiser for another"),
+        ("{invitation}", "this is an invitation, not a token; exchange it for a token first"),
+    ],
+)
+def test_a_wrong_token_is_refused_in_place(server: Serving, token: str, told: str) -> None:
     shown = token.format(invitation=invitation(server))
     reply = server.client.post("/sign-in", data={"token": shown, "back": "/submit"})
     assert (reply.status_code, "set-cookie" in reply.headers) == (401, False)
-    assert "unknown token; ask the organiser for another" in said(reply)
+    assert told in said(reply)
     assert 'name="back" value="/submit"' in reply.text
 
 

@@ -116,13 +116,12 @@ def test_a_token_that_would_be_over_is_not_made(change: Transaction, expires_at:
         ),
         pytest.param("invite", "expired", "this invitation has expired", id="an expired one"),
         pytest.param("access", "unknown", "unknown token", id="an unknown token"),
-        pytest.param("invite", "other kind", "unknown invitation", id="a token is no invitation"),
     ],
 )
 def test_what_is_said_of_a_token_that_does_not_count(
     change: Transaction, kind: Any, ends: str, told: str
 ) -> None:
-    token = create_token(change, "Ben", "access" if ends == "other kind" else kind, NOON + HOUR)
+    token = create_token(change, "Ben", kind, NOON + HOUR)
     text, now = token.token, NOON + HOUR - SECOND
     if ends == "unknown":
         text = "rv_unknown"
@@ -133,6 +132,21 @@ def test_what_is_said_of_a_token_that_does_not_count(
     with pytest.raises(NotSignedInError) as refused:
         valid_token(change.session, text, kind, now)
     assert str(refused.value) == f"{told}; ask the organiser for another"
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("invite", "this is an invitation, not a token; exchange it for a token first"),
+        ("access", "this is a token, not an invitation; sign in with it"),
+    ],
+)
+def test_who_takes_an_invitation_for_a_token_or_the_reverse_is_told_so(
+    change: Transaction, given: Any, told: str
+) -> None:
+    text = create_token(change, "Ben", given).token
+    with pytest.raises(NotSignedInError, match=f"^{told}$"):
+        valid_token(change.session, text, "access" if given == "invite" else "invite", NOON)
 
 
 @pytest.mark.parametrize(

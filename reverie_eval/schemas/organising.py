@@ -120,6 +120,7 @@ class NewToken(WireModel):
     kind: TokenKind = "invite"
     """An invitation can be exchanged for an access token once, by anyone who has it."""
     expires_at: Instant | None = Field(None, examples=["2027-07-01T12:00:00Z"])
+    """If null, an invitation expires after 14 days, and a token does not expire."""
 
 
 class KeyRotation(WireModel):

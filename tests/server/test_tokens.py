@@ -149,6 +149,14 @@ def test_who_takes_an_invitation_for_a_token_or_the_reverse_is_told_so(
         valid_token(change.session, text, "access" if given == "invite" else "invite", NOON)
 
 
+@pytest.mark.parametrize(("kind", "days"), [("invite", 14), ("access", None)])
+def test_an_invitation_ends_by_itself_and_a_token_does_not(
+    change: Transaction, kind: Any, days: int | None
+) -> None:
+    expected = None if days is None else NOON + timedelta(days=days)
+    assert create_token(change, "Ben", kind).expires_at == expected
+
+
 @pytest.mark.parametrize(
     ("kind", "revoked_at", "expires_at", "expected"),
     [

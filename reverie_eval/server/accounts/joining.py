@@ -22,7 +22,7 @@ from reverie_eval.schemas.people import (
     Rejection,
 )
 from reverie_eval.server.accounts import people
-from reverie_eval.server.accounts.tokens import INVITATION_LIFETIME, create_token
+from reverie_eval.server.accounts.tokens import create_token
 from reverie_eval.server.audit.transactions import Transaction, Transactions
 from reverie_eval.server.errors import ConflictError, NotAllowedError, NotFoundError
 from reverie_eval.server.messages.queue import notify
@@ -147,8 +147,7 @@ def reject_requests(
 
 def invite(transaction: Transaction, person: NewPerson) -> PersonInvitation:
     """Create an invitation for a person who was just added."""
-    until = transaction.now + INVITATION_LIFETIME
-    new = NewToken(person=person.name, team=person.team, kind="invite", expires_at=until)
+    new = NewToken(person=person.name, team=person.team, kind="invite")
     created = create_token(transaction, new)
     return PersonInvitation(**created.model_dump(), email=person.email)
 

@@ -24,6 +24,8 @@ INVITATION_LIFETIME = timedelta(days=14)
 def create_token(transaction: Transaction, new: NewToken) -> NewTokenReport:
     """Create a token or an invitation for a person; its text is returned only once.
 
+    An invitation lasts 14 days, and a token for ever, unless an end is given.
+
     Raises
     ------
     NotFoundError
@@ -34,7 +36,10 @@ def create_token(transaction: Transaction, new: NewToken) -> NewTokenReport:
         If it would already be expired.
     """
     person = person_named(transaction.session, new.person, new.team)
-    return _create(transaction, person, new.kind, new.expires_at)
+    ends = new.expires_at
+    if ends is None and new.kind == "invite":
+        ends = transaction.now + INVITATION_LIFETIME
+    return _create(transaction, person, new.kind, ends)
 
 
 def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:

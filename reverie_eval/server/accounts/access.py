@@ -269,17 +269,23 @@ def _receive(request: Request, runtime: RuntimeState, new: NewJoinRequest) -> Jo
 def people_in(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
     """Return the people that lines of a text name, each with the number of the line.
 
-    An address follows the last comma, or is in angle brackets, as mail programs copy it.
+    An address follows the last comma, or the name, or is in angle brackets, as mail programs copy
+    it. A line without an address is a name.
 
     >>> list(people_in('Ada, ada@example.org'))
     [(0, {'name': 'Ada', 'email': 'ada@example.org'})]
+    >>> list(people_in('Ada Byron ada@example.org'))
+    [(0, {'name': 'Ada Byron', 'email': 'ada@example.org'})]
+    >>> list(people_in('Ada Byron'))
+    [(0, {'name': 'Ada Byron', 'email': ''})]
     >>> list(people_in('"Byron, Ada" <ada@example.org>'))
     [(0, {'name': 'Byron, Ada', 'email': 'ada@example.org'})]
     """
     for number, line in enumerate(text.splitlines()):
         named = _NAMED_ADDRESS.findall(line)
         if _NAMED_ADDRESS.sub("", line).strip():  # text that is not of this form
-            named = [line.rpartition(",")[::2]]
+            name, _, email = line.strip().rpartition("," if "," in line else " ")
+            named = [(name, email) if "@" in email else (line, "")]
         for name, email in named:
             yield number, {"name": name.strip(' ,"'), "email": email.strip()}
 

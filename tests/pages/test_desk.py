@@ -456,6 +456,12 @@ def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
     assert text[:11] in desk.get("/desk/people").text
 
 
+def test_a_person_is_not_said_to_have_been_in_a_team_before_they_were(desk: Visitor) -> None:
+    sending(desk, "/desk/people/1", name="Ada", team="Red")
+    words = said(desk.get("/desk/people/1"))
+    assert re.search(r"Participant in Red, added [-\d]+ [:\d]+ UTC\.", words)
+
+
 @pytest.mark.parametrize("until", ["yesterday", "2026-02-30"])
 def test_a_date_is_a_date(until: str, desk: Visitor) -> None:
     form = {"person": "1", "kind": "invite", "expires_at": until}

@@ -613,6 +613,7 @@ def test_the_desk_says_what_has_to_be_scored_again(
     later = open_server(settings, server.tokens)
     desk = signed_in(later, ORGANISER)
     page = said(desk.get("/desk/corrections"))
+    assert "reverie-eval server rescore FOLDER SPLIT --bundle corrected.npz" in page
     assert "1 result to be scored again" in page
     assert f"reverie-eval server rescore FOLDER {OPEN} --reason" in page
     rescored(later, reason=MARKUP)

@@ -142,11 +142,13 @@ PAPER = """{"columns": ["RGS"], "methods": {
 def test_people_and_references_are_marked_and_not_charted_as_methods(server: Serving) -> None:
     """The shape of the paper's file has no column to say so."""
     reply = send(server, PAPER, human=["People"], reference=["Walker", "Short"])
-    assert [
-        (each["where"], each["message"].partition(";")[0]) for each in reply.json()["problems"]
-    ] == [
-        ("human", "no row is of the method 'People'"),
-        ("reference", "no row is of the method 'Short'"),
+    methods = "Shortest, Walker, Human"  # in the order of the file
+    assert [(each["where"], each["message"]) for each in reply.json()["problems"]] == [
+        ("human", f"no row is of the method 'People'; choose one of: {methods}"),
+        (
+            "reference",
+            f"no row is of the method 'Short'; did you mean Shortest? Choose one of: {methods}",
+        ),
     ]
     assert listed(server) == []
     assert counts(send(server, PAPER, human=["Human"], reference=["Shortest"])) == (3, 3, 0)

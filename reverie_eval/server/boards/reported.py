@@ -283,7 +283,7 @@ def _marks(row: FileRow, new: NewImport) -> Mapping[str, bool]:
 
 def _unknown_names(rows: Sequence[FileRow], new: NewImport) -> Iterator[Problem]:
     """Report methods that are said to be human or a reference, and are not in the file."""
-    names = {_name_of(row) for row in rows}
+    names = dict.fromkeys(map(_name_of, rows))  # a set would list them in another order each time
     for what in ("human", "reference"):
         for name in getattr(new, what):
             if name not in names:

@@ -96,7 +96,7 @@ function send(what) {
   if (file.files[0]?.size > limit) {
     rest();
     say("");
-    show([fault(`${file.files[0].name} is larger than ${form.dataset.mebibytes} MiB. Gzip it and choose it again; nothing was sent.`)]);
+    show([fault(`${file.files[0].name} is larger than ${form.dataset.mebibytes} MiB; nothing was sent. Gzip it, or remove what is not scored, and choose it again.`)]);
     return;
   }
   const content = new FormData(form);

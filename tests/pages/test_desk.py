@@ -1,9 +1,11 @@
 """The organiser's desk, with scripts off: what it shows, and what its forms do."""
 
 import re
+import shutil
 from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -591,6 +593,15 @@ def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visi
         )
     assert "are unchanged" in said(desk.get("/desk/audit"))
     assert "first entry 2:" in said(desk.get("/desk/audit?whole=yes"))
+
+
+def test_the_desk_warns_of_a_disk_that_is_nearly_full(
+    desk: Visitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for free, is_told in (((1 << 30) - 1, True), (1 << 30, False)):
+        usage = SimpleNamespace(free=free, total=1 << 40)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _, usage=usage: usage)
+        assert ("Free some space before uploads fail." in said(desk.get("/desk"))) == is_told
 
 
 def test_an_upload_on_the_page_is_noted_too(server: Serving) -> None:

@@ -45,8 +45,9 @@ from reverie_eval.text import count_text, first_few
 
 _RESTORE = "restore the key or the database from the last backup"
 _KEPT = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None)).distinct()
-_LITTLE_SPACE = 1 << 30
-"""Bytes; a thousand typical uploads to the largest split, unpacked, take a few times as much."""
+LITTLE_SPACE = 1 << 30
+"""Bytes of a disk that are too few: a thousand typical uploads to the largest split, unpacked, take
+a few times as much."""
 
 
 def examine(folder: Path, progress: Progress = no_progress) -> Iterator[Finding]:
@@ -318,7 +319,7 @@ def _at_messages(session: Session) -> Iterator[Finding]:
 def _at_disk(folder: Path) -> Iterator[Finding]:
     free = shutil.disk_usage(folder).free
     message = f"{free / (1 << 30):,.1f} GiB free"
-    if free < _LITTLE_SPACE:
+    if free < LITTLE_SPACE:
         yield Finding("disk", "fault", f"{message}; free some space before uploads fail")
     else:
         yield Finding("disk", "ok", message)

@@ -28,6 +28,7 @@ from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.http.telemetry import MEDIA_TYPE
 from reverie_eval.server.intake.attempts import list_attempts
 from reverie_eval.server.jobs import SECOND, Job
+from reverie_eval.server.operations.doctor import LITTLE_SPACE
 from reverie_eval.server.operations.health import Examined
 from reverie_eval.server.rooms import Room, Tab
 from reverie_eval.server.state import ServerState
@@ -132,6 +133,7 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
             missed=server.get(Snapshots).missed(session, reading.now),
             schedules=server.get(Schedules).in_effect(session),
             disk=shutil.disk_usage(server.settings.folder),
+            little_space=LITTLE_SPACE,
         )
 
 

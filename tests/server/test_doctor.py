@@ -5,12 +5,13 @@ import shutil
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import time_machine
 from anyio.from_thread import BlockingPortal
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
@@ -459,6 +460,19 @@ def test_little_space_is_a_fault(kept: Path, run: Run, monkeypatch: pytest.Monke
     assert "1.0 GiB free; free some space" in run("server", "doctor", str(kept)).out
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1 << 30))
     assert run("server", "doctor", str(kept)).status == 0
+
+
+@pytest.mark.parametrize(
+    ("back", "is_told"), [(timedelta(minutes=1), False), (timedelta(minutes=2), True)]
+)
+def test_a_clock_that_was_set_back_is_noted(
+    kept: Path, run: Run, back: timedelta, *, is_told: bool
+) -> None:
+    with sqlite3.connect(kept / "server.db") as database:
+        ((latest,),) = database.execute("SELECT max(at) FROM audit")
+    with time_machine.travel(datetime.fromisoformat(f"{latest}+00:00") - back, tick=False):
+        outcome = run("server", "doctor", str(kept))
+    assert (outcome.status, "by this machine's clock, but" in outcome.out) == (0, is_told)
 
 
 def test_nothing_written_meanwhile_looks_amiss(

@@ -4,6 +4,7 @@ import hashlib
 import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
+from datetime import datetime, timedelta
 from itertools import chain
 from pathlib import Path
 
@@ -45,6 +46,8 @@ from reverie_eval.text import count_text, first_few
 
 _RESTORE = "restore the key or the database from the last backup"
 _KEPT = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None)).distinct()
+_SKEW = timedelta(minutes=1)
+"""That the clocks of a server's machines may differ by."""
 LITTLE_SPACE = 1 << 30
 """Bytes of a disk that are too few: a thousand typical uploads to the largest split, unpacked, take
 a few times as much."""
@@ -65,6 +68,7 @@ def examine(folder: Path, progress: Progress = no_progress) -> Iterator[Finding]
         yield from guarded("uploads", _at_lost(state))
         yield from guarded("snapshots", _at_snapshots(session, state))
         yield from guarded("audit log", _at_audit_log(session, state.audit_log))
+        yield from guarded("clock", _at_clock(session, state.clock()))
         yield from guarded("messages", _at_messages(session))
     yield from _at_disk(state.settings.folder)
 
@@ -305,6 +309,16 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     if not broken:
         verified = count_text(count, "entry", "entries")
         yield Finding("audit log", "ok", f"{verified} verified, none missing between them")
+
+
+def _at_clock(session: Session, now: datetime) -> Iterator[Finding]:
+    latest = session.scalar(select(func.max(AuditEntry.at)))
+    if latest is not None and latest - now > _SKEW:
+        message = (
+            f"it is {now:%Y-%m-%d %H:%M} UTC by this machine's clock, but the audit log has an "
+            f"entry of {latest:%Y-%m-%d %H:%M} UTC: the clock is wrong now, or was wrong then"
+        )
+        yield Finding("clock", "note", f"{message}; phases and quotas go by it")
 
 
 def _at_messages(session: Session) -> Iterator[Finding]:

@@ -15,11 +15,13 @@ from reverie_eval.scoring import CORRECT, OUTCOMES
 from tests.conftest import unavailable
 from tests.support.browser import PHONE, WIDE, OpenPage, show_part
 from tests.support.demo_site import BOLD, OPEN, ORGANISER, PRIVATE, Site
-from tests.support.full_site import earlier_rows, full_site
+from tests.support.full_site import ITEMS, earlier_rows, full_site
 from tests.support.reader import read
 
 METHODS = 5
 """On the open split; the private one has three."""
+FEW_ITEMS = 150
+"""Items of the made-up world beside the published files, which are of real size themselves."""
 COLUMNS = """tables => tables.map(table => [...table.querySelectorAll("thead th")].map(each => {
     const { left, width } = each.getBoundingClientRect();
     return [left, width];
@@ -38,10 +40,13 @@ def full(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Full]:
     """Run the server."""
-    published = None
-    if request.param == "published files":
-        published = published_folder() or unavailable("the published REVERIE files are not here")
-    with full_site(tmp_path_factory.mktemp("full"), published, METHODS) as site:
+    published = published_folder()
+    items = ITEMS if published is None else FEW_ITEMS
+    if request.param == "made-up world":
+        published = None
+    elif published is None:
+        unavailable("the published REVERIE files are not here")
+    with full_site(tmp_path_factory.mktemp("full"), published, METHODS, items) as site:
         yield Full(site, published)
 
 

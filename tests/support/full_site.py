@@ -39,7 +39,9 @@ MANY = 54
 """Methods on val_unseen."""
 ROWS = 81
 """Reported results that are imported from an earlier leaderboard."""
-_SCANS, _ITEMS, _OBJECTS = 10, 1174, 50
+ITEMS = 1174
+"""Items of val_unseen."""
+_SCANS, _OBJECTS = 10, 50
 _STOREY = 9, 8
 """Viewpoints across and along on a storey, two metres apart."""
 _NAMES = ("chair", "table", "lamp", "picture", "window", "door", "sink", "towel", "bed", "plant")
@@ -48,14 +50,17 @@ _DAYS = 900
 
 
 @contextmanager
-def full_site(folder: Path, published: Path | None, methods: int = MANY) -> Iterator[Site]:
+def full_site(
+    folder: Path, published: Path | None, methods: int = MANY, items: int = ITEMS
+) -> Iterator[Site]:
     """Run a server until the end, with methods on val_unseen and rows of an earlier leaderboard.
 
-    ``published`` is the folder of the published files; the made-up world needs none.
+    ``published`` is the folder of the published files; the made-up world, which has this many
+    items, needs none.
     """
     server = folder / "server"
     make_folder(server)
-    truths = write_bundles(folder / "dataset", published, server / "bundles")
+    truths = write_bundles(folder / "dataset", published, server / "bundles", items)
     people = PEOPLE | {f"Person {number}": team for number, team in enumerate(TEAMS)}
     with acting(load_settings(server), "test") as transaction:
         tokens = populate(transaction, people)
@@ -75,11 +80,11 @@ def full_site(folder: Path, published: Path | None, methods: int = MANY) -> Iter
 
 
 def write_bundles(
-    dataset: Path, published: Path | None, bundles: Path
+    dataset: Path, published: Path | None, bundles: Path, items: int
 ) -> Mapping[str, GroundTruth]:
     """Compile val_unseen, and a private split of the same form, into a server's folder."""
     if published is None:
-        root, test = made_up_world(dataset), OPEN
+        root, test = made_up_world(dataset, items), OPEN
     else:
         # Nobody has the solution of test, so val_seen stands in for it.
         root, test = unpack_dataset(published, dataset), "val_seen"
@@ -93,11 +98,11 @@ def write_bundles(
     return {split: GroundTruth.load(bundles / f"{split}.npz") for split in (OPEN, PRIVATE)}
 
 
-def made_up_world(folder: Path) -> Path:
-    """Write a world of val_unseen's size, with 50 objects in sight of every viewpoint."""
+def made_up_world(folder: Path, items: int) -> Path:
+    """Write a world of as many buildings as val_unseen, with 50 objects in sight everywhere."""
     random = Random(0)
     scans = {f"Scan{number:02}": _scan(number, random) for number in range(_SCANS)}
-    write_world(World(scans, [*_items(scans, random)]), folder)
+    write_world(World(scans, [*_items(scans, random, items)]), folder)
     boxes = folder / _DATA / "BBoxes.json"
     seen = json.loads(boxes.read_text())
     for objects in seen.values():
@@ -140,9 +145,9 @@ def _scan(number: int, random: Random) -> Scan:
     return Scan(viewpoints, frozenset(edges))
 
 
-def _items(scans: Mapping[str, Scan], random: Random) -> Iterator[Item]:
+def _items(scans: Mapping[str, Scan], random: Random, items: int) -> Iterator[Item]:
     """Annotate paths of some metres: three instructions each, but for one item with two."""
-    for number in range(_ITEMS):
+    for number in range(items):
         scan_id = f"Scan{number % _SCANS:02}"
         scan = scans[scan_id]
         routes = scan.routes

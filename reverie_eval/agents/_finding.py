@@ -60,6 +60,8 @@ class AgentSource:
 
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
+    _base: Path = field(default_factory=Path.cwd, init=False, repr=False)
+    """The folder that a file is named from: an agent may change the working directory."""
 
     def make(self) -> Agent | BatchAgent:
         """Return a new agent.
@@ -95,8 +97,8 @@ class AgentSource:
     @property
     def title(self) -> str:
         """The name without the folder of a file or of a model."""
-        if Path(self.name).is_dir():
-            return Path(self.name).resolve().name
+        if self._path.is_dir():
+            return self._path.resolve().name
         file, mark, name = self.name.rpartition(".py")
         return f"{Path(file).name}{mark}{name}"
 
@@ -142,7 +144,11 @@ class AgentSource:
     def _module_file(self) -> Path:
         """The file that defines the agent; one that does not exist if it was typed somewhere."""
         module = sys.modules.get(self._find().__module__)
-        return Path(getattr(module, "__file__", None) or self.title).resolve()
+        return self._base.joinpath(getattr(module, "__file__", None) or self.title).resolve()
+
+    @property
+    def _path(self) -> Path:
+        return self._base / self.name
 
     @property
     def needs_solution(self) -> bool:
@@ -152,16 +158,16 @@ class AgentSource:
     def _find(self) -> Callable[..., Any]:
         if self.name in BUILT_IN_AGENTS:
             return BUILT_IN_AGENTS[self.name]
-        if Path(self.name).is_dir():
+        if self._path.is_dir():
             from reverie_eval.agents.trained import find_trained  # torch takes seconds to import
 
-            return find_trained(Path(self.name))
+            return find_trained(self._path)
         found: Any
         module_name, _, name = self.name.rpartition(":")
         if self.name.endswith(".py"):
             module_name, name = self.name, _DEFAULT_NAME
         if module_name:
-            found = getattr(_import(module_name), name, None)
+            found = getattr(_import(module_name, self._base), name, None)
         else:
             offered = entry_points(group=AGENT_ENTRY_POINTS, name=self.name)
             found = next((each.load() for each in offered), None)
@@ -222,13 +228,13 @@ def _check_options(name: str, found: Callable[..., Any], options: Mapping[str, A
         raise ReverieEvalError(f"{name}: {error}; its options: {names}") from None
 
 
-def _import(name: str) -> ModuleType:
+def _import(name: str, base: Path) -> ModuleType:
     """Import a module by its name or from its file; both may import what lies beside them."""
     is_file = name.endswith(".py")
-    file = Path(name).resolve()
+    file = (base / name).resolve()
     if is_file and not file.is_file():
         raise ReverieEvalError(f"there is no file {name}")
-    folder = file.parent if is_file else Path.cwd()
+    folder = file.parent if is_file else base
     if str(folder) not in sys.path:
         # After Python's own modules, for which an agent's json.py must not be taken.
         own = {sysconfig.get_path("stdlib"), sysconfig.get_config_var("DESTSHARED")}

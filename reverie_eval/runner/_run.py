@@ -5,8 +5,9 @@ import os
 import platform
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from datetime import datetime, timezone
 from os import PathLike
 from pathlib import Path
@@ -37,6 +38,17 @@ class AttemptEnd(NamedTuple):
     """Seconds until the episode is tried again; None if it is not."""
 
 
+@contextmanager
+def _returning() -> Iterator[None]:
+    """Go back to the working directory, wherever an agent went."""
+    here = Path.cwd()
+    try:
+        yield
+    finally:
+        os.chdir(here)
+
+
+@_returning()
 def run(
     plan: RunPlan,
     folder: str | PathLike[str],
@@ -48,6 +60,8 @@ def run(
     on_attempt: Callable[[AttemptEnd], None] = lambda _: None,
 ) -> Totals:
     """Run the episodes that are left, and write the submission.
+
+    An agent may change the working directory; afterwards it is what it was.
 
     Parameters
     ----------
@@ -79,9 +93,10 @@ def run(
     GroundTruthError
         If the agent needs the solution, and the bundle is public.
     """
-    folder, episodes = Path(folder), plan.ground_truth.episodes.instr_ids
+    folder, episodes = Path(folder).absolute(), plan.ground_truth.episodes.instr_ids
     if fill_missing and not _has_attempts(folder):
         raise RunError(f"{folder} has no run to fill; run it first, without --fill-missing")
+    plan = replace(plan, boxes=_absolute(plan.boxes), pictures=_absolute(plan.pictures))
     _check_solution(plan)
     environment = plan.environment()  # says what is wrong before there is a folder
     identity = _identity(plan, environment)
@@ -145,6 +160,10 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
                 raise RunError(f"{row.episode}: {row.reason}")
             kept[row.episode] = row
     return _records(plan, plan.environment(), kept)
+
+
+def _absolute(path: str | PathLike[str] | None) -> Path | None:
+    return None if path is None else Path(path).absolute()
 
 
 def _check_solution(plan: RunPlan) -> None:

@@ -3,6 +3,7 @@
 import json
 import re
 import resource
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -53,6 +54,28 @@ def test_the_batch_of_the_page_passes_as_an_agent(folder: Path, demo: GroundTrut
     assert check_agent(RunPlan(AgentSource("batch.py"), demo), number=40) == set()
 
 
+MOVING = """
+import os
+from reverie_eval.simulator import Stop
+os.chdir("/")
+def Agent(seen):
+    os.chdir("/")
+    return Stop()
+"""
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_an_agent_may_change_the_working_directory(jobs: str, folder: Path, run: Run) -> None:
+    """As code does that finds its own files by relative paths: when imported, and when it acts."""
+    (folder / "moving.py").write_text(MOVING)
+    shutil.copy(DEMO_BUNDLES / "val_unseen.npz", folder / "boxes.npz")
+    words = ["run", "moving.py", "--split", SPLIT, "-o", "mine", "--boxes", "boxes.npz"]
+    status, out, err = run(*words, "--jobs", jobs)
+    assert (status, out.startswith("TL m"), Path.cwd()) == (0, True, folder)
+    assert "84 ended; 84 attempts" in err
+    assert "nothing was left to run" in run(*words).err
+
+
 def test_a_run_for_which_there_is_no_space_goes_on_later(tmp_path: Path, run: Run) -> None:
     words = ["run", "nearest-first", "--split", SPLIT, "-o", "mine"]
     stopped = subprocess.run(
@@ -64,7 +87,8 @@ def test_a_run_for_which_there_is_no_space_goes_on_later(tmp_path: Path, run: Ru
         text=True,
         check=False,
     )
-    assert (stopped.returncode, stopped.stderr) == (2, "reverie-eval: mine: File too large\n")
+    told = f"reverie-eval: {tmp_path / 'mine'}: File too large\n"
+    assert (stopped.returncode, stopped.stderr) == (2, told)
     went_on = run(*words[:-1], str(tmp_path / "mine"))
     whole = run(*words[:-1], str(tmp_path / "whole"))
     assert went_on.out == whole.out
@@ -141,7 +165,7 @@ def test_options_are_of_a_file_and_of_the_command(folder: Path, run: Run) -> Non
         pytest.param(["--max-steps", "0"], 2, "0 is not in the range x>=1", id="no step"),
         pytest.param(["--boxes", "my_agent.py"], 2, "my_agent.py: Expecting", id="no boxes"),
         pytest.param(["--boxes", ".", "--jobs", "2"], 2, "no file of a", id="folder without boxes"),
-        pytest.param(["--boxes", "none"], 2, "Could not open objects at: none", id="no file"),
+        pytest.param(["--boxes", "none"], 2, "/none", id="no file"),
         pytest.param(["--pictures", "none"], 2, "none: there is no such folder", id="no folder"),
         pytest.param(["--episodes-from", "none"], 2, "none: No such file", id="no list"),
     ],

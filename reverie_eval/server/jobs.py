@@ -128,14 +128,14 @@ class Jobs:
 
     def _repeat(self, job: Job, is_over: Event) -> None:
         while True:
-            self._runs[job.name] = runs = self._run(job, self._runs[job.name])
+            self._runs[job.name] = runs = self._run(job, self._runs[job.name], is_over)
             seconds = job.seconds
             if runs.error:
                 seconds = min(SECONDS_TO_RETRY, seconds or SECONDS_TO_RETRY)
             if seconds is None or is_over.wait(seconds):
                 return
 
-    def _run(self, job: Job, earlier: _Runs) -> _Runs:
+    def _run(self, job: Job, earlier: _Runs, is_over: Event) -> _Runs:
         """Do a job once; return what is then known of its runs."""
         self._runs[job.name] = replace(earlier, begun=time.monotonic())
         error = ""
@@ -143,10 +143,12 @@ class Jobs:
             job.work()
         except Exception as failure:
             error = one_line(failure)
-            if error != earlier.error:  # what fails again in the same way is logged once
+            # The end of the server may end what a job works with, before the job itself.
+            is_new = error != earlier.error and not is_over.is_set()
+            if is_new:  # what fails again in the same way is logged once
                 fields = {"job": job.name, "error": error}
                 _LOGGER.exception("job failed", extra={"fields": fields})
-            if not earlier.error:
+            if is_new and not earlier.error:
                 with suppress(Exception):  # the fault may prevent that too
                     self.tell(f"job {job.name} failed: {error}")
         now = self.clock()

@@ -420,6 +420,26 @@ def test_a_job_runs_at_once_and_again_even_if_it_fails(server: Serving) -> None:
     assert (report.failures, report.error, jobs.failing()) == (1, "", [])
 
 
+def test_a_job_that_the_end_of_its_server_cuts_off_is_no_fault(
+    server: Serving, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(runner, "SECONDS_TO_STOP", 0)
+    begun, is_cut_off = Event(), Event()
+    told: list[str] = []
+
+    def work() -> None:
+        begun.set()
+        is_cut_off.wait(PATIENCE)
+        raise BusyError(1, "the process that was reading the file was stopped")
+
+    jobs = Jobs([Job("long", work, None)], server.state.database, server.clock, told.append)
+    with jobs.running():
+        begun.wait(PATIENCE)
+    is_cut_off.set()
+    wait_until(lambda: jobs.reports()[0].runs == 1)
+    assert (caplog.messages, told) == ([], [])
+
+
 @pytest.mark.parametrize(
     ("error", "line"),
     [

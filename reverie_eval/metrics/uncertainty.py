@@ -13,9 +13,6 @@ import numpy as np
 from reverie_eval.arrays import ROUNDING, Array, FloatArray, IntArray
 from reverie_eval.errors import naming_missing_parts
 
-with naming_missing_parts():
-    from scipy.special import bdtr, ndtr, stdtrit
-
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
 SEED = 0
@@ -93,6 +90,9 @@ def interval(means: FloatArray, n_clusters: int, *, confidence: float = CONFIDEN
     .. [1] Hesterberg, "What Teachers Should Know About the Bootstrap", The American Statistician
        69(4), 2015, section 5.3: the expanded percentile interval.
     """
+    with naming_missing_parts():
+        from scipy.special import ndtr, stdtrit  # takes longer to import than all of this module
+
     freedom = n_clusters - 1
     # The root undoes that resamples vary by n and not by n - 1.
     outermost = stdtrit(freedom, (1 - confidence) / 2) * np.sqrt(n_clusters / freedom)
@@ -185,6 +185,9 @@ def mcnemar_p(won: Array, lost: Array) -> FloatArray:
     .. [1] McNemar, "Note on the sampling error of the difference between correlated proportions
        or percentages", Psychometrika 12(2), 1947.
     """
+    with naming_missing_parts():
+        from scipy.special import bdtr
+
     # Doubling the smaller tail can exceed 1, as it counts a balanced outcome in both tails.
     smaller, total = np.minimum(won, lost), won + lost
     p_value = 2.0 * bdtr(smaller.astype(float), total, 0.5)

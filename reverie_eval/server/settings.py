@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal, Self, TypeAlias, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, get_args, get_origin
 from urllib.parse import urlsplit
 
 from pydantic import (
@@ -32,8 +32,6 @@ from pydantic import (
 )
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 from pydantic_settings import SettingsError as UnreadableVariableError
-from sqlalchemy import URL, make_url
-from sqlalchemy.exc import ArgumentError
 
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
@@ -51,6 +49,9 @@ from reverie_eval.schemas.wire import (
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import did_you_mean
+
+if TYPE_CHECKING:
+    from sqlalchemy import URL
 
 SETTINGS_FILE = "reverie-eval.toml"
 _PREFIX = "REVERIE_EVAL_"
@@ -117,6 +118,9 @@ def _known_database(address: str) -> str:
     A password is allowed only before the ``@``: it is hidden in messages, and checked for being
     easy to guess, only there.
     """
+    from sqlalchemy import make_url  # which takes a tenth of a second, and scoring does not need
+    from sqlalchemy.exc import ArgumentError
+
     try:
         url = make_url(address)
     except (ArgumentError, ValueError):  # whose message may contain a part of the password
@@ -498,8 +502,10 @@ class Settings(BaseSettings):
         return self.path(self.mail.password_file).read_text(encoding="utf-8").strip()
 
     @property
-    def database_url(self) -> URL:
+    def database_url(self) -> "URL":
         """The database's URL; the path of an SQLite file is relative to the server's folder."""
+        from sqlalchemy import make_url
+
         url = make_url(self.database)
         if url.drivername != "sqlite":
             return url

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import URL, event, inspect, make_url, select, text
 from sqlalchemy.exc import IntegrityError, StatementError
 
@@ -18,7 +19,7 @@ from reverie_eval.server.accounts.people import person_named
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.opening import database_errors
 from reverie_eval.server.store import database as database_module
-from reverie_eval.server.store.database import MIGRATIONS, Database
+from reverie_eval.server.store.database import MIGRATIONS, Database, known_revisions
 from reverie_eval.server.store.tables import Base, Person, Team
 from tests.support.acting import NOON, acting, add_person, add_team, create_token
 from tests.support.waiting import PATIENCE, WatchedLock
@@ -219,6 +220,11 @@ def test_migrations_make_the_tables_of_the_models(database: str) -> None:
         assert compare_metadata(context, Base.metadata) == []
     assert fresh.is_current()
     fresh.close()
+
+
+def test_migrations_are_known_by_the_names_of_their_files() -> None:
+    walked = ScriptDirectory(str(MIGRATIONS)).walk_revisions()
+    assert known_revisions() == [script.revision for script in walked][::-1]
 
 
 def test_to_upgrade_twice_changes_nothing(opened: Database) -> None:

@@ -72,6 +72,16 @@ def processes(folder: Path) -> Iterator[ScoringProcesses]:
         yield processes
 
 
+def test_a_process_that_scores_imports_neither_pages_nor_the_database() -> None:
+    """Each server starts some, and its first check of health waits for them."""
+    code = (
+        "import sys, reverie_eval.server.scoring.processes\n"
+        "print({'alembic', 'fastapi', 'httpx', 'jinja2', 'scipy', 'sqlalchemy'} & {*sys.modules})"
+    )
+    words = [sys.executable, "-c", code]
+    assert subprocess.run(words, check=True, capture_output=True, text=True).stdout == "set()\n"
+
+
 def test_what_waits_for_a_process_comes_before_what_asks_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -10,7 +10,7 @@ import multiprocessing.forkserver
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import chdir
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
@@ -175,9 +175,6 @@ class Beside:
 
     def __init__(self, surroundings: Surroundings) -> None:
         self._surroundings = surroundings
-
-    def set_forkserver_preload(self, _: Sequence[str]) -> None:
-        """Import nothing more."""
 
     def Process(  # noqa: N802
         self, *, target: Callable[..., Any], args: tuple[Any, ...], **kwargs: Any

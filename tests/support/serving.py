@@ -28,7 +28,6 @@ from warnings import catch_warnings, simplefilter
 
 import httpx
 import pytest
-from alembic.script import ScriptDirectory
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
@@ -55,6 +54,7 @@ from reverie_eval.server.opening import open_server as open_state
 from reverie_eval.server.operations import health
 from reverie_eval.server.run import run_server
 from reverie_eval.server.scoring import boards
+from reverie_eval.server.scoring import processes as scoring_processes
 from reverie_eval.server.scoring.boards import Board, load_board
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -69,7 +69,7 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person
 from tests.conftest import SAMPLES, unavailable
 from tests.support.acting import NOON, add_person, add_team, create_token
-from tests.support.forking import PROCESSES, Forked, Surroundings, start_forkserver
+from tests.support.forking import Forked, Surroundings, start_forkserver
 from tests.support.waiting import PATIENCE, wait_until
 
 if TYPE_CHECKING:
@@ -361,7 +361,6 @@ def _servers_share() -> Iterator[None]:
     """Let servers share what each takes longer for than most tests."""
     with (
         sharing(),
-        patch(f"{Database.__module__}.ScriptDirectory", cache(ScriptDirectory)),
         patch(f"{describe.__module__}.get_openapi", describe_once),
     ):
         yield
@@ -373,11 +372,7 @@ def _processes_have_one_origin() -> Iterator[None]:
 
     If it came first, all would be forked from one that has imported less, and import the rest.
     """
-
-    def start(_: Sequence[str]) -> None:
-        start_forkserver()
-
-    with patch.object(PROCESSES, "set_forkserver_preload", start):
+    with patch.object(scoring_processes, "begin_importing", start_forkserver):
         yield
 
 

@@ -1,6 +1,5 @@
 """``reverie-eval serve [FOLDER]``: run an evaluation server."""
 
-import gc
 import shlex
 from collections.abc import Callable
 from contextlib import suppress
@@ -41,10 +40,12 @@ def serve(*, folder: Path | None, host: str, port: int, workers: int | None) -> 
 
     Exit status: 0 stopped, 1 settings or data are not sound, 2 usage or system error.
     """
+    from reverie_eval.server.scoring import begin_importing
+
+    begin_importing()  # beside what this process imports and checks
     from reverie_eval.server.operations.checks import check_sound
     from reverie_eval.server.run import WORKERS, run_server
 
-    gc.enable()  # off in this command, which pays off in short lives only
     # A demo that is there already keeps its people and results.
     token = None if folder or _DEMO.exists() else _make_demo()
     root = folder or _DEMO

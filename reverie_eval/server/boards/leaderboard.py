@@ -24,8 +24,9 @@ from reverie_eval.server.boards.rank_intervals import RankInterval, RankInterval
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.csv_files import csv_text
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.scoring.boards import Board, if_readable
+from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.damage import if_readable
 from reverie_eval.tasks import Task
 
 _OF_RANK = ("rank_low", "rank_high", "group")
@@ -342,7 +343,7 @@ class Rankings:
 
     def rankings(self, session: Session, boards: Sequence[Board]) -> Sequence[Ranking | None]:
         """Return several leaderboards; None for each whose rows are damaged."""
-        return [if_readable(board, partial(self.ranking, session, board)) for board in boards]
+        return [if_readable(board.label, partial(self.ranking, session, board)) for board in boards]
 
     def detailed(self, session: Session, board: Board, metric: str | None = None) -> Ranking:
         """Return a leaderboard with counts of submissions, and the ranks that results may have.

@@ -21,7 +21,7 @@ from reverie_eval.server.http.openapi import organiser_router, problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
-from reverie_eval.server.scoring.boards import if_readable
+from reverie_eval.server.store.damage import if_readable
 from reverie_eval.server.store.paging import Page
 
 routes, pages = organiser_router(), APIRouter()
@@ -68,7 +68,7 @@ def draw_corrections(desk: Call, reading: CallReading, _: forms.Typed) -> forms.
     """Show the splits with submissions to score again, and all corrections."""
     outdated, unread = Counter[str](), []
     for board in desk.server.all_boards:
-        number = if_readable(board, partial(count_outdated, reading.session, board))
+        number = if_readable(board.label, partial(count_outdated, reading.session, board))
         outdated[board.split] += number or 0
         if number is None:
             unread.append(board.label)

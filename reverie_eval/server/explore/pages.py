@@ -32,7 +32,7 @@ from reverie_eval.server.explore.side_by_side import DIFFICULTIES
 from reverie_eval.server.http.callers import Call, CallReading, Visitor
 from reverie_eval.server.http.rendering import drawn, page
 from reverie_eval.server.http.runtime import ScoringTurn
-from reverie_eval.server.scoring.boards import if_readable
+from reverie_eval.server.store.damage import if_readable
 from reverie_eval.text import category_text
 
 router = APIRouter()
@@ -111,9 +111,9 @@ def show_splits(visitor: Visitor) -> Response:
     """List the open splits."""
     episodes = visitor.server.get(EpisodeService)
     with visitor.reading() as reading:
+        choices = partial(episodes.choices, reading, reading.caller)
         splits = [
-            (board, if_readable(board, partial(episodes.choices, reading, reading.caller, board)))
-            for board in episodes.boards
+            (board, if_readable(board.label, partial(choices, board))) for board in episodes.boards
         ]
         return page(reading, "episodes.html", splits=splits, most=MOST_CHOICES)
 

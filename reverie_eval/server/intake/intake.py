@@ -8,16 +8,15 @@ at that time: scoring may end later.
 
 import logging
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import NamedTuple, Self
+from typing import Self
 
 from sqlalchemy import and_, bindparam, or_, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NoticeReport
-from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     Accepted,
     BoardResult,
@@ -37,7 +36,7 @@ from reverie_eval.server.intake.submissions import check_metadata
 from reverie_eval.server.messages.notices import current_notice
 from reverie_eval.server.messages.queue import notify
 from reverie_eval.server.scoring.boards import Board
-from reverie_eval.server.scoring.contexts import Context, open_file
+from reverie_eval.server.scoring.contexts import Read, check_file, open_file, score_file
 from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.tables import (
     IS_SHOWN,
@@ -47,8 +46,6 @@ from reverie_eval.server.store.tables import (
     Submission,
     Team,
 )
-from reverie_eval.server.store.uploads import pack
-from reverie_eval.submissions import check_navigation_only
 
 MOST_NAMED = 5
 """Teams that the notice of a file from several teams names, at most."""
@@ -77,33 +74,6 @@ _SAME_FROM_OTHERS = (
     .order_by(IS_SHOWN.desc(), Submission.received_at, Submission.id)
     .limit(MOST_NAMED)
 )
-
-
-class Read(NamedTuple):
-    """What was read of a file, and its scores."""
-
-    reports: Mapping[str, ScoreReport]
-    """By leaderboard of the split."""
-    packed: bytes
-    """The file as it is kept."""
-
-
-def check_file(context: Context, split: str) -> Sequence[str]:
-    """Check the opened file without using the solution, and return the notes."""
-    return list(context.boards[split].check(context.content).validation().notes)
-
-
-def score_file(context: Context, split: str, *, navigation_only: bool | None) -> Read:
-    """Read and score the opened file; its method may be declared as navigation only, or as not.
-
-    Raises SubmissionError if it is rejected; lists all problems.
-    """
-    board = context.boards[split]
-    reading = board.read(context.content)
-    if board.task.has_targets:
-        found = reading.submission.is_navigation_only
-        check_navigation_only(found=found, declared=navigation_only)
-    return Read(board.reports(context.content, reading), pack(context.content))
 
 
 @dataclass

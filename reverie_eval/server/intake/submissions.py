@@ -38,7 +38,7 @@ from reverie_eval.server.boards.reviews import (
 from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.scoring.boards import Board, find_board
-from reverie_eval.server.scoring.contexts import Context, EpisodeValues, check_signature
+from reverie_eval.server.scoring.contexts import Context, check_signature, score_episodes
 from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.paging import Listed, Page, cut, wrong_cursor
@@ -441,12 +441,6 @@ class SubmissionService:
         return self.server.scoring.run(
             draw_intervals, known.split, [board.name for board in waiting], known.sha256
         )
-
-
-def score_episodes(context: Context, split: str, name: str, sha256: str) -> EpisodeValues:
-    """Score a stored upload, and return the values of each episode."""
-    board = find_board(context.boards, split, name)
-    return EpisodeValues.of(board, board.score(board.read(stored_upload(context.uploads, sha256))))
 
 
 def draw_intervals(

@@ -42,8 +42,8 @@ from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.jobs import Jobs
 from reverie_eval.server.messages.queue import tell_fault
 from reverie_eval.server.operations.checks import try_newest
-from reverie_eval.server.scoring.boards import Board, find_board, rules_of
-from reverie_eval.server.scoring.contexts import Context
+from reverie_eval.server.scoring.boards import Board, rules_of
+from reverie_eval.server.scoring.contexts import score_content
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import FileReplacedError
@@ -178,11 +178,6 @@ def _late(checks: Sequence[str]) -> Mapping[str, str]:
         "before you repair anything",
         **dict.fromkeys(others, f"not checked, because {slow!r} was {reason}"),
     }
-
-
-def score_content(context: Context, split: str, name: str, content: bytes) -> ScoreReport:
-    """Score a JSON text on a leaderboard."""
-    return find_board(context.boards, split, name).scored(content).report
 
 
 class Canary:

@@ -4,15 +4,14 @@ A split has a leaderboard, and may have others, which rank the same submissions 
 rules. Each of them is a :class:`Board`.
 """
 
-import logging
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import isnan
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -32,19 +31,15 @@ from reverie_eval.scoring import (
 )
 from reverie_eval.server.errors import NotFoundError, no_split
 from reverie_eval.server.settings import Settings, SettingsError, Split
-from reverie_eval.server.store.damage import is_of_rows
 from reverie_eval.submissions import check_value_count, parse_predictions
 from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task, name_on_server
 from reverie_eval.text import count_text
 from reverie_eval.version import __version__
 
-AnyResult = TypeVar("AnyResult")
-
 MAX_VALUES = 5_000_000
 """JSON values in an upload, at most: about thirty times as many as in a usual file for the largest
 split, and a sixth of the limit outside the server."""
 
-_LOGGER = logging.getLogger("reverie_eval.server")
 _UNKNOWN: Mapping[str, str] = MappingProxyType({})
 _RELEASED = {"signature", "split", "protocol", "dataset", "fingerprint", "version", "episodes"}
 """The fields of a private split's report, besides its scores and notes."""
@@ -517,14 +512,3 @@ def _board(name: str, split: Split, truth: GroundTruth, public_fingerprint: str)
         if (chosen := split.ranked_on(each))
     }
     return replace(main, others=MappingProxyType(others))
-
-
-def if_readable(board: Board, read: Callable[[], AnyResult]) -> AnyResult | None:
-    """Read something of a leaderboard; None if its rows cannot be read."""
-    try:
-        return read()
-    except Exception as error:
-        if not is_of_rows(error):
-            raise
-        _LOGGER.warning("rows of %s cannot be read: %s", board.label, type(error).__name__)
-        return None

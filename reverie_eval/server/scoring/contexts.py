@@ -3,7 +3,8 @@
 What people send may hold the interpreter for seconds, whatever its size. So a server that answers
 requests leaves all of it to :mod:`~.scoring.processes`, and commands, which delay nobody, do it
 themselves. Either way the work is a function that takes a :class:`Context` and returns a result
-that can be pickled.
+that can be pickled. What every server soon needs is here, where a process finds it without
+importing more.
 """
 
 import hashlib
@@ -16,11 +17,12 @@ from types import MappingProxyType
 from typing import Concatenate, NamedTuple, ParamSpec, Self, TypeVar
 
 from reverie_eval.arrays import Array
+from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.scoring import BoxScores, Scores
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.scoring.boards import Board
-from reverie_eval.server.store.uploads import Uploads
-from reverie_eval.submissions import SubmissionColumns, unpack
+from reverie_eval.server.scoring.boards import Board, find_board
+from reverie_eval.server.store.uploads import Uploads, pack, stored_upload
+from reverie_eval.submissions import SubmissionColumns, check_navigation_only, unpack
 
 SECONDS_TO_RETRY = 10
 STOPPED = "the process that was reading the file was stopped"
@@ -170,6 +172,15 @@ class EpisodeValues(NamedTuple):
         )
 
 
+class Read(NamedTuple):
+    """What was read of a file, and its scores."""
+
+    reports: Mapping[str, ScoreReport]
+    """By leaderboard of the split."""
+    packed: bytes
+    """The file as it is kept."""
+
+
 def open_file(context: Context, packed: bytes, limit: int) -> Opened:
     """Unpack an upload, for the calls that follow.
 
@@ -177,3 +188,32 @@ def open_file(context: Context, packed: bytes, limit: int) -> Opened:
     """
     context.opened = unpack(packed, limit)
     return Opened(hashlib.sha256(context.opened).hexdigest(), len(context.opened))
+
+
+def check_file(context: Context, split: str) -> Sequence[str]:
+    """Check the opened file without using the solution, and return the notes."""
+    return list(context.boards[split].check(context.content).validation().notes)
+
+
+def score_file(context: Context, split: str, *, navigation_only: bool | None) -> Read:
+    """Read and score the opened file; its method may be declared as navigation only, or as not.
+
+    Raises SubmissionError if it is rejected; lists all problems.
+    """
+    board = context.boards[split]
+    reading = board.read(context.content)
+    if board.task.has_targets:
+        found = reading.submission.is_navigation_only
+        check_navigation_only(found=found, declared=navigation_only)
+    return Read(board.reports(context.content, reading), pack(context.content))
+
+
+def score_content(context: Context, split: str, name: str, content: bytes) -> ScoreReport:
+    """Score a JSON text on a leaderboard."""
+    return find_board(context.boards, split, name).scored(content).report
+
+
+def score_episodes(context: Context, split: str, name: str, sha256: str) -> EpisodeValues:
+    """Score a stored upload, and return the values of each episode."""
+    board = find_board(context.boards, split, name)
+    return EpisodeValues.of(board, board.score(board.read(stored_upload(context.uploads, sha256))))

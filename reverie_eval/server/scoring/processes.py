@@ -28,6 +28,7 @@ from typing import Any, Concatenate, Generic, NamedTuple, Self, TypeVar
 from reverie_eval.errors import ReverieEvalError, SubmissionError
 from reverie_eval.processes import keep_freed_memory, starting_processes
 from reverie_eval.server.errors import BusyError
+from reverie_eval.server.scoring import begin_importing
 from reverie_eval.server.scoring.boards import Board, load_boards, rules_of
 from reverie_eval.server.scoring.contexts import (
     SECONDS_TO_RETRY,
@@ -75,8 +76,8 @@ class ScoringProcesses(Scoring):
     def __init__(self, settings: Settings, boards: Mapping[str, Board], number: int) -> None:
         # A copy of this process could hang, because it has threads; so processes are copies of one
         # that has only imported what they need.
+        begin_importing()
         context = get_context("forkserver")
-        context.set_forkserver_preload([__name__])
         self.number, self.turns = number, 2 * number
         self._all = [_Process(settings, boards, context) for _ in range(number)]
         self.line: Line[_Process] = Line()
@@ -339,7 +340,9 @@ def _limited_memory(size: int) -> Iterator[None]:
 def settle_memory() -> None:
     """Tell the garbage collector and glibc that this process has started, and that uploads follow.
 
-    Collecting the ground truth, which stays in memory, would only cost time.
+    Collecting the ground truth, which stays in memory, would only cost time. Commands turn the
+    collector off, which pays off until here.
     """
     gc.freeze()
+    gc.enable()
     keep_freed_memory()

@@ -5,10 +5,11 @@ differ from their tables, but not bytes that changed within a value. So every va
 text must be UTF-8, and JSON, times and numbers must be such. PostgreSQL checks all of that itself.
 """
 
+import logging
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from typing import Any
+from typing import Any, TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy.exc import DataError, DBAPIError
@@ -21,6 +22,9 @@ from reverie_eval.server.store.database import (
 )
 from reverie_eval.server.store.tables import Base, UtcDateTime
 
+AnyResult = TypeVar("AnyResult")
+
+_LOGGER = logging.getLogger("reverie_eval.server")
 _SAID = {
     sqlite3.SQLITE_CORRUPT: "database disk image is malformed",
     sqlite3.SQLITE_NOTADB: "file is not a database",
@@ -80,7 +84,18 @@ def damage_in(error: BaseException | None) -> str | None:
             return damage_in(error.__cause__ or error.__context__)
 
 
-def is_of_rows(error: Exception) -> bool:
+def if_readable(what: str, read: Callable[[], AnyResult]) -> AnyResult | None:
+    """Read something; None, and a line in the log, if its rows cannot be read."""
+    try:
+        return read()
+    except Exception as error:
+        if not _is_of_rows(error):
+            raise
+        _LOGGER.warning("rows of %s cannot be read: %s", what, type(error).__name__)
+        return None
+
+
+def _is_of_rows(error: Exception) -> bool:
     """Whether an error is that rows cannot be read, and the transaction can read others.
 
     PostgreSQL ends a transaction in which it finds damage itself.

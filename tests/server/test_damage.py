@@ -223,6 +223,8 @@ def test_on_a_full_disk_the_doctor_checks_what_is_kept_and_says_what_to_do(
     assert "uploads ok 1 of 1 upload intact" in lines
     assert "receipts ok 1 receipt verified" in lines
     assert any(line.startswith("disk fault 0.0 GiB free; free some space") for line in lines)
+    assert any("the disk is full, so only one connection" in line for line in lines)
+    assert "locked" not in examined.stdout
     assert any(line.startswith("database ok") for line in lines)
 
 

@@ -11,6 +11,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from threading import Lock
 from typing import Any
 
@@ -35,6 +36,8 @@ _FULL_SQLSTATE = "53100"
 _NO_CONNECTION_SQLSTATES = ("08", "57P", "53300")
 """Connection exceptions, an operator's intervention, too many connections."""
 _NO_SPACE_FOR_INDEX = sqlite3.SQLITE_IOERR_SHMSIZE
+_INDEX_SIZE = 32 << 10
+"""Bytes, at least: https://www.sqlite.org/walformat.html#the_wal_index_file_format"""
 _BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
 _WRITER_LOCK = 0x5EEDED
 """An arbitrary number that identifies the advisory lock."""
@@ -53,6 +56,13 @@ class UnreadableValueError(ValueError):
 
 class FileReplacedError(SQLAlchemyError):
     """SQLite's file was removed or replaced: what is written to the open one would be lost."""
+
+
+class NoSpaceError(SQLAlchemyError):
+    """The disk is so full that only one connection can use SQLite's file, and another one does."""
+
+    def __init__(self) -> None:
+        super().__init__("the disk is full, so only one connection at a time can use the database")
 
 
 class Database:
@@ -94,9 +104,24 @@ class Database:
 
     def _connect_sqlite(self, dialect: sa.Dialect, _: Any, given: Any, named: Any) -> Any:
         self.check_file()  # connecting would create the file
-        connection = _connect_sqlite(dialect, given, named)
+        try:
+            connection = _connect_sqlite(dialect, given, named)
+        except sqlite3.OperationalError as error:
+            # Who writes does not keep others from connecting; who has the file alone does.
+            if error.sqlite_errorcode in _BUSY and not self._has_space():
+                raise NoSpaceError from None
+            raise
         self._opened = self._opened or self._file_now()
         return connection
+
+    def _has_space(self) -> bool:
+        """Whether the disk has space for the index that processes share."""
+        try:
+            with TemporaryFile(dir=Path(self.engine.url.database or "").parent) as file:
+                file.write(bytes(_INDEX_SIZE))
+        except OSError as error:
+            return not is_full(error)
+        return True
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -206,6 +231,8 @@ def is_full(error: BaseException | None) -> bool:
         return False
     match error:
         case OSError(errno=code) if code in _FULL:
+            return True
+        case NoSpaceError():
             return True
         case sqlite3.Error(sqlite_errorcode=sqlite3.SQLITE_FULL):
             return True

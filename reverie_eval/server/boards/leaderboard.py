@@ -177,40 +177,51 @@ def as_csv(ranking: Ranking) -> str:
 
 
 def csv_of(leaderboard: Mapping[str, Any]) -> str:
-    """Return the JSON of a leaderboard as CSV: a row per result, a column per metric.
+    """Return the JSON of a leaderboard as CSV: a row per result, as :func:`flat_rows`.
 
-    Then come the ends of intervals, in the unit of their metric, and the ranks that a result may
-    have. Results that are not ranked come last. A cell that a spreadsheet would read as a formula
-    begins with an apostrophe.
+    A cell that a spreadsheet would read as a formula begins with an apostrophe.
 
     References
     ----------
     OWASP, "CSV Injection".
     """
-    rows = [*leaderboard["rows"], *leaderboard["apart"]]
-    present: set[str] = set().union(*(row["scores"] for row in rows))
-    shown = [key for key in CATALOGUE if key in present]
-    drawn = [key for key in CATALOGUE if any(key in row["intervals"] for row in rows)]
+    rows = flat_rows(leaderboard)
+    columns = columns_of(rows)
+    return csv_text(columns, ([row.get(name) for name in columns] for row in rows))
+
+
+def flat_rows(leaderboard: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """Return the results in the JSON of a leaderboard, each with a value for each column.
+
+    Results that are not ranked come last.
+    """
+    return [_flat(row) for row in (*leaderboard["rows"], *leaderboard["apart"])]
+
+
+def _flat(row: Mapping[str, Any]) -> Mapping[str, Any]:
+    ends = {
+        f"{key}_{end}": value
+        for key, interval in row["intervals"].items()
+        for end, value in zip(("low", "high"), interval, strict=True)
+    }
+    best, worst = row["rank_interval"] or (None, None)
+    method = {**row["method"], "method": row["method"]["name"]}
+    reviews = "; ".join(f"{each['verdict']}: {each['reason']}" for each in row["reviews"])
+    own = {"reviews": reviews, "rank_low": best, "rank_high": worst}
+    return {**row, **method, **row["scores"], **ends, **own}
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> Sequence[str]:
+    """Return the columns of :func:`flat_rows`, but for descriptions of methods.
+
+    Metrics that no result has are left out. Then come the ends of intervals, in the unit of their
+    metric, and the ranks that a result may have.
+    """
+    present: set[str] = set().union(*rows)
+    ends = [f"{key}_{end}" for key in CATALOGUE for end in ("low", "high")]
+    measured = [name for name in (*CATALOGUE, *ends) if name in present]
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
-    ends = [f"{key}_{end}" for key in drawn for end in ("low", "high")]
-    columns = [*_ABOUT, *headings, *_STANDING, *shown, *ends, *_OF_RANK]
-    cells = [
-        [
-            *(row[name] for name in _ABOUT),
-            *(row["method"].get(name) for name in _OF_METHOD),
-            *({**row, "reviews": _in_words(row["reviews"])}[name] for name in _STANDING),
-            *(row["scores"].get(key) for key in shown),
-            *(end for key in drawn for end in row["intervals"].get(key, (None, None))),
-            *(row["rank_interval"] or (None, None)),
-            row["group"],
-        ]
-        for row in rows
-    ]
-    return csv_text(columns, cells)
-
-
-def _in_words(reviews: Sequence[Mapping[str, str]]) -> str:
-    return "; ".join(f"{each['verdict']}: {each['reason']}" for each in reviews)
+    return [*_ABOUT, *headings, *_STANDING, *measured, *_OF_RANK]
 
 
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:

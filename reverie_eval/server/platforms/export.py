@@ -1,6 +1,7 @@
 """Write what leaderboards show as tables for analysis: CSV, with a description of all columns.
 
 Everything is taken from the leaderboards' own JSON, so nothing is exported that they do not show.
+Results have the columns of a leaderboard's CSV.
 """
 
 import json
@@ -12,11 +13,10 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
-from reverie_eval.server.boards.leaderboard import Rankings, as_json
+from reverie_eval.server.boards.leaderboard import Rankings, as_json, columns_of, flat_rows
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.csv_files import write_csv
 from reverie_eval.server.opening import opened_server
-from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
@@ -30,8 +30,7 @@ class ExportedTable(NamedTuple):
     """A table of the export."""
 
     name: str
-    columns: Mapping[str, str]
-    """The type of each: ``string``, ``integer``, ``number`` or ``boolean``."""
+    columns: Sequence[str]
     rows: Sequence[Row]
 
 
@@ -69,78 +68,40 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
             ranking = state.get(Rankings).detailed(session, board)
             told = corrections_of(session, board)
             shown = json.loads(as_json(ranking, told, state.settings.organiser))
-            boards.append({name: shown[name] for name in _BOARD})
+            of_board = {name: shown[name] for name in _OF_BOARD}
+            boards.append(shown)
+            results += [{**of_board, **row} for row in flat_rows(shown)]
             corrections += shown["corrections"]
-            for row in (*shown["rows"], *shown["apart"]):
-                said = row.pop("reviews")
-                of = {"split": board.split, "submission_id": row["submission_id"]}
-                if not board.name:  # reviews are of submissions, and the same on all of them
-                    reviews += [of | review for review in said]
-                results.append(_flat(board, row))
-    metrics = {key: "number" for key in CATALOGUE if any(key in row for row in results)}
-    yield _table("leaderboards", boards, _BOARD)
-    yield _table("results", results, {**_RESULT, **metrics})
-    yield _table("reviews", reviews, _REVIEW)
-    yield _table("corrections", corrections, _CORRECTION)
+            if not board.name:  # reviews are of submissions, and the same on all of them
+                reviews += [
+                    of_board | {"submission_id": row["submission_id"]} | review
+                    for row in (*shown["rows"], *shown["apart"])
+                    for review in row["reviews"]
+                ]
+    yield ExportedTable("leaderboards", _BOARD, boards)
+    yield ExportedTable("results", [*_OF_BOARD, *columns_of(results), "description"], results)
+    yield ExportedTable("reviews", _REVIEW, reviews)
+    yield ExportedTable("corrections", _CORRECTION, corrections)
 
 
-def _flat(board: Board, row: dict[str, Any]) -> Row:
-    """Return a row of a leaderboard with a column for each field of its method and each metric."""
-    scores, method = row.pop("scores"), row.pop("method")
-    bounds = {
-        f"{key}_{end}": bound
-        for key, interval in (row.pop("intervals") or {}).items()
-        for end, bound in zip(("low", "high"), interval, strict=True)
-    }
-    method["method"] = method.pop("name")
-    row["rank_low"], row["rank_high"] = row.pop("rank_interval") or (None, None)
-    return {"split": board.split, "board": board.name, **row, **method, **scores, **bounds}
+_OF_BOARD = ("split", "board")
+_BOARD = (*_OF_BOARD, "protocol", "metric", "fingerprint", "signature")
+_REVIEW = ("split", "submission_id", "verdict", "reason", "reviewer", "created_at")
+_CORRECTION = (*_OF_BOARD, "created_at", "reason", "signature")
+_INTEGERS = frozenset({"rank", "rank_low", "rank_high", "group", "submissions", "sample_size"})
 
 
-_TEXT, _FLAG = "string", "boolean"
-_BOARD = dict.fromkeys(("split", "board", "protocol", "metric", "fingerprint", "signature"), _TEXT)
-_RESULT = {
-    "split": _TEXT,
-    "board": _TEXT,
-    "standing": _TEXT,
-    "rank": "integer",
-    "rank_low": "integer",
-    "rank_high": "integer",
-    "group": "integer",
-    "submission_id": _TEXT,
-    "team": _TEXT,
-    "published_at": _TEXT,
-    "submissions": "integer",
-    "method": _TEXT,
-    "description": _TEXT,
-    "paper": _TEXT,
-    "code": _TEXT,
-    **dict.fromkeys(METHOD_FLAGS, _FLAG),
-    "input_class": _TEXT,
-    "sample_size": "integer",
-    **dict.fromkeys(METHOD_COSTS, "number"),
-    "reference": _FLAG,
-    "signature": _TEXT,
-    "source": _TEXT,
-    "reported_date": _TEXT,
-    "dataset": _TEXT,
-}
-_REVIEW = dict.fromkeys(
-    ("split", "submission_id", "verdict", "reason", "reviewer", "created_at"), _TEXT
-)
-_CORRECTION = dict.fromkeys(("split", "board", "created_at", "reason", "signature"), _TEXT)
-
-
-def _table(name: str, rows: Sequence[Row], columns: Mapping[str, str]) -> ExportedTable:
-    """Return a table; any further columns of its rows, the bounds of intervals, are numbers."""
-    bounds = dict.fromkeys((key for row in rows for key in row if key not in columns), "number")
-    return ExportedTable(name, {**columns, **bounds}, rows)
-
-
-def _unit(column: str) -> str:
-    """Return the unit of a column with a metric or a bound of its interval; empty for others."""
+def _field(column: str) -> Mapping[str, str]:
+    """Describe a column: its type, and its unit if it is a metric or an end of its interval."""
     metric = CATALOGUE.get(column.removesuffix("_low").removesuffix("_high"))
-    return "" if metric is None else metric.unit
+    if metric is not None:
+        return {"name": column, "type": "number", "unit": metric.unit}
+    if column in _INTEGERS:
+        return {"name": column, "type": "integer"}
+    if column in METHOD_COSTS:
+        return {"name": column, "type": "number"}
+    is_flag = column in METHOD_FLAGS or column == "reference"
+    return {"name": column, "type": "boolean" if is_flag else "string"}
 
 
 def _description(title: str, tables: Sequence[ExportedTable]) -> Row:
@@ -152,13 +113,7 @@ def _description(title: str, tables: Sequence[ExportedTable]) -> Row:
                 "name": table.name,
                 "path": f"{table.name}.csv",
                 "format": "csv",
-                "schema": {
-                    "fields": [
-                        {"name": name, "type": kind}
-                        | ({"unit": _unit(name)} if _unit(name) else {})
-                        for name, kind in table.columns.items()
-                    ]
-                },
+                "schema": {"fields": list(map(_field, table.columns))},
             }
             for table in tables
         ],

@@ -5,7 +5,6 @@ requests to join, several of which can be answered at once.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from functools import partial
 from typing import Annotated, get_args
 
 from fastapi import APIRouter, Path, Query
@@ -21,7 +20,7 @@ from reverie_eval.schemas.people import (
     PersonInvitation,
     Rejection,
 )
-from reverie_eval.schemas.service import ProblemDocument, Role
+from reverie_eval.schemas.service import Role
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.accounts import joining, people, people_files, personal_data, tokens
 from reverie_eval.server.errors import MalformedError
@@ -222,32 +221,26 @@ def import_file(desk: Desk, form: Posted) -> Response:
     return show_invitations(desk, report.invitations, PAGE)
 
 
-def draw_person(
-    person_id: int,
-    desk: Call,
-    typed: forms.Typed | None = None,
-    problem: ProblemDocument | None = None,
-    what: str = "",
-) -> Response:
-    """Show a person, and the form to change them, with its fields unless others are given."""
-    with desk.reading() as reading:
+def page_of_person(person_id: int) -> forms.FormPage:
+    """Return the page of a person, with the form to change them."""
+
+    @forms.shown_by("person.html")
+    def draw(_: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
         person = people.person_report(people.find_person(reading.session, person_id))
         own = {"name": person.name, "email": person.email or "", "team": person.team}
-        return page(
-            reading,
-            "desk/person.html",
-            problem,
-            person=person,
-            team_names=people.names_of_teams(reading.session),
-            typed=own if typed is None else typed,
-            done=what,
-        )
+        return {
+            "person": person,
+            "team_names": people.names_of_teams(reading.session),
+            "typed": typed or own,
+        }
+
+    return draw
 
 
 @pages.get(f"{PAGE}/{{person_id}}")
 def show_person(person_id: Number, desk: Desk, done: forms.Done = "") -> Response:
     """Show a person."""
-    return draw_person(person_id, desk, what=done)
+    return page_of_person(person_id)(desk, {}, what=done)
 
 
 @routes.get("/people/{person_id}", responses=problems("not-found"))
@@ -279,7 +272,7 @@ def delete_person(person_id: Number, organiser: Organiser) -> schemas.PersonRepo
 @pages.post(f"{PAGE}/{{person_id}}/delete")
 def delete_person_at_desk(person_id: Number, desk: Desk, form: Posted) -> Response:
     """Remove a person's name and address."""
-    forms.show_faults(desk, {}, partial(draw_person, person_id))
+    forms.show_faults(desk, {}, page_of_person(person_id))
     if not forms.is_confirmed(form):
         with desk.reading() as reading:
             name = people.find_person(reading.session, person_id).name
@@ -305,32 +298,25 @@ def change_person(
 @pages.post(f"{PAGE}/{{person_id}}")
 def change_person_at_desk(person_id: Number, desk: Desk, form: Posted) -> Response:
     """Rename a person, change their address, or move them to another team."""
-    typed = forms.typed_by(desk, form, partial(draw_person, person_id))
+    typed = forms.typed_by(desk, form, page_of_person(person_id))
     change = read_model(schemas.PersonChange, {**typed, "email": typed.get("email") or None})
     desk.perform(people.change_person, person_id, change)
     return forms.done(f"{PAGE}/{person_id}", "changed")
 
 
-def draw_requests(
-    ticked: Collection[int] | None,
-    desk: Call,
-    typed: forms.Typed,
-    problem: ProblemDocument | None = None,
-    what: str = "",
-) -> Response:
-    """Show the open requests, with a tick at some of them, or with None at all."""
-    with desk.reading() as reading:
-        return page(
-            reading,
-            "desk/requests.html",
-            problem,
-            requests=joining.list_requests(reading.session, forms.page_at(desk, "requests")),
-            cursor=desk.request.query_params.get("requests", ""),
-            are_accepted=desk.server.settings.accept_requests_to_join,
-            ticked=ticked,
-            typed=typed,
-            done=what,
-        )
+def page_of_requests(ticked: Collection[int] | None) -> forms.FormPage:
+    """Return the page of the open requests, with a tick at some of them, or with None at all."""
+
+    @forms.shown_by("requests.html")
+    def draw(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
+        return {
+            "requests": joining.list_requests(reading.session, forms.page_at(desk, "requests")),
+            "cursor": desk.request.query_params.get("requests", ""),
+            "are_accepted": desk.server.settings.accept_requests_to_join,
+            "ticked": ticked,
+        }
+
+    return draw
 
 
 @routes.get("/requests")
@@ -344,7 +330,7 @@ def show_requests(
     desk: Desk, done: forms.Done = "", tick: Annotated[str, Query(max_length=20)] = ""
 ) -> Response:
     """Show the open requests, all of them ticked if the query says so."""
-    return draw_requests(None if tick == "all" else (), desk, {}, what=done)
+    return page_of_requests(None if tick == "all" else ())(desk, {}, what=done)
 
 
 @routes.post("/requests/{request_id}/accept", responses=_REFUSALS)
@@ -363,7 +349,7 @@ def reject_request(request_id: Number, rejection: Rejection, organiser: Organise
 def answer_requests(desk: Desk, form: Posted) -> Response:
     """Accept the ticked requests, and show the invitations in this one reply; or reject them."""
     ticked = [forms.number(text) for text in form.getlist("request") if isinstance(text, str)]
-    typed = forms.typed_by(desk, form, partial(draw_requests, ticked))
+    typed = forms.typed_by(desk, form, page_of_requests(ticked))
     if not ticked:
         raise MalformedError("tick the requests that you want to answer first")
     if typed.get("what") == "accept":

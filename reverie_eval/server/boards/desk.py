@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas import organising as schemas
-from reverie_eval.schemas.service import NewsReport, ProblemDocument, ReleaseScores, ReportedMethod
+from reverie_eval.schemas.service import NewsReport, ReleaseScores, ReportedMethod
 from reverie_eval.schemas.wire import LONGEST_ID
 from reverie_eval.server.boards import news, reported, reviews, schedules
 from reverie_eval.server.boards.entries import is_anonymous
@@ -30,7 +30,6 @@ from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser,
 from reverie_eval.server.http.openapi import organiser_router, problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
-from reverie_eval.server.http.rendering import page
 from reverie_eval.server.messages.notices import current_notice, post_notice
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.tasks import Task
@@ -160,25 +159,21 @@ def draw_reported_import(desk: Call, _snapshot: CallReading, _: forms.Typed) -> 
     return {"splits": list(desk.server.boards), "rates": get_args(schemas.Rates)}
 
 
-def draw_reported_result(
-    result_id: int,
-    desk: Call,
-    typed: forms.Typed | None = None,
-    problem: ProblemDocument | None = None,
-) -> Response:
-    """Show the form to change a reported result, with its fields unless others are given."""
-    with desk.reading() as reading:
+def page_of_result(result_id: int) -> forms.FormPage:
+    """Return the page with the form to change a reported result."""
+
+    @forms.shown_by("reported-result.html")
+    def draw(desk: Call, reading: CallReading, typed: forms.Typed) -> forms.Shown:
         result = reported.find_reported(reading.session, result_id)
         task = desk.server.settings.tasks.get(result.split)
-        return page(
-            reading,
-            "desk/reported-result.html",
-            problem,
-            result=result,
+        return {
+            "result": result,
             **_scores_asked([task] if task else desk.server.tasks),
-            method_fields=ReportedMethod.model_fields,
-            typed=_typed_of(result) if typed is None else typed,
-        )
+            "method_fields": ReportedMethod.model_fields,
+            "typed": typed or _typed_of(result),
+        }
+
+    return draw
 
 
 @routes.get("/reported")
@@ -227,7 +222,7 @@ def import_reported(desk: Desk, form: Posted) -> Response:
 @pages.get(f"{REPORTED}/{{result_id}}")
 def show_reported_result(result_id: Number, desk: Desk) -> Response:
     """Show the form to change a reported result."""
-    return draw_reported_result(result_id, desk)
+    return page_of_result(result_id)(desk, {})
 
 
 @routes.patch("/reported/{result_id}", responses=problems("not-found", "conflict"))
@@ -242,7 +237,7 @@ def change_reported_result(
 @pages.post(f"{REPORTED}/{{result_id}}")
 def change_reported(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Change a reported result."""
-    typed = forms.typed_by(desk, form, partial(draw_reported_result, result_id))
+    typed = forms.typed_by(desk, form, page_of_result(result_id))
     changed = read_change(schemas.ReportedChange, _cells(typed))
     desk.perform(reported.change_reported, result_id, changed, desk.server.settings.tasks)
     return forms.done(REPORTED, "changed")

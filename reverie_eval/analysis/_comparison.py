@@ -160,7 +160,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
         engine = IntervalEngine.of(confidence, resamples, seed)
         check_comparable(scores)
-        scores = baseline_first(scores, baseline)
+        scores = _baseline_first(scores, baseline)
         (_, first), *others = scores.items()
         changes = {
             name: {
@@ -173,8 +173,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # To have compared all pairs for the best one is no less than to test them all.
         pairs = comb(len(scores), 2) if all_pairs or baseline == BEST else None
         if any(isinstance(each, Runs) for each in scores.values()):
-            run_intervals, p_value = intervals_of_runs(scores, changes, cluster, engine.confidence)
-            differences = describe_differences(changes, run_intervals, p_value, pairs)
+            run_intervals, p_value = _intervals_of_runs(scores, changes, cluster, engine.confidence)
+            differences = _describe_differences(changes, run_intervals, p_value, pairs)
             return cls(scores, run_intervals, differences, pairs, 0, 0.0)
         row_cluster = clusters_of(first.ground_truth, cluster)
         intervals = Intervals.of_several(
@@ -185,7 +185,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # All changes side by side, so that the swaps are drawn once.
         table = np.column_stack([each for change in changes.values() for each in change.values()])
         p_value = randomisation_p(table, row_cluster, resamples=swaps, seed=engine.seed)
-        differences = describe_differences(changes, intervals, p_value, pairs)
+        differences = _describe_differences(changes, intervals, p_value, pairs)
         smallest = smallest_p(n_comparisons, len(np.unique(row_cluster)))
         return cls(scores, intervals, differences, pairs, swaps, smallest)
 
@@ -493,7 +493,7 @@ def compare(
     )
 
 
-def intervals_of_runs(
+def _intervals_of_runs(
     scores: Mapping[str, Scored],
     changes: Mapping[str, Mapping[str, Array]],
     cluster: Clustering,
@@ -515,7 +515,7 @@ def intervals_of_runs(
     return intervals, np.concatenate(p_values)
 
 
-def describe_differences(
+def _describe_differences(
     changes: Mapping[str, Mapping[str, Array]],
     intervals: Mapping[str, ClusterIntervals],
     p_value: FloatArray,
@@ -581,7 +581,7 @@ def check_comparable(scores: Mapping[str, Scored]) -> None:
     check_same_signature(scores.values())
 
 
-def baseline_first(scores: Mapping[str, Scored], baseline: str | None) -> Mapping[str, Scored]:
+def _baseline_first(scores: Mapping[str, Scored], baseline: str | None) -> Mapping[str, Scored]:
     """Return the scores with those of the baseline first, the others in their order."""
     if baseline is None:
         return scores

@@ -60,7 +60,7 @@ class RunIntervals(ClusterIntervals):
 
         ``ends``, of shape (2, n_metrics), has a column for each of the keys.
         """
-        groups = [equal_runs(each) for each in runs]
+        groups = [_equal_runs(each) for each in runs]
         return cls(
             cluster,
             len(means.deviation),
@@ -156,7 +156,7 @@ class Runs(Scored):
         first, *_ = runs.values()
         check_same_signature(runs.values(), "runs")
         Intervals.check_possible(first.ground_truth, cluster)
-        keys = common_keys(runs.values())
+        keys = _common_keys(runs.values())
         means = crossed_means(runs, keys, cluster)
         # Checked and completed as everywhere, though nothing is resampled.
         level = IntervalEngine.of(confidence).confidence
@@ -224,12 +224,12 @@ def runs_of(scored: Scored) -> Mapping[str, Scores]:
     return scored.runs if isinstance(scored, Runs) else {"": cast("Scores", scored)}
 
 
-def equal_runs(runs: Mapping[str, Scores]) -> Sequence[Sequence[str]]:
+def _equal_runs(runs: Mapping[str, Scores]) -> Sequence[Sequence[str]]:
     """Group the names of runs that have the same values in every episode.
 
     Such runs are most often the same file twice, or a seed that was not used.
     """
-    keys = common_keys(runs.values())
+    keys = _common_keys(runs.values())
     groups: list[list[str]] = []
     for name, scores in runs.items():
         for names in groups:
@@ -242,7 +242,7 @@ def equal_runs(runs: Mapping[str, Scores]) -> Sequence[Sequence[str]]:
     return groups
 
 
-def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
+def _common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
     """Return the metrics that all have for all episodes, in the order of the CATALOGUE."""
     first, *others = scores
     # A mean over runs needs a value of each run for the same episodes.
@@ -260,7 +260,7 @@ def crossed_means(
     # Importing scipy would double the start-up time of commands that show no intervals.
     from reverie_eval.metrics.engine import CrossedMeans
 
-    groups = equal_runs(runs)
+    groups = _equal_runs(runs)
     several = [runs[first] for first, *_ in groups]
     weight = np.array([len(names) for names in groups]) / len(runs)
     row_cluster = clusters_of(several[0].ground_truth, cluster)

@@ -104,7 +104,7 @@ def list_objects(house: House, position: FloatArray, rules: BoxRules) -> ListedB
     return boxes_of
 
 
-def published_form(house: House, listed: ListedBoxes) -> dict[str, dict[str, Any]]:
+def _published_form(house: House, listed: ListedBoxes) -> dict[str, dict[str, Any]]:
     """Return the objects listed at a viewpoint in the published form."""
     names = dict(zip(house.object_id.tolist(), house.names, strict=True))
     return {
@@ -341,7 +341,7 @@ def _build_scan(scan: Scan, *, folder: Path, rules: BoxRules) -> ScanResult:
     listed = boxes = 0
     for viewpoint_id, position in zip(graph.viewpoint_ids, graph.position, strict=True):
         objects = list_objects(house, position, rules)
-        content = {viewpoint_id: published_form(house, objects)}
+        content = {viewpoint_id: _published_form(house, objects)}
         file = folder / f"{scan.scan_id}_{viewpoint_id}.json"
         file.write_bytes(msgspec.json.encode(content) + b"\n")
         listed += len(objects)

@@ -246,7 +246,7 @@ _PUBLISHED: Sequence[tuple[str, Measure, Mapping[tuple[str, ...], float]]] = (
 )
 
 
-def compare_with_paper(
+def _compare_with_paper(
     alone: Mapping[str, SplitDescription],
     describe: Callable[[tuple[str, ...]], SplitDescription],
     *,
@@ -337,7 +337,7 @@ def describe_dataset(
     buildings, viewpoints = len(viewpoint_counts), sum(viewpoint_counts.values())
     paper: Sequence[PaperComparison] = ()
     if task.name == DEFAULT_TASK:
-        paper = compare_with_paper(alone, describe, buildings=buildings, viewpoints=viewpoints)
+        paper = _compare_with_paper(alone, describe, buildings=buildings, viewpoints=viewpoints)
     return DatasetDescription(
         splits=alone,
         total=describe(tuple(facts)),

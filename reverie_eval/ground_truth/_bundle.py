@@ -100,7 +100,7 @@ class BundleHeader:
     sources: Mapping[str, str]
     """SHA-256 of the annotations, boxes and connectivity files it was compiled from."""
     fingerprint: str
-    """SHA-256 of the arrays, as :func:`fingerprint_of` computes it."""
+    """SHA-256 of the arrays, as :func:`_fingerprint_of` computes it."""
     task: str = DEFAULT_TASK
     """The name of the task; headers of the default task do not have it."""
     episodes: tuple[str, ...] = ()
@@ -148,7 +148,7 @@ class Bundle:
             name: frozen(array.astype(formats[name.partition("/")[0]]))
             for name, array in arrays.items()
         }
-        header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed), task, episodes)
+        header = BundleHeader(split, dataset, dict(sources), _fingerprint_of(typed), task, episodes)
         return cls(header, typed, other_splits, texts)
 
     @property
@@ -229,7 +229,7 @@ class Bundle:
             needed & members.keys() in (set(), needed)
         )
         is_complete &= is_complete and set(header.episodes) <= set(members["instr_id"].tolist())
-        if not is_complete or fingerprint_of(members) != header.fingerprint:
+        if not is_complete or _fingerprint_of(members) != header.fingerprint:
             raise GroundTruthError(f"{path} is damaged: its contents do not match its header")
         arrays = {name: frozen(array) for name, array in members.items()}
         return cls(header, arrays, other_splits, texts)
@@ -261,7 +261,7 @@ def unpack_texts(packed: Array | None, what: str, count: int) -> tuple[str, ...]
     return texts
 
 
-def fingerprint_of(arrays: Mapping[str, Array]) -> str:
+def _fingerprint_of(arrays: Mapping[str, Array]) -> str:
     """Return the SHA-256 of the names, types, shapes and bytes of scored arrays, by name."""
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):

@@ -196,7 +196,7 @@ class GroundTruth:
             If there are none, or some are unknown or listed twice; lists every problem.
         """
         listed = [each for given in instr_ids for each in self._episodes_of(given)]
-        rows = subset_rows(listed, self.episodes.index, self.split)
+        rows = _subset_rows(listed, self.episodes.index, self.split)
         chosen = self._take(rows)
         return replace(chosen, subset_digest=subset_digest(chosen.episodes.instr_ids))
 
@@ -528,7 +528,7 @@ def _id_of(entry: Any) -> str | int | None:
     return found if isinstance(found, str | int) and not isinstance(found, bool) else None
 
 
-def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> IntArray:
+def _subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> IntArray:
     """Return the rows of the chosen episodes, ascending, or raise SubsetError with all problems."""
     if not chosen:
         message = f"no episode is listed; list the instr_ids of some episodes of {split}"

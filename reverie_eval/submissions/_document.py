@@ -197,7 +197,7 @@ def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
         except json.JSONDecodeError as error:
             return values, error
         values.append(value)
-        check_record_count(len(values))
+        _check_record_count(len(values))
         position = _end_of_space(text, position)
     return values, None
 
@@ -207,7 +207,7 @@ def _end_of_space(text: str, position: int) -> int:
     return position if space is None else space.end()
 
 
-def check_record_count(count: int) -> None:
+def _check_record_count(count: int) -> None:
     """Refuse more records than any split could need."""
     if count > MAX_RECORDS:
         raise SubmissionError([problems.TOO_MANY_RECORDS.of_file(limit=MAX_RECORDS)])
@@ -240,7 +240,7 @@ def locate_records(
         _check_viewpoints(document)
     _check_predictions(document)
     if isinstance(document, Sized):
-        check_record_count(len(document))
+        _check_record_count(len(document))
     return [
         (location, record)
         for location, record in _located_records(document, log, task)

@@ -88,7 +88,7 @@ def answer_hints(submission: SubmissionColumns, ground_truth: GroundTruth) -> It
     if ground_truth.solution is None:
         return
     boxes, stop = submission.boxes, submission.stop
-    yield from reading_hints(boxes, stop[boxes.row], ground_truth.solution.boxes)
+    yield from _reading_hints(boxes, stop[boxes.row], ground_truth.solution.boxes)
     predicted = submission.predicted_object != ABSTAINED
     # In a file that answers mostly by box, the few object ids that are left say too little.
     if predicted.sum() <= len(boxes.row):
@@ -141,7 +141,7 @@ def box_hints(boxes: BoxAnswers) -> Iterator[str]:
         )
 
 
-def reading_hints(
+def _reading_hints(
     boxes: BoxAnswers, viewpoint: IntArray, annotated: CandidateBoxes
 ) -> Iterator[str]:
     """Yield a hint if the boxes fit annotated objects much better when they are read otherwise.

@@ -85,7 +85,7 @@ def recognise(
 ) -> Recognition:
     """Return what the ids of a file are, and note the mistakes in them in the log."""
     known = _KnownIds(ground_truth)
-    corrected = correct_instr_ids(ids, known)
+    corrected = _correct_instr_ids(ids, known)
     raw, task, split = _raw(ids), ground_truth.task, ground_truth.split
     # Results without answers begin alike in several tasks.
     tells_paths = signs.has_answers and task.has_targets
@@ -428,7 +428,7 @@ def is_viewpoint_id(text: str | None) -> bool:
     return text is not None and _VIEWPOINT.fullmatch(text) is not None
 
 
-def correct_instr_ids(ids: Ids, known: Known) -> Corrected:
+def _correct_instr_ids(ids: Ids, known: Known) -> Corrected:
     """Return ids without the mistake that unknown ones have in common, if there is one.
 
     Different ids stay different: where they do not, the mistake is another one.
@@ -447,18 +447,18 @@ def _correct(
     ids: Ids, known: Known, causes: Sequence[tuple[Fault, _Correction]], count: int = 0
 ) -> Corrected:
     """Return ids without the first mistake that explains them, of which so many stay different."""
-    unknown = count_unknown(ids, known)
+    unknown = _count_unknown(ids, known)
     for fault, correct in causes if unknown else ():
         # In a file whose instructions are counted from 1, most ids are known: of other episodes.
         is_right = known if fault is not faults.IDS_FROM_ONE else ()
         fixed = [each if each is None or each in is_right else correct(each, known) for each in ids]
         # At least half must be explained: a cause that helps a few ids is a coincidence. If
         # different ids became equal, predictions of different episodes would be taken for one.
-        if 2 * count_unknown(fixed, known) <= unknown and len(set(fixed)) >= count:
+        if 2 * _count_unknown(fixed, known) <= unknown and len(set(fixed)) >= count:
             return Corrected(fixed, fault)
     return Corrected(ids)
 
 
-def count_unknown(ids: Ids, known: Known) -> int:
+def _count_unknown(ids: Ids, known: Known) -> int:
     """Return how many ids are not known."""
     return sum(each is not None and each not in known for each in ids)

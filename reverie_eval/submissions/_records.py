@@ -156,7 +156,7 @@ def read_records(
         (location, _with_known_fields(location, record, log, optional, fields_of(task)))
         for location, record in located
     ]
-    signs = signs_of([record for _, record in located], [record for _, record in named], task)
+    signs = _signs_of([record for _, record in located], [record for _, record in named], task)
     found = [(location, _with_id(location, record, log, task)) for location, record in named]
     if task.has_items:
         records = [
@@ -186,7 +186,7 @@ def read_records(
     return read, signs
 
 
-def signs_of(
+def _signs_of(
     given: Sequence[Mapping[str, Any]], named: Sequence[Mapping[str, Any]], task: Task
 ) -> Signs:
     """Return what the form of records says, as given and with their fields renamed."""

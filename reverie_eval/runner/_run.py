@@ -162,8 +162,8 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     return _records(plan, plan.environment(), kept)
 
 
-def _absolute(path: str | PathLike[str] | None) -> Path | None:
-    return None if path is None else Path(path).absolute()
+def _absolute(given: str | PathLike[str] | None) -> Path | None:
+    return None if given is None else Path(given).absolute()
 
 
 def _check_solution(plan: RunPlan) -> None:

@@ -29,7 +29,6 @@ OF_OTHER_ACTIONS = {
     "notify_of_fault",
     "replace_results",
     "append_rules",
-    "record_inspection",
     "take_due",
     "revoke_all",
     "check_organiser_left",

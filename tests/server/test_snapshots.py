@@ -21,7 +21,7 @@ from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import SnapshotError, Snapshots, snapshot_of
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.intake import retention
-from reverie_eval.server.intake.submissions import record_inspection
+from reverie_eval.server.intake.submissions import SubmissionService
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import revoke_key, rotate_key
 from reverie_eval.server.settings import Settings
@@ -480,8 +480,7 @@ def tidy(server: Serving) -> None:
 
 def inspect(server: Serving) -> None:
     submission = server.upload(OWNER).json()["submission"]["id"]
-    with server.acting() as transaction:
-        record_inspection(transaction, submission)
+    server.state.get(SubmissionService).inspect(submission, ORGANISER)
 
 
 def rename(server: Serving) -> None:

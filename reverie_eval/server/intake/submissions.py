@@ -108,15 +108,6 @@ def submission_of(
     return view.report(_row_of(session, person, submission_id))
 
 
-def record_inspection(transaction: Transaction, submission_id: str) -> None:
-    """Record that somebody is shown the values of single episodes, which may be private.
-
-    Raises NotFoundError if there is no such submission.
-    """
-    row = any_submission(transaction.session, submission_id)
-    transaction.record(INSPECTED, row, row.id)
-
-
 def result_on(name: str, submission: ScoredSubmission) -> BoardResult:
     """Return a submission's result on another leaderboard.
 
@@ -287,6 +278,48 @@ class SubmissionService:
         board = self.server.board(split, name)
         check_signature(board, signature)
         return self.server.scoring.run(score_episodes, split, name, sha256).scores(board)
+
+    def inspect(self, submission_id: str, actor: Actor) -> tuple[ScoredSubmission, Scores]:
+        """Return a submission, and the value of every episode, scored again from its upload.
+
+        Those of a private split are never sent over the network. They are for a user of the
+        server's machine, who can read the ground truth anyway, and the audit log records it.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such submission, or its split is no longer served.
+        UploadsError
+            If its upload is missing or damaged.
+        ConflictError
+            If the means are not the stored scores, or the file was deleted because of its age.
+        """
+        folder = self.server.settings.folder
+        with self.server.database.reading() as session:
+            row = any_submission(session, submission_id)
+            if row.upload_deleted_at is not None:
+                raise ConflictError(
+                    f"the file of {submission_id} was deleted on {row.upload_deleted_at:%Y-%m-%d}, "
+                    "because it was old and not published"
+                )
+            known = row.as_scored()
+        board = self.server.board(known.split)
+        if not board.measures_as(known.report):
+            raise ConflictError(
+                f"{submission_id} was scored before the ground truth or the rules changed; "
+                f"run `reverie-eval server rescore {folder} {board.split}` first"
+            )
+        reading = board.read(stored_upload(self.server.uploads, known.sha256))
+        scores = board.score(reading)
+        if board.report(scores, reading).scores != known.report.scores:
+            raise ConflictError(
+                f"{submission_id}: the upload does not give the stored scores; run `reverie-eval "
+                f"server doctor {folder}`"
+            )
+        with self.server.transactions.begin(actor) as transaction:
+            row = any_submission(transaction.session, submission_id)
+            transaction.record(INSPECTED, row, row.id)
+        return known, scores
 
     def compare(self, board: Board, named: Mapping[str, ScoredSubmission]) -> Comparison:
         """Compare results of a leaderboard on the same episodes, all others with the first.

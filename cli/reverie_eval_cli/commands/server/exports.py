@@ -37,9 +37,10 @@ def inspect(*, folder: Folder, submission_id: str, layout: str, output: str | No
     log records it. A new FILE can be read by its owner alone.
     """
     from reverie_eval.reporting.scores import episode_table, episodes_json, write_episodes
-    from reverie_eval.server.operations.inspection import inspect as inspected
+    from reverie_eval.server.intake.submissions import SubmissionService
 
-    submission, scores = inspected(folder.settings, submission_id, actor=actor())
+    with folder.open() as state:
+        submission, scores = state.get(SubmissionService).inspect(submission_id, actor())
     # On standard error, so that a file or a pipe has the values alone.
     note(f"{submission.method.name} by {submission.team}, {scores.signature}")
     with open_output(output or STANDARD_OUTPUT, mode=_OWNER_ONLY) as file:

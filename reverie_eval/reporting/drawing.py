@@ -5,6 +5,8 @@ and, for matplotlib, by the one below. Colours are distinguishable with any colo
 from the palette of Okabe and Ito, "Color Universal Design", 2008.
 """
 
+import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from types import MappingProxyType
@@ -56,6 +58,38 @@ def path_data(kind: str, lines: Sequence[FloatArray]) -> str:
 def line_data(points: FloatArray) -> str:
     """Return the data of a line."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist())
+
+
+_LARGE = re.compile(r'<(?:image|g class="solids")[^>]*?(?:/>|>.*?</g>)', re.DOTALL)
+"""Photographs, and the walls and furniture of a room or a level; none is in another."""
+
+
+def share_repeated(page: str) -> str:
+    """Let the large parts of drawings that a page repeats refer to where they are first.
+
+    The first one stays where it is, with an id, so that it looks as before.
+
+    Examples
+    --------
+    >>> share_repeated('<svg><image href="a"/></svg><svg><image href="a"/></svg>')
+    '<svg><image id="drawn-1" href="a"/></svg><svg><use href="#drawn-1"/></svg>'
+    """
+    counts = Counter(_LARGE.findall(page))
+    repeated = (part for part, count in counts.items() if count > 1)
+    ids = {part: f"drawn-{number}" for number, part in enumerate(repeated, 1)}
+    seen: set[str] = set()
+
+    def shared(match: re.Match[str]) -> str:
+        part = match[0]
+        if part not in ids:
+            return part
+        if part in seen:
+            return f'<use href="#{ids[part]}"/>'
+        seen.add(part)
+        name, rest = part.split(" ", 1)
+        return f'{name} id="{ids[part]}" {rest}'
+
+    return _LARGE.sub(shared, page)
 
 
 # SVG whose places across are percentages.

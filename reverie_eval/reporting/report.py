@@ -24,6 +24,7 @@ from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import answer_views
 from reverie_eval.reporting.building_svg import BUILDING_STYLE
 from reverie_eval.reporting.comparisons import comparison_table, procedures, sentences
+from reverie_eval.reporting.drawing import share_repeated
 from reverie_eval.reporting.map_svg import map_key, map_svg, replay_html
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.resources import as_markup, text_of
@@ -104,7 +105,7 @@ def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") ->
         # A name that the template misspells is an error, not an empty place.
         undefined=StrictUndefined,
     )
-    return environment.get_template(_TEMPLATE).render(_context(scores, cluster))
+    return share_repeated(environment.get_template(_TEMPLATE).render(_context(scores, cluster)))
 
 
 def _context(every: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any]:

@@ -518,8 +518,8 @@ def test_it_is_sound_html(page: str, request: pytest.FixtureRequest) -> None:
     root = parsed(request.getfixturevalue(page))
     identifiers = [each.get("id") for each in root.iter() if each.get("id")]
     assert len(set(identifiers)) == len(identifiers)
-    targets = {each.get("href", "") for each in root.iter(f"{HTML}a")}
-    assert targets == {f"#{each}" for each in identifiers}
+    links = [*root.iter(f"{HTML}a"), *root.iter(f"{SVG}use")]
+    assert {each.get("href", "") for each in links} == {f"#{each}" for each in identifiers}
 
 
 @pytest.mark.parametrize("page", ["single", "both", "spoiled"])

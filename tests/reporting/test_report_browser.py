@@ -60,6 +60,26 @@ def test_the_page_fits_its_window(width: int, opened: tuple[Page, list[str]]) ->
     assert wide == width
 
 
+COPY_AGAIN = """
+() => [...document.querySelectorAll('use')].map(each => {
+  const copy = document.querySelector(each.getAttribute('href')).cloneNode(true)
+  copy.removeAttribute('id')
+  each.replaceWith(copy)
+}).length
+"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_what_is_drawn_once_looks_the_same_wherever_it_is(
+    scheme: Literal["light", "dark"], opened: tuple[Page, list[str]]
+) -> None:
+    page, _ = opened
+    page.emulate_media(color_scheme=scheme)
+    drawn = page.screenshot(full_page=True)
+    assert page.evaluate(COPY_AGAIN) > 0
+    assert page.screenshot(full_page=True) == drawn
+
+
 IN_SIGHT = """
 () => {
   const box = document.querySelector('.comparison'), right = box.getBoundingClientRect().right

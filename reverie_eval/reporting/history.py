@@ -9,7 +9,7 @@ from bisect import bisect_left, insort
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
+from itertools import groupby, pairwise
 from operator import attrgetter
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -282,12 +282,18 @@ def rank_svg(ranks: Sequence[RankAt], until: float, title: str) -> str:
         return steps(points, end)
 
     end, told = axis.across(max(until, last.years)), f"{last.rank} of {last.results}"
+    # Above the end of the line, unless the line comes down there on a phone.
+    begin = end - 100 * _LETTER * len(told) / _PHONE
+    falls = any(
+        each.rank < last.rank for each, after in pairwise(ranks) if axis.across(after.years) > begin
+    )
+    told_at = y(last.rank) + (_LINE - 3 if falls else -5)
     own, count = line(attrgetter("rank")), line(attrgetter("results"))
     shapes = [
         *axis.labels(_RANK_HEIGHT - 4),
         *(line_across(y(rank), f"{rank}") for rank in sorted({1, most})),
         stretched_paths(_RANK_HEIGHT, [("count", count), ("curve series-1", own)]),
-        text_across(end, y(last.rank) - 5, told, "end", "leader"),
+        text_across(end, told_at, told, "end", "leader"),
     ]
     return wide_svg(title, _RANK_HEIGHT, shapes)
 

@@ -137,3 +137,22 @@ def test_a_rank_is_drawn_from_the_top() -> None:
     start, after = re.findall(r"[ V]([\d.]+)", own.get("d", ""))
     assert float(start) < float(after)
     assert "2 of 2" in [each.text for each in picture.iter("text")]
+
+
+@pytest.mark.parametrize(
+    ("costs", "is_below"),
+    [
+        pytest.param([5.0, 4.0], True, id="others overtook it"),
+        pytest.param([5.0, 6.0], False, id="the first all the time"),
+    ],
+)
+def test_a_rank_is_told_where_its_line_does_not_come_down(
+    costs: list[float],
+    is_below: bool,  # noqa: FBT001  # as the table has it
+) -> None:
+    results = [(2024.9 + 0.099 * number, cost) for number, cost in enumerate(costs)]
+    picture = drawn(rank_svg(rank_over_time(results, results[:1]), 2025.0, "Rank of Blue"))
+    own = next(each for each in picture.iter("path") if "curve" in str(each.get("class")))
+    *_, end = re.findall(r"[ V]([\d.]+)", own.get("d", ""))
+    (told,) = (each.get("y", "") for each in picture.iter("text") if each.get("class") == "leader")
+    assert (float(told) > float(end)) is is_below

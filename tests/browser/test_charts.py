@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from reverie_eval import CATALOGUE
-from tests.support.browser import DESKTOP, PHONE, WIDE, Held, OpenPage, await_chart
+from tests.support.browser import DESKTOP, PHONE, WIDE, Held, OpenPage, Size, await_chart
 from tests.support.demo_site import BOLD, OPEN, OWNER, PRIVATE, Site
 
 BOARD = f"/splits/{OPEN}"
@@ -130,6 +130,26 @@ def test_a_chart_that_did_not_arrive(site: Site, open_page: OpenPage) -> None:
     page.goto(BOARD)
     expect(page.get_by_text("The charts could not be loaded.")).to_be_visible()
     expect(page.locator("#against")).to_be_hidden()
+
+
+COVERED = """chart => {
+    const all = [...chart.querySelectorAll(".name, circle")];
+    const boxes = all.map(each => [each, each.getBoundingClientRect()]);
+    return boxes.filter(([name]) => name.matches(".of-line")).flatMap(([name, its]) => boxes
+        .filter(([other, box]) => other !== name && box.left < its.right && its.left < box.right
+            && box.top < its.bottom && its.top < box.bottom)
+        .map(([other]) => `${name.textContent} and ${other.textContent}`));
+}"""
+
+
+@pytest.mark.parametrize("size", [WIDE, DESKTOP, PHONE], ids=["wide", "desktop", "phone"])
+def test_the_name_of_a_line_covers_neither_points_nor_names(
+    size: Size, site: Site, open_page: OpenPage
+) -> None:
+    page = open_page(site, BOARD, size=size)
+    chart = await_chart(page, "against")
+    expect(chart.locator(".of-line")).to_have_text(["Best reported 34.93"])
+    assert chart.evaluate(COVERED) == []
 
 
 def test_charts_stand_beside_the_table_where_there_is_room(site: Site, open_page: OpenPage) -> None:

@@ -48,20 +48,21 @@ function draw() {
   const x = axisOf([...points.x, ...reported.x], shown.x, LEFT, width - RIGHT);
   const y = axisOf([...points.y, ...reported.y, ...lines.map((line) => line.y)], shown.y, height - BOTTOM, TOP);
   drawAxes(x, y, width, height);
-  for (const { name, y: value } of lines) {
-    element("path", { class: "count", d: `M${LEFT} ${y.at(value)}H${width - RIGHT}` }, chart);
-    element("text", { class: "tick", x: LEFT + 4, y: y.at(value) - 4 }, chart, `${name} ${value.toFixed(2)}`);
-  }
+  for (const line of lines) element("path", { class: "count", d: `M${LEFT} ${y.at(line.y)}H${width - RIGHT}` }, chart);
   const onFront = new Set(front);
   const rest = points.x.map((_, index) => index).filter((index) => !onFront.has(index));
   const of = (from) => (index) => ({ from, index, x: x.at(from.x[index]), y: y.at(from.y[index]) });
   const best = front.map(of(points)), others = rest.map(of(points));
   if (best.length > 1) element("path", { class: "front-line", d: `M${best.map((it) => `${it.x} ${it.y}`).join("L")}` }, chart);
   const scale = points.x.length > MANY ? 0.4 : 1;
-  drawPoints("reported", reported.x.map((_, index) => of(reported)(index)), 3 * scale);
+  const elsewhere = reported.x.map((_, index) => of(reported)(index));
+  drawPoints("reported", elsewhere, 3 * scale);
   drawPoints("rest", others, 4 * scale);
   drawPoints("front", best, 5);
-  drawNames([...best, ...others], width);
+  const taken = [...best, ...others, ...elsewhere].map(({ x: across, y: up }) => around(across, up, 4));
+  const compared = lines.map((line) => ({ name: `${line.name} ${line.y.toFixed(2)}`, at: y.at(line.y) }));
+  const names = nameLines(compared, taken, width, height);
+  namePoints([...best, ...others], [...taken, ...names], width);
 }
 
 function drawAxes(x, y, width, height) {
@@ -94,19 +95,43 @@ function drawPoints(kind, all, radius) {
   }
 }
 
-// Names of points, of the front first, as far as there is room for them between the points.
-function drawNames(all, width) {
-  const taken = all.map(({ x, y }) => ({ left: x - 4, right: x + 4, top: y - 4, bottom: y + 4 }));
-  const most = taken.length + MOST_NAMES;
+const around = (x, y, radius) => ({ left: x - radius, right: x + radius, top: y - radius, bottom: y + radius });
+const overlap = (one, other) => one.left < other.right && other.left < one.right && one.top < other.bottom && other.top < one.bottom;
+
+// Names of lines, each at the end and on the side of its line where it covers the fewest points, and no other name.
+function nameLines(lines, taken, width, height) {
+  const names = [];
+  for (const { name, at } of lines) {
+    const long = LETTER * name.length;
+    const places = [];
+    for (const base of [at - 4, at + LINE]) {
+      for (const left of [LEFT + 4, width - RIGHT - 4 - long]) {
+        const box = { left, right: left + long, top: base - LINE + 3, bottom: base + 3 };
+        const covers = taken.filter((each) => overlap(box, each)).length;
+        if (box.top >= 0 && box.bottom <= height - BOTTOM && !names.some((each) => overlap(box, each))) places.push({ box, base, covers });
+      }
+    }
+    if (places.length === 0) continue; // a chart too low for them; points have their values
+    const { box, base } = places.reduce((best, each) => (each.covers < best.covers ? each : best));
+    names.push(box);
+    element("text", { class: "name of-line", x: box.left, y: base }, chart, name);
+  }
+  return names;
+}
+
+// Names of points, of the front first, as far as there is room for them.
+function namePoints(all, taken, width) {
+  let named = 0;
   for (const { from, index, x, y } of all) {
+    if (named === MOST_NAMES) break;
     const name = short(from.method[index], 16);
     const long = LETTER * name.length;
     const isLeft = x + 7 + long > width - RIGHT;
     const left = isLeft ? x - 7 - long : x + 7;
     const box = { left, right: left + long, top: y - LINE / 2, bottom: y + LINE / 2 };
-    const overlap = (other) => box.left < other.right && other.left < box.right && box.top < other.bottom && other.top < box.bottom;
-    if (taken.length === most || left < LEFT || taken.some(overlap)) continue;
+    if (left < LEFT || taken.some((each) => overlap(box, each))) continue;
     taken.push(box);
+    named += 1;
     element("text", { class: "name", x: isLeft ? x - 7 : left, y: y + 4, "text-anchor": isLeft ? "end" : "start" }, chart, name);
   }
 }

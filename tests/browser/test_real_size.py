@@ -13,8 +13,16 @@ from playwright.sync_api import Page
 from fixtures.published import published_folder
 from reverie_eval.scoring import CORRECT, OUTCOMES
 from tests.conftest import unavailable
-from tests.support.browser import PHONE, WIDE, OpenPage, show_part
-from tests.support.demo_site import BOLD, OPEN, ORGANISER, PRIVATE, Site
+from tests.support.browser import (
+    DESKTOP,
+    PHONE,
+    SIDEWAYS,
+    WIDE,
+    OpenPage,
+    reload_until_ready,
+    show_part,
+)
+from tests.support.demo_site import BOLD, OPEN, ORGANISER, PRIVATE, WALKER, Site
 from tests.support.full_site import ITEMS, earlier_rows, full_site
 from tests.support.reader import read
 
@@ -93,6 +101,24 @@ def test_no_column_moves_while_the_rows_arrive(path: str, full: Full, open_page:
         for share in (0, 0.5):
             show_part(page, path, whole[: int(begin + share * (end - begin))])
             assert [each[number] for each in columns(page)] == [each[number] for each in final]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param("/submissions/{walker}/analysis", id="analysis of a method"),
+        pytest.param("/episodes/{split}?submission={walker}&other={bold}", id="two methods"),
+        pytest.param("/splits/{split}/compare?result={walker}&result={bold}", id="compared"),
+    ],
+)
+def test_no_column_is_out_of_sight(path: str, full: Full, open_page: OpenPage) -> None:
+    site = full.site
+    ids = {"walker": site.ids[OPEN, WALKER], "bold": site.ids[OPEN, BOLD]}
+    page = open_page(site, path.format(split=OPEN, **ids))
+    reload_until_ready(page)
+    for width, height in (DESKTOP, PHONE):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.evaluate(SIDEWAYS) == []
 
 
 def columns(page: Page) -> list[Any]:

@@ -30,6 +30,7 @@ from tests.conftest import unavailable
 from tests.support.demo_site import Site, furnish
 from tests.support.serving import OPEN, add_boards, running
 from tests.support.sharing import shared_folder
+from tests.support.waiting import wait_until
 
 CHROMIUM_NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 """The first is the same browser without windows; it takes half of the processor time."""
@@ -244,6 +245,18 @@ def exceeded(cost: Cost) -> Sequence[str]:
     return [f"{name}: {found:g} of {most:g}" for name, found, most in pairs if found > most]
 
 
+def reload_until_ready(page: Page) -> None:
+    """Load a page again until the server has computed what it shows, as the page says to do."""
+
+    def is_ready() -> bool:
+        if not page.get_by_role("link", name="Reload this page").count():
+            return True
+        page.reload()
+        return False
+
+    wait_until(is_ready)
+
+
 def show_part(page: Page, path: str, part: str) -> None:
     """Show so much of a page as has arrived, under the policy of all pages."""
     page.unroute_all()
@@ -285,6 +298,10 @@ TOO_WIDE = """width => [...document.querySelectorAll("body *")]
     .filter(each => !each.closest(".scroll, pre, svg, .unseen, .skip"))
     .map(each => each.outerHTML.slice(0, 90))"""
 """What reaches over the edge, besides what scrolls in a box of its own."""
+SIDEWAYS = """() => [...document.querySelectorAll(".scroll:has(> table:not(.board))")]
+    .filter(each => each.scrollWidth > each.clientWidth)
+    .map(each => `${each.scrollWidth - each.clientWidth} px: ${each.outerHTML.slice(0, 150)}`)"""
+"""Tables with columns out of sight, besides leaderboards, whose names stay where they are."""
 AXE = """rules => axe.run({
     rules: { "target-size": { enabled: true } },
     ...(rules && { runOnly: rules }),
@@ -304,6 +321,10 @@ PARSE_COLOURS_ONCE = """() => {
 }"""
 """Otherwise axe parses the same few colours again for each text and all that is behind it, which
 takes a third of its time."""
+WITHOUT_SHADOWS = """() => {
+    for (const each of document.querySelectorAll(".scroll")) each.style.background = "none";
+}"""
+"""Axe says nothing of the contrast of texts above gradients."""
 SERIOUS_ALONE = """() => {
     axe._audit.rules = axe._audit.rules.filter(({ impact }) => /serious|critical/.test(impact));
 }"""
@@ -330,6 +351,7 @@ def barriers(page: Page) -> Mapping[str, Sequence[str]]:
     for (width, height), scheme in ((DESKTOP, "light"), (PHONE, "dark")):
         page.set_viewport_size({"width": width, "height": height})
         page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
+        found[f"sideways at {width}"] = page.evaluate(SIDEWAYS)
         found[f"{width} {scheme}"] = serious_violations(page)
     return {where: what for where, what in found.items() if what}
 
@@ -345,6 +367,7 @@ def serious_violations(page: Page, rules: Sequence[str] | None = None) -> list[s
     """
     if not page.evaluate("'axe' in window"):
         page.evaluate(_axe())
+        page.evaluate(WITHOUT_SHADOWS)
         page.evaluate(PARSE_COLOURS_ONCE)
         page.evaluate(SERIOUS_ALONE)
     found = page.evaluate(AXE, rules)["violations"]

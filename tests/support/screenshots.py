@@ -32,6 +32,7 @@ from tests.support.browser import (
     demo_site,
     exceeded,
     new_context,
+    reload_until_ready,
     sign_in,
 )
 from tests.support.crowded_site import crowd
@@ -139,6 +140,7 @@ def _take_all(
             page.emulate_media(media=screen.medium)
             for example in (each for each in examples if each.who == who):
                 page.goto(example.path(site))
+                reload_until_ready(page)
                 for each in exceeded(cost_of(page)):
                     print(f"{example.name} on {kind} at {name}: {each}")  # noqa: T201
                 for scheme in screen.schemes:

@@ -98,6 +98,8 @@ class Kind(NamedTuple):
     """Metres: it is not higher, however high its box is."""
     widest: float = 4.0
     """Metres: it is not wider, if nothing but how wide it seems to be from elsewhere is known."""
+    deepest: float = 4.0
+    """Metres from its front to its back, at most."""
 
 
 class Part(NamedTuple):
@@ -132,15 +134,15 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
             "switch, thermostat, board, whiteboard, wainscotting, wall, windowsill, alarm, outlet, "
             "control, splash, sign, telephone, phone, dispenser": Kind("board", "white", "wall"),
             "table, desk, stand, workbench, sidetable": Kind("table", "wood", "floor", 0.9, 1.4),
-            "bench, pew": Kind("table", "wood", "floor", 0.5, 1.1),
+            "bench, pew": Kind("table", "wood", "floor", 0.5, 1.1, deepest=0.8),
             "stool": Kind("stool", "wood", "floor", 1.0, 1.1, 0.6),
             "chair, seat": Kind("chair", "wood", "floor", 1.0, 1.6, 0.8),
             "armchair, sofa chair, recliner": Kind("couch", "cloth", "floor", 1.0, 1.4, 1.2),
-            "couch, sofa, loveseat": Kind("couch", "cloth", "floor", 0.5, 1.4),
+            "couch, sofa, loveseat": Kind("couch", "cloth", "floor", 0.5, 1.4, deepest=0.8),
             "toilet, bidet": Kind("toilet", "white", "floor", 1.0, 1.2, 0.7),
             "bed": Kind("bed", "cloth", "floor", 1.0, 1.8),
             "sink, washbasin, basin": Kind("sink", "white", widest=1.2),
-            "bathtub, tub": Kind("bathtub", "white", "floor", 0.5, 1.0),
+            "bathtub, tub": Kind("bathtub", "white", "floor", 0.5, 1.0, deepest=0.8),
             "plant, tree, flower, bush, fern, bouquet, shrubbery": Kind(
                 "plant", "leaf", widest=1.5
             ),
@@ -153,36 +155,40 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
             "sconce, candle, candlestick, fixture": Kind("lamp", "light"),
             "pillar, column, post": Kind("pillar", "white", "floor"),
             "cabinet, cupboard, wardrobe, counter, kitchen counter, closet, vanity, island": Kind(
-                "cabinet", "wood", depth=0.7
+                "cabinet", "wood", depth=0.7, deepest=1.0
             ),
             "dresser, drawer, nightstand, chest": Kind("drawers", "wood", "floor", 0.8, 1.7, 1.8),
-            "shelf, shelves, rack, bookshelf, bookcase": Kind("shelves", "wood", depth=0.6),
-            "fireplace": Kind("hearth", "white", "floor", 0.4),
+            "shelf, shelves, rack, bookshelf, bookcase": Kind(
+                "shelves", "wood", depth=0.6, deepest=0.6
+            ),
+            "fireplace": Kind("hearth", "white", "floor", 0.4, deepest=0.8),
             "countertop": Kind("counter", "white", depth=0.9),
             "refrigerator, fridge": Kind("tall machine", "white", "floor"),
             "oven, stove, dishwasher": Kind("oven", "white", "floor", 1.0, 1.4),
             "dryer, machine": Kind("washer", "white", "floor", 1.0, 1.3),
             "microwave, conditioner, hood, printer": Kind("machine", "white"),
-            "piano, treadmill": Kind("block", "dark", "floor", 0.5, 1.6),
+            "piano, treadmill": Kind("block", "dark", "floor", 0.5, 1.6, deepest=0.8),
             "pillow, cushion": Kind("cushion", "cloth", tallest=0.8, widest=0.9),
             "blanket, sheet, comforter": Kind("cushion", "cloth"),
-            "cloth": Kind("towel", "cloth", depth=0.2),
+            "cloth": Kind("towel", "cloth", depth=0.2, deepest=0.8),
             "purse, bag, backpack, handbag": Kind("bag", "cloth", depth=0.8),
             "shoe": Kind("block", "dark", depth=0.6),
             "book": Kind("books", "cloth"),
             "ottoman, footstool, footrest": Kind("stool", "cloth", "floor", 1.0, 0.8),
-            "rug, carpet, mat": Kind("rug", "cloth", "floor"),
+            "rug, carpet, mat": Kind("rug", "cloth", "floor", tallest=0.05),
             "can, trashcan, bin, bucket": Kind("basket", "metal", "floor", 1.0, 1.2, 0.6),
             "basket, hamper, suitcase": Kind("basket", "clay", "floor", 1.0, 1.2),
             "extinguisher": Kind("bottle", "clay", "floor"),
             "faucet, handle, doorhandle, knob, head": Kind("faucet", "metal"),
             "pipe": Kind("block", "metal"),
-            "railing, handrail, fence, fencing, baracade, rope": Kind("rail", "wood", "floor", 0.1),
+            "railing, handrail, fence, fencing, baracade, rope": Kind(
+                "rail", "wood", "floor", 0.1, deepest=0.8
+            ),
             "rod, bar": Kind("block", "metal", "wall"),
             "bottle, toiletry, soap, canister, bottle of soap": Kind("bottle", "glass"),
             "vase, pot, flowerpot, urn": Kind("vase", "clay", widest=0.8),
             "cup, bowl, tray, fruit, food": Kind("bowl", "white"),
-            "plate": Kind("clock", "white", depth=0.2),
+            "plate": Kind("clock", "white", depth=0.2, deepest=0.8),
             "paper, roll": Kind("roll", "white"),
             "box, speaker": Kind("machine", "wood"),
             "pedestal": Kind("pillar", "wood", "floor"),

@@ -21,9 +21,8 @@ CAMERA_HEIGHT = 1.5
 _STANDS = 0.5
 # Metres of the thinnest and the largest side of an object.
 _LEAST, _MOST = 0.03, 4.0
-# Metres: half the thickness of what hangs on a wall, half the depth at most of what is shallow (at
-# most this part of its width), and half the width of a room at least.
-_THIN, _DEEP, _SHALLOW, _ROOM = 0.03, 0.4, 0.5, 0.45
+# Metres: half the thickness of what hangs on a wall, and half the width of a room at least.
+_THIN, _ROOM = 0.03, 0.45
 # Iterations that fit a solid to a box, by how much each may change a side, and the least depth.
 _FITS, _CHANGE, _NEAR = 6, 2.0, 0.15
 
@@ -85,13 +84,12 @@ class Solids:
         back = to_walls.argmin(axis=1) if len(flat) else np.zeros(0, dtype=np.int64)
         kinds = [kind_of(name) for name in names]
         is_board = np.array([kind.support == "wall" for kind in kinds], dtype=bool)
-        depth = np.array([kind.depth for kind in kinds])
+        depth, deepest = np.array([(kind.depth, kind.deepest) for kind in kinds]).reshape(-1, 2).T
         largest = np.array([(kind.widest, kind.tallest) for kind in kinds]).reshape(-1, 2)
         across, high = np.clip(size / 2, _LEAST / 2, largest / 2).T
         half = np.stack([across, across, high], axis=1)
         rows = np.arange(len(half))
-        deep = np.minimum(across * depth, np.where(depth <= _SHALLOW, _DEEP, np.inf))
-        half[rows, back % 2] = np.where(is_board, _THIN, deep)
+        half[rows, back % 2] = np.where(is_board, _THIN, np.minimum(across * depth, deepest / 2))
         # What is outside of its room was seen too badly to say where it is.
         is_inside = (to_walls >= 0).all(axis=1, keepdims=True)
         middle, reach = bounds.mean(axis=1), np.maximum((bounds[:, 1] - bounds[:, 0]) / 2, _ROOM)
@@ -204,9 +202,10 @@ class Solids:
         ray = np.einsum("ni,nij->nj", rays_of(low + size / 2), axes)
         away = np.linalg.norm(self.centre - camera, axis=1) / np.linalg.norm(ray, axis=1)
         centre, half = camera + ray * np.maximum(away, _NEAR * 2)[:, None], self.half.copy()
-        is_flat = np.array([kind_of(name).support == "wall" for name in self.names], dtype=bool)
-        rows = np.arange(len(half))
-        thick = half[rows, self.back % 2].copy()
+        is_flat = self.supports == "wall"
+        deepest = np.array([kind_of(name).deepest for name in self.names])
+        rows, along = np.arange(len(half)), self.back % 2
+        thick = half[rows, along].copy()
         for _ in range(_FITS):
             solid = replace(self, centre=centre, half=half)
             seen = np.einsum("nki,nji->nkj", solid.corners() - camera, axes)
@@ -215,12 +214,12 @@ class Solids:
             first, last = pixels.min(axis=1), pixels.max(axis=1)
             wider = np.clip(size / np.maximum(last - first, 1), 1 / _CHANGE, _CHANGE)
             half = np.clip(half * wider[:, [0, 0, 1]], _LEAST / 2, _MOST)
-            half[is_flat, self.back[is_flat] % 2] = thick[is_flat]
+            half[rows, along] = np.where(is_flat, thick, np.minimum(half[rows, along], deepest / 2))
             off = (low + size / 2 - (first + last) / 2) * (1, -1) / FOCAL_LENGTH
-            depth = np.einsum("ni,ni->n", centre - camera, axes[:, 2])[:, None]
-            depth = np.maximum(depth, _NEAR)
-            centre = centre + off[:, :1] * depth * axes[:, 0]
-            centre[:, 2] += off[:, 1] * depth[:, 0] / axes[:, 1, 2]
+            far = np.einsum("ni,ni->n", centre - camera, axes[:, 2])[:, None]
+            far = np.maximum(far, _NEAR)
+            centre = centre + off[:, :1] * far * axes[:, 0]
+            centre[:, 2] += off[:, 1] * far[:, 0] / axes[:, 1, 2]
         return replace(self, centre=centre, half=half)
 
 

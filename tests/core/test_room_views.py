@@ -90,6 +90,14 @@ def test_sizes_of_solids(
     assert thing.centre[0] == pytest.approx([*centre[:2], middle])
 
 
+def test_some_kinds_have_a_largest_depth() -> None:
+    """A cabinet 4 m wide is 1 m deep, and so it stays however large it looks from one viewpoint."""
+    cabinet = solids(["cabinet"], [(0.0, 1.5, 1.0)], size=4.0)
+    assert 2 * cabinet.half[0, 1] == pytest.approx(1.0)
+    fitted = cabinet.fitted(CAMERA[0], np.array([NORTH]), np.array([(20, 20, 600, 440)]))
+    assert 2 * fitted.half[0, 1] <= 1.0
+
+
 @pytest.mark.parametrize(
     ("centre", "expected"),
     [

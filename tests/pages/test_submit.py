@@ -340,6 +340,23 @@ def test_a_double_click_spends_once(owner: Visitor) -> None:
     assert kept(owner.server) == 1
 
 
+def test_the_form_promises_one_more_only_when_more_are_left_then(
+    open_server: OpenServer, folder: Path
+) -> None:
+    """After a day, all of that day's are left; that the month has one more then changes nothing."""
+    server = open_server(adjusted(settings_of(folder), quota=Quota(day=2)))
+    owner = signed_in(server, OWNER)
+    content = submission_for(PRIVATE, "random", 1)
+    assert owner.upload(content, split=PRIVATE).status_code == 303
+    left = "1 submission left: 1 of 2 per 24 hours, 9 of 10 per 30 days, 39 of 40 per 365 days."
+    assert f"{left} One more from 2026-03-03 12:00 UTC." in said(owner.get("/submit"))
+    server.clock.turn(hours=24)
+    left = "2 submissions left: 2 of 2 per 24 hours, 9 of 10 per 30 days, 39 of 40 per 365 days."
+    form = said(signed_in(server, OWNER).get("/submit"))
+    assert left in form
+    assert "One more from" not in form
+
+
 def test_a_spent_quota_says_when_the_next_is(open_server: OpenServer, folder: Path) -> None:
     tight = adjusted(settings_of(folder), quota=Quota(day=1))
     owner = signed_in(open_server(tight), OWNER)

@@ -15,7 +15,7 @@ IS_WHOLE = "each => each.getClientRects().length === 1"
 
 @pytest.mark.parametrize(
     ("path", "who"),
-    [("/submit", OWNER), ("/team", OWNER), ("/desk/attempts", ORGANISER), ("/desk", ORGANISER)],
+    [("/team", OWNER), ("/desk/attempts", ORGANISER), ("/desk", ORGANISER)],
 )
 def test_the_viewer_s_own_time_is_beside_every_instant(
     path: str, who: str, site: Site, open_page: OpenPage

@@ -24,7 +24,13 @@ from reverie_eval.submissions._predictions import (
     SubmissionColumns,
 )
 from reverie_eval.submissions._problems import RecordLocation
-from reverie_eval.submissions._recognition import Ids, fix_viewpoint_ids, is_viewpoint_id, recognise
+from reverie_eval.submissions._recognition import (
+    Ids,
+    fix_viewpoint_ids,
+    is_viewpoint_id,
+    outside_demo,
+    recognise,
+)
 from reverie_eval.text import first_few
 
 _UNKNOWN = -1
@@ -209,9 +215,14 @@ def _check_buildings(
     count = int(elsewhere.sum())
     # A few wrong starts are an agent's mistakes, and told one by one.
     if count > SHOWN_PROBLEMS and count > MOST * len(rows):
-        found = problems.OTHER_BUILDINGS.of_file(
-            count=count, total=len(rows), split=ground_truth.split
-        )
+        if ground_truth.is_demo and (begin[elsewhere] == _UNKNOWN).all():
+            found = outside_demo(
+                problems.BUILDINGS_OUTSIDE_DEMO, ground_truth, count=count, total=len(rows)
+            )
+        else:
+            found = problems.OTHER_BUILDINGS.of_file(
+                count=count, total=len(rows), split=ground_truth.split
+            )
         raise SubmissionError([found])
 
 

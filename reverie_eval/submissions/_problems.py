@@ -212,11 +212,19 @@ RESULTS_OF_ANOTHER_TASK = Template(
     "holds results of {other.title}, not of {task.title}: {sign}; score the file with --task "
     "{other.name}",
 )
+_NOT_DEMO = (
+    "to score {task.title} itself, clone {task.source}, run `reverie-eval compile {task.title} "
+    "{option}--split {split} -o {split}.npz` once and pass --ground-truth {split}.npz"
+)
 IDS_OUTSIDE_DEMO = Template(
     "not-the-demo-world",
     "no instr_id is in the demo world that ships with this package ({count:,} are not, the first "
-    "is {first!j}); to score {task.title} itself, clone {task.source}, run `reverie-eval compile "
-    "{task.title} {option}--split {split} -o {split}.npz` once and pass --ground-truth {split}.npz",
+    "is {first!j}); " + _NOT_DEMO,
+)
+BUILDINGS_OUTSIDE_DEMO = Template(
+    "not-the-demo-world",
+    "{count:,} of {total:,} trajectories begin in no building of the demo world that ships with "
+    "this package; " + _NOT_DEMO,
 )
 POSITIONS = Template(
     "continuous-environment",

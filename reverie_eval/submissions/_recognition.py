@@ -177,12 +177,19 @@ def _problem_of_all(
         )
     if unknown and ground_truth.is_demo and not _knows_paths(_raw(ids), ground_truth):
         first = str(ids[unknown[0]])
-        task = ground_truth.task
-        option = "" if task.name == DEFAULT_TASK else f"--task {task.name} "
-        return problems.IDS_OUTSIDE_DEMO.of_file(
-            count=len(unknown), first=first, split=ground_truth.split, task=task, option=option
+        return outside_demo(
+            problems.IDS_OUTSIDE_DEMO, ground_truth, count=len(unknown), first=first
         )
     return None
+
+
+def outside_demo(
+    template: problems.Template, ground_truth: GroundTruth, **found: object
+) -> Problem:
+    """Return a problem that says how to score the task itself instead of the demo world."""
+    task = ground_truth.task
+    option = "" if task.name == DEFAULT_TASK else f"--task {task.name} "
+    return template.of_file(split=ground_truth.split, task=task, option=option, **found)
 
 
 def _raw(ids: Ids) -> Sequence[str]:

@@ -327,6 +327,11 @@ def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:
     assert "clone github.com/YuankaiQi/REVERIE" in problem.message
     assert "reverie-eval compile REVERIE --split val_unseen -o val_unseen.npz" in problem.message
     assert "--ground-truth val_unseen.npz" in problem.message
+    # The demo world numbers some episodes as REVERIE does.
+    real = [record(each, "a68b5ae6571e4a66a4727573b88227e4") for each in demo.episodes.instr_ids]
+    (problem,) = problems_of(real, demo)
+    assert (problem.code, problem.where) == ("not-the-demo-world", "file")
+    assert problem.message.startswith("84 of 84 trajectories begin in no building of the demo")
 
 
 def test_a_submission_for_another_item(demo: GroundTruth) -> None:

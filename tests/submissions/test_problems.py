@@ -163,6 +163,14 @@ PROBLEMS = [
         "file",
         ["'9'", "--task ndh --split"],
     ),
+    (
+        problems.BUILDINGS_OUTSIDE_DEMO.of_file(
+            count=89, total=90, split="test", task=REVERIE, option=""
+        ),
+        "not-the-demo-world",
+        "file",
+        ["89 of 90", "REVERIE --split test"],
+    ),
     (problems.REPEATED_KEY.of_file(key="7_1_0"), "repeated-field", "file", ["'7_1_0'"]),
     (
         problems.POSITIONS.of_file(count=40, paths="42 paths", example=[1.5, 0.1, -2.5]),

@@ -7,7 +7,8 @@ from reverie_eval.ground_truth._bundle import (
     bundle_name,
     pack_texts,
 )
-from reverie_eval.ground_truth._graph import ID_LENGTH, NavigationGraph, ViewpointTable
+from reverie_eval.ground_truth._graph import NavigationGraph
+from reverie_eval.ground_truth._ids import ID_LENGTH, InstrIdTable, ViewpointTable
 from reverie_eval.ground_truth._solution import CandidateBoxes, Solution
 from reverie_eval.ground_truth._truth import (
     DEMO_BUNDLES,
@@ -36,6 +37,7 @@ __all__ = [
     "CandidateBoxes",
     "Episodes",
     "GroundTruth",
+    "InstrIdTable",
     "NavigationGraph",
     "Solution",
     "ViewpointTable",

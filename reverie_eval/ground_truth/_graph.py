@@ -9,56 +9,8 @@ from itertools import count
 import numpy as np
 from typing_extensions import Self
 
-from reverie_eval.arrays import (
-    Array,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    KeyTable,
-    offsets_of,
-    row_of,
-)
-
-ID_LENGTH = 32
-"""Letters of a viewpoint id: hexadecimal digits."""
-
-
-class ViewpointTable:
-    """Finds viewpoint ids by their letters: all of a file at once, without a text for each."""
-
-    def __init__(self, ids: Sequence[str]) -> None:
-        self.ids = ids
-        """All of them; the table has those of the usual length, of letters and digits alone."""
-        letters = [each.encode() for each in ids]
-        # JSON writes these as they are, and nothing else that a file has looks like them.
-        is_usual = [len(each) == ID_LENGTH and each.isalnum() for each in letters]
-        row = np.flatnonzero(is_usual)
-        words = _words_of(np.array([letters[each] for each in row], f"S{ID_LENGTH}"))
-        keys = _key_of(words)
-        order = np.argsort(keys)
-        self._row, self._words, self._table = row[order], words[order], KeyTable(keys[order])
-
-    def find(self, letters: Array) -> IntArray | None:
-        """Return the index of each id, or None if there are others among them.
-
-        ``letters`` has a row of ``ID_LENGTH`` bytes for each id, as one item.
-        """
-        if not self._row.size:
-            return None
-        words = _words_of(letters)
-        index, _ = self._table.find(_key_of(words))
-        # Different keys have different words, too.
-        is_known = (self._words.take(index, axis=0) == words).all()
-        return self._row[index] if is_known else None
-
-
-def _words_of(letters: Array) -> Array:
-    return letters.view(np.uint64).reshape(-1, ID_LENGTH // 8)
-
-
-def _key_of(words: Array) -> IntArray:
-    # The first sixteen letters of an id are its own. One that shares them is not found.
-    return words[:, 0] * np.uint64(0xC2B2AE3D27D4EB4F) + words[:, 1]
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, offsets_of, row_of
+from reverie_eval.ground_truth._ids import ViewpointTable
 
 
 @dataclass(frozen=True, eq=False)

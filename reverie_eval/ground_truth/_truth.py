@@ -25,6 +25,7 @@ from reverie_eval.errors import (
 )
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
+from reverie_eval.ground_truth._ids import InstrIdTable
 from reverie_eval.ground_truth._solution import Solution
 from reverie_eval.tasks import (
     BUILT_IN,
@@ -103,6 +104,11 @@ class Episodes:
     def index(self) -> Mapping[str, int]:
         """The row of each instr_id."""
         return {instr_id: row for row, instr_id in enumerate(self.instr_ids)}
+
+    @cached_property
+    def table(self) -> InstrIdTable:
+        """The row of each instr_id by its letters."""
+        return InstrIdTable(self.instr_ids)
 
     @cached_property
     def by_short_id(self) -> Mapping[str, str]:

@@ -265,7 +265,10 @@ def _in_order(episode: IntArray, whole: GroundTruth, rows: IntArray | None) -> I
 def _episodes_and_viewpoints(
     predictions: Predictions, ground_truth: GroundTruth
 ) -> tuple[IntArray, IntArray]:
-    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
+    episodes = ground_truth.episodes
+    episode = episodes.table.find(predictions.instr_ids)
+    if episode is None:  # some are unknown, or unusual
+        episode = _indices(predictions.instr_ids, episodes.index)
     graph = ground_truth.graph
     if predictions.distinct_ids is graph.viewpoint_ids:  # nearly always: they are read with these
         return episode, predictions.viewpoint

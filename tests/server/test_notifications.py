@@ -70,10 +70,12 @@ class Mailbox:
 
 @dataclass
 class Hook:
-    """Keeps the requests that an HTTP server gets, and replies with a status."""
+    """Keeps the requests that an HTTP server gets, and replies with a status and headers."""
 
     port: int = 0
     status: int = 204
+    headers: Mapping[str, str] = field(default_factory=dict)
+    """With a `Content-Length`, the body never comes."""
     requests: list[tuple[Mapping[str, str], bytes]] = field(default_factory=list)
 
     def events(self) -> list[str]:
@@ -112,7 +114,11 @@ def hook() -> Iterator[Hook]:
             body = self.rfile.read(int(self.headers["Content-Length"]))
             kept.requests.append((dict(self.headers), body))
             self.send_response(kept.status)
+            for name, value in kept.headers.items():
+                self.send_header(name, value)
             self.end_headers()
+            if "Content-Length" in kept.headers:
+                self.rfile.read(1)  # until the other side hangs up
 
         def log_message(self, *_: object) -> None:
             """Print nothing."""
@@ -467,14 +473,27 @@ def test_why_a_webhook_is_not_told(folder: Path, hook: Hook, run: Run) -> None:
     file = folder / "reverie-eval.toml"
     plain = file.read_text()
     closed = free_port()
+    hook.headers = {"Location": "https://new.example.org/"}
+    redirects = "which redirects to https://new.example.org/; redirects are not followed"
     for port, status, expected in (
         (hook.port, 401, "webhook.secret: 127.0.0.1 replied with status 401"),
         (hook.port, 404, "webhook.url: 127.0.0.1 replied with status 404"),
+        (hook.port, 308, f"webhook.url: 127.0.0.1 replied with status 308, {redirects}"),
+        (hook.port, 999999, "webhook.url: 127.0.0.1 does not answer as a web server does"),
         (closed, 0, "webhook.url: 127.0.0.1 cannot be reached"),
     ):
         hook.status = status
         file.write_text(f'{plain}\n[webhook]\nurl = "http://127.0.0.1:{port}/"\n')
         assert run("server", "notify", str(folder)).out.startswith(f"webhook: {expected}")
+
+
+def test_a_webhook_whose_reply_does_not_end_has_got_the_message(telling: Open, hook: Hook) -> None:
+    hook.status, hook.headers = 200, {"Content-Length": "1000"}
+    server = telling(webhook=hook_at(hook))
+    server.upload(OWNER)
+    deliver_now(server)
+    (message,) = messages(server)
+    assert (message.error, message.sent_at is not None) == ("", True)
 
 
 def test_the_doctor_tells_of_faults(

@@ -231,17 +231,33 @@ def _post(settings: Settings, webhook: Webhook, messages: Sequence[Message]) -> 
         if webhook.secret:
             digest = hmac.new(webhook.secret.encode(), body, hashlib.sha256).hexdigest()
             headers[SIGNATURE] = f"sha256={digest}"
-        host = webhook.url.host
+        url = str(webhook.url)
         try:
-            reply = httpx.post(
-                str(webhook.url), content=body, headers=headers, timeout=SECONDS_TO_SEND
-            )
-        except httpx.HTTPError as error:
-            raise DeliveryError(f"webhook.url: {host} cannot be reached: {error}") from None
-        if reply.status_code in _UNKNOWN_SENDER:
+            # The body is not read: it may be large, or never end.
+            with httpx.stream(
+                "POST", url, content=body, headers=headers, timeout=SECONDS_TO_SEND
+            ) as reply:
+                _check_reply(webhook, reply)
+        except httpx.RemoteProtocolError as error:
             raise DeliveryError(
-                f"webhook.secret: {host} replied with status {reply.status_code}; does it know the "
-                "same secret?"
-            )
-        if not reply.is_success:
-            raise DeliveryError(f"webhook.url: {host} replied with status {reply.status_code}")
+                f"webhook.url: {webhook.url.host} does not answer as a web server does: {error}"
+            ) from None
+        except httpx.HTTPError as error:
+            raise DeliveryError(
+                f"webhook.url: {webhook.url.host} cannot be reached: {error}"
+            ) from None
+
+
+def _check_reply(webhook: Webhook, reply: httpx.Response) -> None:
+    host, status = webhook.url.host, reply.status_code
+    if status in _UNKNOWN_SENDER:
+        raise DeliveryError(
+            f"webhook.secret: {host} replied with status {status}; does it know the same secret?"
+        )
+    if reply.has_redirect_location:
+        raise DeliveryError(
+            f"webhook.url: {host} replied with status {status}, which redirects to "
+            f"{reply.headers['Location']}; redirects are not followed: give the new address"
+        )
+    if not reply.is_success:
+        raise DeliveryError(f"webhook.url: {host} replied with status {status}")

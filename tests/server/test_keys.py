@@ -172,8 +172,11 @@ def lost(before: Envelope, folder: Path) -> Path:  # signed first
 def test_a_lost_key_is_replaced_and_what_it_signed_stays_genuine(
     before: Envelope, server: Serving, lost: Path, run: Run
 ) -> None:
-    assert any(f"server key rotate {lost} --lost" in fault for fault in faults(lost))
-    assert run("server", "key", "rotate", str(lost)).status == 2
+    rotated = run("server", "key", "rotate", str(lost))
+    backup = run("server", "backup", str(lost), "-o", str(lost.with_name("backup.tar.gz")))
+    assert (rotated.status, backup.status) == (2, 2)
+    for message in (rotated.err, backup.err, *faults(lost)):
+        assert "; if it is lost for good, run `reverie-eval server key rotate FOLDER" in message
     assert run("server", "key", "rotate", str(lost), "--lost", "--reason", "a fire").status == 0
     doctor = run("server", "doctor", str(lost))
     assert doctor.status == 0, doctor.out
@@ -197,6 +200,20 @@ def test_another_file_in_the_place_of_a_lost_key_is_not_overwritten(lost: Path, 
     assert (lost / "signing-key.pem").read_bytes() == before
 
 
+def test_a_damaged_key_is_replaced_after_its_file_was_moved(
+    before: Envelope, server: Serving, folder: Path, run: Run
+) -> None:
+    key = folder / "signing-key.pem"
+    key.write_bytes(key.read_bytes()[:60])
+    assert "server key rotate FOLDER --lost" in run("server", "key", "rotate", str(folder)).err
+    refused = run("server", "key", "rotate", str(folder), "--lost")
+    assert (refused.status, "move it to another place" in refused.err) == (2, True)
+    key.rename(folder / "damaged.pem")
+    assert run("server", "key", "rotate", str(folder), "--lost").status == 0
+    keys = keys_of(server)
+    assert verify_by_history(before, keys) == keys[0]
+
+
 def test_a_key_that_others_can_read_is_not_lost(folder: Path, run: Run) -> None:
     (folder / "signing-key.pem").chmod(0o644)
     outcome = run("server", "key", "rotate", str(folder), "--lost")
@@ -215,7 +232,7 @@ def test_a_stolen_key_is_revoked_and_honest_receipts_are_signed_again(
     assert (in_use.status, "is in use" in in_use.err) == (2, True)
     assert run("server", "key", "rotate", str(folder)).status == 0
     revoked = run("server", "key", "revoke", str(folder), first.key_id, *since)
-    assert revoked.out.splitlines()[-1] == "1 receipt signed again with the key in use"
+    assert revoked.out.splitlines()[-1] == "1 signature renewed with the key in use"
     again = run("server", "key", "revoke", str(folder), first.key_id, *since)
     assert (again.status, "give an earlier time" in again.err) == (2, True)
     assert run("server", "key", "revoke", str(folder), "none", *since).status == 2

@@ -131,7 +131,8 @@ def test_a_rotation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
     assert str(refused.value) == (
         f"{path} is key {row.key_id}, but the database says that {old} is in use: copy its file "
         "here, from the machine on which the key was rotated or from a backup; or, if it was "
-        "rotated a moment ago, try again"
+        "rotated a moment ago, try again; if it is lost for good, run "
+        "`reverie-eval server key rotate FOLDER --lost`"
     )
 
 

@@ -36,7 +36,12 @@ _IN_USE = select(SigningKey).where(SigningKey.replaced_at.is_(None))
 
 
 class KeyMissingError(ReceiptError):
-    """The file of the signing key does not exist, or contains another key."""
+    """The file of the signing key does not exist, or does not contain the key."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(
+            f"{message}; if it is lost for good, run `reverie-eval server key rotate FOLDER --lost`"
+        )
 
 
 class Signer:
@@ -226,7 +231,7 @@ def load_key(path: Path) -> Ed25519PrivateKey:
     except OSError as error:
         raise ReceiptError(f"{path} cannot be read: {error.strerror}; {_RESTORE}") from None
     except (ValueError, UnsupportedAlgorithm):
-        raise ReceiptError(f"{path} is not a private key in PEM format; {_RESTORE}") from None
+        raise KeyMissingError(f"{path} is not a private key in PEM format; {_RESTORE}") from None
     except TypeError:  # the library wants a password
         raise ReceiptError(f"{path} is locked with a password; store it without one") from None
     if not isinstance(key, Ed25519PrivateKey):

@@ -14,7 +14,6 @@ from reverie_eval.errors import Problem
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.audit.signing import (
-    KeyMissingError,
     current_key,
     load_key,
     open_key,
@@ -237,10 +236,6 @@ def _at_signing_key(settings: Settings, session: Session | None) -> Iterator[Fin
     try:
         path = settings.path(settings.signing_key)
         key = load_key(path) if current is None else open_key(path, current.key_id)
-    except KeyMissingError as error:
-        lost = f"reverie-eval server key rotate {settings.folder} --lost"
-        message = f"{error}; if it is lost for good, run `{lost}`"
-        yield Finding("signing key", "fault", message)
     except ReceiptError as error:
         yield Finding("signing key", "fault", str(error))
     else:

@@ -84,7 +84,7 @@ def revoke(*, folder: Folder, key_id: str, since: datetime, reason: str) -> None
     with folder.acting() as transaction:
         signed = revoke_key(transaction, key_id, asked)
     print(f"{key_id}: valid until {minute(asked.since)} UTC")
-    print(f"{count_text(signed, 'receipt')} signed again with the key in use")
+    print(f"{count_text(signed, 'signature')} renewed with the key in use")
 
 
 @click.group(cls=Group)

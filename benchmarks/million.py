@@ -47,7 +47,7 @@ BARS = {"sqlite": 100.0, "postgresql": 50.0}
 PAGES = ("/", f"/splits/{SPLIT}", f"/splits/{SPLIT}/boards/grounding")
 """With a bar."""
 OTHER_PAGES = (f"/splits/{SPLIT}/feed.atom", f"/splits/{SPLIT}/chart", "/episodes")
-DESK = ("", "/uploads", "/reviews", "/quotas", "/phases", "/snapshots", "/people", "/audit")
+DESK = ("", "/attempts", "/reviews", "/quotas", "/phases", "/snapshots", "/people", "/audit")
 LIST = "/api/v1/submissions"
 UPLOAD = f"/api/v1/splits/{SPLIT}/submissions?name=Walker"
 COMMAND = Path(sys.executable).with_name("reverie-eval")

@@ -8,8 +8,8 @@ import math
 from bisect import bisect_left, insort
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import groupby, pairwise
+from functools import cached_property, lru_cache
+from itertools import chain, groupby, pairwise
 from operator import attrgetter
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -34,6 +34,8 @@ _WIDTH, _PHONE, _LETTER = 640.0, 320.0, 6.6
 _LONGEST_NAME = 24
 # Pixels.
 _RANK_HEIGHT = 150
+_MOST_MARKS = 500
+"""Methods that were not the best so far; more are drawn as dots, as circles hide each other."""
 
 
 ResultKind: TypeAlias = Literal["method", "human", "reference"]
@@ -57,6 +59,7 @@ class PastResult(NamedTuple):
         return years_of(self.date)
 
 
+@lru_cache(4096)  # the results of a leaderboard share their days
 def years_of(date: str) -> float:
     """Return a day, or the middle of a month or a year, in years.
 
@@ -101,16 +104,18 @@ class Timeline:
             for number, version in enumerate(by_version)
         }
 
-    def best_so_far(self, version: str) -> Sequence[PastResult]:
-        """Return the methods of a version that were better than all before, by date.
+    @cached_property
+    def best_so_far(self) -> Mapping[str, Sequence[PastResult]]:
+        """The methods of each version that were better than all before, by date.
 
         Of methods of the same date, the best counts.
         """
-        own = [each for each in self.dated if (each.version, each.kind) == (version, "method")]
-        best: list[PastResult] = []
-        for each in sorted(own, key=lambda it: (it.years, self._cost(it.value))):
-            if not best or self._cost(each.value) < self._cost(best[-1].value):
-                best.append(each)
+        best: dict[str, list[PastResult]] = {version: [] for version in self.versions}
+        methods = [each for each in self.dated if each.kind == "method"]
+        for each in sorted(methods, key=lambda it: (it.years, self._cost(it.value))):
+            before = best[each.version]
+            if not before or self._cost(each.value) < self._cost(before[-1].value):
+                before.append(each)
         return best
 
     def svg(self) -> str:
@@ -169,19 +174,22 @@ class Timeline:
     def _steps(self) -> Iterator[str]:
         lines = []
         for version, kind in self.versions.items():
-            points = [
-                (self._axis.across(each.years), self._y(each.value))
-                for each in self.best_so_far(version)
-            ]
+            best = self.best_so_far[version]
+            points = [(self._axis.across(each.years), self._y(each.value)) for each in best]
             if points:
                 lines.append((f"curve {kind}", steps(points, self._axis.across(self._axis.end))))
         yield stretched_paths(self.height, lines)
 
     def _marks(self) -> Iterator[str]:
-        """Draw a circle for each result, those that were the best on top."""
-        best = {each for version in self.versions for each in self.best_so_far(version)}
+        """Draw a circle for each result, those that were the best on top, or dots for a crowd."""
+        best = set(chain.from_iterable(self.best_so_far.values()))
+        others = [each for each in self.dated if each not in best]
+        crowd = [each for each in others if each.kind == "method"]
+        if len(crowd) > _MOST_MARKS:
+            yield stretched_paths(self.height, self._dots(crowd))
+            others = [each for each in others if each.kind != "method"]
         groups: dict[str, list[str]] = {}
-        for each in sorted(self.dated, key=lambda it: it in best):
+        for each in (*others, *best):
             kind: str = "best" if each in best else each.kind
             position = f'cx="{self._axis.across(each.years):.1f}%" cy="{self._y(each.value):.0f}"'
             told = f"{each.name}: {self.metric.display(each.value)}, {each.date}"
@@ -192,10 +200,19 @@ class Timeline:
         for kind, marks in groups.items():
             yield f'<g class="{kind}">{"".join(marks)}</g>'
 
+    def _dots(self, crowd: Iterable[PastResult]) -> Iterator[tuple[str, str]]:
+        """Draw results as dots, equal ones once: a path for each version."""
+        dots: dict[str, dict[str, None]] = {}
+        for each in crowd:
+            dot = f"M{self._axis.across(each.years):.1f} {self._y(each.value):.0f}h0"
+            dots.setdefault(self.versions[each.version], {})[dot] = None
+        for version, lines in dots.items():
+            yield f"crowd {version}", "".join(lines)  # of length 0, with round ends
+
     def _names(self) -> Iterator[str]:
         """Name those that were the best, the latest first, where there is room to their left."""
         taken: list[tuple[float, float, float]] = []
-        best = [each for version in self.versions for each in self.best_so_far(version)]
+        best = [*chain.from_iterable(self.best_so_far.values())]
         leader = min(best, key=lambda it: self._cost(it.value), default=None)
         for each in sorted(best, key=lambda it: (self._cost(it.value), it.years)):
             name = _short(each.name)

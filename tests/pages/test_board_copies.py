@@ -193,7 +193,7 @@ def test_whatever_a_team_s_chart_draws(server: Serving) -> None:
         ("Early", "2026-03-03", 0.25),
         ("Worse", "2026-03-04", 0.125),
     ]
-    assert [each.name for each in timeline.best_so_far(OPEN)] == ["Early", "Late"]
+    assert [each.name for each in timeline.best_so_far[OPEN]] == ["Early", "Late"]
     assert progress_of(submissions[-2:], CATALOGUE["rgspl"], NOON) is None
 
 

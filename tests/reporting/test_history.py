@@ -40,7 +40,7 @@ def drawn(picture: str) -> ET.Element:
 def test_the_best_so_far_are_methods_of_one_version(
     metric: str, version: str, best: Sequence[str]
 ) -> None:
-    assert [each.name for each in timeline(metric).best_so_far(version)] == best
+    assert [each.name for each in timeline(metric).best_so_far[version]] == best
 
 
 def test_a_timeline_has_a_mark_with_all_words_for_every_result() -> None:
@@ -70,6 +70,25 @@ def test_a_timeline_has_a_mark_with_all_words_for_every_result() -> None:
     assert [each for each in texts if re.fullmatch(r"20\d\d", str(each))] == [
         *("2020", "2021", "2022", "2023", "2024")
     ]
+
+
+def test_a_crowd_is_drawn_as_dots_where_its_circles_would_be() -> None:
+    crowd = [PastResult(f"Method {n}", f"{2021 + n % 3}", n / 2000, "v1") for n in range(600)]
+    best = PastResult("Best", "2020-07", 0.5, "v1")
+
+    def picture(results: Sequence[PastResult]) -> ET.Element:
+        return drawn(Timeline(CATALOGUE["rgspl"], [best, *results], "2024-01-01").svg())
+
+    def circles(results: Sequence[PastResult]) -> set[tuple[str, str]]:
+        marks = [*picture(results).iter("circle")]
+        return {(mark.get("cx", ""), mark.get("cy", "")) for mark in marks}
+
+    paths = [each.get("d", "") for each in picture(crowd).iter("path")]
+    dots = [dot for path in paths for dot in re.findall(r"M([\d.]+) (\d+)h0", path)]
+    in_parts = circles(crowd[:500]) | circles(crowd[500:])
+    assert {(f"{x}%", y) for x, y in dots} == in_parts - circles([])
+    assert len(dots) == len({*dots}) < len(crowd), "a place has one dot"
+    assert circles(crowd) == circles([]), "the best keeps its mark"
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ class Entry:
         """
         if self.submission_id is None:
             return self.reported_date or ""
-        return f"{self.published_at:%Y-%m-%d}"
+        return self.published_at.date().isoformat()
 
 
 def is_anonymous(result: Submission | ScoredSubmission | Entry, now: datetime) -> bool:

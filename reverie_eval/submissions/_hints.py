@@ -155,19 +155,20 @@ def _reading_hints(
     sample = np.unique(np.linspace(0, len(boxes.row) - 1, _SAMPLE).astype(np.int64))
     boxes, viewpoint = boxes.take(sample), viewpoint[sample]
     xywh, view = boxes.uncut_xywh, snap(boxes.camera)
+    as_given = _fits(xywh, annotated.pair_with_all(viewpoint, view), annotated).mean()
+    if as_given + _BETTER >= 1:
+        return  # no other reading fits so much better
     views = _other_views(view)
     if np.isfinite(boxes.stop_angles).all():
         views["boxes in the view of the last pose"] = snap(boxes.stop_angles)
     readings = [
-        ("", xywh, view),
         *((what, other, view) for what, other in _other_boxes(xywh)),
         *((what, xywh, other) for what, other in views.items()),
     ]
     names, boxes_of, views_of = zip(*readings, strict=True)
     pairs = annotated.pair_with_all(np.tile(viewpoint, len(names)), np.concatenate(views_of))
     fits = _fits(np.concatenate(boxes_of), pairs, annotated).reshape(len(names), -1)
-    as_given, *others = fits.mean(axis=1).tolist()
-    share, what = max(zip(others, names[1:], strict=True), key=itemgetter(0))
+    share, what = max(zip(fits.mean(axis=1).tolist(), names, strict=True), key=itemgetter(0))
     if share > max(MOST, as_given + _BETTER):
         yield (
             f"{100 * as_given:.0f} % of the boxes fit an annotated object; read as {what}, "

@@ -4,7 +4,7 @@ import base64
 import json
 import os
 import shutil
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from pathlib import Path
@@ -37,13 +37,16 @@ from reverie_eval.server.corrections.corrections import (
 from reverie_eval.server.corrections.snapshots import Closing, Snapshots
 from reverie_eval.server.intake.intake import Intake
 from reverie_eval.server.intake.submissions import SubmissionService
-from reverie_eval.server.operations import scoring_again
+from reverie_eval.server.operations import backup, scoring_again
+from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.operations.restore import restore_backup, verify_backup
 from reverie_eval.server.scoring.boards import rules_of
 from reverie_eval.server.scoring.rules import append_rules, record_rules
 from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.dump import Row, dump
 from reverie_eval.server.store.paging import Page
 from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
 from tests.support.acting import NOON, review
@@ -51,6 +54,7 @@ from tests.support.correcting import WHY, rescored
 from tests.support.flat_world import Run
 from tests.support.forking import Forked, Surroundings, run_command
 from tests.support.killing import Step, run_until
+from tests.support.server_data import rows_of
 from tests.support.serving import (
     BROKEN,
     GOOD,
@@ -802,6 +806,17 @@ def is_asked(server: Serving, _folder: Path, _open: OpenServer) -> None:
     assert len(board(server)["rows"]) == 1
 
 
+def killed_at_its_commit(
+    folder: Path, new: Path, when: Literal["before", "after"]
+) -> Sequence[str | Path]:
+    """Return the words of a command that corrects, and that was killed."""
+    words = ("server", "rescore", folder, OPEN, "--bundle", new, "--reason", WHY, "--jobs", "1")
+    here = Surroundings(folder.parent, dict(os.environ), folder / "output", folder / "errors")
+    commit = Step(DefaultDialect, "do_commit", when)
+    assert Forked(run_until, here, commit, *words).wait(PATIENCE) == -SIGKILL
+    return words
+
+
 @pytest.mark.parametrize("next_one", [starts, is_checked, is_asked])
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_a_correction_that_is_killed_at_its_commit_has_changed_nothing_or_all(
@@ -816,10 +831,7 @@ def test_a_correction_that_is_killed_at_its_commit_has_changed_nothing_or_all(
     place, new = folder / "bundles" / f"{OPEN}.npz", correct(folder)
     place.chmod(0o640)
     expected = (new if when == "after" else place).read_bytes()
-    words = ("server", "rescore", folder, OPEN, "--bundle", new, "--reason", WHY, "--jobs", "1")
-    here = Surroundings(folder.parent, dict(os.environ), folder / "output", folder / "errors")
-    commit = Step(DefaultDialect, "do_commit", when)
-    assert Forked(run_until, here, commit, *words).wait(PATIENCE) == -SIGKILL
+    words = killed_at_its_commit(folder, new, when)
     next_one(server, folder, open_server)
     assert place.read_bytes() == expected
     assert place.stat().st_mode & 0o777 == 0o640
@@ -832,6 +844,43 @@ def test_a_correction_that_is_killed_at_its_commit_has_changed_nothing_or_all(
     assert place.read_bytes() == new.read_bytes()
     assert len(shown(server, submission)["earlier"]) == 1
     assert list(folder.glob("bundles/*.next.npz")) == []
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_backup_has_all_of_a_correction_that_was_killed_at_its_commit_or_nothing(
+    when: Literal["before", "after"], server: Serving, folder: Path, tmp_path: Path
+) -> None:
+    record_rules(server.state.transactions, rules_of(server.state.boards))
+    sent(server, OWNER, submission_for(OPEN))
+    place, new = folder / "bundles" / f"{OPEN}.npz", correct(folder)
+    expected = (new if when == "after" else place).read_bytes()
+    killed_at_its_commit(folder, new, when)
+    write_backup(folder, tmp_path / "b.tar.gz", verify_backup)
+    restore_backup(tmp_path / "b.tar.gz", tmp_path / "there")
+    assert [each for each in check_folder(tmp_path / "there") if each.kind != "ok"] == []
+    assert (tmp_path / "there" / "bundles" / f"{OPEN}.npz").read_bytes() == expected
+
+
+def test_a_backup_has_the_ground_truth_of_its_rows_if_a_correction_is_made_meanwhile(
+    server: Serving, folder: Path, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record_rules(server.state.transactions, rules_of(server.state.boards))
+    sent(server, OWNER, submission_for(OPEN))
+    new = [correct(folder)]
+
+    def correcting(database: Database) -> Iterator[Row]:
+        rows = dump(database)
+        yield next(rows)
+        if new:
+            words = ("server", "rescore", folder, OPEN, "--bundle", new.pop(), "--reason", WHY)
+            assert run(*map(str, words)).status == 0
+        yield from rows
+
+    monkeypatch.setattr(backup, "dump", correcting)
+    write_backup(folder, tmp_path / "b.tar.gz")
+    restore_backup(tmp_path / "b.tar.gz", tmp_path / "there")
+    assert [each for each in check_folder(tmp_path / "there") if each.kind != "ok"] == []
+    assert rows_of(tmp_path / "there") == rows_of(folder)
 
 
 def test_a_server_without_the_new_ground_truth_asks_to_wait(server: Serving) -> None:

@@ -8,7 +8,9 @@
     manifest.json         the contents of the archive, with their SHA-256
 
 An upload is stored before the row that refers to it, and never changed or deleted. So every upload
-that the rows of one moment refer to can still be read later.
+that the rows of one moment refer to can still be read later. A correction replaces ground truth and
+rows, so if there is one meanwhile, both are read again; if it was killed at its end, the new ground
+truth is in the archive where it waits, and the restored server finishes the correction.
 """
 
 import hashlib
@@ -17,14 +19,14 @@ import json
 import os
 import tarfile
 from collections import Counter
-from collections.abc import Callable, Mapping
-from contextlib import closing
+from collections.abc import Callable, Collection, Mapping
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from gzip import BadGzipFile
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict
 
@@ -34,6 +36,7 @@ from reverie_eval.server.audit.signing import file_of_key
 from reverie_eval.server.audit.transactions import utc_now
 from reverie_eval.server.opening import check_known, database_errors
 from reverie_eval.server.operations.folder import SIGNING_KEY
+from reverie_eval.server.scoring.boards import waiting_beside
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import dump
@@ -123,39 +126,56 @@ def write_backup(
 def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifest:
     contents = _Contents(archive)
     contents.add(SETTINGS_FILE, (settings.folder / SETTINGS_FILE).read_bytes())
-    expected: set[str] = set()
-    counts: Counter[str] = Counter()
-    made_at = utc_now()
     with TemporaryFile(dir=place) as lines:
-        revision, key_id = _dump(settings, lines, expected, counts)
+        while True:
+            bundles = _bundles(settings)
+            dumped = _dump(settings, lines)
+            if _bundles(settings) == bundles:
+                break
         contents.add_file(DATABASE, lines)
-    for setting, (name, path) in _files(settings).items():
-        file = file_of_key(path, key_id) if setting == KEY_SETTING else path
-        contents.add(name, file.read_bytes())
+    for name, content in bundles.values():
+        contents.add(name, content)
+    key_name, key_path = _files(settings)[KEY_SETTING]
+    contents.add(key_name, file_of_key(key_path, dumped.key_id).read_bytes())
     uploads = open_uploads(settings.uploads, settings.folder)
-    lacking = tuple(name for name in sorted(expected) if not contents.add_upload(uploads, name))
+    lacking = tuple(
+        name for name in sorted(dumped.uploads) if not contents.add_upload(uploads, name)
+    )
     manifest = Manifest(
         format=FORMAT,
         version=__version__,
-        made_at=made_at,
-        revision=revision,
-        rows=counts,
+        made_at=dumped.made_at,
+        revision=dumped.revision,
+        rows=dumped.counts,
         lacking=lacking,
-        files={setting: name for setting, (name, _) in _files(settings).items()},
+        files={KEY_SETTING: key_name, **{key: name for key, (name, _) in bundles.items()}},
         sha256=contents.digests,
     )
     contents.add(MANIFEST, manifest.model_dump_json(indent=2).encode())
     return manifest
 
 
-def _dump(
-    settings: Settings, lines: IO[bytes], uploads: set[str], counts: Counter[str]
-) -> tuple[str, str | None]:
-    """Write all rows as lines of JSON; collect the uploads that they refer to, and their counts.
+class _Dumped(NamedTuple):
+    """What is known of rows that were read at one moment."""
 
-    Returns the migration, and the id of the signing key in use, if any.
-    """
-    key_id = None
+    made_at: datetime
+    revision: str
+    """The migration."""
+    key_id: str | None
+    """The signing key in use, if any."""
+    uploads: Collection[str]
+    """The SHA-256 of those that rows refer to."""
+    counts: Mapping[str, int]
+    """By table."""
+
+
+def _dump(settings: Settings, lines: IO[bytes]) -> _Dumped:
+    """Write all rows as lines of JSON, in place of what is in the file."""
+    lines.seek(0)
+    lines.truncate()
+    made_at, key_id = utc_now(), None
+    uploads: set[str] = set()
+    counts: Counter[str] = Counter()
     url = settings.database_url
     with database_errors(url), closing(Database(url)) as database:
         revision = check_known(database)
@@ -171,7 +191,21 @@ def _dump(
             elif table == "signing_key" and columns["replaced_at"] is None:
                 key_id = columns["key_id"]
             lines.write(f"{json.dumps([table, columns])}\n".encode())
-        return revision, key_id
+    return _Dumped(made_at, revision, key_id, uploads, counts)
+
+
+def _bundles(settings: Settings) -> Mapping[str, tuple[str, bytes]]:
+    """Return the name in the archive and the content of each bundle, also of those that wait."""
+    found = {}
+    for setting, (name, path) in _files(settings).items():
+        if setting == KEY_SETTING:
+            continue
+        # First the one that waits: it may be moved to its place meanwhile.
+        with suppress(FileNotFoundError):
+            waiting = waiting_beside(path).read_bytes()
+            found[f"{setting}.next"] = waiting_beside(Path(name)).as_posix(), waiting
+        found[setting] = name, path.read_bytes()
+    return found
 
 
 class _Contents:

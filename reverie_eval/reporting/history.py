@@ -182,14 +182,15 @@ class Timeline:
 
     def _marks(self) -> Iterator[str]:
         """Draw a circle for each result, those that were the best on top, or dots for a crowd."""
-        best = set(chain.from_iterable(self.best_so_far.values()))
+        leaders = [*chain.from_iterable(self.best_so_far.values())]
+        best = set(leaders)
         others = [each for each in self.dated if each not in best]
         crowd = [each for each in others if each.kind == "method"]
         if len(crowd) > _MOST_MARKS:
             yield stretched_paths(self.height, self._dots(crowd))
             others = [each for each in others if each.kind != "method"]
         groups: dict[str, list[str]] = {}
-        for each in (*others, *best):
+        for each in (*others, *leaders):  # a set's order would be another in each process
             kind: str = "best" if each in best else each.kind
             position = f'cx="{self._axis.across(each.years):.1f}%" cy="{self._y(each.value):.0f}"'
             told = f"{each.name}: {self.metric.display(each.value)}, {each.date}"

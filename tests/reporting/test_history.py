@@ -29,6 +29,18 @@ def drawn(picture: str) -> ET.Element:
     return ET.fromstring(picture)
 
 
+def test_marks_are_in_the_same_order_in_every_process() -> None:
+    dates = [f"20{year}" for year in range(10, 24)]
+    results = [
+        PastResult(date, date, int(date) / 10_000, version)
+        for version in ("v1", "v2")
+        for date in dates
+    ]
+    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-01").svg())
+    groups = [group for group in picture.iter("g") if "best" in group.get("class", "")]
+    assert [[mark.findtext("title", "")[:4] for mark in group] for group in groups] == [dates] * 2
+
+
 @pytest.mark.parametrize(
     ("metric", "version", "best"),
     [

@@ -36,6 +36,8 @@ _LONGEST = 5000
 """Characters of a field of `/join`; those of the request have bounds of their own."""
 _NAMED_ADDRESS = re.compile(r"([^<>;]*)<([^<>]*)>[\s,;]*")
 """A person as mail programs copy them; there may be several in a line."""
+_BETWEEN = " \t,;"
+"""What may be between a name and an address, as spreadsheets and lists have them."""
 Text = Annotated[str, Form(max_length=_LONGEST)]
 Secret = Annotated[str, Form(max_length=LONGEST_SECRET)]
 Back = Annotated[str, Form()]
@@ -267,15 +269,15 @@ def _receive(request: Request, runtime: RuntimeState, new: NewJoinRequest) -> Jo
 
 
 def people_in(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
-    """Return the people that lines of a text name, each with the number of the line.
+    r"""Return the people that lines of a text name, each with the number of the line.
 
-    An address follows the last comma, or the name, or is in angle brackets, as mail programs copy
-    it. A line without an address is a name.
+    An address is the last word of a line, or in angle brackets, as mail programs copy it. A line
+    without an address, or with two that are not in brackets, is a name.
 
     >>> list(people_in('Ada, ada@example.org'))
     [(0, {'name': 'Ada', 'email': 'ada@example.org'})]
-    >>> list(people_in('Ada Byron ada@example.org'))
-    [(0, {'name': 'Ada Byron', 'email': 'ada@example.org'})]
+    >>> list(people_in('Byron, Ada\tada@example.org;'))
+    [(0, {'name': 'Byron, Ada', 'email': 'ada@example.org'})]
     >>> list(people_in('Ada Byron'))
     [(0, {'name': 'Ada Byron', 'email': ''})]
     >>> list(people_in('"Byron, Ada" <ada@example.org>'))
@@ -284,10 +286,12 @@ def people_in(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
     for number, line in enumerate(text.splitlines()):
         named = _NAMED_ADDRESS.findall(line)
         if _NAMED_ADDRESS.sub("", line).strip():  # text that is not of this form
-            name, _, email = line.strip().rpartition("," if "," in line else " ")
-            named = [(name, email) if "@" in email else (line, "")]
+            stripped = line.strip(_BETWEEN)
+            email = re.split(f"[{_BETWEEN}]", stripped)[-1]
+            name = stripped.removesuffix(email)
+            named = [(name, email) if "@" in email and "@" not in name else (line, "")]
         for name, email in named:
-            yield number, {"name": name.strip(' ,"'), "email": email.strip()}
+            yield number, {"name": name.strip(f'{_BETWEEN}"'), "email": email.strip()}
 
 
 def _draw_join(

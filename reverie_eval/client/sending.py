@@ -267,7 +267,7 @@ def retry_after_of(response: httpx.Response) -> float | None:
         return float(told)
     try:
         due = parsedate_to_datetime(told).timestamp()
-    except ValueError:
+    except (ValueError, OverflowError):  # the year or the time zone may have any number of digits
         return None
     return max(0.0, due - time())
 

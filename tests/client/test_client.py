@@ -206,7 +206,12 @@ def test_a_network_that_stays_away_is_told_of(real_server: RealServer, pauses: l
         pytest.param(BUSY, [3], id="as long as the server says"),
         pytest.param(GATEWAY, [0.5], id="where it says nothing"),
         pytest.param(answer("503 No", b"", "text/html", "Retry-After: 60"), [60], id="a minute"),
-        pytest.param(answer("504 No", b"", "text/html", "Retry-After: soon"), [0.5], id="a date"),
+        pytest.param(answer("504 No", b"", "text/html", "Retry-After: soon"), [0.5], id="no time"),
+        pytest.param(
+            answer("504 No", b"", "text/html", f"Retry-After: 1 Jan {10**30} 00:00:00 GMT"),
+            [0.5],
+            id="no possible year",
+        ),
         pytest.param(
             problem("429 Too Many Requests", "too-many-requests", "slowly", "Retry-After: 7"),
             [7],

@@ -76,12 +76,12 @@ def naming(path: Path, draft: Path) -> Iterator[None]:
 def made_folder(folder: Path) -> Iterator[None]:
     """Make a folder, and those above it; at the end, remove those of them that are empty."""
     made = [each for each in (folder, *folder.parents) if not each.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         yield
     finally:
-        with suppress(OSError):  # it has files, and so have all above it
-            for each in made:
+        for each in made:
+            with suppress(OSError):  # it has files, or could not be made
                 each.rmdir()
 
 

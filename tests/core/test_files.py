@@ -8,7 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.files import is_private, replacing_folder, staged_file, staged_folder
+from reverie_eval.files import (
+    is_private,
+    made_folder,
+    replacing_folder,
+    staged_file,
+    staged_folder,
+)
 from tests.conftest import SAMPLES
 
 
@@ -45,6 +51,12 @@ def test_an_interrupted_write_leaves_nothing(tmp_path: Path, *, is_new: bool) ->
 def _begin(staging: Path) -> None:
     (staging / "a").touch()
     raise KeyboardInterrupt
+
+
+def test_a_folder_that_cannot_be_made_leaves_none_above_it(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="too long"), made_folder(tmp_path / "a" / "b" / ("c" * 300)):
+        pass
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_last_entry_is_moved_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,8 @@ class ViewpointTable:
         """All of them; the table has those of the usual length, of letters and digits alone."""
         # JSON writes these as they are, and nothing else that a file has looks like them.
         is_usual = [len(each) == ID_LENGTH and each.isascii() and each.isalnum() for each in ids]
-        rows = np.flatnonzero(is_usual)
+        # In 32 bits, they take half the memory where there are millions of poses.
+        rows = np.flatnonzero(is_usual).astype(np.int32)
         letters = np.array([ids[row] for row in rows.tolist()], f"S{ID_LENGTH}")
         self._table = _LetterTable(letters, rows)
 

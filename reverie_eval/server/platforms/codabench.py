@@ -65,6 +65,7 @@ def export_codabench(settings: Settings, split: str, image: str, output: Path) -
             f"{_PROGRAM}/scoring.py": _source("platforms", "codabench_program.py"),
             _IMAGE: _source("http", "static", "preview.png"),
             f"{_REFERENCE}/rules.json": json.dumps(_rules(board)),
+            f"{_REFERENCE}/bundle.npz": settings.path(board.settings.bundle).read_bytes(),
         }
         with (
             staged_file(output, mode=_OWNER_ALONE) as file,
@@ -72,7 +73,6 @@ def export_codabench(settings: Settings, split: str, image: str, output: Path) -
         ):
             for name, content in contents.items():
                 archive.writestr(name, content)
-            archive.write(settings.path(board.settings.bundle), f"{_REFERENCE}/bundle.npz")
         return list(_left_out(board, schedule))
 
 

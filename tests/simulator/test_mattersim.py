@@ -394,6 +394,18 @@ def test_a_file_is_read_again_only_when_it_has_changed(
     assert len(read) == 3
 
 
+def test_a_table_that_cannot_be_kept_leaves_no_file(
+    graphs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first(started(graphs))
+    (table,) = (graphs / "cache").iterdir()
+    table.unlink()
+    table.mkdir()
+    forget_buildings(monkeypatch)
+    assert names(first(started(graphs))) == ["centre", "north"]
+    assert list((graphs / "cache").iterdir()) == [table]
+
+
 def test_nothing_is_kept_where_nothing_can_be_written(
     graphs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -923,9 +923,10 @@ def _write(cached: str, table: np.ndarray) -> None:
     folder = os.path.dirname(cached)
     try:
         os.makedirs(folder, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=folder, suffix=".part", delete=False) as part:
+        with tempfile.TemporaryDirectory(dir=folder) as hidden:
+            part = os.path.join(hidden, "table.npy")
             np.save(part, table)
-        os.replace(part.name, cached)
+            os.replace(part, cached)
     except OSError:
         pass
 

@@ -127,6 +127,9 @@ def test_the_path_counts_before_initialization_only(folder: Path) -> None:
         pytest.param(
             "text.npz", b"text", "it is not a bundle with the solution", id="not a bundle"
         ),
+        pytest.param(
+            "cut.npz", b"PK\3\4", "it is not a bundle with the solution", id="a bundle, cut off"
+        ),
     ],
 )
 def test_a_file_that_has_no_objects_is_named(

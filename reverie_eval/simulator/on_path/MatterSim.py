@@ -41,6 +41,8 @@ import operator
 import os
 import random
 import tempfile
+import zipfile
+import zlib
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -1051,7 +1053,8 @@ def _read_objects(file: str) -> Dict[str, Any]:
 def _bundled_objects(file: str) -> Dict[str, Any]:
     """Return what a bundle has, in the form of the released files."""
     try:
-        with np.load(file) as bundle:
+        # numpy leaves a damaged file open that it opened itself.
+        with open(file, "rb") as opened, np.load(opened) as bundle:
             ids, scans = bundle["viewpoint_id"], bundle["scan_id"][bundle["viewpoint_scan"]]
             viewpoints = bundle["candidate_viewpoint"].tolist()
             objects = bundle["candidate_object"].tolist()
@@ -1061,7 +1064,7 @@ def _bundled_objects(file: str) -> Dict[str, Any]:
             boxes = [bundle[name].tolist() for name in ("box_candidate", "box_view", "box_xywh")]
     except OSError:
         raise ValueError(f"MatterSim: Could not open objects at: {file}") from None
-    except (KeyError, ValueError):
+    except (EOFError, KeyError, RuntimeError, ValueError, zipfile.BadZipFile, zlib.error):
         raise ValueError(f"MatterSim: {file}: it is not a bundle with the solution") from None
     records = [{"name": name, "visible_pos": [], "bbox2d": []} for name in names]
     for candidate, view, box in zip(*boxes):

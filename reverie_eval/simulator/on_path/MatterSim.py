@@ -406,7 +406,7 @@ class Simulator:
 
     def timingInfo(self) -> str:
         """Return that no time is taken."""
-        return "MatterSim without pictures takes no time"
+        return "MatterSim: no time is taken"
 
     def _look(self, headings: Any, elevations: Any) -> None:
         """Set the agents' headings and elevations, which may be any radians."""

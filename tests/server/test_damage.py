@@ -71,7 +71,21 @@ def spoil_header(folder: Path) -> None:
         file.write(b"\xff" * 64)
 
 
-@pytest.mark.parametrize("damage", [spoil_attempts, spoil_schema, spoil_header])
+def drop_table(folder: Path) -> None:
+    """Remove a table."""
+    with closing(sqlite3.connect(folder / "server.db")) as database:
+        database.execute("DROP TABLE message")
+
+
+def drop_column(folder: Path) -> None:
+    """Remove a column of a table."""
+    with closing(sqlite3.connect(folder / "server.db")) as database:
+        database.execute("ALTER TABLE message DROP COLUMN error")
+
+
+@pytest.mark.parametrize(
+    "damage", [spoil_attempts, spoil_schema, spoil_header, drop_table, drop_column]
+)
 @pytest.mark.parametrize("options", [[], ["--quick"]])
 def test_a_damaged_file_is_found_by_a_check(
     options: list[str], damage: Callable[[Path], None], folder: Path, laptop: Laptop

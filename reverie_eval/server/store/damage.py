@@ -41,6 +41,8 @@ _OTHER_FORMAT = "unsupported file format"
 """What SQLite says of one number in its header, with an unspecific code."""
 _SQLSTATES = {"XX001": "a page is malformed", "XX002": "an index is malformed"}
 """PostgreSQL's ``data_corrupted`` and ``index_corrupted``."""
+_COLUMNS = 'PRAGMA table_info("{}")'
+"""No rows for a table that does not exist."""
 _MEMORY = "cache_size = -262144"
 """KiB; the check of indexes looks up each row in each of them, in any order."""
 
@@ -48,8 +50,8 @@ _MEMORY = "cache_size = -262144"
 def find_damage(url: sa.URL) -> Sequence[str]:
     """Return what is wrong with SQLite's file; empty for a sound one, and for PostgreSQL.
 
-    The tables must be those of this version. The file is read on a connection of its own, because
-    others may have its pages in memory.
+    The database must have the revision of this version. The file is read on a connection of its
+    own, because others may have its pages in memory.
     """
     try:
         with closing(Database(url)) as database:
@@ -123,7 +125,11 @@ def _damages(database: Database) -> Iterator[str]:
             lines = said.splitlines()
             yield from (line for line in lines if line != "ok" and not line.startswith("***"))
         for table in Base.metadata.sorted_tables:
-            if not _is_readable(connection, table):
+            stored = {row.name for row in connection.exec_driver_sql(_COLUMNS.format(table.name))}
+            if missing := [column.name for column in table.columns if column.name not in stored]:
+                what = f"lacks {', '.join(missing)}" if stored else "is missing"
+                yield f"the table {table.name} {what}"
+            elif not _is_readable(connection, table):
                 yield f"a stored value of {table.name} cannot be read"
 
 

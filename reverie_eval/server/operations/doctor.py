@@ -47,7 +47,7 @@ from reverie_eval.text import count_text, first_few
 _RESTORE = "restore the key or the database from the last backup"
 _KEPT = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None)).distinct()
 _SKEW = timedelta(minutes=1)
-"""That the clocks of a server's machines may differ by."""
+"""By how much the clocks of a server's machines may differ."""
 LITTLE_SPACE = 1 << 30
 """Bytes of a disk that are too few: a thousand typical uploads to the largest split, unpacked, take
 a few times as much."""
@@ -318,7 +318,7 @@ def _at_clock(session: Session, now: datetime) -> Iterator[Finding]:
             f"it is {now:%Y-%m-%d %H:%M} UTC by this machine's clock, but the audit log has an "
             f"entry of {latest:%Y-%m-%d %H:%M} UTC: the clock is wrong now, or was wrong then"
         )
-        yield Finding("clock", "note", f"{message}; phases and quotas go by it")
+        yield Finding("clock", "note", f"{message}; phases and quotas depend on it")
 
 
 def _at_messages(session: Session) -> Iterator[Finding]:

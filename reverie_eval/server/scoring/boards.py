@@ -348,7 +348,7 @@ def without_version(signature: str) -> str:
 
 
 def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
-    """Return what scores depend on, by leaderboard; a protocol is that of every version."""
+    """Return what scores depend on, by leaderboard: signatures without the version."""
     return {board.label: without_version(board.signature) for board in all_boards(boards)}
 
 

@@ -211,11 +211,13 @@ set -e
 mount -t tmpfs -o size=16m tmpfs "$2"
 cp -r "$1" "$2/server"
 dd if=/dev/zero of="$2/filling" bs=4k 2> /dev/null || true
+reverie-eval server backup "$1" -o "$2/backup.tar.gz" || true
+reverie-eval server key rotate "$2/server" || true
 exec reverie-eval server doctor "$2/server"
 """
 
 
-def test_on_a_full_disk_the_doctor_checks_what_is_kept_and_says_what_to_do(
+def test_on_a_full_disk_commands_name_it_and_the_doctor_checks_what_is_kept(
     server: Serving, tmp_path: Path
 ) -> None:
     if subprocess.run(["unshare", "-rm", "true"], check=False, capture_output=True).returncode:
@@ -231,6 +233,11 @@ def test_on_a_full_disk_the_doctor_checks_what_is_kept_and_says_what_to_do(
         text=True,
         check=False,
     )
+    key = tmp_path / "full" / "server" / "signing-key.pem"
+    assert examined.stderr.splitlines()[:2] == [
+        "reverie-eval: full/backup.tar.gz: No space left on device",
+        f"reverie-eval: {key}.new: No space left on device",
+    ]
     lines = [" ".join(line.split()) for line in examined.stdout.splitlines()]
     place = tmp_path / "full" / "server" / "uploads"
     assert f"uploads fault {place}: No space left on device; free some space" in lines

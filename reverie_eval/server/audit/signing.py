@@ -21,7 +21,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval import receipts
-from reverie_eval.files import is_private
+from reverie_eval.files import is_private, naming
 from reverie_eval.receipts import Content, ReceiptError, key_id_of
 from reverie_eval.schemas import service as schemas
 from reverie_eval.schemas.report import ScoreReport
@@ -210,7 +210,8 @@ def make_key(path: Path) -> None:
         serialization.PrivateFormat.PKCS8,
         serialization.NoEncryption(),
     )
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with naming(path, path), os.fdopen(descriptor, "wb") as file:
         file.write(pem)
         file.flush()
         os.fsync(file.fileno())

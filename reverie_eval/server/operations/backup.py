@@ -31,6 +31,7 @@ from typing import IO, Any, NamedTuple
 from pydantic import BaseModel, ConfigDict
 
 from reverie_eval.errors import ReverieEvalError
+from reverie_eval.files import naming
 from reverie_eval.ground_truth import bundle_name
 from reverie_eval.server.audit.signing import file_of_key
 from reverie_eval.server.audit.transactions import utc_now
@@ -108,7 +109,10 @@ def write_backup(
     if output.is_dir() or not output.parent.is_dir():
         raise ReverieEvalError(f"{output} cannot be written; name a file in an existing folder")
     # Files of NamedTemporaryFile are private: the archive contains solutions and the signing key.
-    with NamedTemporaryFile(dir=output.parent, prefix=f".{output.name}-", delete=False) as file:
+    with (
+        naming(output, output),
+        NamedTemporaryFile(dir=output.parent, prefix=f".{output.name}-", delete=False) as file,
+    ):
         try:
             with tarfile.open(fileobj=file, mode="w:gz", compresslevel=_LEVEL) as archive:
                 manifest = _write(settings, archive, output.parent)

@@ -41,6 +41,15 @@ def test_one_command_serves_the_demo_world(laptop: Laptop) -> None:
         assert "Shortest" in laptop.run(*leaderboard).out
 
 
+def test_people_sign_in_at_the_public_address(laptop: Laptop) -> None:
+    laptop.run("server", "init", "lab")
+    file = laptop.folder / "lab" / SETTINGS
+    public = 'public_address = "https://eval.example.org/reverie"\ntrusted_proxies = ["127.0.0.1"]'
+    file.write_text(f"{public}\n{file.read_text()}")
+    with laptop.serving("lab") as server:
+        assert "reverie-eval login --server https://eval.example.org/reverie\n" in server.said
+
+
 def test_its_test_split_is_the_demo_world_s_own_and_private(laptop: Laptop) -> None:
     laptop.run("server", "init", "lab")
     served = (laptop.folder / "lab" / "bundles" / "test.npz").read_bytes()

@@ -52,7 +52,13 @@ def serve(*, folder: Path | None, host: str, port: int, workers: int | None) -> 
     settings = check_sound(root, note)
     print(f"{settings.title}, data in {settings.folder}", flush=True)
     with suppress(KeyboardInterrupt):
-        run_server(settings, host, port, _announcement(root, token), workers=workers or WORKERS)
+        run_server(
+            settings,
+            host,
+            port,
+            _announcement(root, settings.public_address, token),
+            workers=workers or WORKERS,
+        )
 
 
 def _make_demo() -> str:
@@ -73,7 +79,7 @@ def _make_demo() -> str:
     return token
 
 
-def _announcement(folder: Path, token: str | None) -> Callable[[str], None]:
+def _announcement(folder: Path, public_address: str, token: str | None) -> Callable[[str], None]:
     """Return what prints where the server listens, and how to try it or to sign in."""
 
     def announce(url: str) -> None:
@@ -87,7 +93,7 @@ def _announcement(folder: Path, token: str | None) -> Callable[[str], None]:
             )
         else:
             further = (
-                f"to sign in: reverie-eval login --server {url}\n"
+                f"to sign in: reverie-eval login --server {public_address or url}\n"
                 "for a token, or to replace a lost one: "
                 f"reverie-eval server token add {shlex.quote(str(folder))} PERSON"
             )

@@ -337,6 +337,11 @@ class Schedule(WireModel):
         coming = [phase.opens for phase in self.phases if phase.opens and phase.opens > now]
         return min(coming, default=None)
 
+    def closed_at(self, now: datetime) -> datetime | None:
+        """Return the last second of the phase that closed last; None if none has."""
+        over = [phase.closes for phase in self.phases if phase.closes and phase.closes < now]
+        return max(over, default=None)
+
     def closes_at(self, now: datetime) -> datetime | None:
         """Return when the open phases close; None if none is open, or one has no end."""
         ends = [phase.closes for phase in self.phases if phase.is_open(now)]

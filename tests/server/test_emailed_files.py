@@ -308,7 +308,10 @@ def test_the_letter_about_a_closed_split(server: Serving) -> None:
     server.ask(ORGANISER, "PUT", f"/organiser/schedules/{OPEN}", json=body).raise_for_status()
     with pytest.raises(RequestError) as refused:
         emailed(server, GOOD)
-    assert (refused.value.reply or "").splitlines()[-1] == "val_unseen accepts no submissions now"
+    assert (refused.value.reply or "").splitlines()[-1] == (
+        "val_unseen accepts no submissions now; the last phase closed "
+        "2026-03-02T11:00:00+00:00, and this file arrived 2026-03-02T12:00:00.000+00:00"
+    )
 
 
 def test_a_file_from_the_future_says_what_to_give(server: Serving) -> None:

@@ -293,9 +293,15 @@ class Intake:
 
     def _check_open(self, board: Board, schedule: Schedule, now: datetime) -> None:
         if not schedule.is_open(now):
-            opens = schedule.opens_at(now)
+            closed, opens = schedule.closed_at(now), schedule.opens_at(now)
+            arrived = now.isoformat(timespec="milliseconds")
+            before = (
+                f"; the last phase closed {closed.isoformat()}, and this file arrived {arrived}"
+                if closed
+                else ""
+            )
             after = f"; the next phase opens {opens.isoformat()}" if opens else ""
-            raise NotOpenError(f"{board.split} accepts no submissions now{after}")
+            raise NotOpenError(f"{board.split} accepts no submissions now{before}{after}")
 
 
 def notify_of_same_file(transaction: Transaction, new: Submission) -> None:

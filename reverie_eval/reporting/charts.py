@@ -6,6 +6,7 @@ The colours of SVG come from the page. Classes: ``mark series-1`` and ``outline 
 submissions, ``dot`` for episodes, ``axis`` for grid lines.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -226,8 +227,13 @@ def budget_chart(curves: Mapping[str, BudgetCurve]) -> "Chart":
         for it in curves.values()
     )
     high = 1.05 * nearly_all or 1.0
-    bands, steps = {}, {}
-    for number, curve in enumerate(curves.values()):
+    # By colour: with more runs than colours, several have one.
+    bands, steps = (
+        defaultdict[str, list[FloatArray]](list),
+        defaultdict[str, list[FloatArray]](list),
+    )
+    names = defaultdict[str, list[str]](list)
+    for number, (name, curve) in enumerate(curves.items()):
         series = f"series-{number % MOST_SERIES + 1}"
         shown = curve.budget <= high
         # Each share holds until the next budget, the last one to the chart's end.
@@ -236,8 +242,9 @@ def budget_chart(curves: Mapping[str, BudgetCurve]) -> "Chart":
             np.column_stack([x, 100 * np.repeat(each[shown], 2)])
             for each in (curve.low, curve.share, curve.high)
         )
-        bands[f"band {series}"] = [np.vstack([low, end[::-1]])]
-        steps[f"curve {series}"] = [np.vstack([share[:1] * (1, 0), share])]
+        bands[f"band {series}"].append(np.vstack([low, end[::-1]]))
+        steps[f"curve {series}"].append(np.vstack([share[:1] * (1, 0), share]))
+        names[f"curve {series}"].append(name)
     return Chart(
         title=f"{first.metric.label} within a budget",
         x_label=f"budget for an episode ({COSTS[first.cost]})",
@@ -246,7 +253,7 @@ def budget_chart(curves: Mapping[str, BudgetCurve]) -> "Chart":
         high=high,
         top=min(105 * max(float(each.high.max()) for each in curves.values()), 105.0),
         lines={**bands, **steps},
-        key={kind: name for kind, name in zip(steps, curves, strict=False) if name},
+        key={kind: told for kind, its in names.items() if (told := ", ".join(its))},
     )
 
 

@@ -52,6 +52,12 @@ def test_a_budget_holds_until_the_next_one_and_the_last_until_the_end() -> None:
     assert chart.key == {"curve series-1": "a", "curve series-2": "b"}
 
 
+def test_more_runs_than_colours_are_all_drawn_and_named() -> None:
+    chart = budget_chart({name: curve([1, 2], [0.1, 0.2]) for name in "abcdefg"})
+    assert [len(chart.lines[f"{kind} series-1"]) for kind in ("band", "curve")] == [2, 2]
+    assert [*chart.key.values()] == ["a, g", *"bcdef"]
+
+
 @pytest.mark.parametrize(
     ("budget", "ticks"),
     [

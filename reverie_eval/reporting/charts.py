@@ -18,6 +18,7 @@ from typing_extensions import Self
 
 from reverie_eval.analysis import BudgetCurve
 from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.errors import ProtocolError
 from reverie_eval.logs import COSTS
 from reverie_eval.metrics import CATALOGUE, Metric, Unit
 from reverie_eval.reporting.drawing import Lines, path, path_data, text_at
@@ -96,7 +97,8 @@ class Histogram:
     def of(cls, scores: Mapping[str, Scores], key: str) -> Self:
         """Divide a metric's values into bins; for box metrics, those of predicted boxes only.
 
-        ``scores`` are by the submissions' names. A metric that is not scored is a KeyError.
+        ``scores`` are by the submissions' names. Raises KeyError if the metric is not scored, and
+        ProtocolError if it has no value in any episode.
         """
         values = {name: each.episodes[key] for name, each in scores.items()}
         metric = CATALOGUE[key]
@@ -107,6 +109,8 @@ class Histogram:
             values |= {name: values[name][each.row] for name, each in boxes.items()}
         if metric.is_partial:
             values = {name: each[~np.isnan(each)] for name, each in values.items()}
+        if not all(map(len, values.values())):
+            raise ProtocolError(f"{key} has no value in any episode, so there is nothing to draw")
         shown = {name: metric.scale * each for name, each in values.items()}
         edges = _EDGES[metric.unit](np.concatenate(list(shown.values())), _MOST_BARS)
         share = {

@@ -169,6 +169,8 @@ class Plots:
         ------
         KeyError
             If the metric is not scored.
+        ProtocolError
+            If it has no value in any episode, as errors of points in a file without any.
         """
         if metric == "path_length":
             return _plot_walks(WalkLengths.of(self.scores), ax)

@@ -1,5 +1,6 @@
 """Figures of scores with matplotlib: what is drawn, and where."""
 
+import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -272,6 +273,16 @@ def test_axes_that_are_given_are_drawn_on(draw: str, scores: rv.Scores) -> None:
 def test_a_metric_that_is_not_scored(scores: rv.Scores) -> None:
     with pytest.raises(KeyError, match="not scored; the scored metrics are path_length, success"):
         scores.plot.distribution("iou")
+
+
+def test_a_metric_without_a_value_is_not_drawn() -> None:
+    records = json.loads((SAMPLES / "soon.json").read_bytes())
+    for record in records:
+        for trajectory in record["trajectory"]:
+            trajectory |= {"obj_heading": None, "obj_elevation": None}
+    scores = rv.evaluate(records, split="val_unseen", task="soon")
+    with pytest.raises(rv.ProtocolError, match=r"^point_error has no value in any episode"):
+        scores.plot.distribution("point_error")
 
 
 def test_an_unknown_grouping(scores: rv.Scores) -> None:

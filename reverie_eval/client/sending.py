@@ -321,6 +321,12 @@ def failure(response: httpx.Response, server: str) -> ReverieEvalError:
     document = problem_of(response)
     if document is None and response.is_server_error:
         return UnreachableError(f"{server} is unavailable (it answered {printable(status)})")
+    if document is None and response.status_code == httpx.codes.REQUEST_ENTITY_TOO_LARGE:
+        return ServiceError(
+            f"the file is larger than a proxy in front of {server} accepts (it answered "
+            f"{printable(status)}); leave out fields other than instr_id, trajectory and the "
+            "answer, or ask the organiser"
+        )
     if document is None:
         return NotAServerError(
             f"{server} is not an evaluation server (it answered {printable(status)})"

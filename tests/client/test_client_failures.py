@@ -77,6 +77,13 @@ def is_one_line(outcome: Outcome) -> bool:
             id="another form",
         ),
         pytest.param(
+            answer("413 Request Entity Too Large", PAGE),
+            "the file is larger than a proxy in front of SERVER accepts (it answered 413 Request "
+            "Entity Too Large); leave out fields other than instr_id, trajectory and the answer, "
+            "or ask the organiser",
+            id="too large for a proxy",
+        ),
+        pytest.param(
             answer("404 Not Found", PAGE),
             "SERVER is not an evaluation server (it answered 404 Not Found)",
             id="wrong URL",

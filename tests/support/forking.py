@@ -162,9 +162,13 @@ def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any,
     if hasattr(server, "_forkserver_authkey"):  # Python 3.14: only who started it may ask it
         work(*given)
         return
-    # It would start another process to fork from, which would import everything once more.
-    asking = patch.object(server, "ensure_running")
-    with asking, patch.object(scoring_processes, "get_context", lambda _: Beside(surroundings)):
+    # Either would start another process to fork from, which would import everything once more: the
+    # method when a process starts, and the function, which is bound to it, when the server does.
+    with (
+        patch.object(server, "ensure_running"),
+        patch.object(multiprocessing.forkserver, "ensure_running"),
+        patch.object(scoring_processes, "get_context", lambda _: Beside(surroundings)),
+    ):
         work(*given)
 
 

@@ -774,6 +774,36 @@ def test_corrections_of_two_splits_at_once_are_both_in_force(
     assert server.client.get("/healthz").json()["failed"] == []
 
 
+def test_of_two_corrections_of_a_split_at_once_the_first_to_end_counts(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record_rules(server.state.transactions, rules_of(server.state.boards))
+    submission = sent(server, OWNER, submission_for(OPEN))
+    place = folder / "bundles" / f"{OPEN}.npz"
+    original, first = place.read_bytes(), correct(folder).rename(folder / "first.npz")
+    second = with_arrays(
+        Bundle.load(first), task_target=Bundle.load(place).arrays["task_target"] + 1
+    )
+    second.save(folder / CORRECTED)
+    words = ["server", "rescore", str(folder), OPEN, "--reason", WHY, "--bundle"]
+    real, begun = scoring_again._score, iter([first])  # noqa: SLF001
+
+    def interrupted(*given: Any) -> Any:
+        for bundle in begun:
+            assert run(*words, str(bundle)).status == 0
+        return real(*given)
+
+    monkeypatch.setattr(scoring_again, "_score", interrupted)
+    refused = run(*words, str(folder / CORRECTED))
+    assert (refused.status, "was made meanwhile; run the command again" in refused.err) == (2, True)
+    assert place.read_bytes() == first.read_bytes()
+    (aside,) = place.parent.glob(f"{OPEN}.*.npz")
+    assert aside.read_bytes() == original
+    assert len(shown(server, submission)["earlier"]) == 1
+    assert run(*words, str(folder / CORRECTED)).status == 0
+    assert len(shown(server, submission)["earlier"]) == 2
+
+
 def test_a_correction_that_fails_changes_nothing(
     server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -122,6 +122,8 @@ def replace_ground_truth(
         If the server cannot start with the bundle, or the database is not up to date.
     NotFoundError
         If the server has no such split.
+    ReverieEvalError
+        If another correction of the split was made meanwhile.
     """
     corrected = _with_bundle(settings, split, bundle)
     load_boards(corrected)
@@ -132,19 +134,25 @@ def replace_ground_truth(
         opened_server(corrected) as state,
         _processes(state, split, jobs) as scoring,
     ):
+        with earlier.database.reading() as session:
+            earlier.rules.follow(session)
         boards = state.board(split).all
         outcomes = _score_all(state, scoring, boards, progress)
         place = settings.path(settings.splits[split].bundle)
         fingerprint = earlier.boards[split].truth.fingerprint[:12]
         aside = place.with_name(f"{place.stem}.{fingerprint}{place.suffix}")
-        _copy(place, aside, like=place)
         with earlier.transactions.begin(actor) as transaction:
             before, after = (rules_of({split: each.boards[split]}) for each in (earlier, state))
             replaced = {name: before[name] for name in different(after, before)}
             # Another correction may have replaced those of other splits meanwhile.
             recorded = LastRules().read(transaction.session)
+            if before.keys() & different(recorded, earlier.rules.recorded):
+                raise ReverieEvalError(
+                    f"another correction of {split} was made meanwhile; run the command again"
+                )
             known = {name: recorded.get(name, own) for name, own in rules_of(state.boards).items()}
             append_rules(transaction, {**known, **after}, replaced)
+            _copy(place, aside, like=place)
             _replace_all(transaction, scoring, boards, outcomes, reason)
             _copy(bundle, waiting_beside(place), like=place)
         # If this does not happen any more, whatever loads the ground truth next does it. A server

@@ -81,8 +81,8 @@ MARGINS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0, 3.5)
 # val_unseen are ten, and its bar is 70 %.
 _DRAWS, _DRAWN, _OFTEN, _SHOWN = 2000, 10, 0.9, 0.7
 _SEEN_WELL = 0.5
-# Metres from where an edge passes a wall to the middle of a door in it, at most.
-_BESIDE = 0.7
+# Metres from where an edge passes a wall to a door in it, at most.
+_BESIDE = 0.25
 
 
 def main() -> int:
@@ -290,8 +290,8 @@ def without_doors(found: Sequence[Scan], buildings: Mapping[str, Building]) -> i
             doors = building.doors_on(room.storey)
             for outline in room.outlines:
                 for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-                    middles = door_spans(doors, start, end).mean(axis=1)
-                    walls.setdefault(room.storey, []).append((start, end, middles))
+                    spans = door_spans(doors, start, end)
+                    walls.setdefault(room.storey, []).append((start, end, spans))
         for first, last in scan.edges.tolist():
             storey = int(building.storey[first])
             if storey == building.storey[last]:
@@ -300,8 +300,11 @@ def without_doors(found: Sequence[Scan], buildings: Mapping[str, Building]) -> i
     return count
 
 
-def has_door(leg: FloatArray, start: FloatArray, end: FloatArray, middles: FloatArray) -> bool:
-    """Whether a leg does not pass a wall, or where the wall has a door."""
+def has_door(leg: FloatArray, start: FloatArray, end: FloatArray, spans: FloatArray) -> bool:
+    """Whether a leg does not pass a wall, or where the wall has one of its doors.
+
+    ``spans``, shape (n, 2), are where these are: metres from the start of the wall.
+    """
     wall, way = end - start, leg[1] - leg[0]
     area = way[0] * wall[1] - way[1] * wall[0]
     if area == 0:
@@ -312,7 +315,8 @@ def has_door(leg: FloatArray, start: FloatArray, end: FloatArray, middles: Float
     if not (0 < walked < 1 and 0 < share < 1):
         return True
     at = share * np.linalg.norm(wall)
-    return bool((np.abs(middles - at) <= _BESIDE + 1e-6).any())
+    off = np.maximum(spans[:, 0] - at, at - spans[:, 1])
+    return bool((off <= _BESIDE + 1e-6).any())
 
 
 def climbing(buildings: Mapping[str, Building]) -> int:

@@ -21,7 +21,8 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
-from reverie_eval.geometry._plans import DOOR_WIDTH, Plan, axes_of, without_outliers
+from reverie_eval.geometry._doors import DOOR_WIDTH
+from reverie_eval.geometry._plans import Plan, axes_of, without_outliers
 from reverie_eval.geometry._polygons import are_inside
 from reverie_eval.geometry._room_names import is_outdoors, name_room
 from reverie_eval.geometry._room_parts import RoomParts
@@ -280,7 +281,7 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
         legs = np.concatenate([camera[inside], *_seen_on(level, flights, camera, storey)])
         # A building without objects has no rooms at all.
         ways_there = np.concatenate([legs, camera[alone]]) if evidence else legs[:0]
-        points = [parts.points[part] for part in here.tolist()]
+        points = [(parts.objects[part], parts.cameras[part]) for part in here.tolist()]
         plan = Plan.of(parts.boxes[here], points, ways_there)
         for index in range(plan.n_rooms):
             outlines = list(plan.outlines(index))
@@ -297,7 +298,7 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
                 sides = np.ptp(corners, axis=0)
                 name = name_room(things[room], int(ways[room]), float(sides.max() / sides.min()))
                 its = its._replace(
-                    name=name if parts.n_objects[part] else "",
+                    name=name if len(parts.objects[part]) else "",
                     is_outdoors=outdoors[room],
                     is_side_part=part not in main,
                 )
@@ -309,7 +310,9 @@ def model_building(position: FloatArray, edges: IntArray, seen: Sightings) -> Bu
         room=np.append(number, -1)[parts.home],
         rooms=found,
         doors=doors,
-        treads=list(_treads(position, flights, storey, axes)),
+        treads=[
+            each for each in _treads(position, flights, storey, axes) if _is_within(each, found)
+        ],
         solids=Solids.of(
             object_id=np.unique(seen.object_id),
             names=objects.names,
@@ -562,6 +565,13 @@ def _treads(
                     ends = np.stack([at - aside, at + aside])
                     yield Tread(level, ends, step, height - float(floors[level]))
         drawn += new
+
+
+def _is_within(tread: Tread, rooms: Sequence[Room]) -> bool:
+    """Whether a tread is in a room of its storey; without rooms, each is."""
+    middle = tread.ends.mean(axis=0, keepdims=True)
+    around = [room.contains(middle)[0] for room in rooms if room.storey == tread.storey]
+    return any(around) or not around
 
 
 def _straight_runs(

@@ -8,20 +8,21 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.geometry._doors import Border, openings
 from reverie_eval.geometry._room_parts import CLEFT
+from reverie_eval.geometry._straightening import straighten
 
 # Outlines: objects farther from the median than this many times the 75 % quantile are not evidence;
 # share of the smaller room's evidence that a cut may lose; edges closer than this are one wall.
 _OUTLIER, _MOST_LOST, _WALL = 2.2, 0.22, 0.6
 _CUTS = 24
-# Halls: half the least width; metres between the points of a way that tell if it is in a room.
-_HALL, _STEP = 0.7, 0.2
+# Halls: half the least width; metres between the points of a way that tell if it is in a room; what
+# a square metre counts when a wall moves, because nothing in a hall tells where its walls are.
+_HALL, _STEP, _VAGUE = 0.7, 0.2, 0.25
 # Square metres: what is smaller and has rooms all around is a part of them.
 _NOOK = 20.0
 # Width of a row of points, metres; another direction than north has to be better by this factor.
 _BIN, _CLEARLY = 0.12, 1.05
-# Doors in one wall that are closer together than this are one.
-_DOOR_DISTANCE, DOOR_WIDTH = 0.7, 0.9
 
 
 def axes_of(points: FloatArray) -> FloatArray:
@@ -45,6 +46,10 @@ def without_outliers(points: FloatArray) -> FloatArray:
     )
 
 
+Evidence = tuple[FloatArray, FloatArray]
+"""The objects and the cameras of a room, each of shape (n, 2)."""
+
+
 class Plan(NamedTuple):
     """The rooms of a storey: cells between the lines of walls, in the axes of the building."""
 
@@ -55,14 +60,14 @@ class Plan(NamedTuple):
     and the last row and column."""
 
     @classmethod
-    def of(cls, boxes: FloatArray, points: Sequence[FloatArray], legs: FloatArray) -> Self:
-        """Lay out the rooms of a storey, by boxes, shape (n, 2, 2), around what is in each.
+    def of(cls, boxes: FloatArray, points: Sequence[Evidence], legs: FloatArray) -> Self:
+        """Lay out the rooms of a storey, by boxes, shape (n, 2, 2), around the points in each.
 
         Where legs, shape (n, 2, 2), lead through none of them, there are halls, numbered after
         these rooms. Clefts between rooms are closed.
         """
         boxes = boxes.copy()
-        _cut_apart(boxes, points)
+        _cut_apart(boxes, [np.vstack(its) for its in points])
         boxes = np.stack([_snapped(boxes[..., 0]), _snapped(boxes[..., 1])], axis=-1)
         halls = np.array([*_halls(boxes, legs)]).reshape(-1, 2, 2)
         for axis in (0, 1):
@@ -83,6 +88,7 @@ class Plan(NamedTuple):
         plan = cls(lines, room)
         plan._close_clefts()
         plan._close_nooks()
+        plan._straighten(points, legs)
         return plan
 
     def _close_clefts(self) -> None:
@@ -111,6 +117,29 @@ class Plan(NamedTuple):
                 ]
                 self.room[nook] = np.bincount(np.concatenate(beyond)).argmax()
 
+    def _straighten(self, points: Sequence[Evidence], legs: FloatArray) -> None:
+        """Take corners away, in place: a camera stays in its room, and no way leads outside.
+
+        An object that changes its room counts as a square metre.
+        """
+        area = self._areas()
+        held = np.zeros(area.shape)
+        for index, (objects, cameras) in enumerate(points):
+            for its, metres in ((objects, 1.0), (cameras, np.inf)):
+                cells = self._cells_of(its)
+                np.add.at(held, cells, np.where(self.room[cells] == index, metres, 0))
+        is_way = np.zeros(area.shape, dtype=bool)
+        for start, end in legs:
+            is_way[self._cells_of(_along(start, end, self.lines))] = True
+        is_hall = self.room >= len(points)
+        as_room = np.where(is_hall, _VAGUE, 1) * area + held
+        straighten(self.room, self.lines, as_room, np.where(is_way, np.inf, area + held))
+
+    def _cells_of(self, points: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return the cells in which points, shape (n, 2), are."""
+        x, y = (np.searchsorted(self.lines[axis], points[:, axis]) for axis in (0, 1))
+        return x, y
+
     @property
     def n_rooms(self) -> int:
         """The rooms and the halls."""
@@ -121,8 +150,12 @@ class Plan(NamedTuple):
         return self._area(self.room == room)
 
     def _area(self, cells: BoolArray) -> float:
+        return float(self._areas()[cells].sum())
+
+    def _areas(self) -> FloatArray:
+        """Return the square metres of each cell; 0 around the outermost lines."""
         wide, high = (np.diff(lines, prepend=lines[:1], append=lines[-1:]) for lines in self.lines)
-        return float((wide[:, None] * high)[cells].sum())
+        return np.asarray(wide[:, None] * high)
 
     def outlines(self, room: int) -> Iterator[FloatArray]:
         """Yield the corners of a room's outlines, with the room on the left."""
@@ -154,34 +187,20 @@ class Plan(NamedTuple):
             yield np.column_stack([self.lines[0][x], self.lines[1][y]])
 
     def doors(self, legs: FloatArray) -> Iterator[FloatArray]:
-        """Yield the ends of the doors that legs of shape (n, 2, 2) pass."""
-        found: list[tuple[int, FloatArray]] = []
-        for start, end in legs:
-            for axis in (0, 1):
-                along = end[axis] - start[axis]
-                if along == 0:
-                    continue
-                lines = self.lines[axis]
-                share = (lines - start[axis]) / along
-                for line in np.flatnonzero((share > 0) & (share < 1)).tolist():
-                    across = start[1 - axis] + share[line] * (end[1 - axis] - start[1 - axis])
-                    cell = int(np.searchsorted(self.lines[1 - axis], across))
-                    before, after = (
-                        self.room[(side, cell) if axis == 0 else (cell, side)]
-                        for side in (line, line + 1)
-                    )
-                    at = np.array([lines[line], across][:: 1 if axis == 0 else -1])
-                    is_new = all(
-                        (other, door[axis]) != (axis, at[axis])
-                        or abs(door[1 - axis] - across) > _DOOR_DISTANCE
-                        for other, door in found
-                    )
-                    if before != after and is_new:
-                        found.append((axis, at))
-        for axis, at in found:
-            half = np.zeros(2)
-            half[1 - axis] = DOOR_WIDTH / 2
-            yield np.stack([at - half, at + half])
+        """Yield the ends of the openings in walls that legs of shape (n, 2, 2) pass."""
+        return openings([*self._borders()], legs)
+
+    def _borders(self) -> Iterator[Border]:
+        """Yield the walls between two rooms, and those between one and the outside, along lines."""
+        for axis in (0, 1):
+            room, along = np.moveaxis(self.room, axis, 0), self.lines[1 - axis]
+            for line, at in enumerate(self.lines[axis].tolist()):
+                sides = room[line : line + 2].T.tolist()
+                for (before, after), group in groupby(range(len(sides)), sides.__getitem__):
+                    cells = [*group]
+                    if before != after:
+                        ends = along[cells[0] - 1], along[cells[-1]]
+                        yield Border(axis, at, *ends, is_inner=min(before, after) >= 0)
 
 
 def _cut_apart(boxes: FloatArray, points: Sequence[FloatArray]) -> None:
@@ -219,6 +238,14 @@ def _halls(boxes: FloatArray, legs: FloatArray) -> Iterator[FloatArray]:
             if not is_in:
                 its = along[[*rows]]
                 yield np.stack([its.min(axis=0) - _HALL, its.max(axis=0) + _HALL])
+
+
+def _along(start: FloatArray, end: FloatArray, lines: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return a point, shape (n, 2), in each cell that a leg leads through."""
+    along = end - start
+    share = [(lines[axis] - start[axis]) / along[axis] for axis in (0, 1) if along[axis]]
+    marks = np.unique(np.clip(np.concatenate([[0.0, 1.0], *share]), 0, 1))
+    return np.asarray(start + ((marks[1:] + marks[:-1]) / 2)[:, None] * along)
 
 
 def _moved_to(lines: FloatArray, values: FloatArray) -> FloatArray:

@@ -34,10 +34,10 @@ class RoomParts(NamedTuple):
     """Shape (n_parts,): the room of each."""
     home: IntArray
     """Shape (n_viewpoints,): the part of each; -1 for none."""
-    points: Sequence[FloatArray]
-    """The objects and cameras of each, shape (n, 2)."""
-    n_objects: IntArray
-    """Shape (n_parts,)."""
+    objects: Sequence[FloatArray]
+    """The objects of each part, shape (n, 2)."""
+    cameras: Sequence[FloatArray]
+    """The cameras of each part, shape (n, 2)."""
     boxes: FloatArray
     """Shape (n_parts, 2, 2): the low and the high corner of each."""
 
@@ -69,15 +69,16 @@ class RoomParts(NamedTuple):
         return cls(
             np.array(room, dtype=np.int64),
             part_of,
-            [np.vstack([part.objects, part.cameras]) for part in found],
-            np.array([len(part.objects) for part in found], dtype=np.int64),
+            [part.objects for part in found],
+            [part.cameras for part in found],
             np.array([part.box for part in found]).reshape(-1, 2, 2),
         )
 
     @property
     def main(self) -> set[int]:
         """The part of each room with the most objects."""
-        by_count = np.argsort(-self.n_objects, kind="stable")
+        count = np.array([len(its) for its in self.objects], dtype=np.int64)
+        by_count = np.argsort(-count, kind="stable")
         return set(by_count[np.unique(self.room[by_count], return_index=True)[1]].tolist())
 
     def nearest(self, points: FloatArray, room: IntArray) -> IntArray:

@@ -13,9 +13,9 @@ HEIGHT = 0.8
 """The height of a drawn wall, metres: low enough to see what is behind it."""
 # Metres: the thickness of outer and of inner walls, and the longest piece of one.
 _OUTER, _INNER, _PIECE = 0.3, 0.14, 1.5
-# Metres: what is too short to stand between two doors, the distance of a window from its wall, the
-# least width of a window, and the height of its sill.
-_POST, _BESIDE, _NARROW, _SILL = 1.3, 1.0, 0.35, 0.3
+# Metres: the distance of a window from its wall, the least width of a window, the height of its
+# sill; and what two places may be apart by rounding.
+_BESIDE, _NARROW, _SILL, _ROUNDED = 1.0, 0.35, 0.3, 1e-6
 
 
 class WallPiece(NamedTuple):
@@ -55,7 +55,10 @@ def walls_of(building: Building, level: int) -> Iterator[WallPiece]:
         along = (wall.ends[1] - wall.ends[0]) / np.hypot(*(wall.ends[1] - wall.ends[0]))
         # Long enough to close its corners.
         start, end = wall.ends[0] - half * along, wall.ends[1] + half * along
-        gaps = openings(door_spans(doors, start, end))
+        gaps, length = door_spans(doors, start, end), np.hypot(*(end - start))
+        # Where it is open up to its end, it closes no corner.
+        gaps = np.where(gaps <= half + _ROUNDED, 0, gaps)
+        gaps = np.where(gaps >= length - half - _ROUNDED, length, gaps)
         panes = _apart(windows + half, gaps)
         leaves = _apart(closed + half, np.concatenate([gaps, panes]))
         for ends in wall_pieces(start, end, np.concatenate([gaps, panes, leaves])):
@@ -105,17 +108,6 @@ def _apart(spans: FloatArray, taken: FloatArray) -> FloatArray:
         if span[1] - span[0] > _NARROW and is_apart.all():
             found.append(span)
     return np.array(found).reshape(-1, 2)
-
-
-def openings(doors: FloatArray) -> FloatArray:
-    """Join doors, spans of shape (n, 2), that are close together: no wall stands between them."""
-    joined: list[list[float]] = []
-    for low, high in sorted(doors.tolist()):
-        if joined and low - joined[-1][1] < _POST:
-            joined[-1][1] = max(joined[-1][1], high)
-        else:
-            joined.append([low, high])
-    return np.array(joined).reshape(-1, 2)
 
 
 def wall_pieces(start: FloatArray, end: FloatArray, gaps: FloatArray) -> Iterator[FloatArray]:

@@ -17,8 +17,8 @@ from reverie_eval.geometry import (
 )
 from reverie_eval.geometry._plans import Plan
 
-HALL, KITCHEN = (1.0, 1.0), (7.0, 1.0)
-"""The cameras in the two rooms of a house, 1.5 m above the floor, 6 m apart."""
+HALL, KITCHEN = (1.0, 1.0), (11.0, 1.0)
+"""The cameras in the two rooms of a house, 1.5 m above the floor, 10 m apart."""
 OBJECTS = np.array([(-2.0, -2.0, -1.0), (-2.0, 2.0, 0.0), (2.0, -2.0, 1.0), (2.0, 2.0, 0.0)] * 3)
 """Where the objects of each of these rooms are, relative to its camera."""
 
@@ -40,7 +40,7 @@ def seen_from(
 
 
 def house(turn: float = 0.0) -> Building:
-    """Model two rooms, 4 by 4 m, with a door between."""
+    """Model two rooms, 4 by 4 m, with a hall between."""
     position = np.array([(*HALL, 1.5), (*KITCHEN, 1.5)])
     centre = np.vstack([position[0] + OBJECTS, position[1] + OBJECTS])
     turned = np.array(
@@ -82,12 +82,12 @@ def test_rooms_are_runs_of_objects() -> None:
     building = house()
     assert [corners(room) for room in building.rooms] == [
         [[-1, -1], [-1, 3], [3, -1], [3, 3]],
-        [[5, -1], [5, 3], [9, -1], [9, 3]],
-        [[3, 0.3], [3, 1.7], [5, 0.3], [5, 1.7]],
+        [[9, -1], [9, 3], [13, -1], [13, 3]],
+        [[3, 0.3], [3, 1.7], [9, 0.3], [9, 1.7]],
     ]
     assert building.room.tolist() == [0, 1]
     assert [room.name for room in building.rooms] == ["", "kitchen", ""]
-    assert [room.area for room in building.rooms] == pytest.approx([16, 16, 2.8])
+    assert [room.area for room in building.rooms] == pytest.approx([16, 16, 8.4])
     assert [room.is_hall for room in building.rooms] == [False, False, True]
 
 
@@ -95,19 +95,19 @@ def test_a_wall_is_one_although_two_rooms_have_it() -> None:
     """Each room has a wall to the hall, and its other walls are outer ones."""
     walls = [(wall.ends.round(6).tolist(), wall.is_outer) for wall in house().walls_on(0)]
     inner = [ends for ends, is_outer in walls if not is_outer]
-    assert sorted(inner) == [[[3, 0.3], [3, 1.7]], [[5, 0.3], [5, 1.7]]]
+    assert sorted(inner) == [[[3, 0.3], [3, 1.7]], [[9, 0.3], [9, 1.7]]]
     beside = [ends for ends, is_outer in walls if is_outer and ends[0][0] == ends[1][0] == 3]
     assert sorted(beside) == [[[3, -1], [3, 0.3]], [[3, 1.7], [3, 3]]]
     length = sum(np.hypot(*np.subtract(*ends)) for ends, is_outer in walls if is_outer)
-    assert length == pytest.approx(2 * (16 - 1.4) + 2 * 2)
+    assert length == pytest.approx(2 * (16 - 1.4) + 2 * 6)
     assert not [*house().walls_on(1)]
 
 
-def test_doors_are_where_an_edge_passes_a_wall() -> None:
-    """From x = 1 to x = 7 along y = 1: out of the hall at 3, into the kitchen at 5; 0.9 m wide."""
+def test_a_wall_that_would_be_a_door_is_open() -> None:
+    """From x = 1 to x = 11 along y = 1, through both ends of the hall, which are 1.4 m wide."""
     assert [(door.storey, door.ends.round(6).tolist()) for door in house().doors] == [
-        (0, [[3, 0.55], [3, 1.45]]),
-        (0, [[5, 0.55], [5, 1.45]]),
+        (0, [[3, 0.3], [3, 1.7]]),
+        (0, [[9, 0.3], [9, 1.7]]),
     ]
 
 
@@ -115,22 +115,24 @@ SQUARE = np.array([(0.0, 0.0), (3.0, 3.0)])
 
 
 def plan_of(rooms: list[np.ndarray], legs: np.ndarray) -> Plan:
-    return Plan.of(np.array(rooms), rooms, legs)
+    """Lay out rooms with an object in two corners of each."""
+    return Plan.of(np.array(rooms), [(room, np.zeros((0, 2))) for room in rooms], legs)
 
 
 def test_one_door_in_each_wall() -> None:
     """A hall between two rooms has a door to each, and two ways 0.6 m apart share them."""
-    legs = np.array([[(1.0, 1.0), (6.0, 1.0)], [(1.0, 1.6), (6.0, 1.6)]])
-    plan = plan_of([SQUARE, SQUARE + np.array([4.5, 0])], legs)
+    legs = np.array([[(1.0, 1.0), (8.0, 1.0)], [(1.0, 1.6), (8.0, 1.6)]])
+    plan = plan_of([SQUARE, SQUARE + np.array([6.5, 0])], legs)
     assert plan.n_rooms == 3
-    assert [ends.mean(axis=0).tolist() for ends in plan.doors(legs)] == [[3, 1], [4.5, 1]]
+    assert [ends.mean(axis=0).tolist() for ends in plan.doors(legs)] == [[3, 1], [6.5, 1]]
 
 
-@pytest.mark.parametrize(("apart", "area"), [(1.5, 13.5), (1.6, 9)])
+@pytest.mark.parametrize(("apart", "area"), [(1.5, 40.5), (1.6, 27)])
 def test_what_is_narrow_between_two_rooms_is_a_part_of_one(apart: float, area: float) -> None:
-    plan = plan_of([SQUARE, SQUARE + np.array([3 + apart, 0])], np.zeros((0, 2, 2)))
+    room = SQUARE * (1, 3)
+    plan = plan_of([room, room + np.array([3 + apart, 0])], np.zeros((0, 2, 2)))
     assert plan.area(0) == pytest.approx(area)
-    assert plan.area(1) == pytest.approx(9)
+    assert plan.area(1) == pytest.approx(27)
 
 
 @pytest.mark.parametrize(("side", "open_to_the_sky"), [(4.4, 0.0), (4.5, 4.5**2)])
@@ -151,11 +153,11 @@ def test_what_is_small_among_rooms_is_a_part_of_one(side: float, open_to_the_sky
 def test_ways_beside_rooms_are_halls() -> None:
     """Two ways that meet are in one hall, 1.4 m wide; a place apart is another."""
     legs = np.array(
-        [[(1.0, 1.5), (8.0, 1.5)], [(8.0, 1.5), (8.0, 5.5)], [(20.0, 1.5), (20.0, 1.5)]]
+        [[(1.0, 2.5), (8.0, 2.5)], [(8.0, 2.5), (8.0, 6.5)], [(20.0, 2.5), (20.0, 2.5)]]
     )
-    plan = plan_of([SQUARE], legs)
+    plan = plan_of([np.array([(0.0, 0.0), (3.0, 5.0)])], legs)
     assert plan.n_rooms == 3
-    assert plan.area(0) == pytest.approx(9)
+    assert plan.area(0) == pytest.approx(15)
     assert plan.area(1) == pytest.approx(5.7 * 1.4 + 1.4 * 4)
     assert plan.area(2) == pytest.approx(1.4**2)
 
@@ -173,7 +175,7 @@ def test_walls_follow_the_building() -> None:
 
 
 def test_stairs_between_two_storeys() -> None:
-    """A climb of 3 m on a run of 6: 16 treads, half of them also on the plan above; no door."""
+    """A climb of 3 m on a run of 10: 16 treads, half of them also on the plan above; no door."""
     position = np.array([(*HALL, 1.5), (*HALL, 1.5), (*KITCHEN, 4.5), (*KITCHEN, 4.5)])
     nothing = seen_from(position, [], np.zeros((0, 3)), [], known=True)
     building = model_building(position, np.array([[0, 1], [0, 2], [2, 3]]), nothing)
@@ -181,13 +183,13 @@ def test_stairs_between_two_storeys() -> None:
     assert (building.rooms, building.doors, building.room.tolist()) == ([], [], [-1] * 4)
     assert [tread.storey for tread in building.treads] == [0] * 8 + [0, 1] * 8
     first = building.treads[0].ends
-    assert first.mean(axis=0) == pytest.approx([1 + 6 / 32, 1])
+    assert first.mean(axis=0) == pytest.approx([1 + 10 / 32, 1])
     assert np.ptp(first, axis=0) == pytest.approx([0, 0.9])
 
 
 def test_stairs_are_in_a_room_with_a_door() -> None:
     """Out of the kitchen, through its wall at y = 3, up to a storey without objects."""
-    position = np.array([(*HALL, 1.5), (*KITCHEN, 1.5), (7.5, 6.0, 4.5), (9.5, 6.0, 4.5)])
+    position = np.array([(*HALL, 1.5), (*KITCHEN, 1.5), (11.5, 6.0, 4.5), (13.5, 6.0, 4.5)])
     centre = np.vstack([position[0] + OBJECTS, position[1] + OBJECTS])
     viewpoint = [0] * len(OBJECTS) + [1] * len(OBJECTS)
     seen = seen_from(position, viewpoint, centre, ["lamp"] * len(centre), known=True)
@@ -199,7 +201,7 @@ def test_stairs_are_in_a_room_with_a_door() -> None:
         middle = tread.ends.mean(axis=0)[None]
         assert any(room.contains(middle)[0] for room in building.rooms_on(tread.storey))
     middles = [door.ends.mean(axis=0).tolist() for door in building.doors_on(0)]
-    assert pytest.approx([7.2, 3.0]) in middles
+    assert pytest.approx([11.2, 3.0]) in middles
 
 
 @pytest.mark.parametrize(

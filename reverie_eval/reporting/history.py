@@ -118,8 +118,9 @@ class Timeline:
                 before.append(each)
         return best
 
+    @cached_property
     def svg(self) -> str:
-        """Draw the timeline."""
+        """The timeline, drawn."""
         shapes = [
             *self._axis.labels(self.height - 4),
             *self._values(),

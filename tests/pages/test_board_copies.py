@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import timedelta
 from typing import Any
 
@@ -9,7 +10,14 @@ import pytest
 
 from reverie_eval import CATALOGUE
 from reverie_eval.schemas.service import ScoredSubmission
-from reverie_eval.server.boards.charts import chart_of, front, progress_of, rank_chart, timeline_of
+from reverie_eval.server.boards.charts import (
+    chart_of,
+    front,
+    progress_of,
+    rank_chart,
+    timeline_of,
+    whole_timeline,
+)
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import Ranking
 from tests.support.acting import NOON
@@ -214,6 +222,18 @@ def test_nothing_is_drawn_of_a_metric_without_a_better_direction(server: Serving
     rows = [row("Ant", {"path_length": 9.0}, 1)]
     ranking = Ranking(server.state.boards[OPEN], "rgspl", rows, (), frozenset(), NOON, {})
     assert timeline_of(ranking, rows, "path_length") is None
+
+
+def test_the_timeline_of_all_results_is_made_once_a_day(server: Serving) -> None:
+    result = row("Ant", {"rgspl": 0.5}, 1)
+    ranking = Ranking(server.state.boards[OPEN], "rgspl", [result], [result], frozenset(), NOON)
+    today = whole_timeline(ranking, "rgspl")
+    assert today is not None
+    assert len(today.results) == 2, "those that are not ranked are among them"
+    assert whole_timeline(replace(ranking, now=NOON + timedelta(hours=1)), "rgspl") is today
+    tomorrow = whole_timeline(replace(ranking, now=NOON + DAY), "rgspl")
+    assert tomorrow is not None
+    assert tomorrow.until == f"{NOON + DAY:%Y-%m-%d}"
 
 
 FRONTS = [

@@ -36,7 +36,7 @@ def test_marks_are_in_the_same_order_in_every_process() -> None:
         for version in ("v1", "v2")
         for date in dates
     ]
-    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-01").svg())
+    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-01").svg)
     groups = [group for group in picture.iter("g") if "best" in group.get("class", "")]
     assert [[mark.findtext("title", "")[:4] for mark in group] for group in groups] == [dates] * 2
 
@@ -56,7 +56,7 @@ def test_the_best_so_far_are_methods_of_one_version(
 
 
 def test_a_timeline_has_a_mark_with_all_words_for_every_result() -> None:
-    picture = drawn(timeline().svg())
+    picture = drawn(timeline().svg)
     groups = list(picture.iter("g"))
     kinds = {
         mark.findtext("title", "").partition(":")[0]: group.get("class")
@@ -89,7 +89,7 @@ def test_a_crowd_is_drawn_as_dots_where_its_circles_would_be() -> None:
     best = PastResult("Best", "2020-07", 0.5, "v1")
 
     def picture(results: Sequence[PastResult]) -> ET.Element:
-        return drawn(Timeline(CATALOGUE["rgspl"], [best, *results], "2024-01-01").svg())
+        return drawn(Timeline(CATALOGUE["rgspl"], [best, *results], "2024-01-01").svg)
 
     def circles(results: Sequence[PastResult]) -> set[tuple[str, str]]:
         marks = [*picture(results).iter("circle")]
@@ -112,14 +112,14 @@ def test_a_crowd_is_drawn_as_dots_where_its_circles_would_be() -> None:
 )
 def test_the_leader_s_name_stays_on_a_phone(date: str, anchor: str) -> None:
     results = [PastResult("A method with a name", date, 0.4, "v1")]
-    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-01").svg())
+    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-01").svg)
     (name,) = (each for each in picture.iter("text") if each.get("class") == "leader")
     assert name.get("text-anchor") == anchor
 
 
 def test_a_short_history_ends_today() -> None:
     results = [PastResult("New", "2024-01-08", 0.4, "v1")]
-    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-20").svg())
+    picture = drawn(Timeline(CATALOGUE["rgspl"], results, "2024-01-20").svg)
     months = [
         each.text or "" for each in picture.iter("text") if each.get("text-anchor") == "middle"
     ]
@@ -129,7 +129,7 @@ def test_a_short_history_ends_today() -> None:
 
 def test_names_never_overlap() -> None:
     crowd = [PastResult(f"Method {n}", f"2020-{n:02}", n / 100, "v1") for n in range(1, 13)]
-    picture = drawn(Timeline(CATALOGUE["rgspl"], crowd, "2026-01-01").svg())
+    picture = drawn(Timeline(CATALOGUE["rgspl"], crowd, "2026-01-01").svg)
     names = [each for each in picture.iter("text") if each.get("class") in ("leader", "was-best")]
     assert [each.text for each in names if each.get("class") == "leader"] == ["Method 12"]
     heights = sorted(float(each.get("y", "")) for each in names)

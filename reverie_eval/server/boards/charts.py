@@ -75,6 +75,20 @@ def _lines(
     return lines
 
 
+def whole_timeline(ranking: Ranking, key: str) -> Timeline | None:
+    """Return the :func:`timeline_of` all results, made once a day and whenever one changes."""
+    day = _day(ranking)
+    known, timeline = ranking.timelines.get(key, ("", None))
+    if known != day:
+        timeline = timeline_of(ranking, [*ranking.rows, *ranking.apart], key)
+        ranking.timelines[key] = day, timeline
+    return timeline
+
+
+def _day(ranking: Ranking) -> str:
+    return ranking.now.date().isoformat()
+
+
 def timeline_of(ranking: Ranking, rows: Sequence[Row], key: str) -> Timeline | None:
     """Return results over the years by a metric; None if no dated result has it.
 
@@ -94,7 +108,7 @@ def timeline_of(ranking: Ranking, rows: Sequence[Row], key: str) -> Timeline | N
     ]
     if metric.better == "neither" or not any(each.date for each in shown):
         return None
-    return Timeline(metric, shown, f"{ranking.now:%Y-%m-%d}")
+    return Timeline(metric, shown, _day(ranking))
 
 
 def _version_of(entry: Entry, board: Board) -> str:
@@ -127,7 +141,7 @@ def rank_chart(ranking: Ranking, title: str, is_own: Callable[[Entry], bool]) ->
     ]
     own = [each for each, is_theirs in dated if is_theirs]
     ranks = rank_over_time([each for each, _ in dated], own)
-    return rank_svg(ranks, years_of(f"{ranking.now:%Y-%m-%d}"), title) if ranks else ""
+    return rank_svg(ranks, years_of(_day(ranking)), title) if ranks else ""
 
 
 def progress_of(

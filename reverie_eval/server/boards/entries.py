@@ -17,6 +17,7 @@ import msgspec
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from reverie_eval.reporting.history import Timeline
 from reverie_eval.schemas.service import ReportedMethod, ScoredSubmission, Standing
 from reverie_eval.server.audit.log import last_recorded
 from reverie_eval.server.boards.reviews import PublishedReview, is_disqualified
@@ -140,6 +141,8 @@ class BoardEntries:
     """When scores are released next, if any are held back."""
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
     """The rankings computed so far, by metric."""
+    timelines: dict[str, tuple[str, Timeline | None]] = field(default_factory=dict)
+    """The timelines of all entries drawn so far, by metric, each with its day."""
 
     def is_old(self, board: Board, number: int, now: datetime) -> bool:
         """Whether a change was recorded, the rules were corrected or scores released since."""

@@ -16,6 +16,7 @@ import msgspec
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.history import Timeline
 from reverie_eval.reporting.results import methods_table
 from reverie_eval.reporting.tables import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, LeaderboardRow, ReportedMethod
@@ -52,6 +53,8 @@ class Ranking:
     metrics: frozenset[str]
     """All metrics of the results that are not apart."""
     now: datetime
+    timelines: dict[str, tuple[str, Timeline | None]] = field(default_factory=dict)
+    """Those of :class:`BoardEntries`, which are kept until an entry changes."""
     counts: Mapping[int, int] = field(default_factory=dict)
     """Number of submissions to the split, by team; empty if they were not counted."""
     rank_intervals: Mapping[str, RankInterval] = field(default_factory=dict)
@@ -100,6 +103,7 @@ def leaderboard(board: Board, found: BoardEntries, metric: str, now: datetime) -
         apart=found.apart,
         metrics=found.metrics,
         now=now,
+        timelines=found.timelines,
     )
 
 

@@ -15,7 +15,7 @@ from starlette.types import Receive, Scope, Send
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.service import METHOD_COSTS
 from reverie_eval.server.boards import feed
-from reverie_eval.server.boards.charts import chart_of, rank_chart, timeline_of
+from reverie_eval.server.boards.charts import chart_of, rank_chart, timeline_of, whole_timeline
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import Ranking, Rankings, as_bibtex, as_latex, sort_by
 from reverie_eval.server.boards.news import announcements, corrections_of, latest_news
@@ -161,7 +161,9 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Asked) -> Response:
             reviewed=[row for row in (*part.rows, *apart[:MOST_APART]) if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
             has_charts=bool(charted) and len(ranking.metrics) > 1,
-            timeline=timeline_of(ranking, [*charted, *apart], query.metric),
+            timeline=timeline_of(ranking, [*charted, *apart], query.metric)
+            if query.is_filtered
+            else whole_timeline(ranking, query.metric),
             # A page that is opened as a file cannot load its data.
             chart=chart_of(ranking, charted, query.x, query.y) if is_copy else None,
             counts=_counts(ranking, apart),

@@ -41,6 +41,7 @@ from reverie_eval import GroundTruth
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.runner import Record, run_agent
+from reverie_eval.server import scoring
 from reverie_eval.server.accounts.people import person_named
 from reverie_eval.server.app import add_rooms, create_app
 from reverie_eval.server.audit.log import entries
@@ -372,7 +373,10 @@ def _processes_have_one_origin() -> Iterator[None]:
 
     If it came first, all would be forked from one that has imported less, and import the rest.
     """
-    with patch.object(scoring_processes, "begin_importing", start_forkserver):
+    with (
+        patch.object(scoring, "begin_importing", start_forkserver),
+        patch.object(scoring_processes, "begin_importing", start_forkserver),
+    ):
         yield
 
 

@@ -36,6 +36,13 @@ COLUMNS = """tables => tables.map(table => [...table.querySelectorAll("thead th"
 }))"""
 
 
+WORLDS = MADE_UP, PUBLISHED = "made-up world", "published files"
+of_one_world = pytest.mark.parametrize(
+    "full", [MADE_UP if published_folder() is None else PUBLISHED], indirect=True
+)
+"""For what depends on the size of a world alone."""
+
+
 class Full(NamedTuple):
     """A server, and the folder of the published files if it is of them."""
 
@@ -43,14 +50,14 @@ class Full(NamedTuple):
     published: Path | None
 
 
-@pytest.fixture(scope="module", params=["made-up world", "published files"])
+@pytest.fixture(scope="module", params=WORLDS)
 def full(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Full]:
     """Run the server."""
     published = published_folder()
     items = ITEMS if published is None else FEW_ITEMS
-    if request.param == "made-up world":
+    if request.param == MADE_UP:
         published = None
     elif published is None:
         unavailable("the published REVERIE files are not here")
@@ -80,6 +87,7 @@ def best_of(year: str, table: str) -> str:
     return max(rows, key=lambda row: float(row["rgspl"]))["team"]
 
 
+@of_one_world
 @pytest.mark.parametrize(
     "path",
     [
@@ -103,6 +111,7 @@ def test_no_column_moves_while_the_rows_arrive(path: str, full: Full, open_page:
             assert [each[number] for each in columns(page)] == [each[number] for each in final]
 
 
+@of_one_world
 @pytest.mark.parametrize(
     "path",
     [

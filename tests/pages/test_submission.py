@@ -354,14 +354,17 @@ def test_the_team_s_submissions_are_drawn_over_time(server: Serving) -> None:
 
 
 def test_a_new_result_says_where_it_would_be(server: Serving) -> None:
-    entered(server, {"rgspl": 0.7189}, OTHER, **named("Ant"))
-    entered(server, {"rgspl": 0.1}, OTHER, **named("Bee"))
     submission = server.upload(OWNER, server.distinct()).json()["submission"]
     own = 100 * submission["report"]["scores"]["rgspl"]
     assert 10 < own < 71.89
     visitor, path = signed_in(server, OWNER), f"/submissions/{submission['id']}"
+    alone = "On the leaderboard, this would be the only result with a rank."
+    assert alone in said(visitor.get(path))
+    entered(server, {"rgspl": 0.7189}, OTHER, **named("Ant"))
+    entered(server, {"rgspl": 0.1}, OTHER, **named("Bee"))
     page = said(visitor.get(path))
-    assert "On the leaderboard, this would be 2nd of 3 by RGSPL; the best result has 71.89." in page
+    ranked = "this would be 2nd of 3 by RGSPL; the best of the others has 71.89."
+    assert f"On the leaderboard, {ranked}" in page
     assert page.index("would be 2nd") < page.index("Publish") < page.index("Submissions left")
     visitor.send(path, {"published": "true"})
     assert "would be" not in said(visitor.get(path))

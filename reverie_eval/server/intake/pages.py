@@ -332,8 +332,8 @@ class LeaderboardStanding:
     rank: int
     count: int
     """All results with a rank, itself included."""
-    best: float
-    """The best value of the others, or its own if there are none."""
+    best: float | None
+    """The best value of the others; None if there are none."""
 
 
 def _standing(
@@ -351,7 +351,7 @@ def _standing(
     others = [row.entry.scores[key] for row in rows if row.rank is not None]
     rank = ranks([own, *others], board.primary)[0] or 1
     # The first of the others has the best value.
-    return LeaderboardStanding(rank, 1 + len(others), next(iter(others), own))
+    return LeaderboardStanding(rank, 1 + len(others), next(iter(others), None))
 
 
 def change_of(typed: Mapping[str, str]) -> SubmissionChange:

@@ -347,7 +347,9 @@ def test_a_notice_is_looked_at_before_it_is_posted(desk: Visitor) -> None:
     assert "Submissions are paused; this was posted 2026-03-02 12:00 UTC" in words
     assert "Submissions are paused." in said(desk.get("/desk"))
     assert f"Down {MARKUP}" in said(desk.server.client.get("/sign-in"))
-    assert "Submissions will be accepted again." in said(sending(desk, "/desk/notice", banner=""))
+    lifted = said(sending(desk, "/desk/notice", banner=""))
+    assert "No page will have a banner Submissions will be accepted again." in lifted
+    assert "Everyone will see this" not in lifted
     assert "Submissions are accepted" in told(desk, "/desk/notice", banner="", **YES)
 
 

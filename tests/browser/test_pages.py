@@ -1,5 +1,6 @@
 """What holds of every page in a real browser, whoever looks, on whatever screen."""
 
+import re
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import NamedTuple
@@ -147,6 +148,17 @@ def test_rows_of_a_leaderboard_have_two_lines_on_a_phone(site: Site, open_page: 
     assert len(heights) == 8
     assert max(heights) < TWO_LINES
     assert board.locator("tbody th .marks").evaluate_all(OVER_NUMBERS) == []
+
+
+def test_a_row_on_a_phone_leaves_out_metrics_that_a_result_has_not(
+    site: Site, open_page: OpenPage
+) -> None:
+    page = open_page(site, "/team", OWNER, PHONE)
+    missing = page.locator("td[data-label]", has_text=re.compile("^-$"))
+    assert missing.count() > 0
+    assert not any(each.is_visible() for each in missing.all())
+    page.set_viewport_size({"width": WIDE[0], "height": WIDE[1]})
+    assert all(each.is_visible() for each in missing.all())
 
 
 A4 = (794, 1123)

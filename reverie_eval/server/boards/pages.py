@@ -275,10 +275,12 @@ def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
     results.
     """
     scored = [row.entry for row in ranking.rows if row.entry.is_ranked]
+    teams = [ranking.team(entry) for entry in scored]
     return {
         "all": len(ranking.rows),
         "scored": len(scored),
-        "teams": len({team for entry in scored if (team := ranking.team(entry))}),
+        "teams": len({*teams} - {""}),
+        "anonymous": teams.count(""),
         "reported": len(ranking.rows) - len(scored),
         "apart": len(apart),
     }

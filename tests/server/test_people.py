@@ -186,10 +186,11 @@ def test_an_organiser_brings_a_team_in_without_the_command_line(server: Serving)
 
     server.ask(ORGANISER, "DELETE", f"/organiser/tokens/{token[:11]}")
     assert status_of(server, token) == 401
-    assert [(entry["actor"], entry["action"]) for entry in listed("audit")[-6:]] == [
+    assert [(entry["actor"], entry["action"]) for entry in listed("audit")[-7:]] == [
         (ORGANISER, "team added"),
         (ORGANISER, "person added"),
         (ORGANISER, "invite token created"),
+        ("Dora", "invitation used"),
         ("Dora", "access token created"),
         ("Dora", "submitted"),
         (ORGANISER, "token revoked"),

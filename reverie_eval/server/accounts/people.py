@@ -11,7 +11,6 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased, selectinload
 
 from reverie_eval.schemas import organising as schemas
-from reverie_eval.server.audit.log import new_name_digest
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.store.paging import Listed, Page, list_page
@@ -111,10 +110,7 @@ def add_person(transaction: Transaction, new: schemas.NewPerson) -> schemas.Pers
         team_id=team.id, name=new.name, email=new.email, role=new.role, created_at=transaction.now
     )
     _write(transaction, person, f"the team {team.name!r} already has a person {person.name!r}")
-    name = new_name_digest(person)
-    transaction.record(
-        "person added", person, person, team=team.name, role=person.role, name_digest=name
-    )
+    transaction.record("person added", person, person, team=team.name, role=person.role)
     return person_report(person)
 
 
@@ -147,8 +143,7 @@ def change_person(
     taken = f"the team {person.team.name!r} already has a person {person.name!r}"
     _write(transaction, person, taken)
     moved = {"moved_from": moved_from, "moved_to": change.team} if "team" in changed else {}
-    name = new_name_digest(person)
-    transaction.record("person changed", person, person, changed=changed, **moved, name_digest=name)
+    transaction.record("person changed", person, person, changed=changed, **moved)
     return person_report(person)
 
 

@@ -12,7 +12,7 @@ from reverie_eval.schemas.people import PersonalData, SessionRecord, SubmissionR
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.accounts.people import find_person, organisers, person_report
 from reverie_eval.server.accounts.tokens import revoke_all, token_report
-from reverie_eval.server.audit.log import audit_reports, entries, new_name_digest, row_name
+from reverie_eval.server.audit.log import audit_reports, entries, row_name
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.store.tables import (
@@ -96,8 +96,7 @@ def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
     # Messages about submissions name the person in brackets.
     for message in session.scalars(select(Message).where(Message.path.startswith("/submissions/"))):
         message.text = message.text.replace(f"({old_name})", f"({person.name})")
-    name = new_name_digest(person)
-    transaction.record("person deleted", person, person, name_digest=name)
+    transaction.record("person deleted", person, person)
     return person_report(person)
 
 

@@ -53,7 +53,9 @@ def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:
     used = valid_token(transaction.session, invitation, "invite", transaction.now)
     used.revoked_at = transaction.now
     person = used.person
-    created = _create(transaction.as_actor(person), person, "access", None)
+    own = transaction.as_actor(person)
+    own.record("invitation used", used, person, hint=used.hint)
+    created = _create(own, person, "access", None)
     return Welcome(person=person.name, team=person.team.name, token=created.token)
 
 

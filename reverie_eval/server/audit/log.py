@@ -13,18 +13,16 @@ The number of an entry is not in its digest. It only orders the entries, and so 
 with another number either stays at its place, or breaks the chain there.
 
 Entries refer to persons by their rows, ``person:3``, never by name: a person's name and address can
-be deleted without changing the log. Names are looked up when the log is read. To reveal names that
-were swapped behind the server's back, each entry that gives a person a name has the digest of that
-name and of a salt, which is deleted with the name.
+be deleted without changing the log. Names are looked up when the log is read.
 
-The chain does not show that entries were removed at its end, or that rows were changed. Comparing
-them does: see :mod:`~reverie_eval.server.audit.rows`.
+The chain does not show that entries were removed at its end, or that rows were changed. So each
+entry has the digest of its row, with which :mod:`~reverie_eval.server.audit.rows` compares the row.
+Of a person, it covers a random salt: nobody can test whether a deleted one had a certain name.
 """
 
 import hashlib
 import math
 import re
-import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -51,6 +49,9 @@ RULES = "rules recorded"
 """The action of a server that starts with other rules than the last one."""
 INSPECTED = "inspected"
 """The action of an organiser who reads the values of a submission's episodes."""
+_NOT_LOGGED = frozenset({"team_id", "repeat", "report", "receipt", "earlier", "boards", "envelope"})
+"""Columns that may change without an entry on their row: merging two teams is an entry on the team,
+and a revoked key on the key. Receipts and snapshots are signed, and compared with their rows."""
 _PERSON = re.compile(r"person:([0-9]{1,9})")
 _SWITCHES = {
     ("withdrawn", True): "withdrawn",
@@ -80,10 +81,11 @@ class AuditLog:
         action: str,
         *,
         row: str,
+        row_digest: str,
         subject: str,
         **details: Any,
     ) -> None:
-        """Append an entry on a row, by its name, in the transaction of the session."""
+        """Append an entry on a row, by its name and its digest, in the session's transaction."""
         last = session.scalars(select(AuditEntry.digest).order_by(AuditEntry.id.desc()).limit(1))
         entry = AuditEntry(
             at=at,
@@ -91,6 +93,7 @@ class AuditLog:
             action=action,
             subject=subject,
             row=row,
+            row_digest=row_digest,
             details=details,
             previous=last.first() or _BEFORE_THE_FIRST,
         )
@@ -144,7 +147,7 @@ def entry_digest(entry: AuditEntry) -> str:
     return _digest_of(
         entry.at.astimezone(UTC).isoformat(timespec="microseconds"),
         *(entry.actor, entry.action, entry.row, entry.subject),
-        *(entry.details, entry.previous),
+        *(entry.row_digest, entry.details, entry.previous),
     )
 
 
@@ -155,20 +158,32 @@ def _digest_of(*parts: Any) -> str:
     return hashlib.sha256(msgspec.json.encode(parts, order="sorted")).hexdigest()
 
 
-def new_name_digest(person: Person) -> str:
-    """Give a person's name a new salt, and return the digest of both."""
-    person.name_salt = secrets.token_hex(16)
-    return name_digest(person)
-
-
-def name_digest(person: Person) -> str:
-    """Return the digest of a person's row, name and salt."""
-    return _digest_of(row_name(person), person.name, person.name_salt)
-
-
 def row_name(row: Base) -> str:
     """Return the name by which entries refer to a row, which never changes: ``team:3``."""
     return f"{row.__tablename__}:{inspect(row).mapper.primary_key_from_instance(row)[0]}"
+
+
+def logged_columns(kind: type[Base]) -> Sequence[str]:
+    """Return the names of the columns that the digests of a table's rows cover."""
+    return [name for name in kind.__table__.columns.keys() if name not in _NOT_LOGGED]  # noqa: SIM118
+
+
+def row_digest(values: Mapping[str, Any]) -> str:
+    """Return the digest of a row, given the values of its :func:`logged_columns`.
+
+    What is empty is left out, so a later version may add columns and fields.
+    """
+    return _digest_of(_comparable(values))
+
+
+def _comparable(value: Any) -> Any:
+    """Return a value of a row in the form that it has after any database has stored it."""
+    if isinstance(value, datetime):
+        return value.astimezone(UTC).isoformat(timespec="microseconds")
+    if not isinstance(value, Mapping):
+        return value
+    known = {name: _comparable(each) for name, each in value.items()}
+    return {name: each for name, each in known.items() if each not in (None, "")}
 
 
 def entries(session: Session, *where: ColumnElement[bool]) -> Sequence[AuditEntry]:

@@ -4,6 +4,7 @@ An action is a function that takes a :class:`Transaction` and a request model, c
 and returns a report. The API, the pages and the command line only begin a transaction and call it.
 """
 
+import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -12,7 +13,7 @@ from typing import Any, Self, TypeAlias
 
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.audit.log import AuditLog, row_name
+from reverie_eval.server.audit.log import AuditLog, logged_columns, row_digest, row_name
 from reverie_eval.server.audit.signing import Signer, admit
 from reverie_eval.server.settings import Channel
 from reverie_eval.server.store.database import Database
@@ -64,13 +65,17 @@ class Transaction:
         Persons are logged by their row, so that the log need not change when a person is deleted.
         So ``details`` must not name any person.
         """
+        if isinstance(row, Person):
+            row.name_salt = secrets.token_hex(16)
         self.add(row)
+        values = {name: getattr(row, name) for name in logged_columns(type(row))}
         self.audit_log.append(
             self.session,
             self.now,
             _logged(self.acting),
             action,
             row=row_name(row),
+            row_digest=row_digest(values),
             subject=_logged(subject),
             **details,
         )

@@ -26,7 +26,7 @@ from reverie_eval.schemas.service import (
     Schedule,
     ScoredSubmission,
 )
-from reverie_eval.server.audit.log import SERVER
+from reverie_eval.server.audit.log import SERVER, row_name
 from reverie_eval.server.audit.transactions import Actor, Transaction
 from reverie_eval.server.boards.schedules import Schedules, View
 from reverie_eval.server.errors import ConflictError, NotOpenError
@@ -240,7 +240,7 @@ class Intake:
             for name, report in read.reports.items():
                 receipt = self.server.signer.sign_result(row, report, quota)
                 row.store_result(name, BoardResult(report=report, receipt=receipt))
-            notify_of_same_file(transaction, row)  # the log's last entry is one that the row shows
+            notify_of_same_file(transaction, row)  # so the log's last entry has the row's digest
             described = method.model_dump(mode="json", exclude_defaults=True)
             transaction.record(
                 SUBMITTED, row, row.id, split=row.split, sha256=row.sha256, method=described
@@ -316,7 +316,16 @@ def notify_of_same_file(transaction: Transaction, new: Submission) -> None:
         return
     same_as = [each.id for each in others]
     # About the split, not the submission, whose history its team sees.
-    transaction.as_actor(SERVER).record(SAME_FILE, new, new.split, same_as=same_as)
+    transaction.audit_log.append(
+        transaction.session,
+        transaction.now,
+        SERVER,
+        SAME_FILE,
+        row=row_name(new),
+        row_digest="",
+        subject=new.split,
+        same_as=same_as,
+    )
     names = ", ".join(f"{each.name}{' (published)' * each.is_shown}" for each in others)
     whose = "other teams" if len(others) > 1 else "another team"
     text = f"{new.team.name} submitted to {new.split} the file that {whose} had submitted: {names}"

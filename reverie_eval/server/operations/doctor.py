@@ -5,7 +5,6 @@ import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from datetime import datetime, timedelta
-from itertools import chain
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -26,12 +25,7 @@ from reverie_eval.schemas.service import (
     SnapshotEntry,
 )
 from reverie_eval.server.audit.log import AuditLog
-from reverie_eval.server.audit.rows import (
-    all_names_of_teams,
-    changed_values,
-    mismatches,
-    swapped_names,
-)
+from reverie_eval.server.audit.rows import all_names_of_teams, mismatches
 from reverie_eval.server.audit.signing import list_keys
 from reverie_eval.server.corrections.snapshots import Snapshots
 from reverie_eval.server.messages.queue import given_up, notify_of_fault
@@ -304,7 +298,7 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
             "or after an entry that was removed"
         )
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
-    for message in chain(swapped_names(session), mismatches(session), changed_values(session)):
+    for message in mismatches(session):
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     if not broken:
         verified = count_text(count, "entry", "entries")

@@ -60,7 +60,8 @@ _AGENT = "stop"
 _NO_DIGEST = "0" * 64
 _NOBODY = -1
 _EMPTY: Mapping[str, Any] = {
-    **dict.fromkeys(("split", "actor", "action", "row", "subject", "seal", "outcome"), ""),
+    **dict.fromkeys(("split", "actor", "action", "row", "row_digest", "subject"), ""),
+    **dict.fromkeys(("seal", "outcome"), ""),
     **dict.fromkeys(("size", "problems", "milliseconds"), 0),
     **{name: {} for name in ("method", "report", "receipt", "boards", "details")},
 }

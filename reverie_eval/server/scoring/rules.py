@@ -68,6 +68,7 @@ def append_rules(
         SERVER,
         RULES,
         row=SERVER,
+        row_digest="",
         subject=SERVER,
         splits=dict(rules),
         **({"replaced": dict(replaced)} if replaced else {}),

@@ -151,7 +151,7 @@ class Person(Base):
     team_id: Mapped[int] = mapped_column(ForeignKey("team.id"))
     name: Mapped[str] = mapped_column(String(100), index=True)
     name_salt: Mapped[str] = mapped_column(String(32), default="")
-    """Makes the digest of the name in the audit log one that nobody can guess the name from."""
+    """Drawn at random by each entry of the audit log, so nobody can guess the name from digests."""
     email: Mapped[str | None] = mapped_column(String(254))
     """Never shown to others than organisers and the person."""
     role: Mapped[Role]
@@ -391,6 +391,8 @@ class AuditEntry(Base):
     action: Mapped[str] = mapped_column(String(64))
     row: Mapped[str] = mapped_column(String(64))
     """The row that was changed, for programs: ``team:3``."""
+    row_digest: Mapped[str] = mapped_column(String(64))
+    """The digest of the row since then; empty if the entry does not change one."""
     subject: Mapped[str] = mapped_column(String(200), index=True)
     """The name of the row for people, at that time."""
     details: Mapped[dict[str, Any]]

@@ -54,7 +54,7 @@ class Ranking:
     """All metrics of the results that are not apart."""
     now: datetime
     timelines: dict[str, tuple[str, Timeline | None]] = field(default_factory=dict)
-    """Those of :class:`BoardEntries`, which are kept until an entry changes."""
+    """Timelines of all results, shared by the rankings of the same :class:`BoardEntries`."""
     counts: Mapping[int, int] = field(default_factory=dict)
     """Number of submissions to the split, by team; empty if they were not counted."""
     rank_intervals: Mapping[str, RankInterval] = field(default_factory=dict)

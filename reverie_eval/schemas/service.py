@@ -134,21 +134,6 @@ class Welcome(WireModel):
     token: str = Field(examples=[EXAMPLE_TOKEN])
 
 
-class SignIn(WireModel):
-    """What a browser sends to sign in."""
-
-    token: Secret = Field(examples=[EXAMPLE_TOKEN])
-
-
-class SessionReport(Me):
-    """A browser session; scripts cannot read the cookie that comes with it."""
-
-    csrf_token: str = Field(examples=["5f2b0c9a4d7e1f36"])
-    """Send it as X-CSRF-Token with every request that changes something."""
-    expires_at: datetime = Field(examples=["2027-06-02T12:00:00Z"])
-    """When to sign in again, UTC; earlier if the token is revoked."""
-
-
 InputClass = Literal["geometry", "objects", "views", "other"]
 SampleSize = Annotated[int, Field(ge=1, le=1_000_000)]
 Amount = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]

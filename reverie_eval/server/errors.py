@@ -94,7 +94,7 @@ class NotAllowedError(RequestError):
 
 
 class ForgedError(RequestError):
-    """A cookie came without the session's CSRF token; another site may have sent the request."""
+    """A form came without the session's CSRF token; another site may have sent it."""
 
     status = HTTPStatus.FORBIDDEN
     code = "csrf"

@@ -115,7 +115,6 @@ class NewSession:
 
     session: BrowserSession
     cookie: str
-    csrf_token: str
 
 
 class Sessions:
@@ -150,9 +149,7 @@ class Sessions:
             expires_at=min(now + LIFETIME, valid.expires_at or now + LIFETIME),
         )
         session.add(browser)
-        return NewSession(
-            browser, self._cookies.sign(browser.id).decode(), self.csrf_token(browser.id)
-        )
+        return NewSession(browser, self._cookies.sign(browser.id).decode())
 
     def id_in(self, cookie: str) -> str | None:
         """Return the session id in a cookie; None if its signature is wrong."""
@@ -181,14 +178,12 @@ class Sessions:
         return self._csrf_tokens.sign(session_id).decode().removeprefix(f"{session_id}.")
 
     def check_csrf_token(self, session_id: str, shown: str) -> None:
-        """Make sure that a request shows the session's CSRF token.
+        """Make sure that a form has the session's CSRF token.
 
         Raises ForgedError if it does not.
         """
         if not secrets.compare_digest(self.csrf_token(session_id).encode(), shown.encode()):
-            raise ForgedError(
-                "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session returns it"
-            )
+            raise ForgedError("the form is not of this browser session; open its page again")
 
 
 def name_in(cookie: str) -> str:

@@ -276,7 +276,7 @@ def test_a_line_quotes_nothing_that_was_sent(
     server.ask(None, "GET", "/me", headers={"Authorization": "Bearer hunter2"})
     server.ask(None, "GET", "/me", headers={"Authorization": f"Bearer rv_{'x' * 43}"})
     server.ask(None, "GET", f"/splits/my-own-name?{server.tokens[OWNER]}")
-    server.ask(None, "POST", "/session", json={"token": server.tokens[OWNER]})
+    server.client.post("/sign-in", data={"token": server.tokens[OWNER]})
     written = "\n".join(
         JsonLines().format(record)
         for record in caplog.records

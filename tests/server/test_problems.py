@@ -88,14 +88,13 @@ REFUSED = {
     "a time without a zone": Refused(
         OWNER, "PATCH {own}", 400, BAD, ["anonymous_until"], until("2027-01-01T00:00:00")
     ),
-    "a token of nobody's": Refused(
-        NOBODY, "POST /session", 401, "not-signed-in", (), {"json": {"token": "rv_no"}}
-    ),
-    "no token": Refused(NOBODY, "POST /session", 400, BAD, ["token"], {"json": {}}),
+    "no invitation": Refused(NOBODY, "POST /tokens", 400, BAD, ["invitation"], {"json": {}}),
     "half a letter": Refused(
-        NOBODY, "POST /session", 400, BAD, ["token"], raw(b'{"token": "\\ud800"}')
+        NOBODY, "POST /tokens", 400, BAD, ["invitation"], raw(b'{"invitation": "\\ud800"}')
     ),
-    "no letter": Refused(NOBODY, "POST /session", 400, BAD, ["byte 11"], raw(b'{"token": "\xff"}')),
+    "no letter": Refused(
+        NOBODY, "POST /tokens", 400, BAD, ["byte 16"], raw(b'{"invitation": "\xff"}')
+    ),
     "an empty invitation": Refused(
         NOBODY, "POST /tokens", 400, BAD, ["invitation"], {"json": {"invitation": ""}}
     ),

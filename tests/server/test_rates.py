@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from ipaddress import ip_network
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -92,7 +93,7 @@ def test_one_browser_session_has_so_many_requests_however_its_cookie_is_written(
 
 def sign_in(server: Serving, who: str) -> str:
     """Begin a session of somebody's and return its cookie."""
-    reply = server.ask(None, "POST", "/session", json={"token": server.tokens[who]})
+    reply = server.client.post("/sign-in", data={"token": server.tokens[who]})
     server.client.cookies.clear()
     return reply.cookies[COOKIE]
 
@@ -105,7 +106,7 @@ def test_wrong_tokens_throttle_wrong_tokens_alone(limited: Callable[..., Serving
     ]
     assert wrong == [401] * (PER_MINUTE // FAILED_COST) + [429]
     assert me(server, OWNER).status_code == 200
-    assert server.ask(None, "POST", "/session", json={"token": server.tokens[OWNER]}).is_success
+    assert server.client.post("/sign-in", data={"token": server.tokens[OWNER]}).is_redirect
     server.client.cookies.clear()
     assert server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").status_code == 200
 
@@ -133,15 +134,15 @@ def test_who_is_throttled_is_told_until_when(limited: Callable[..., Serving]) ->
 @pytest.mark.parametrize(
     ("path", "body"),
     [
-        pytest.param("/tokens", {"invitation": "rv_wrong"}, id="invitations"),
-        pytest.param("/session", {"token": "rv_wrong"}, id="signing in"),
+        pytest.param("/api/v1/tokens", {"json": {"invitation": "rv_wrong"}}, id="invitations"),
+        pytest.param("/sign-in", {"data": {"token": "rv_wrong"}}, id="signing in"),
     ],
 )
 def test_so_does_trying_by_other_ways(
-    path: str, body: dict[str, str], limited: Callable[..., Serving]
+    path: str, body: dict[str, Any], limited: Callable[..., Serving]
 ) -> None:
     server = limited()
-    statuses = [server.ask(None, "POST", path, json=body).status_code for _ in range(4)]
+    statuses = [server.client.post(path, **body).status_code for _ in range(4)]
     assert statuses == [401, 401, 401, 429]
 
 

@@ -47,9 +47,6 @@ GET    /news                                      200    200   200    200       
 GET    /keys                                      200    200   200    200        200      200         200
 GET    /me                                        401    200   200    200        200      401         401
 POST   /tokens                                    401    401   401    401        401      401         201
-POST   /session                                   401    201   201    201        201      401         401
-GET    /session                                   401    401   401    401        401      401         401
-DELETE /session                                   401    401   401    401        401      401         401
 GET    /splits                                    200    200   200    200        200      401         401
 GET    /splits/{split}                            200    200   200    200        200      401         401
 GET    /splits/{split}/episodes.txt               200    200   200    200        200      200         200
@@ -243,8 +240,6 @@ def statuses(row: str, server: Serving, stocked: Stocked) -> Mapping[str, str]:
             body = {"json": {"submission_id": stocked.parts["submission_id"], **said}}
         if row == "POST /tokens":
             body = {"json": {"invitation": token or "rv_none"}}
-        if row == "POST /session":
-            body = {"json": {"token": token or "rv_none"}}
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         server.client.cookies.clear()
         own = path.replace(":path", "").format(**stocked.parts)

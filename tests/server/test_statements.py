@@ -172,7 +172,6 @@ def test_a_page_that_is_not_allowed_looks_up_its_visitor_once(busy: Busy) -> Non
 
 READS = (
     "/me",
-    "/session",
     "/server",
     "/news",
     "/keys",

@@ -17,8 +17,8 @@ WRONG = {
     "nothing": (b"", "application/json"),
     "no form": (b"x", "multipart/form-data; boundary=y"),
 }
-ANYBODY = ("/session", "/tokens", "/join")
-"""Where one signs in, or asks for an account."""
+ANYBODY = ("/tokens", "/join")
+"""Where one uses an invitation, or asks for an account."""
 PLACE = re.compile(r"{[a-z_]+}")
 
 

@@ -1,6 +1,6 @@
 """The ways in: signing in and out, invitations, asking to join, who one is, and public keys.
 
-What a program does by a route, a browser does by the form beside it.
+What a program does by a route, a browser does by the form beside it; only browsers have sessions.
 """
 
 import re
@@ -19,7 +19,7 @@ from reverie_eval.server.accounts.tokens import accept_invitation
 from reverie_eval.server.audit.signing import list_keys
 from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http import callers
-from reverie_eval.server.http.callers import Anybody, Caller, CallReading, Server, Visitor
+from reverie_eval.server.http.callers import Caller, CallReading, Server, Visitor
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.openapi import file_reply, problems
 from reverie_eval.server.http.problems import read_model
@@ -27,7 +27,6 @@ from reverie_eval.server.http.rendering import page, see_other, show_faults_with
 from reverie_eval.server.http.runtime import Runtime, RuntimeState
 from reverie_eval.server.identity import Sessions
 from reverie_eval.server.messages.notices import current_notice
-from reverie_eval.server.store.tables import BrowserSession, Person
 from reverie_eval.version import __version__
 
 routes, pages = APIRouter(prefix=API, tags=["access"]), APIRouter()
@@ -64,7 +63,10 @@ def show_server(server: Server) -> schemas.ServerReport:
 @routes.get("/me", responses=problems("not-signed-in"))
 def show_me(caller: Caller) -> schemas.Me:
     """Show who you are."""
-    return _me(caller.person())
+    person = caller.person()
+    return schemas.Me(
+        person=person.name, team=person.team.name, role=person.role, email=person.email
+    )
 
 
 @routes.post("/tokens", status_code=201, responses=problems("not-signed-in"))
@@ -114,31 +116,6 @@ def show_key(server: Server) -> str:
     return server.signer.public_pem
 
 
-@routes.get("/session", responses=problems("not-signed-in"))
-def show_session(call: Anybody, server: Server) -> schemas.SessionReport:
-    """Show who is signed in, and the session's CSRF token."""
-    with call.reading() as reading:
-        browser = _signed_in(reading)
-        return _report(browser, server.get(Sessions).csrf_token(browser.id))
-
-
-@routes.post(
-    "/session",
-    status_code=201,
-    dependencies=[Depends(callers.own_page)],
-    responses=problems("not-signed-in", "not-allowed"),
-)
-def sign_in(
-    shown: schemas.SignIn, request: Request, response: Response, server: Server
-) -> schemas.SessionReport:
-    """Exchange a token for a browser session: a cookie and a CSRF token."""
-    with server.database.writing() as session:
-        now = server.clock()
-        begun = server.get(Sessions).begin(session, shown.token, now)
-        callers.set_cookie(request, response, begun.cookie, begun.session.expires_at - now)
-        return _report(begun.session, begun.csrf_token)
-
-
 @pages.get("/sign-in")
 def show_sign_in(visitor: Visitor, back: str = "/team", form: Literal["", "kept"] = "") -> Response:
     """Ask for a token or an invitation; ``form`` says that a form was sent without a session."""
@@ -159,16 +136,6 @@ def sign_in_on_page(visitor: Visitor, token: Secret = "", back: Back = "/team") 
     return reply
 
 
-@routes.delete("/session", status_code=204, responses=problems("not-signed-in"))
-def sign_out(call: Anybody, response: Response, server: Server) -> None:
-    """End the session; its cookie is no longer valid."""
-    with call.reading() as reading:
-        browser = _signed_in(reading)
-    with server.database.writing() as session:
-        server.get(Sessions).end(session, browser.id)
-    callers.drop_cookie(call.request, response)
-
-
 @pages.post("/sign-out")
 def sign_out_on_page(visitor: Visitor, _: callers.Posted) -> Response:
     """End the session."""
@@ -177,23 +144,6 @@ def sign_out_on_page(visitor: Visitor, _: callers.Posted) -> Response:
     reply = see_other("/")
     callers.drop_cookie(visitor.request, reply)
     return reply
-
-
-def _signed_in(reading: CallReading) -> BrowserSession:
-    if reading.browser is None:
-        raise NotSignedInError("there is no session; sign in with POST /api/v1/session")
-    return reading.browser
-
-
-def _me(person: Person) -> schemas.Me:
-    return schemas.Me(
-        person=person.name, team=person.team.name, role=person.role, email=person.email
-    )
-
-
-def _report(browser: BrowserSession, csrf_token: str) -> schemas.SessionReport:
-    me = _me(browser.token.person)
-    return schemas.SessionReport(**dict(me), csrf_token=csrf_token, expires_at=browser.expires_at)
 
 
 def own_path(path: str) -> str:

@@ -2,7 +2,8 @@
 
 A token in the Authorization header is sent on purpose. Browsers send cookies with requests from any
 site, so a cookie is only accepted from this server's own pages, and every request that changes
-something needs the session's CSRF token as well. The API accepts both; pages accept only cookies.
+something needs the session's CSRF token as well. Pages accept only cookies. The API accepts both, a
+cookie only for reading: pages link what it returns.
 """
 
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -43,7 +44,6 @@ TokenHint = Annotated[
 """The first characters of a token, in a path."""
 
 COOKIE = "reverie_eval_session"
-CSRF_HEADER = "X-CSRF-Token"
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 _OWN_PAGES = frozenset({"same-origin", "none"})
@@ -51,7 +51,7 @@ _OWN_PAGES = frozenset({"same-origin", "none"})
 
 _Bearer = HTTPBearer(auto_error=False, description="A token from the organiser: `rv_...`")
 _Cookie = APIKeyCookie(
-    name=COOKIE, auto_error=False, description="A browser session, from `POST /api/v1/session`"
+    name=COOKIE, auto_error=False, description="A browser session, which pages begin; for reading"
 )
 ByToken = Annotated[HTTPAuthorizationCredentials | None, Depends(_Bearer)]
 ByCookie = Annotated[str | None, Depends(_Cookie)]
@@ -88,8 +88,6 @@ class Call:
     token: str | None
     session_id: str | None
     """The id of a browser session, which may have ended."""
-    csrf_token: str | None = None
-    """The CSRF token in the header; None if the request is a form with a field for it."""
     required: Role | None = None
     """The role that the caller must have; None if anyone may call."""
 
@@ -103,8 +101,6 @@ class Call:
             If signing in is required; or if the token is invalid, even where it is not required.
         NotAllowedError
             If only organisers may call.
-        ForgedError
-            If a browser's request would change something and lacks the session's CSRF token.
         """
         with self.server.database.reading() as session:
             browser, caller = self._sender(session)
@@ -159,11 +155,7 @@ class Call:
         if self.session_id is None:
             return None, None
         browser = sessions.find(session, self.session_id, now)
-        if browser is None:
-            return None, None
-        if self.csrf_token is not None and self.request.method not in _SAFE_METHODS:
-            sessions.check_csrf_token(browser.id, self.csrf_token)
-        return browser, browser.token.person
+        return browser, None if browser is None else browser.token.person
 
 
 def is_of_another_site(request: Request) -> bool:
@@ -214,10 +206,10 @@ Server = Annotated[ServerState, Depends(server_of)]
 def call_of(request: Request) -> Call:
     """Return a request to the API as a call that anyone may make."""
     scheme, token = get_authorization_scheme_param(request.headers.get("authorization"))
-    session_id = session_id_of(request, request.cookies.get(COOKIE))
-    csrf_token = request.headers.get(CSRF_HEADER, "")
+    cookie = request.cookies.get(COOKIE) if request.method in _SAFE_METHODS else None
     is_token = scheme.lower() == "bearer" and token
-    return Call(request, state_of(request), token if is_token else None, session_id, csrf_token)
+    session_id = session_id_of(request, cookie)
+    return Call(request, state_of(request), token if is_token else None, session_id)
 
 
 async def anybody(request: Request, _: ByToken, __: ByCookie) -> Call:

@@ -3,7 +3,7 @@
 Fields have examples, of which every viewer of OpenAPI makes those of whole bodies.
 
 This adds what FastAPI does not know: that problems have their own media type, which problems every
-operation can return, and that a cookie needs the CSRF token as well.
+operation can return, and that a cookie is for reading only.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,6 @@ from fastapi.responses import JSONResponse
 
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server import errors
-from reverie_eval.server.http.callers import CSRF_HEADER
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.paging import known_query
 
@@ -102,13 +101,6 @@ def describe(app: FastAPI, path_prefix: str) -> None:
             mode="serialization", ref_template=f"{_MODELS}{{model}}"
         )
         models |= models[ProblemDocument.__name__].pop("$defs")
-        document["components"]["securitySchemes"]["csrf"] = {
-            "type": "apiKey",
-            "in": "header",
-            "name": CSRF_HEADER,
-            "description": "The session's `csrf_token`; required with the cookie by every "
-            "request that changes something.",
-        }
         for operations in document["paths"].values():
             for method, operation in operations.items():
                 _complete(method, operation)
@@ -128,11 +120,9 @@ def _complete(method: str, operation: Document) -> None:
         everywhere += (errors.MalformedError.code,)
     if method in _CHANGING:
         everywhere += (errors.StorageFullError.code, errors.KeyReplacedError.code)
-    if method in _CHANGING and any("APIKeyCookie" in way for way in operation.get("security", ())):
-        operation["security"] = [
-            {**way, "csrf": []} if "APIKeyCookie" in way else way for way in operation["security"]
-        ]
-        everywhere += (errors.ForgedError.code,)
+        if "security" in operation:
+            ways = operation["security"]
+            operation["security"] = [way for way in ways if "APIKeyCookie" not in way]
     own = (code for reply in replies.values() for code in _codes_in(reply))
     for status, reply in problems(*dict.fromkeys((*own, *everywhere))).items():
         replies.setdefault(str(status), reply)["content"] |= reply["content"]

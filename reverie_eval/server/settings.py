@@ -431,8 +431,6 @@ class Settings(BaseSettings):
     trusted_proxies: tuple[IPvAnyNetwork, ...] = ()
     """Addresses and networks of the proxies in front of the server, whose ``X-Forwarded-For`` is
     trusted."""
-    metrics_readers: tuple[IPvAnyNetwork, ...] = ()
-    """Addresses and networks that may read ``/metrics`` without an organiser's token."""
     _folder: Path
 
     @classmethod

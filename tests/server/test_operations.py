@@ -4,8 +4,6 @@ import json
 import logging
 import re
 from collections.abc import Callable, Mapping
-from ipaddress import ip_network
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -28,9 +26,7 @@ from tests.support.serving import (
     OTHER,
     OWNER,
     PRIVATE,
-    OpenServer,
     Serving,
-    settings_of,
     submission_for,
 )
 from tests.support.visiting import signed_in
@@ -422,20 +418,3 @@ def test_applications_in_one_process_count_for_themselves(server: Serving) -> No
     server.ask(OWNER, "GET", "/me")
     assert ("reverie_eval_requests_total", "GET", "/api/v1/me", "200") in metrics_of(server)
     assert b"/api/v1/me" not in other.metrics.text()
-
-
-@pytest.mark.parametrize(
-    ("readers", "status"),
-    [
-        pytest.param((), 401, id="nobody"),
-        pytest.param(("127.0.0.1",), 200, id="this address"),
-        pytest.param(("10.0.0.0/8", "127.0.0.0/8"), 200, id="this network"),
-        pytest.param(("10.0.0.0/8", "::1"), 401, id="others"),
-    ],
-)
-def test_who_may_read_metrics_a_setting_says(
-    readers: tuple[str, ...], status: int, folder: Path, open_server: OpenServer
-) -> None:
-    networks = tuple(ip_network(reader) for reader in readers)
-    settings = settings_of(folder).model_copy(update={"metrics_readers": networks})
-    assert open_server(settings).client.get("/metrics").status_code == status

@@ -4,15 +4,14 @@
 ``/metrics`` are for monitoring.
 """
 
-import ipaddress
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Request, status
+from fastapi import APIRouter, Depends, status
 from fastapi.responses import Response
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -20,8 +19,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import Snapshots
-from reverie_eval.server.http.callers import Anybody, Desk, Server
-from reverie_eval.server.http.exchange import address_of
+from reverie_eval.server.http.callers import Desk, Organiser
 from reverie_eval.server.http.openapi import TEXT, file_reply
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import Runtime
@@ -224,24 +222,10 @@ def _with_status(report: HealthReport, response: Response) -> HealthReport:
         "text/plain", "not-signed-in", "not-allowed", schema=TEXT, example=_METRICS
     ),
 )
-def show_metrics(request: Request, call: Anybody, server: Server, runtime: Runtime) -> Response:
-    """Return metrics for Prometheus, to organisers and to addresses in the settings."""
-    with call.reading() as reading:
-        is_anonymous = reading.caller is None
-    readers = server.settings.metrics_readers
-    if not (is_anonymous and _is_named(address_of(request.scope), readers)):
-        replace(call, required="organiser").person()
+def show_metrics(organiser: Organiser, runtime: Runtime) -> Response:
+    """Return metrics for Prometheus."""
+    organiser.person()
     return Response(runtime.metrics.text(), media_type=MEDIA_TYPE)
-
-
-def _is_named(
-    address: str, networks: tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
-) -> bool:
-    try:
-        parsed = ipaddress.ip_address(address)
-    except ValueError:
-        return False
-    return any(parsed in network for network in networks)
 
 
 def jobs(server: ServerState) -> Iterable[Job]:

@@ -123,6 +123,7 @@ def test_everything_the_doctor_checks_is_in_the_guide() -> None:
         for name in ("checks", "doctor")
     ]
     checks = set(re.findall(r'(?:Finding|_guarded)\(\s*"([a-z ]+)"', "".join(source)))
+    checks |= {f"{kind}s" for kind in re.findall(r'_Envelopes\("([a-z]+)"', "".join(source))}
     table = REFERENCE.partition("| check |")[2].partition("\n\n")[0]
     assert checks - {"stored data"} == set(re.findall(r"^\| ([a-z ]+?) \|", table, re.MULTILINE))
 

@@ -153,7 +153,7 @@ DAMAGES = [
     pytest.param(
         sql(f"UPDATE submission SET report = json_set(report, '$.scores.spl', 1.0) WHERE {FIRST}"),
         "receipts",
-        "differs from the submission's row",
+        "differs from its row",
         id="score",
     ),
     pytest.param(
@@ -174,13 +174,13 @@ DAMAGES = [
     pytest.param(
         sql("UPDATE submission SET team_id = 3 - team_id WHERE split = 'val_unseen'"),
         "receipts",
-        "differs from the submission's row",
+        "differs from its row",
         id="another team's",
     ),
     pytest.param(
         sql(f"UPDATE submission SET received_at = '2026-01-01 00:00:00.000000' WHERE {FIRST}"),
         "receipts",
-        "differs from the submission's row",
+        "differs from its row",
         id="time",
     ),
     pytest.param(
@@ -189,7 +189,7 @@ DAMAGES = [
             f" WHERE {FIRST}"
         ),
         "receipts",
-        "differs from the submission's row",
+        "differs from its row",
         id="fingerprint",
     ),
     pytest.param(

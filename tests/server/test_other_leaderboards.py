@@ -341,7 +341,7 @@ def test_the_doctor_and_the_check_look_at_all_of_them(several: Serving, folder: 
         row.store_result(STRICT, result.model_copy(update={"report": report}))
     faults = {each.check: each.what for each in examine(folder) if each.kind == "fault"}
     assert "exact values of 1 result were stored" in faults["secrets"]
-    assert "the receipt differs from the submission's row" in faults["receipts"]
+    assert "the receipt differs from its row" in faults["receipts"]
 
 
 def test_exports_have_every_leaderboard(

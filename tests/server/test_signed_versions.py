@@ -328,7 +328,7 @@ def test_the_doctor_compares_what_it_can_read_of_a_newer_receipt(
     assert findings(folder, "receipts") == [("ok", "1 receipt verified")]
     plant_receipt(server, submission, newer_receipt(team="Another"))
     (fault, _) = findings(folder, "receipts")
-    assert (fault[0], "the receipt differs from the submission's row" in fault[1]) == (
+    assert (fault[0], "the receipt differs from its row" in fault[1]) == (
         "fault",
         True,
     )

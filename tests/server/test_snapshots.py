@@ -595,7 +595,7 @@ def test_those_of_a_revoked_key_are_signed_again(
         pytest.param(None, "1 snapshot verified", id="none"),
         pytest.param("bytes", "snapshot 1 of val_unseen: the signature does not match", id="bytes"),
         pytest.param("envelope", "snapshot 1 of val_unseen: it was changed", id="no envelope"),
-        pytest.param("title", "snapshot 1 of val_unseen: it differs from its row", id="its row"),
+        pytest.param("title", "val_unseen: the snapshot differs from its row", id="its row"),
     ],
 )
 def test_the_doctor_verifies_them(

@@ -2,9 +2,10 @@
 
 import hashlib
 import shutil
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -98,7 +99,7 @@ def _at_submissions(session: Session, state: ServerState, progress: Progress) ->
             sent = count_text(number, "submission")
             message = f"{sent} to {split}, which is not a split in the settings"
             yield Finding("submissions", "note", message)
-    receipts = _Receipts(list_keys(session), all_names_of_teams(session))
+    receipts, teams = _Envelopes("receipt", list_keys(session)), all_names_of_teams(session)
     chosen = select(Submission.id).order_by(Submission.received_at)
     for names in session.scalars(chosen.execution_options(yield_per=AT_ONCE)).partitions():
         for name, submission in _read(session, names):
@@ -106,7 +107,7 @@ def _at_submissions(session: Session, state: ServerState, progress: Progress) ->
                 message = f"the row of submission {name} cannot be read; restore the last backup"
                 yield Finding("submissions", "fault", message)
             else:
-                yield from receipts.check(submission)
+                yield from _at_receipts(receipts, submission, teams[submission.team])
     yield from receipts.sum_up()
 
 
@@ -174,45 +175,42 @@ def _trouble(uploads: Uploads, sha256: str) -> str:
     return "" if found == sha256 else "differs from the file that was uploaded"
 
 
-class _Receipts:
-    """Checks the receipts of submissions, one after the other."""
+class _Envelopes:
+    """Checks what the server has signed, one envelope after the other."""
 
-    def __init__(self, keys: Sequence[KeyReport], names: Mapping[str, Collection[str]]) -> None:
-        self._keys = keys
-        self._names = names
-        """All names that each team has had, by its current name."""
-        self._sound = 0
-        self._unread = 0
+    def __init__(self, kind: str, keys: Sequence[KeyReport]) -> None:
+        self._kind, self._keys = kind, keys
+        self._sound = self._unread = 0
 
-    def check(self, submission: ScoredSubmission) -> Iterator[Finding]:
-        """Check the receipts of all results that a submission has had."""
-        for current in submission.results.values():
-            yield from self._check_one(submission, current)
-            for earlier in current.earlier:
-                yield from self._check_one(submission, earlier)
-
-    def _check_one(
-        self, submission: ScoredSubmission, result: BoardResult | EarlierResult
+    def check(
+        self, name: str, stored: object, is_of_row: Callable[[Content], bool]
     ) -> Iterator[Finding]:
-        trouble = ""
+        """Check that an envelope is genuine, and that its row says the same."""
         try:
-            said = _verified(result.receipt, self._keys)
+            said = _verified(Envelope.model_validate(stored), self._keys)
         except NewerVersionError:
             self._unread += 1
             return
+        except ValidationError:
+            trouble = "it was changed, and has no signature"
         except ReceiptError as error:
             trouble = str(error)
         else:
-            if not _matches_row(said, submission, result, self._names[submission.team]):
-                trouble = "the receipt differs from the submission's row"
+            trouble = "" if is_of_row(said) else f"the {self._kind} differs from its row"
         self._sound += not trouble
         if trouble:
-            yield Finding("receipts", "fault", f"{submission.id}: {trouble}; {_RESTORE}")
+            yield Finding(f"{self._kind}s", "fault", f"{name}: {trouble}; {_RESTORE}")
 
     def sum_up(self) -> Iterator[Finding]:
+        """Count those that are sound, and those that this version cannot read."""
         if self._unread:
-            yield Finding("receipts", "note", _not_compared(count_text(self._unread, "receipt")))
-        yield Finding("receipts", "ok", f"{count_text(self._sound, 'receipt')} verified")
+            message = (
+                f"{count_text(self._unread, self._kind)} of a newer version of reverie-eval: "
+                "signed with the server's key, but not compared with the database; update to "
+                "compare"
+            )
+            yield Finding(f"{self._kind}s", "note", message)
+        yield Finding(f"{self._kind}s", "ok", f"{count_text(self._sound, self._kind)} verified")
 
 
 def _verified(envelope: Envelope, keys: Sequence[KeyReport]) -> Content:
@@ -227,18 +225,22 @@ def _verified(envelope: Envelope, keys: Sequence[KeyReport]) -> Content:
     return content
 
 
-def _not_compared(what: str) -> str:
-    return (
-        f"{what} of a newer version of reverie-eval: signed with the server's key, but not "
-        "compared with the database; update to compare"
-    )
+def _at_receipts(
+    receipts: _Envelopes, kept: ScoredSubmission, names: Collection[str]
+) -> Iterator[Finding]:
+    """Check the receipts of all results that a submission has had, given its team's names."""
+    for current in kept.results.values():
+        results: Sequence[BoardResult | EarlierResult] = (current, *current.earlier)
+        for result in results:
+            is_of_row = partial(_matches_row, kept, result, names)
+            yield from receipts.check(kept.id, result.receipt, is_of_row)
 
 
 def _matches_row(
-    said: Content,
     kept: ScoredSubmission,
     result: BoardResult | EarlierResult,
     names: Collection[str],
+    said: Content,
 ) -> bool:
     return (
         isinstance(said, Receipt)
@@ -251,27 +253,10 @@ def _matches_row(
 
 
 def _at_snapshots(session: Session, state: ServerState) -> Iterator[Finding]:
-    keys, sound, unread = list_keys(session), 0, 0
+    snapshots = _Envelopes("snapshot", list_keys(session))
     for row in session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)):
-        trouble = ""
-        try:
-            said = _verified(Envelope.model_validate(row.envelope), keys)
-        except NewerVersionError:
-            unread += 1
-            continue
-        except ValidationError:
-            trouble = "it was changed, and has no signature"
-        except ReceiptError as error:
-            trouble = str(error)
-        else:
-            if not _is_of_row(said, row):
-                trouble = "it differs from its row"
-        sound += not trouble
-        if trouble:
-            name = f"snapshot {row.number} of {row.split}"
-            yield Finding("snapshots", "fault", f"{name}: {trouble}; {_RESTORE}")
-    if unread:
-        yield Finding("snapshots", "note", _not_compared(count_text(unread, "snapshot")))
+        name = f"snapshot {row.number} of {row.split}"
+        yield from snapshots.check(name, row.envelope, partial(_is_of_row, row))
     for missed in state.get(Snapshots).missed(session, state.clock()):
         message = (
             f"none of {missed.split} was taken at the end of {missed.phase}, and the "
@@ -279,10 +264,10 @@ def _at_snapshots(session: Session, state: ServerState) -> Iterator[Finding]:
             "snapshot`"
         )
         yield Finding("snapshots", "note", message)
-    yield Finding("snapshots", "ok", f"{count_text(sound, 'snapshot')} verified")
+    yield from snapshots.sum_up()
 
 
-def _is_of_row(said: Content, row: StoredSnapshot) -> bool:
+def _is_of_row(row: StoredSnapshot, said: Content) -> bool:
     columns = SnapshotEntry.model_fields
     return isinstance(said, Snapshot) and all(
         getattr(said, name) == getattr(row, name) for name in columns

@@ -12,8 +12,9 @@ import pytest
 from fixtures.answer_histories import random_halves
 from reverie_eval import GroundTruth, evaluate
 from reverie_eval.ground_truth import Bundle
+from reverie_eval.schemas.organising import WalkReport
 from reverie_eval.server.audit.log import entries
-from reverie_eval.server.operations.evidence import Trace, Walks, gather_evidence
+from reverie_eval.server.operations.evidence import Trace, gather_evidence
 from reverie_eval.server.scoring.boards import Board, load_board
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Submission
@@ -308,13 +309,15 @@ def test_what_a_trace_has_of_each_episode(flat_board: Board, here: Path) -> None
         for answer, stop in zip(found.answer.tolist(), found.stop.tolist(), strict=True)
     ]
     assert found.codes.dtype == np.uint32
-    assert found.walks == Walks(
+    assert found.walks == WalkReport(
         jumps=4,
         episodes_with_jumps=3,
         longest_jump=14.0,
         mean_viewpoints=14 / 5,
         most_viewpoints=3,
         longest_walk=46.0,
+        exact_stops=None,
+        exact_by_chance=None,
     )
 
 

@@ -50,21 +50,6 @@ class _Sent(NamedTuple):
         return schemas.NamedSubmission(id=self.id, team=self.team, method=self.method["name"])
 
 
-class Walks(NamedTuple):
-    """What is unusual in the trajectories of a submission."""
-
-    jumps: int
-    """Moves between unconnected viewpoints."""
-    episodes_with_jumps: int
-    longest_jump: float
-    """Metres along the graph."""
-    mean_viewpoints: float
-    """Different viewpoints in a trajectory, on average."""
-    most_viewpoints: int
-    longest_walk: float
-    """Metres."""
-
-
 @dataclass(frozen=True, eq=False)
 class Trace:
     """The predictions of an upload, as numbers that are quick to compare."""
@@ -77,7 +62,8 @@ class Trace:
     """Shape (n_episodes,): nearly always different if trajectories are."""
     is_success: BoolArray
     """Shape (n_episodes,): all false if the split does not score success."""
-    walks: Walks
+    walks: schemas.WalkReport
+    """Without how many stop exactly."""
 
     @classmethod
     def of(cls, board: Board, content: bytes) -> Self:
@@ -269,30 +255,32 @@ def _path_codes(aligned: SubmissionColumns) -> IntArray:
     return np.add.reduceat(mixed * _MULTIPLIER, begin) >> np.uint64(32)
 
 
-def _walks(aligned: SubmissionColumns, board: Board) -> Walks:
+def _walks(aligned: SubmissionColumns, board: Board) -> schemas.WalkReport:
     lookups, row = Lookups(aligned, board.truth), row_of(aligned.offsets)
     is_jump = lookups.is_jump
     number = jumps(is_jump, aligned.offsets)
     pairs = np.unique(np.column_stack([row, aligned.viewpoint]), axis=0)
     different = np.bincount(pairs[:, 0])
-    return Walks(
+    return schemas.WalkReport(
         jumps=int(number.sum()),
         episodes_with_jumps=int((number > 0).sum()),
         longest_jump=float(lookups.leg_length[is_jump].max(initial=0.0)),
         mean_viewpoints=float(different.mean()),
         most_viewpoints=int(different.max()),
         longest_walk=float(np.bincount(row, lookups.leg_length).max()),
+        exact_stops=None,
+        exact_by_chance=None,
     )
 
 
 def _walk_report(board: Board, trace: Trace, goals: IntArray) -> schemas.WalkReport:
     """Report the walks, with how many successful ones stop at the path's end, and by chance."""
-    exact = by_chance = None
-    if trace.is_success.any():
-        is_exact = trace.stop == board.truth.require_solution().goal
-        exact = _rounded(float(is_exact[trace.is_success].mean()))
-        by_chance = _rounded(float((1 / goals[trace.is_success]).mean()))
-    return schemas.WalkReport(**trace.walks._asdict(), exact_stops=exact, exact_by_chance=by_chance)
+    if not trace.is_success.any():
+        return trace.walks
+    is_exact = trace.stop == board.truth.require_solution().goal
+    exact = is_exact[trace.is_success].mean(), (1 / goals[trace.is_success]).mean()
+    stops, by_chance = (_rounded(float(each)) for each in exact)
+    return trace.walks.model_copy(update={"exact_stops": stops, "exact_by_chance": by_chance})
 
 
 def _count_goals(board: Board) -> IntArray:

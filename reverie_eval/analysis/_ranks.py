@@ -6,17 +6,15 @@ These are the ranks of true means, over all episodes that a split might have had
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from reverie_eval.analysis._comparison import Comparison
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.errors import naming_missing_parts
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.scoring import Clustering, Scored
-
-if TYPE_CHECKING:
-    from reverie_eval.metrics.engine import IntervalEngine
 
 # Degrees of freedom per cluster. Differences of two results have heavy tails, as they are 0 in most
 # clusters: a variance estimated with a kurtosis of 5 is as certain as that of half as many normal
@@ -63,13 +61,8 @@ def covariance_of_means(sums: FloatArray, sizes: FloatArray) -> FloatArray:
     return covariance * n_clusters / (n_clusters - 1)
 
 
-def rank_intervals(
-    costs: FloatArray,
-    covariance: FloatArray,
-    n_clusters: float,
-    engine: "IntervalEngine | None" = None,
-) -> Ranks:
-    """Bound the rank of every result: all true ranks are within at once, with this confidence.
+def rank_intervals(costs: FloatArray, covariance: FloatArray, n_clusters: float) -> Ranks:
+    """Bound the rank of every result: all true ranks are within at once, at 95 % confidence.
 
     All pairwise differences are compared with one bound, the quantile of the largest of them in
     standard errors if all true means were equal. Pairs that differ by more are set apart, and the
@@ -85,8 +78,6 @@ def rank_intervals(
         Of the means.
     n_clusters : float
         Number of clusters that the covariance was estimated from; infinity if it is a bound.
-    engine : IntervalEngine, optional
-        Its confidence, by default 0.95, and the number and the seed of the draws.
 
     References
     ----------
@@ -103,10 +94,6 @@ def rank_intervals(
     >>> low.tolist(), high.tolist(), group.tolist()
     ([1, 1, 3], [2, 2, 3], [1, 1, 2])
     """
-    # Only intervals need scipy, which this imports.
-    from reverie_eval.metrics.engine import IntervalEngine
-
-    engine = engine or IntervalEngine()
     variance = np.diag(covariance)
     squares = variance[:, None] + variance - 2 * covariance
     # Results with the same value in every episode differ by nothing, up to rounding.
@@ -114,12 +101,12 @@ def rank_intervals(
     # An infinite error makes every difference 0, so equal results are never apart.
     error = np.where(is_same, np.inf, np.sqrt(np.maximum(squares, 0)))
     difference = (costs - costs[:, None]) / error
-    drawn = _draw_errors(covariance, engine.resamples, engine.seed)
+    drawn = _draw_errors(covariance)
     freedom = (n_clusters - 1) * _SHARE_OF_FREEDOM
     is_better: BoolArray = np.zeros(error.shape, dtype=bool)
     is_open = np.triu(~is_same, k=1)
     while is_open.any():
-        found = np.abs(difference) > _bound(drawn, error, is_open, freedom, engine.confidence)
+        found = np.abs(difference) > _bound(drawn, error, is_open, freedom)
         is_new = is_open & found
         if not is_new.any():
             break
@@ -163,31 +150,32 @@ def covariance_of_rows(values: FloatArray, cluster: IntArray) -> FloatArray:
 
 def largest_error(covariance: FloatArray) -> float:
     """Return the expected largest of several normal errors with a mean of 0."""
-    from reverie_eval.metrics.uncertainty import RESAMPLES, SEED
-
-    errors = _draw_errors(covariance, RESAMPLES, SEED)
+    errors = _draw_errors(covariance)
     # The mean of all errors is 0 on average; without it, the same draws vary less.
     return float((errors.max(axis=0) - errors.mean(axis=0)).mean())
 
 
-def _draw_errors(covariance: FloatArray, number: int, seed: int) -> FloatArray:
-    """Draw normal errors of all means together, shape (n_results, number)."""
+def _draw_errors(covariance: FloatArray) -> FloatArray:
+    """Draw normal errors of all means together, shape (n_results, n_draws)."""
+    from reverie_eval.metrics.uncertainty import RESAMPLES, SEED
+
     # Not Cholesky: the covariance of results that are sums of each other is singular.
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
-    rng = np.random.default_rng(seed)
-    return np.asarray(root @ rng.standard_normal((len(covariance), number)))
+    rng = np.random.default_rng(SEED)
+    return np.asarray(root @ rng.standard_normal((len(covariance), RESAMPLES)))
 
 
-def _bound(
-    drawn: FloatArray, error: FloatArray, is_open: BoolArray, freedom: float, confidence: float
-) -> float:
+def _bound(drawn: FloatArray, error: FloatArray, is_open: BoolArray, freedom: float) -> float:
     """Return the quantile of the largest difference among open pairs, in standard errors.
 
     If all true means are equal. Estimated errors are allowed for as in the interval of a mean: the
     normal quantile is replaced by the t quantile of the same probability.
     """
-    from scipy.special import ndtr, stdtrit
+    with naming_missing_parts():
+        from scipy.special import ndtr, stdtrit
+
+    from reverie_eval.metrics.uncertainty import CONFIDENCE
 
     largest = np.zeros(drawn.shape[1])
     for first, others in enumerate(is_open):
@@ -196,7 +184,7 @@ def _bound(
             difference = drawn[others] - drawn[first]
             difference /= error[first, others, None]
             np.maximum(largest, np.abs(difference, out=difference).max(axis=0), out=largest)
-    normal = float(np.quantile(largest, confidence, method="higher"))
+    normal = float(np.quantile(largest, CONFIDENCE, method="higher"))
     return normal if np.isinf(freedom) else -float(stdtrit(freedom, float(ndtr(-normal))))
 
 

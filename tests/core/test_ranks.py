@@ -5,7 +5,6 @@ import pytest
 
 from fixtures.ranked_worlds import simulated_coverage
 from reverie_eval.analysis import covariance_of_means, rank_intervals
-from reverie_eval.metrics.engine import IntervalEngine
 
 FAR, NEAR = 10.0, 0.1
 
@@ -45,14 +44,6 @@ def test_pairs_that_are_set_apart_leave_a_smaller_bound(
     found = rank_intervals(np.array([0, 100, 100 + difference]), np.eye(3), np.inf)
     assert found.low.tolist() == [1, 2, 3 if is_told else 2]
     assert found.high.tolist() == [1, 2 if is_told else 3, 3]
-
-
-def test_a_lower_confidence_tells_more_apart() -> None:
-    """The errors of a difference are 1.41: 1.28 of them are 1.81, and 1.64 are 2.33."""
-    costs = np.array([0.0, 2.1])
-    for confidence, best in ((0.9, 1), (0.8, 2)):
-        engine = IntervalEngine(confidence=confidence)
-        assert rank_intervals(costs, np.eye(2), np.inf, engine).low.tolist() == [1, best]
 
 
 def test_few_clusters_make_ranks_less_certain() -> None:

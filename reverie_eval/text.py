@@ -91,6 +91,15 @@ def printable(text: str) -> str:
     )
 
 
+def short_digest(digest: str) -> str:
+    """Return as many digits of a SHA-256 as signatures and messages have.
+
+    >>> short_digest("2cf24dba5fb0a30e26e83b2ac5b9e29e1b161e5c1fa7425e73043362938b9824")
+    '2cf24dba5fb0'
+    """
+    return digest[:12]
+
+
 def whole_letters(text: str) -> str:
     r"""Replace halves of characters, which JSON can have and UTF-8 cannot.
 

@@ -24,7 +24,7 @@ from reverie_eval.agents._untrained import AGENTS, NearestFirstAgent, WordMatchA
 from reverie_eval.agents.chat import ChatAgent
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Observation
-from reverie_eval.text import did_you_mean
+from reverie_eval.text import did_you_mean, short_digest
 
 AGENT_ENTRY_POINTS = "reverie_eval.agents"
 """The group of entry points by which packages offer agents of their own."""
@@ -40,7 +40,6 @@ BUILT_IN_AGENTS: Mapping[str, type[Agent]] = MappingProxyType(
 """The agents of this package, by name."""
 
 _DEFAULT_NAME = "Agent"
-_DIGEST_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ class AgentSource:
             for each in _own_files(file, root):
                 content.update(each.relative_to(file.parent).as_posix().encode())
                 content.update(each.read_bytes())
-        return content.hexdigest()[:_DIGEST_SHOWN]
+        return short_digest(content.hexdigest())
 
     def describe(self, error: BaseException) -> str:
         """Say what went wrong, and where in the agent's own files: which one at least."""
@@ -245,7 +244,7 @@ def _import(name: str, base: Path) -> ModuleType:
 
 
 def _import_file(file: Path) -> ModuleType:
-    name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:_DIGEST_SHOWN]}"
+    name = f"{file.stem}_{short_digest(hashlib.sha256(str(file).encode()).hexdigest())}"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, file)
         module = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]

@@ -36,7 +36,14 @@ from reverie_eval.tasks import (
     Task,
     find_task,
 )
-from reverie_eval.text import category_text, count_text, did_you_mean, first_few, tokenize
+from reverie_eval.text import (
+    category_text,
+    count_text,
+    did_you_mean,
+    first_few,
+    short_digest,
+    tokenize,
+)
 
 GROUND_TRUTH_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
 """The environment variable that names a bundle, or a folder of bundles."""
@@ -468,7 +475,6 @@ def _load(path: Path, split: str, task: Task) -> GroundTruth:
 # has a digest, which is part of the signature of every score: results on a subset are comparable
 # with each other, and never with those on the whole split.
 
-_DIGEST_SHOWN = 12
 # The fields of a record that can hold its id, in any of the tasks.
 _ID_KEYS = [
     *dict.fromkeys(key for name in BUILT_IN for key in find_task(name).id_field.names),
@@ -562,7 +568,7 @@ def _subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) ->
 
 def subset_digest(instr_ids: Sequence[str]) -> str:
     """Return the digest of a list of episodes; their order does not matter."""
-    return _digest("\n".join(sorted(instr_ids)))[:_DIGEST_SHOWN]
+    return short_digest(_digest("\n".join(sorted(instr_ids))))
 
 
 def draw_subset(strata: Mapping[str, str], number: int, seed: int, split: str) -> Sequence[str]:

@@ -37,7 +37,13 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.scoring import task_of
 from reverie_eval.tasks import Task
-from reverie_eval.text import count_text, earliest_time_text, printable, time_text
+from reverie_eval.text import (
+    count_text,
+    earliest_time_text,
+    printable,
+    short_digest,
+    time_text,
+)
 
 METHOD_FLAGS = {
     "extra_data": "extra data",
@@ -66,7 +72,6 @@ _STANDINGS = {
     "disqualified": "disqualified",
 }
 _WARNINGS = ("flagged", "disqualified")
-_FINGERPRINT_SHOWN = 12
 
 
 def flags_of(tasks: Sequence[Task], required: Collection[str] = ()) -> Mapping[str, str]:
@@ -129,7 +134,7 @@ def _board_notes(board: Leaderboard) -> Sequence[str]:
     """Return what the scores depend on, and the organiser's warnings."""
     metric = CATALOGUE.get(board.metric)
     label = metric.label if metric else board.metric
-    data = board.fingerprint[:_FINGERPRINT_SHOWN]
+    data = short_digest(board.fingerprint)
     # There the agent was placed at the goal: a reader must not compare it with the full track.
     track = "track:grounding|" if "|track:grounding|" in board.signature else ""
     about = f"split:{board.split}|protocol:{board.protocol}|{track}data:{data}, sorted by {label}"
@@ -384,7 +389,7 @@ def pairs_table(report: EvidenceReport) -> Table:
 def same_files_table(found: Iterable[SameFile]) -> Table:
     """Return a row per submission of a file that several teams have sent."""
     rows = [
-        [each.sha256[:12], named.team, named.id, named.method]
+        [short_digest(each.sha256), named.team, named.id, named.method]
         for each in found
         for named in each.submissions
     ]

@@ -36,7 +36,7 @@ from reverie_eval.logs import (
     total_usage,
 )
 from reverie_eval.simulator import MOST_ACTIONS
-from reverie_eval.text import count_text, first_few
+from reverie_eval.text import count_text, first_few, short_digest
 
 _LOGS = (EPISODES, STEPS)
 SCHEMA_VERSION = 1
@@ -221,7 +221,7 @@ def _by_title(identity: Identity) -> Mapping[str, str]:
 def _shown(value: object) -> str:
     """Return a value as text; of a SHA-256, as much as a signature has."""
     text = "none" if value in (None, "") else str(value)
-    return text[:12] if re.fullmatch("[0-9a-f]{64}", text) else text
+    return short_digest(text) if re.fullmatch("[0-9a-f]{64}", text) else text
 
 
 # The JSON Schemas of the files.

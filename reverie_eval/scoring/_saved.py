@@ -20,9 +20,9 @@ from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.scoring._intervals import Intervals
 from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._scored import FINGERPRINT_SHOWN, Scored
+from reverie_eval.scoring._scored import Scored
 from reverie_eval.submissions import BoxAnswers, SubmissionColumns
-from reverie_eval.text import count_text, first_few
+from reverie_eval.text import count_text, first_few, short_digest
 
 FORMAT_VERSION = 1
 _HEADER = "header"
@@ -130,8 +130,8 @@ def find_saved_truth(
     truth = find_ground_truth(given, header.split, header.task)
     if truth.fingerprint != header.fingerprint:
         raise GroundTruthError(
-            f"{file} was scored with ground truth {header.fingerprint[:FINGERPRINT_SHOWN]}, "
-            f"but {truth.origin} is {truth.fingerprint[:FINGERPRINT_SHOWN]}; pass "
+            f"{file} was scored with ground truth {short_digest(header.fingerprint)}, "
+            f"but {truth.origin} is {short_digest(truth.fingerprint)}; pass "
             "ground_truth=, or score the result file again"
         )
     return truth if header.subset is None else truth.subset(header.subset)

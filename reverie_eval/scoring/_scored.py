@@ -11,6 +11,7 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import Metric
 from reverie_eval.scoring._intervals import ClusterIntervals
 from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
+from reverie_eval.text import short_digest
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from reverie_eval.analysis import Against, Gallery, Grouped
     from reverie_eval.schemas.report import RunsReport, ScoreReport
 
-FINGERPRINT_SHOWN = 12
-"""Digits of a fingerprint in signatures and messages."""
 # It begins the part of a signature that names the task.
 _TASK = "task:"
 
@@ -197,7 +196,7 @@ def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
         f"protocol:{protocol.name}",
         *([qualifier] if qualifier else []),
         *([f"subset:{truth.subset_digest}"] if truth.subset_digest else []),
-        f"data:{truth.fingerprint[:FINGERPRINT_SHOWN]}",
+        f"data:{short_digest(truth.fingerprint)}",
         f"n:{len(truth.episodes.instr_ids)}",
         f"version:{__version__}",
     ]

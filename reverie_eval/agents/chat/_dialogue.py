@@ -25,7 +25,7 @@ from reverie_eval.simulator import (
     Observation,
     Stop,
 )
-from reverie_eval.text import did_you_mean, whole_letters
+from reverie_eval.text import did_you_mean, short_digest, whole_letters
 
 DEFAULT_PROMPTS = Path(__file__).parent / "prompts"
 """The folder of our own."""
@@ -49,8 +49,6 @@ _PLACEHOLDERS: Mapping[str, frozenset[str]] = {
     "repair": frozenset({"problem"}),
 }
 _FIRST_LEVEL_VIEW = N_HEADINGS
-# As many as signatures have of a fingerprint.
-_DIGEST_DIGITS = 12
 # Characters of a reply in which its action is looked for, at the end.
 _LONGEST_REPLY = 100_000
 # Of a number in a reply: enough for those of objects, and Python reads no thousands of digits.
@@ -79,7 +77,7 @@ class Prompts:
     @property
     def digest(self) -> str:
         """A digest of all texts."""
-        return hashlib.sha256(repr(self._texts).encode()).hexdigest()[:_DIGEST_DIGITS]
+        return short_digest(hashlib.sha256(repr(self._texts).encode()).hexdigest())
 
     def fill(self, name: str, **values: object) -> str:
         """Return a text with its placeholders filled; lines that are left empty are joined."""

@@ -29,6 +29,7 @@ from reverie_eval.agents.trained.pointers import Pointer, Question, best_names, 
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.simulator import Action, Answer, Go, Observation, Stop
+from reverie_eval.text import short_digest
 
 MODEL, POINTER = "model.safetensors", "pointer.safetensors"
 """The files of a model's folder: what was trained, and the pointer that answers for a navigator."""
@@ -36,7 +37,6 @@ DECIMALS = 6
 """Decimals of a score. In double precision, the rest of a batch changes only later ones."""
 MOST_EXPANDED = 40
 """Viewpoints whose actions are scored, after which the best of the known ends is taken."""
-_DIGEST_SHOWN = 12
 
 
 def find_trained(folder: Path) -> type[Agent | BatchAgent]:
@@ -51,7 +51,7 @@ def find_trained(folder: Path) -> type[Agent | BatchAgent]:
     kind = PointingAgent if recipe_of(card).is_pointer else WalkingAgent
     files = [file for name in (MODEL, POINTER) if (file := folder / name).exists()]
     version = "+".join(
-        hashlib.sha256(file.read_bytes()).hexdigest()[:_DIGEST_SHOWN] for file in files
+        short_digest(hashlib.sha256(file.read_bytes()).hexdigest()) for file in files
     )
     return type(kind.__name__, (kind,), {"folder": folder, "version": version})
 

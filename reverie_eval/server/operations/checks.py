@@ -35,7 +35,7 @@ from reverie_eval.server.store.damage import find_damage
 from reverie_eval.server.store.database import AT_ONCE, Database, is_full
 from reverie_eval.server.store.tables import IS_SHOWN, Submission, read_stored
 from reverie_eval.server.store.uploads import Uploads, UploadsError, open_uploads, stored_pieces
-from reverie_eval.text import count_text, first_few
+from reverie_eval.text import count_text, first_few, short_digest
 
 _DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "change-me", "admin"})
 NEWEST_UPLOAD = "newest upload"
@@ -189,9 +189,8 @@ def _at_ground_truth(
         return {}
     for name, board in boards.items():
         truth = board.truth
-        what = (
-            f"{name}: {truth.header.dataset}, {board.settings.visibility}, {truth.fingerprint[:12]}"
-        )
+        digest = short_digest(truth.fingerprint)
+        what = f"{name}: {truth.header.dataset}, {board.settings.visibility}, {digest}"
         yield Finding("ground truth", "ok", what)
         episodes = len(truth.episodes.instr_ids)
         if board.is_private and board.others:

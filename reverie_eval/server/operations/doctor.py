@@ -37,7 +37,7 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database, count_rows
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
 from reverie_eval.server.store.uploads import ENDING, Uploads, UploadsError, name_of
-from reverie_eval.text import count_text, first_few
+from reverie_eval.text import count_text, first_few, short_digest
 
 _RESTORE = "restore the key or the database from the last backup"
 _KEPT = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None)).distinct()
@@ -248,7 +248,7 @@ def _matches_row(
         and said.team in names
         and (said.sha256, said.received_at) == (kept.sha256, kept.received_at)
         and (said.signature, said.scores) == (result.report.signature, result.report.scores)
-        and f"|data:{result.report.fingerprint[:12]}|" in said.signature
+        and f"|data:{short_digest(result.report.fingerprint)}|" in said.signature
     )
 
 

@@ -35,6 +35,7 @@ from reverie_eval.server.scoring.processes import ScoringProcesses
 from reverie_eval.server.scoring.rules import LastRules, append_rules, different
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
+from reverie_eval.text import short_digest
 
 FOR_ONE = 100
 """Submissions for each process: starting one takes as long as scoring some dozens of them."""
@@ -139,7 +140,7 @@ def replace_ground_truth(
         boards = state.board(split).all
         outcomes = _score_all(state, scoring, boards, progress)
         place = settings.path(settings.splits[split].bundle)
-        fingerprint = earlier.boards[split].truth.fingerprint[:12]
+        fingerprint = short_digest(earlier.boards[split].truth.fingerprint)
         aside = place.with_name(f"{place.stem}.{fingerprint}{place.suffix}")
         with earlier.transactions.begin(actor) as transaction:
             before, after = (rules_of({split: each.boards[split]}) for each in (earlier, state))

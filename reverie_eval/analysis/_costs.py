@@ -14,7 +14,15 @@ from reverie_eval.arrays import ROUNDING, BoolArray, FloatArray
 from reverie_eval.errors import ProtocolError, naming_missing_parts
 from reverie_eval.logs import COSTS, cost_name
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.scoring import Clustering, Interval, Intervals, Scored, Scores, clusters_of
+from reverie_eval.scoring import (
+    Clustering,
+    Interval,
+    Intervals,
+    Scored,
+    Scores,
+    clusters_of,
+    shared_keys,
+)
 from reverie_eval.text import count_text, did_you_mean
 
 if TYPE_CHECKING:
@@ -250,8 +258,7 @@ def _shared_cost(runs: Mapping[str, Scores], cost: str | None) -> str:
 
 def _solving(runs: Mapping[str, Scores], metric: str | None) -> Metric:
     """Return the metric of solved episodes: the given one, or else success, or RGS."""
-    scored = [key for key in CATALOGUE if all(key in each for each in runs.values())]
-    binary = [key for key in scored if CATALOGUE[key].is_binary]
+    binary = [key for key in shared_keys(runs.values()) if CATALOGUE[key].is_binary]
     if metric is None:
         return CATALOGUE[binary[0]]
     if metric not in binary:

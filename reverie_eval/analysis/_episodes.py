@@ -24,6 +24,7 @@ from reverie_eval.scoring import (
     Scores,
     is_goal,
     outcome_indices,
+    shared_keys,
 )
 from reverie_eval.submissions import SubmissionColumns
 from reverie_eval.text import category_text
@@ -339,7 +340,7 @@ def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
 
     If one of them has no answers, an episode is right if its agent stopped at the goal.
     """
-    shared = [key for key in first if key in other]
+    shared = shared_keys([first, other])
     correct = "rgs" if "rgs" in shared else "success"
     better = other.episodes[correct] > first.episodes[correct]
     primary = first.ground_truth.task.primary_metric(shared).key

@@ -22,6 +22,7 @@ from reverie_eval.scoring import (
     bounds_of,
     check_same_signature,
     clusters_of,
+    shared_keys,
 )
 from reverie_eval.submissions import check_names
 from reverie_eval.text import count_text
@@ -244,10 +245,8 @@ def _equal_runs(runs: Mapping[str, Scores]) -> Sequence[Sequence[str]]:
 
 def _common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
     """Return the metrics that all have for all episodes, in the order of the CATALOGUE."""
-    first, *others = scores
     # A mean over runs needs a value of each run for the same episodes.
-    whole = [key for key in first if not CATALOGUE[key].is_partial]
-    return [key for key in whole if all(key in each for each in others)]
+    return [key for key in shared_keys(scores) if not CATALOGUE[key].is_partial]
 
 
 def crossed_means(

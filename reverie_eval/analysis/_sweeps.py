@@ -27,6 +27,7 @@ from reverie_eval.scoring import (
     Track,
     clusters_of,
     evaluate_many,
+    shared_keys,
 )
 from reverie_eval.submissions import find_fields
 from reverie_eval.tasks import KnownSplit
@@ -131,8 +132,8 @@ class Sweep(Mapping[str, Scored]):
     @property
     def metrics(self) -> Sequence[Metric]:
         """The metrics of a score table that all files have."""
-        keys = [key for key in self.first if all(key in each for each in self._files)]
-        return [m for m in self.first.ground_truth.task.table_metrics(keys) if m.key in keys]
+        task, keys = self.first.ground_truth.task, shared_keys(self._files)
+        return [metric for metric in task.table_metrics(keys) if metric.key in keys]
 
     @property
     def primary(self) -> Metric:

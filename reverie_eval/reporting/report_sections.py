@@ -16,7 +16,7 @@ from reverie_eval.reporting.charts import Histogram, WalkLengths, budget_chart
 from reverie_eval.reporting.comparisons import cost_notes, cost_table
 from reverie_eval.reporting.resources import as_markup
 from reverie_eval.reporting.tables import metric_cell
-from reverie_eval.scoring import OUTCOMES, Clustering, FailureModes, Scores
+from reverie_eval.scoring import OUTCOMES, Clustering, FailureModes, Scores, shared_keys
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
@@ -138,9 +138,8 @@ def _score_cell(metric: Metric, scores: Scores) -> ScoreCell:
 
 def shared_primary(scores: Submissions) -> Metric:
     """Return the metric to rank submissions by, among those that all of them have."""
-    first, *others = scores.values()
-    shared = [key for key in first if all(key in other for other in others)]
-    return first.ground_truth.task.primary_metric(shared)
+    task = next(iter(scores.values())).ground_truth.task
+    return task.primary_metric(shared_keys(scores.values()))
 
 
 def has_walks(scores: Submissions) -> bool:

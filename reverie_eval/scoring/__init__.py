@@ -40,7 +40,13 @@ from reverie_eval.scoring._intervals import (
     clusters_of,
 )
 from reverie_eval.scoring._lookups import BOX_OUTCOMES, BoxScores, Lookups, is_goal
-from reverie_eval.scoring._scored import Scored, check_same_signature, signature_of, task_of
+from reverie_eval.scoring._scored import (
+    Scored,
+    check_same_signature,
+    shared_keys,
+    signature_of,
+    task_of,
+)
 from reverie_eval.scoring._scores import Scores
 from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 
@@ -83,6 +89,7 @@ __all__ = [
     "qualifier_of",
     "score_files",
     "scored_metrics",
+    "shared_keys",
     "signature_of",
     "task_of",
     "validate",

@@ -179,6 +179,12 @@ class Scored(Mapping[str, float]):
         return f"<{type(self).__name__} {values}; {self.signature}>"
 
 
+def shared_keys(several: Iterable[Mapping[str, float]]) -> Sequence[str]:
+    """Return the metrics that all of some scores have, in the order of the CATALOGUE."""
+    first, *others = several
+    return [key for key in first if all(key in each for each in others)]
+
+
 def check_same_signature(several: Iterable[Scored], what: str = "scores") -> None:
     """Raise ProtocolError unless all are of the same episodes under the same protocol."""
     signatures = sorted({each.signature for each in several})

@@ -189,9 +189,7 @@ def against(
     from reverie_eval.metrics.published import PublishedDifference, ResultSpread
 
     truth = scored.ground_truth
-    whole = truth
-    if truth.subset_digest and truth.subset_of:
-        whole = truth.subset_of[0].scored_by(scored.protocol)
+    whole = truth.whole.scored_by(scored.protocol)
     name = "the published mean"
     if isinstance(published, str):
         result = _find(scored, published)

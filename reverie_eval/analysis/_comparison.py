@@ -465,9 +465,7 @@ def compare(
         raise ProtocolError(f"every submission needs a name of its own; got {given}")
     if split is None and not all(isinstance(each, Scored) for each in submissions):
         raise ProtocolError("give the split of the submissions: split=...")
-    truth = find_ground_truth(ground_truth, split, task) if split else None
-    if truth and subset is not None:
-        truth = truth.subset(subset)
+    truth = find_ground_truth(ground_truth, split, task, subset) if split else None
     scores: dict[str, Scored] = {}
     errors: dict[str, SubmissionError] = {}
     for name, each in zip(names, submissions, strict=True):

@@ -23,23 +23,22 @@ from reverie_eval.server.scoring import processes as scoring_processes
 from tests.conftest import REPOSITORY
 from tests.support.flat_world import Outcome
 
+PRELOADED = [
+    "PIL.Image",
+    "reverie_eval.server.run",
+    "reverie_eval_cli.main",
+    "reverie_eval_cli.commands.score",
+    "reverie_eval_cli.commands.serve",
+    "reverie_eval_cli.commands.evaluation_server",
+    "reverie_eval_cli.commands.server",
+    "tests.support.codabench",
+    "tests.support.killing",
+    "tests.support.serving",
+    "tests.support.warm",
+]
+"""What is imported once; all that is forked has it."""
 PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload(
-    [
-        "PIL.Image",
-        "reverie_eval.server.run",
-        "reverie_eval_cli.main",
-        "reverie_eval_cli.commands.score",
-        "reverie_eval_cli.commands.serve",
-        "reverie_eval_cli.commands.evaluation_server",
-        "reverie_eval_cli.commands.server",
-        "tests.support.codabench",
-        "tests.support.killing",
-        "tests.support.serving",
-        "tests.support.warm",
-    ]
-)
-
+PROCESSES.set_forkserver_preload(PRELOADED)
 
 Stream = Path | Connection
 """A file that is written at its end, or one that is open already."""

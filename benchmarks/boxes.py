@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.bars import judge
 from reverie_eval.arrays import FloatArray
-from reverie_eval.dataset import BoxRules, Occlusion, Scan, build_boxes
+from reverie_eval.dataset import BoxSettings, Occlusion, Scan, build_boxes
 from reverie_eval.metrics import box_iou
 
 OBJECTS, VIEWPOINTS = 1_000, 200
@@ -73,8 +73,8 @@ def write_scan(folder: Path, rng: np.random.Generator) -> Scan:
 def build_seconds(scan: Scan, max_distance: float, occlusion: Occlusion) -> float:
     """Time building a scan in one process, including reading and writing files."""
     with TemporaryDirectory() as temporary:
-        rules = BoxRules(max_distance, occlusion)
-        return seconds(lambda: build_boxes([scan], Path(temporary, "boxes"), rules))
+        settings = BoxSettings(max_distance, occlusion)
+        return seconds(lambda: build_boxes([scan], Path(temporary, "boxes"), settings))
 
 
 def iou_seconds(rng: np.random.Generator) -> float:

@@ -29,8 +29,8 @@ ROUNDING = 1e-9
 # Elements that are worked on at once: arrays of so many fit the processor's cache, and their memory
 # is used again. That of whole columns of a million episodes would be new, and cleared, each time.
 _PART = 1 << 16
-# How numpy packs arrays. Each other method has exceptions of its own for damaged files.
-_METHODS = (ZIP_STORED, ZIP_DEFLATED)
+# How numpy packs arrays. Each other way has exceptions of its own for damaged files.
+_COMPRESSIONS = (ZIP_STORED, ZIP_DEFLATED)
 # numpy parses the header of each array as Python source, hence the last two of the first line.
 # Exceptions that zipfile and numpy raise for damaged files.
 _DAMAGE = (
@@ -207,8 +207,8 @@ def read_arrays(path: Path) -> dict[str, Array]:
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            if any(member.compress_type not in _METHODS for member in archive.zip.infolist()):
-                raise ValueError("an array is packed by a method that numpy does not use")
+            if any(member.compress_type not in _COMPRESSIONS for member in archive.zip.infolist()):
+                raise ValueError("an array is packed in a way that numpy does not use")
             return {name: np.asarray(archive[name]) for name in archive.files}
     except _DAMAGE as error:
         raise ValueError(f"{path} is not an .npz file, or is damaged") from error

@@ -2,15 +2,16 @@
 
 import signal
 import sys
+import typing
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from reverie_eval.errors import ReverieEvalError
 
 T = TypeVar("T")
-Item = TypeVar("Item")
+Argument = TypeVar("Argument")
 Result = TypeVar("Result")
 
 # glibc's ``M_TOP_PAD``: https://man7.org/linux/man-pages/man3/mallopt.3.html
@@ -48,16 +49,16 @@ def starting_processes() -> Iterator[None]:
 
 
 def map_in_processes(
-    work: Callable[[Item], Result], items: Sequence[Item], jobs: int
+    work: Callable[[Argument], Result], arguments: Sequence[Argument], jobs: int
 ) -> Generator[Result]:
-    """Yield the results of a function in the order of the items.
+    """Yield the results of a function in the order of its arguments.
 
     Parameters
     ----------
     work : callable
         With its arguments and results, it must be possible to pickle it.
-    items : sequence
-        Its arguments, one for each call.
+    arguments : sequence
+        One for each call.
     jobs : int
         Number of processes. With one job, the work is done in this process. Closing the generator
         stops them.
@@ -67,9 +68,9 @@ def map_in_processes(
     ReverieEvalError
         If a process was killed, or none can be started.
     """
-    jobs = min(jobs, len(items))
+    jobs = min(jobs, len(arguments))
     if jobs <= 1:
-        yield from map(work, items)
+        yield from map(work, arguments)
         return
     if not can_start_processes():
         raise ReverieEvalError(
@@ -88,7 +89,7 @@ def map_in_processes(
     with ProcessPool(jobs, initializer=keep_freed_memory, context=context) as pool:
         try:
             with starting_processes():
-                results = pool.map(work, items)
+                results = pool.map(work, arguments)
             yield from results.result()
         except ProcessExpired as error:
             pool.stop()
@@ -96,7 +97,7 @@ def map_in_processes(
                 "a process was killed while it worked, perhaps for lack of memory; try fewer --jobs"
             ) from error
         except BaseException:
-            pool.stop()  # otherwise leaving the block waits for the items still to be worked on
+            pool.stop()  # otherwise leaving the block waits for the calls that are still to be made
             raise
 
 
@@ -112,13 +113,13 @@ def keep_freed_memory() -> None:
         ctypes.CDLL(None).mallopt(_TOP_PAD, _BYTES_KEPT)
 
 
-class Progress(Protocol):
-    """Wraps the items that are about to be worked on, and may show how far that is."""
+class Progress(typing.Protocol):
+    """Wraps what is about to be worked on, one after another, and may show how far that is."""
 
-    def __call__(self, items: Iterable[T], description: str, total: int, /) -> Iterable[T]:
-        """Return the items, ``total`` of them, one after another."""
+    def __call__(self, several: Iterable[T], description: str, total: int, /) -> Iterable[T]:
+        """Return them all, ``total`` of them."""
 
 
-def no_progress(items: Iterable[T], description: str, total: int, /) -> Iterable[T]:  # noqa: ARG001
-    """Return the items, and show nothing."""
-    return items
+def no_progress(several: Iterable[T], description: str, total: int, /) -> Iterable[T]:  # noqa: ARG001
+    """Return them all, and show nothing."""
+    return several

@@ -250,15 +250,15 @@ def note(text: str) -> None:
     print(f"note: {text}", file=sys.stderr)
 
 
-def with_progress(items: Iterable[T], description: str, total: int | None = None) -> Iterable[T]:
-    """Show a progress bar on a terminal while the items are worked on."""
+def with_progress(several: Iterable[T], description: str, total: int | None = None) -> Iterable[T]:
+    """Show a progress bar on a terminal while they are worked on."""
     if not _is_rich(sys.stderr):
-        return items
+        return several
     from rich.console import Console
     from rich.progress import track
 
     # On standard error, and gone when done: the result stays alone on standard output.
-    return track(items, description, total, console=Console(stderr=True), transient=True)
+    return track(several, description, total, console=Console(stderr=True), transient=True)
 
 
 @contextmanager

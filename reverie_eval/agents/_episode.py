@@ -1,16 +1,17 @@
 """What agents have in common: how they are called, and what they are given for an episode."""
 
 import random
+import typing
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.logs import Usage
 from reverie_eval.simulator import Action, Answer, Observation, Stop
 
 
-class Agent(Protocol):
+class Agent(typing.Protocol):
     """Walks the episodes of a split, one after the other."""
 
     def start(self, episode: "Episode", /) -> None:
@@ -20,7 +21,7 @@ class Agent(Protocol):
         """Choose the next action."""
 
 
-class BatchAgent(Protocol):
+class BatchAgent(typing.Protocol):
     """Walks several episodes at a time, for models that choose many actions at once."""
 
     batch_size: int

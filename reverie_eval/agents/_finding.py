@@ -295,7 +295,7 @@ def _imports_in(source: bytes) -> Sequence[ast.Import | ast.ImportFrom]:
 
 
 def _location(error: BaseException, folder: Path) -> str:
-    """Return the last place in the files of a folder that an error came through; or nothing."""
+    """Return the last line in the files of a folder that an error came through; or nothing."""
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         file = Path(frame.filename).resolve()
         is_own = file.is_relative_to(folder) and file.is_file()  # `<string>` is none

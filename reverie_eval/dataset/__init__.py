@@ -3,7 +3,7 @@
 from reverie_eval.dataset._box_building import (
     EXCLUDED_NAMES,
     MAX_DISTANCE,
-    BoxRules,
+    BoxSettings,
     Occlusion,
     Scan,
     Xywh,
@@ -29,7 +29,7 @@ from reverie_eval.dataset._rules import Count, Finding, Spread
 __all__ = [
     "EXCLUDED_NAMES",
     "MAX_DISTANCE",
-    "BoxRules",
+    "BoxSettings",
     "Count",
     "DatasetDescription",
     "DatasetFiles",

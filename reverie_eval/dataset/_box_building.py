@@ -62,7 +62,7 @@ Only equal names are excluded: the released files do list ``shower wall``, ``gar
 
 
 @dataclass(frozen=True, slots=True)
-class BoxRules:
+class BoxSettings:
     """How boxes are built."""
 
     max_distance: float = MAX_DISTANCE
@@ -79,22 +79,22 @@ ListedBoxes: TypeAlias = Mapping[int, Mapping[int, Xywh]]
 visible."""
 
 
-def exclude_names(house: House, rules: BoxRules) -> House:
+def exclude_names(house: House, settings: BoxSettings) -> House:
     """Return the house without the objects that have excluded names."""
     return house.take(
-        np.array([name not in rules.excluded_names for name in house.names], dtype=np.bool_)
+        np.array([name not in settings.excluded_names for name in house.names], dtype=np.bool_)
     )
 
 
-def list_objects(house: House, position: FloatArray, rules: BoxRules) -> ListedBoxes:
+def list_objects(house: House, position: FloatArray, settings: BoxSettings) -> ListedBoxes:
     """Return the objects listed at a viewpoint, in the order of object ids and views.
 
-    ``position``, shape (3,), is the camera's in the scan's frame, metres. The rules' names are
+    ``position``, shape (3,), is the camera's in the scan's frame, metres. The settings' names are
     ignored here: all objects of the house may be listed, and may hide each other.
     """
-    near = house.take(_distances(house, position) < rules.max_distance)
+    near = house.take(_distances(house, position) < settings.max_distance)
     box, view, box_xywh = boxes_in_views(position, near.boxes)
-    if rules.occlusion == "paper":
+    if settings.occlusion == "paper":
         shown = ~is_hidden(view, box_xywh, _distances(near, position)[box])
         box, view, box_xywh = box[shown], view[shown], box_xywh[shown]
     boxes_of: dict[int, dict[int, Xywh]] = {object_id: {} for object_id in near.object_id.tolist()}
@@ -273,7 +273,7 @@ ScanResult: TypeAlias = BuiltBoxes | DatasetError
 def build_boxes(
     scans: Sequence[Scan],
     folder: Path,
-    rules: BoxRules,
+    settings: BoxSettings,
     *,
     jobs: int = 1,
     progress: Progress = no_progress,
@@ -289,7 +289,7 @@ def build_boxes(
         From :func:`find_scans`.
     folder : Path
         Where to write: a folder that does not exist yet, or is empty.
-    rules : BoxRules
+    settings : BoxSettings
         Which objects are listed, and which boxes are hidden.
     jobs : int
         Number of processes.
@@ -308,7 +308,7 @@ def build_boxes(
             f"{folder} is not an empty folder; choose another, or remove it first"
         )
     with staged_folder(folder) as staging:
-        build = partial(_build_scan, folder=staging, rules=rules)
+        build = partial(_build_scan, folder=staging, settings=settings)
         # Closing the generator stops the processes if showing progress fails or is interrupted.
         with closing(map_in_processes(build, scans, jobs)) as running:
             results = list(progress(running, "boxes", len(scans)))
@@ -324,7 +324,7 @@ def build_boxes(
     return BuiltBoxes(*map(sum, zip(*built, strict=True)))
 
 
-def _build_scan(scan: Scan, *, folder: Path, rules: BoxRules) -> ScanResult:
+def _build_scan(scan: Scan, *, folder: Path, settings: BoxSettings) -> ScanResult:
     """Build and write one scan; return an error, which is raised together with other scans'."""
     # All files are read before any problem is raised, so that one attempt lists everything.
     house = _read_house(scan.house)
@@ -337,10 +337,10 @@ def _build_scan(scan: Scan, *, folder: Path, rules: BoxRules) -> ScanResult:
     ]
     if isinstance(house, DatasetError) or found:
         return DatasetError(found)
-    graph, house = graphs.scans[scan.scan_id], exclude_names(house, rules)
+    graph, house = graphs.scans[scan.scan_id], exclude_names(house, settings)
     listed = boxes = 0
     for viewpoint_id, position in zip(graph.viewpoint_ids, graph.position, strict=True):
-        objects = list_objects(house, position, rules)
+        objects = list_objects(house, position, settings)
         content = {viewpoint_id: _published_form(house, objects)}
         file = folder / f"{scan.scan_id}_{viewpoint_id}.json"
         file.write_bytes(msgspec.json.encode(content) + b"\n")

@@ -47,10 +47,10 @@ class Count:
 
     @classmethod
     def among(
-        cls, items: Collection[T], which: Callable[[T], bool], name: Callable[[T], str] = str
+        cls, several: Collection[T], which: Callable[[T], bool], name: Callable[[T], str] = str
     ) -> Self:
-        """Count the items that pass a test."""
-        return cls.from_names([name(item) for item in items if which(item)], len(items))
+        """Count those that pass a test."""
+        return cls.from_names([name(each) for each in several if which(each)], len(several))
 
     @classmethod
     def repeated(cls, names: Iterable[str]) -> Self:

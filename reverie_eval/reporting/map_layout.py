@@ -4,11 +4,12 @@ Points are in units of the page, to the right and down. The class of a line says
 the words of the style sheet: ``route climb route-1``.
 """
 
+import typing
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from types import MappingProxyType
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 from typing_extensions import Self
@@ -98,7 +99,7 @@ class Piece(NamedTuple):
     """The storey of whose plan it is a part; None for what belongs to viewpoints."""
 
 
-class Projection(Protocol):
+class Projection(typing.Protocol):
     """Where things of a building are on a page."""
 
     @property

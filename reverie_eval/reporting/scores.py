@@ -359,7 +359,7 @@ def selection_printout(sweep: "Sweep", reported: Scored) -> Printout:
             if isinstance(reported, Runs)
             else score_table([cast("Scores", reported)])
         )
-        findings = [_answer(sweep, reported), *_cautions(sweep, f"report {reported.split} alone")]
+        findings = [_selected(sweep, reported), *_cautions(sweep, f"report {reported.split} alone")]
         files = f"files: {sweep.best_pattern.replace('{split}', reported.split)}"
         told = replace(table, findings=findings, notes=[*table.notes, files])
         return [
@@ -402,7 +402,7 @@ def sweep_table(sweep: "Sweep") -> Table:
     )
 
 
-def _answer(sweep: "Sweep", reported: Scored) -> str:
+def _selected(sweep: "Sweep", reported: Scored) -> str:
     from reverie_eval.analysis import Runs
 
     metric = sweep.primary

@@ -107,7 +107,7 @@ Rows: TypeAlias = Generator[Step | Attempt]
 
 @dataclass(frozen=True)
 class RunPlan:
-    """The task of a run: which agent, on which episodes, with what to observe, and how long."""
+    """What is to be run: which agent, on which episodes, with what to observe, and how long."""
 
     agent: AgentSource
     ground_truth: GroundTruth

@@ -20,8 +20,8 @@ from reverie_eval.simulator import Environment
 
 # What a worker sends beside rows and errors: it asks for an attempt to make, or has none left.
 _TAKE, _END = "take", "end"
-# Attempts that an executor is given at a time: a task may be a job of a cluster.
-_EPISODES_A_TASK = 20
+# Attempts that an executor is given at a time: a call may be a job of a cluster.
+_AT_A_TIME = 20
 # Seconds between two looks at what an executor has done.
 _POLL = 0.05
 # The agent that a thread of an executor made last, and the plan that it made it for.
@@ -136,7 +136,7 @@ def walk_with_executor(
     futures = []
     try:
         while True:
-            while jobs := list(islice(iter(take, None), _EPISODES_A_TASK)):
+            while jobs := list(islice(iter(take, None), _AT_A_TIME)):
                 futures.append(executor.submit(_walk_elsewhere, (packed, jobs)))
             if not futures:
                 return
@@ -166,9 +166,9 @@ def _rows_of(future: Any) -> Sequence[Step | Attempt]:
     return rows
 
 
-def _walk_elsewhere(task: tuple[bytes, Sequence[Job]]) -> list[Step | Attempt]:
+def _walk_elsewhere(given: tuple[bytes, Sequence[Job]]) -> list[Step | Attempt]:
     """Make attempts in a process of an executor, until one says that the run is to stop."""
-    packed, jobs = task
+    packed, jobs = given
     if getattr(_LOCAL, "packed", None) != packed:
         _LOCAL.walker, _LOCAL.packed = Walker(pickle.loads(packed)), packed  # noqa: S301
     waiting, rows = list(jobs), list[Step | Attempt]()

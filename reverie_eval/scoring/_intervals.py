@@ -101,7 +101,7 @@ class Intervals(ClusterIntervals):
 
     resamples: int
     seed: int
-    by_score_method: Collection[str] = ()
+    with_score_intervals: Collection[str] = ()
     """The metrics whose intervals are score intervals, because few clusters are informative."""
 
     @classmethod
@@ -174,14 +174,14 @@ class Intervals(ClusterIntervals):
     def procedure(self) -> str:
         """How the intervals were computed, so that they can be reproduced."""
         # Then no interval is from resamples, so neither their number nor the seed matters.
-        if self and len(self.by_score_method) == len(self):
+        if self and len(self.with_score_intervals) == len(self):
             return f"{self.label} intervals: score method, over {self.clusters_text}"
         drawn = (
             f"{self.label} intervals: {self.resamples:,} bootstrap resamples of "
             f"{self.clusters_text}, seed {self.seed}"
         )
         rare = f"; score method where few {self.cluster}s succeed or few fail"
-        return drawn + rare * bool(self.by_score_method)
+        return drawn + rare * bool(self.with_score_intervals)
 
     def to_report(self) -> "IntervalReport":
         """Return what the score report says of the intervals."""

@@ -43,7 +43,7 @@ MAX_RECORDS = 200_000
 
 _BRACKETS = ("[", "{")
 _SHOWN_TEXT = 60
-# Enough to find the place in a file that is not JSON.
+# Enough to find where a file is not JSON.
 _SHOWN_BEGINNING = 30
 _SPACE = re.compile(r"\s*")
 # What a file may end within besides texts, lists and objects: words, and the rest of a number.
@@ -67,7 +67,7 @@ def are_records(submission: Submission) -> "TypeIs[Records]":
 
 
 def parse_document(content: bytes, log: ReadingLog) -> Any:
-    """Parse JSON or JSON Lines, including NaN and infinities, so that their places can be reported.
+    """Parse JSON or JSON Lines, including NaN and infinities, so that their locations can be told.
 
     Text that is neither, but tells what was meant, is parsed and noted as a fault, and other text
     is refused.
@@ -165,7 +165,7 @@ def _parse_without_brackets(text: str, log: ReadingLog) -> Any:
     try:
         records = json.loads(f"[{inner}]", object_pairs_hook=_build_object)
     except json.JSONDecodeError as error:
-        # The place in the text as it was given, without the bracket before it.
+        # Where it is in the text as it was given, without the bracket before it.
         given = json.JSONDecodeError(error.msg, inner, error.pos - 1)
         raise SubmissionError([_why_not_json(given)]) from None
     log.add_whole_file_fault(faults.NO_BRACKETS, None)

@@ -256,9 +256,9 @@ _MAX_ZIP_ENTRIES = 1000
 # The most digits of a limit in mebibytes, which is a terabyte then.
 _MOST_DIGITS = 6
 _ENCRYPTED = 0x1
-# What zip programs use by default. Python unpacks the other methods in one step, ignoring the
+# What zip programs use by default. Python unpacks what others use in one step, ignoring the
 # limit, so a small archive could fill the memory.
-_METHODS = (ZIP_STORED, ZIP_DEFLATED)
+_COMPRESSIONS = (ZIP_STORED, ZIP_DEFLATED)
 # What `zipfile` raises on archives whose bytes were damaged, or crafted.
 _DAMAGED_ZIP = (
     BadZipFile,
@@ -414,7 +414,7 @@ def _only_file(archive: ZipFile) -> ZipInfo:
     if file.flag_bits & _ENCRYPTED:
         raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason="it is encrypted")])
     # The others need modules that a Python may lack.
-    if file.compress_type not in _METHODS:
+    if file.compress_type not in _COMPRESSIONS:
         reason = "it is compressed in an unusual way"
         raise SubmissionError([problems.DAMAGED_ZIP.of_file(reason=reason)])
     return file

@@ -38,8 +38,8 @@ class Name(NamedTuple):
 
     @property
     def package(self) -> str:
-        """The subpackage, or ``cli``."""
-        return self.file.split("/")[0]
+        """The subpackage, the module beside the subpackages, or ``cli``."""
+        return self.file.split("/")[0].removesuffix(".py")
 
 
 class Rule(NamedTuple):
@@ -107,8 +107,10 @@ def test_no_name_has_a_word_that_the_glossary_replaces(rule: Rule) -> None:
     [
         pytest.param("path", r"\bstr\b(?!\])|PathLike", id="a path is annotated, or pathlib's"),
         pytest.param("paths", r"\[str\b(?!,)|PathLike", id="and so are several"),
-        pytest.param("task", r"Array", id="a task is a benchmark, not the index of an item"),
+        pytest.param("task", r"Array|tuple", id="a task is a benchmark, not an index or a job"),
         pytest.param("item", r"\bstr\b", id="an item is a record or its index"),
+        pytest.param("items", r"\[(?:T|Item)\]", id="items are records, not whatever there is"),
+        pytest.param("rules", r"^(?!.*\bRule\[).", id="rules are those of lint"),
         pytest.param("solution", r"Ground", id="a solution is a part of a ground truth"),
         pytest.param("method", r"Scores|Runs", id="a method is what a team names"),
     ],
@@ -116,6 +118,21 @@ def test_no_name_has_a_word_that_the_glossary_replaces(rule: Rule) -> None:
 def test_a_name_means_one_thing(name: str, other_thing: str) -> None:
     found = [each for each in names() if each.name == name and re.search(other_thing, each.type)]
     assert [each for each in found if each.package != "server"] == []
+
+
+def test_a_bare_protocol_is_one_to_score_by() -> None:
+    """The other kind, of types, is ``typing.Protocol``."""
+    files = [file for root in CODE.values() for file in root.rglob("*.py")]
+    found = [
+        f"{file.relative_to(ROOT)}:{node.lineno}"
+        for file in files
+        if not file.is_relative_to(CODE["core"] / "server")
+        for node in ast.walk(ast.parse(file.read_bytes()))
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").startswith("typing")
+        and "Protocol" in {each.name for each in node.names}
+    ]
+    assert found == []
 
 
 TWO_THINGS = {"Episode": "what an agent is told of an episode, and what became of it"}

@@ -14,7 +14,7 @@ import pytest
 from reverie_eval import DatasetError, ReverieEvalError, dataset
 from reverie_eval.dataset import (
     EXCLUDED_NAMES,
-    BoxRules,
+    BoxSettings,
     House,
     Occlusion,
     Scan,
@@ -89,7 +89,7 @@ def test_only_nearer_objects_are_listed(max_distance: float, listed: list[int]) 
     house = furnished(
         ("vase", (0, 1, 0), 0.1), ("vase", (0, 1.6, 1.2), 0.1), ("vase", (1, 2, 2), 2)
     )
-    assert list(list_objects(house, EYE, BoxRules(max_distance=max_distance))) == listed
+    assert list(list_objects(house, EYE, BoxSettings(max_distance=max_distance))) == listed
 
 
 def test_listed_without_boxes() -> None:
@@ -97,15 +97,15 @@ def test_listed_without_boxes() -> None:
     house = furnished(
         ("table", (0, 1, 0), 0.5), ("vase", (0, 2, 0), 0.1), ("vase", (0, 0, -1), 0.1)
     )
-    seen = list_objects(house, EYE, BoxRules(occlusion="paper"))
+    seen = list_objects(house, EYE, BoxSettings(occlusion="paper"))
     assert [bool(boxes) for boxes in seen.values()] == [True, False, False]
-    assert 12 in list_objects(house, EYE, BoxRules())[1]
+    assert 12 in list_objects(house, EYE, BoxSettings())[1]
 
 
 def test_only_equal_names_are_excluded() -> None:
     house = furnished(*[(name, (0, 1, 0), 0.1) for name in NAMES])
-    assert exclude_names(house, BoxRules()).names == ("vase", "shower wall", "", "table")
-    assert exclude_names(house, BoxRules(excluded_names=frozenset({"vase", ""}))).names == (
+    assert exclude_names(house, BoxSettings()).names == ("vase", "shower wall", "", "table")
+    assert exclude_names(house, BoxSettings(excluded_names=frozenset({"vase", ""}))).names == (
         "wall",
         "shower wall",
         "table",
@@ -113,8 +113,10 @@ def test_only_equal_names_are_excluded() -> None:
 
 
 def test_excluded_objects_hide_nothing() -> None:
-    house = exclude_names(furnished(("wall", (0, 1, 0), 0.5), ("vase", (0, 2, 0), 0.1)), BoxRules())
-    assert 12 in list_objects(house, EYE, BoxRules(occlusion="paper"))[1]
+    house = exclude_names(
+        furnished(("wall", (0, 1, 0), 0.5), ("vase", (0, 2, 0), 0.1)), BoxSettings()
+    )
+    assert 12 in list_objects(house, EYE, BoxSettings(occlusion="paper"))[1]
 
 
 def test_walls_are_excluded_and_doorways_are_not() -> None:
@@ -151,7 +153,7 @@ def built(
     folder = tmp_path_factory.mktemp("boxes")
     rules: tuple[Occlusion, ...] = ("none", "paper")
     for occlusion in rules:
-        build.build_boxes(scans, folder / occlusion, BoxRules(occlusion=occlusion))
+        build.build_boxes(scans, folder / occlusion, BoxSettings(occlusion=occlusion))
     return {occlusion: folder / occlusion for occlusion in rules}
 
 
@@ -171,7 +173,7 @@ def test_files_have_the_published_form(built: dict[Occlusion, Path]) -> None:
 def test_a_viewpoint_where_nothing_is_listed(
     built: dict[Occlusion, Path], scans: tuple[Scan, ...], tmp_path: Path
 ) -> None:
-    build.build_boxes(scans, tmp_path / "near", BoxRules(max_distance=0.001))
+    build.build_boxes(scans, tmp_path / "near", BoxSettings(max_distance=0.001))
     files = contents(tmp_path / "near")
     assert files.keys() == contents(built["none"]).keys()
     assert all(list(json.loads(file).values()) == [{}] for file in files.values())
@@ -233,9 +235,9 @@ def test_files_do_not_depend_on_the_number_of_processes(
     built: dict[Occlusion, Path], scans: tuple[Scan, ...], tmp_path: Path
 ) -> None:
     folder = tmp_path / "boxes"
-    counts = build.build_boxes(scans, folder, BoxRules(), jobs=2)
+    counts = build.build_boxes(scans, folder, BoxSettings(), jobs=2)
     assert contents(folder) == contents(built["none"])
-    assert counts == build.build_boxes(scans, tmp_path / "again", BoxRules())
+    assert counts == build.build_boxes(scans, tmp_path / "again", BoxSettings())
     assert counts.boxes == len(boxes_of(folder))
     assert counts[:2] == (len(contents(folder)), len(listed_in(folder)))
 
@@ -248,7 +250,7 @@ def test_an_empty_folder_is_filled_in_place(
 ) -> None:
     """Even if it is the working folder of the shell."""
     monkeypatch.chdir(tmp_path)
-    build.build_boxes(scans, Path(), BoxRules())
+    build.build_boxes(scans, Path(), BoxSettings())
     assert contents(Path.cwd()) == contents(built["none"])
 
 
@@ -272,7 +274,7 @@ def test_every_problem_of_every_scan_and_nothing_written(demo_world: Path, tmp_p
     no_target.symlink_to("elsewhere")
     scans = find_scans(tmp_path / "houses", tmp_path / "connectivity").complete
     with pytest.raises(DatasetError) as rejected:
-        build.build_boxes(scans, tmp_path / "boxes", BoxRules(), jobs=2)
+        build.build_boxes(scans, tmp_path / "boxes", BoxSettings(), jobs=2)
     places = [(Path(problem.where).name, problem.code) for problem in rejected.value.problems]
     assert places == [
         ("DemoCottage.house:2", "malformed-house"),
@@ -293,14 +295,14 @@ def test_a_repeated_viewpoint(demo_world: Path, tmp_path: Path) -> None:
     file.write_text(json.dumps(places))
     scan = Scan("x", next((demo_world / "houses").rglob("*.house")), file)
     with pytest.raises(DatasetError) as rejected:
-        build.build_boxes([scan], tmp_path / "boxes", BoxRules())
+        build.build_boxes([scan], tmp_path / "boxes", BoxSettings())
     (problem,) = rejected.value.problems
     assert (problem.code, problem.where) == ("duplicate-viewpoint", str(file))
     repeated = f"ids used by more than one included viewpoint: {places[0]['image_id']}. "
     assert repeated in problem.message
     places[1]["included"] = False
     file.write_text(json.dumps(places))
-    build.build_boxes([scan], tmp_path / "boxes", BoxRules())
+    build.build_boxes([scan], tmp_path / "boxes", BoxSettings())
     assert (tmp_path / "boxes" / f"x_{places[0]['image_id']}.json").is_file()
 
 
@@ -313,15 +315,15 @@ def test_a_viewpoint_id_that_cannot_be_a_file_name(
     file.write_text(json.dumps([place]))
     scan = Scan("x", next((demo_world / "houses").rglob("*.house")), file)
     with pytest.raises(DatasetError, match=r"\[0\].image_id"):
-        build.build_boxes([scan], tmp_path / "boxes", BoxRules())
+        build.build_boxes([scan], tmp_path / "boxes", BoxSettings())
 
 
 def test_a_folder_with_content_is_left_alone(scans: tuple[Scan, ...], tmp_path: Path) -> None:
     (tmp_path / "notes.txt").touch()
     with pytest.raises(ReverieEvalError, match="is not an empty folder; choose another, or remove"):
-        build.build_boxes(scans, tmp_path, BoxRules())
+        build.build_boxes(scans, tmp_path, BoxSettings())
     with pytest.raises(ReverieEvalError, match="is not an empty folder"):
-        build.build_boxes(scans, tmp_path / "notes.txt", BoxRules())
+        build.build_boxes(scans, tmp_path / "notes.txt", BoxSettings())
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
@@ -333,7 +335,7 @@ def test_an_interrupted_build_leaves_nothing_behind(
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        build.build_boxes(scans, tmp_path / "boxes", BoxRules(), progress=interrupted)
+        build.build_boxes(scans, tmp_path / "boxes", BoxSettings(), progress=interrupted)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -393,16 +395,16 @@ def test_names_are_left_out_wherever_the_options_stand(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    rules: list[BoxRules] = []
+    rules: list[BoxSettings] = []
 
-    def build_boxes(scans: Any, folder: Path, asked: BoxRules, **_: Any) -> build.BuiltBoxes:
+    def build_boxes(scans: Any, folder: Path, asked: BoxSettings, **_: Any) -> build.BuiltBoxes:
         rules.append(asked)
         return build.BuiltBoxes(0, 0, 0)
 
     monkeypatch.setattr(dataset, "build_boxes", build_boxes)
     where = [str(demo_world / "houses"), str(demo_world / "connectivity")]
     assert run("boxes", *words, *where, "-o", str(tmp_path / "out")).status == 0
-    assert rules == [BoxRules(excluded_names=frozenset(excluded))]
+    assert rules == [BoxSettings(excluded_names=frozenset(excluded))]
 
 
 def test_scans_with_files_of_one_kind_are_named(

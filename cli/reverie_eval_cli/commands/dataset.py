@@ -11,7 +11,7 @@ from typing import get_args
 import click
 
 from reverie_eval import DatasetError, GroundTruth, ReverieEvalError
-from reverie_eval.dataset import EXCLUDED_NAMES, MAX_DISTANCE, BoxRules, Occlusion
+from reverie_eval.dataset import EXCLUDED_NAMES, MAX_DISTANCE, BoxSettings, Occlusion
 from reverie_eval.ground_truth import Bundle, bundle_folder, bundle_name
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
@@ -185,7 +185,7 @@ def describe(
 @options.with_default(
     "--occlusion",
     type=options.Choice(get_args(Occlusion)),
-    default=BoxRules().occlusion,
+    default=BoxSettings().occlusion,
     help="paper: remove boxes inside the box of a nearer object.",
 )
 @click.option(
@@ -234,7 +234,7 @@ def boxes(
         built = build_boxes(
             found.complete,
             output,
-            BoxRules(max_distance, occlusion, excluded),
+            BoxSettings(max_distance, occlusion, excluded),
             jobs=jobs or os.cpu_count() or 1,
             progress=with_progress,
         )

@@ -21,7 +21,7 @@ def _complete_codebase(_: click.Context) -> list[str]:
 
 @click.command()
 @click.argument("codebase", required=False, shell_complete=_complete_codebase)
-@options.output("the answer")
+@options.output("what it prints")
 def protocol(*, codebase: str | None, output: str | None) -> None:
     """Tell which protocol reproduces a codebase's numbers.
 

@@ -12,8 +12,8 @@ from reverie_eval.agents.chat._asking import Asker, Budget, Message, Prices
 from reverie_eval.agents.chat._dialogue import (
     Choices,
     Chosen,
-    Explored,
     NoActionError,
+    NumberedMap,
     Prompts,
     captions_of,
     describe_objects,
@@ -132,7 +132,7 @@ class ChatAgent:
         self._episode = episode
         self._seed = episode.rng.getrandbits(32)
         self._has_target = find_task(episode.task).has_targets
-        self._explored = Explored()
+        self._explored = NumberedMap()
         self._moved = 0
         self._messages: list[Message] = []
         self._thought = ""

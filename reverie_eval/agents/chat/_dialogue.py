@@ -115,7 +115,7 @@ def _read(file: Path) -> str:
     return text
 
 
-class Explored:
+class NumberedMap:
     """The part of a building that was seen: places by numbers, in the order in which they came."""
 
     def __init__(self) -> None:
@@ -166,7 +166,7 @@ def _list(numbers: Iterable[int]) -> str:
 def describe_ways(
     seen: Observation,
     neighbours: Sequence[Neighbour],
-    explored: Explored,
+    explored: NumberedMap,
     pictures: Sequence[int],
 ) -> str:
     """Return a line for each neighbour that is left; with pictures, also in which it is."""
@@ -174,7 +174,7 @@ def describe_ways(
     return "\n".join(lines) or "- nowhere any more"
 
 
-def _way(seen: Observation, way: Neighbour, explored: Explored, pictures: Sequence[int]) -> str:
+def _way(seen: Observation, way: Neighbour, explored: NumberedMap, pictures: Sequence[int]) -> str:
     number = explored.number(way.viewpoint_id)
     elevation = seen.elevation + way.relative_elevation
     parts = [

@@ -42,6 +42,7 @@ from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.restore import restore_backup, verify_backup
+from reverie_eval.server.platforms.site import export_site
 from reverie_eval.server.scoring.boards import rules_of
 from reverie_eval.server.scoring.rules import append_rules, record_rules
 from reverie_eval.server.settings import SettingsError
@@ -891,9 +892,11 @@ def test_a_backup_has_all_of_a_correction_that_was_killed_at_its_commit_or_nothi
     assert (tmp_path / "there" / "bundles" / f"{OPEN}.npz").read_bytes() == expected
 
 
-def test_a_backup_has_the_ground_truth_of_its_rows_if_a_correction_is_made_meanwhile(
-    server: Serving, folder: Path, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def correct_while_reading(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Correct the ground truth when the rows are read next, after the first row."""
     record_rules(server.state.transactions, rules_of(server.state.boards))
     sent(server, OWNER, submission_for(OPEN))
     new = [correct(folder)]
@@ -907,10 +910,43 @@ def test_a_backup_has_the_ground_truth_of_its_rows_if_a_correction_is_made_meanw
         yield from rows
 
     monkeypatch.setattr(backup, "dump", correcting)
+
+
+@pytest.mark.usefixtures("correct_while_reading")
+def test_a_backup_has_the_ground_truth_of_its_rows_if_a_correction_is_made_meanwhile(
+    folder: Path, tmp_path: Path
+) -> None:
     write_backup(folder, tmp_path / "b.tar.gz")
     restore_backup(tmp_path / "b.tar.gz", tmp_path / "there")
     assert [each for each in check_folder(tmp_path / "there") if each.kind != "ok"] == []
     assert rows_of(tmp_path / "there") == rows_of(folder)
+
+
+@pytest.mark.usefixtures("correct_while_reading")
+def test_a_copy_of_the_pages_has_the_ground_truth_of_its_rows_if_a_correction_is_made_meanwhile(
+    server: Serving, folder: Path, tmp_path: Path
+) -> None:
+    export_site(folder, tmp_path / "site")
+    copied = json.loads((tmp_path / f"site/api/v1/splits/{OPEN}/leaderboard.json").read_bytes())
+    assert len(copied["rows"]) == 1
+    assert (copied["fingerprint"], copied["rows"]) == (
+        board(server)["fingerprint"],
+        board(server)["rows"],
+    )
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_copy_of_the_pages_changes_nothing_after_a_correction_was_killed(
+    when: Literal["before", "after"], server: Serving, folder: Path, tmp_path: Path
+) -> None:
+    record_rules(server.state.transactions, rules_of(server.state.boards))
+    sent(server, OWNER, submission_for(OPEN))
+    killed_at_its_commit(folder, correct(folder), when)
+    bundles = {path: path.read_bytes() for path in folder.glob("bundles/*")}
+    export_site(folder, tmp_path / "site")
+    assert {path: path.read_bytes() for path in folder.glob("bundles/*")} == bundles
+    copied = json.loads((tmp_path / f"site/api/v1/splits/{OPEN}/leaderboard.json").read_bytes())
+    assert copied["rows"] == board(server)["rows"] != []
 
 
 def test_a_server_without_the_new_ground_truth_asks_to_wait(server: Serving) -> None:

@@ -125,7 +125,7 @@ def lab(
 def export_at(moment: datetime, source: Path, output: Path) -> None:
     """Write a copy as if it were another time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("reverie_eval.server.platforms.site.utc_now", lambda: moment)
+        patch.setattr("reverie_eval.server.operations.backup.utc_now", lambda: moment)
         export_site(source, output)
 
 

@@ -26,7 +26,7 @@ from datetime import datetime
 from gzip import BadGzipFile
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, NamedTuple, TypeAlias
 
 from pydantic import BaseModel, ConfigDict
 
@@ -131,11 +131,7 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
     contents = _Contents(archive)
     contents.add(SETTINGS_FILE, (settings.folder / SETTINGS_FILE).read_bytes())
     with TemporaryFile(dir=place) as lines:
-        while True:
-            bundles = _bundles(settings)
-            dumped = _dump(settings, lines)
-            if _bundles(settings) == bundles:
-                break
+        dumped, bundles = dump_with_bundles(settings, lines)
         contents.add_file(DATABASE, lines)
     for name, content in bundles.values():
         contents.add(name, content)
@@ -159,7 +155,7 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
     return manifest
 
 
-class _Dumped(NamedTuple):
+class Dumped(NamedTuple):
     """What is known of rows that were read at one moment."""
 
     made_at: datetime
@@ -173,7 +169,23 @@ class _Dumped(NamedTuple):
     """By table."""
 
 
-def _dump(settings: Settings, lines: IO[bytes]) -> _Dumped:
+Bundles: TypeAlias = Mapping[str, tuple[str, bytes]]
+"""The name in a backup and the content of each bundle, also of those that wait, by setting."""
+
+
+def dump_with_bundles(settings: Settings, lines: IO[bytes]) -> tuple[Dumped, Bundles]:
+    """Write all rows of one moment as lines of JSON, and return the bundles that belong to them.
+
+    Raises ReverieEvalError if the database is empty or was made by a later version.
+    """
+    while True:
+        bundles = _bundles(settings)
+        dumped = _dump(settings, lines)
+        if _bundles(settings) == bundles:
+            return dumped, bundles
+
+
+def _dump(settings: Settings, lines: IO[bytes]) -> Dumped:
     """Write all rows as lines of JSON, in place of what is in the file."""
     lines.seek(0)
     lines.truncate()
@@ -185,8 +197,7 @@ def _dump(settings: Settings, lines: IO[bytes]) -> _Dumped:
         revision = check_known(database)
         if revision is None:
             raise ReverieEvalError(
-                "there is no database to back up; run `reverie-eval server doctor --quick "
-                f"{settings.folder}`"
+                f"there is no database; run `reverie-eval server doctor --quick {settings.folder}`"
             )
         for table, columns in dump(database):
             counts[table] += 1
@@ -195,11 +206,10 @@ def _dump(settings: Settings, lines: IO[bytes]) -> _Dumped:
             elif table == "signing_key" and columns["replaced_at"] is None:
                 key_id = columns["key_id"]
             lines.write(f"{json.dumps([table, columns])}\n".encode())
-    return _Dumped(made_at, revision, key_id, uploads, counts)
+    return Dumped(made_at, revision, key_id, uploads, counts)
 
 
-def _bundles(settings: Settings) -> Mapping[str, tuple[str, bytes]]:
-    """Return the name in the archive and the content of each bundle, also of those that wait."""
+def _bundles(settings: Settings) -> Bundles:
     found = {}
     for setting, (name, path) in _files(settings).items():
         if setting == KEY_SETTING:

@@ -16,7 +16,7 @@ from datetime import datetime
 from http import HTTPStatus
 from os.path import relpath
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from urllib.parse import urljoin, urlsplit
 
 import httpx
@@ -24,14 +24,14 @@ import httpx
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import replacing_folder
 from reverie_eval.server.app import create_app, jobs_of
-from reverie_eval.server.audit.transactions import utc_now
 from reverie_eval.server.http.rendering import links_of, with_links
-from reverie_eval.server.opening import check_known, database_errors, open_server
+from reverie_eval.server.opening import database_errors, open_server
+from reverie_eval.server.operations.backup import dump_with_bundles
 from reverie_eval.server.operations.restore import unpacked
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.dump import Row, dump, load
+from reverie_eval.server.store.dump import Row, load
 from reverie_eval.version import __version__
 
 _SOFTWARE = "reverie-eval"
@@ -120,8 +120,8 @@ def _is_copy(folder: Path) -> bool:
 def _copied(source: Path) -> Iterator[ServerState]:
     """Open a copy of a server that has the same rows in a database of its own."""
     with (
-        _opened(source) as (original, made_at, revision, rows),
         TemporaryDirectory(prefix="reverie-eval-") as folder,
+        _opened(source, Path(folder)) as (original, made_at, revision, rows),
     ):
         limits = original.limits.model_copy(update={"requests_per_minute": _UNLIMITED})
         own = {"database": f"sqlite:///{folder}/server.db", "limits": limits}
@@ -135,21 +135,31 @@ def _copied(source: Path) -> Iterator[ServerState]:
 
 
 @contextmanager
-def _opened(source: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Row]]]:
-    """Yield the settings, the time, the migration and the rows of a folder or a backup."""
+def _opened(source: Path, place: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Row]]]:
+    """Yield the settings, the time, the migration and the rows of a folder or a backup.
+
+    A correction may replace the ground truth in the folder meanwhile, so a copy of it is put into
+    ``place``.
+    """
     if not source.is_dir():
         with unpacked(source) as (settings, manifest, rows):
             yield settings, manifest.made_at, manifest.revision, rows
         return
     settings = load_settings(source)
-    url = settings.database_url
-    with database_errors(url), closing(Database(url)) as database:
-        revision = check_known(database)
-        if revision is None:
-            raise ReverieEvalError(
-                f"there is no database; run `reverie-eval server doctor --quick {source}`"
-            )
-        yield settings, utc_now(), revision, dump(database)
+    with TemporaryFile(dir=place) as lines:
+        dumped, bundles = dump_with_bundles(settings, lines)
+        for name, content in bundles.values():
+            file = place / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.touch(mode=0o600)
+            file.write_bytes(content)
+        splits = {
+            name: split.model_copy(update={"bundle": place / bundles[f"splits.{name}.bundle"][0]})
+            for name, split in settings.splits.items()
+        }
+        lines.seek(0)
+        copied = settings.model_copy(update={"splits": splits})
+        yield copied, dumped.made_at, dumped.revision, map(json.loads, lines)
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,7 +93,7 @@ def snap(camera: FloatArray) -> IntArray:
     heading, elevation = np.mod(camera[:, 0], 2 * np.pi), camera[:, 1]
     # np.round would round halves to even. From 345 degrees on the nearest heading is 360, view 0.
     column = np.floor(heading / STEP + 0.5).astype(np.int64) % N_HEADINGS
-    row = 1 + np.sign(elevation).astype(np.int64) * (np.abs(elevation) > STEP / 2)
+    row = 1 + (elevation > STEP / 2) - (elevation < -STEP / 2).astype(np.int64)
     return np.asarray(column + N_HEADINGS * row)
 
 
@@ -118,7 +118,7 @@ def is_on_grid(camera: FloatArray) -> BoolArray:
     >>> is_on_grid(np.deg2rad([[359.99, 0.0], [29.0, 0.0]]))
     array([ True, False])
     """
-    heading_off, elevation_off = (camera - view_angles(snap(camera))).T
+    heading_off, elevation_off = (camera - VIEW_ANGLES.take(snap(camera), axis=0)).T
     # A heading just below a full turn is close to view 0: wrap differences to [-pi, pi).
     heading_off = np.mod(heading_off + np.pi, 2 * np.pi) - np.pi
     off = np.maximum(np.abs(heading_off), np.abs(elevation_off))
@@ -177,7 +177,10 @@ def axes(camera: FloatArray) -> FloatArray:
     return np.array(rows).transpose(2, 0, 1)
 
 
-VIEW_AXES: FloatArray = frozen(axes(view_angles(np.arange(N_VIEWS))))
+VIEW_ANGLES: FloatArray = frozen(view_angles(np.arange(N_VIEWS)))
+"""Shape (36, 2): heading and elevation of every view, radians."""
+
+VIEW_AXES: FloatArray = frozen(axes(VIEW_ANGLES))
 """Shape (36, 3, 3): right, up and forward of every view."""
 
 

@@ -21,7 +21,7 @@ from reverie_eval.arrays import (
     row_of,
     take_rows,
 )
-from reverie_eval.geometry import HEIGHT, WIDTH, is_on_grid, polygon_overlap, snap, warp
+from reverie_eval.geometry import HEIGHT, WIDTH, is_on_grid, polygon_overlap, warp
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
 from reverie_eval.metrics import (
     CATALOGUE,
@@ -403,48 +403,52 @@ def score_boxes(
        ground truth is at least one half, at any viewpoint that sees the target; the views are
        those of ``visible_pos`` in the dataset's box files.
     """
-    view = snap(boxes.camera)
+    view = boxes.view
     candidate, is_visible = solution.find(target_object[boxes.row], stop[boxes.row])
-    # Where nothing is found, `candidate` and `target` are those of another object: `is_visible`
-    # and `is_in_view` mask whatever is computed from them.
+    # Where nothing is found, `candidate` and `target` are those of another object.
     target, has_box = solution.boxes.find(candidate, view)
     is_in_view = is_visible & has_box
-    target_xywh = solution.boxes.xywh[target]
+    # Only the boxes in views that show the target are compared with its boxes.
+    shown = np.flatnonzero(is_in_view)
+    target = target[shown]
+    target_xywh = solution.boxes.xywh.take(target, axis=0)
     whole_image = np.broadcast_to([0.0, 0.0, WIDTH, HEIGHT], target_xywh.shape)
-    is_ambiguous = is_in_view.copy()
-    is_ambiguous[is_in_view] = _has_rival(target[is_in_view], solution)
+    is_ambiguous = np.zeros_like(is_in_view)
+    is_ambiguous[shown] = _has_rival(target, solution)
     return BoxScores(
         row=boxes.row,
-        overlap=_masked(_overlap(boxes, view, target_xywh), is_in_view),
-        whole_image=_masked(box_overlap(whole_image, target_xywh), is_in_view),
+        overlap=_among(len(view), shown, _overlap(boxes.take(shown), target_xywh)),
+        whole_image=_among(len(view), shown, box_overlap(whole_image, target_xywh)),
         is_visible=is_visible,
         is_in_view=is_in_view,
         is_ambiguous=is_ambiguous,
     )
 
 
-def _overlap(boxes: BoxAnswers, view: IntArray, target_xywh: IntArray) -> Overlap:
+def _overlap(boxes: BoxAnswers, target_xywh: IntArray) -> Overlap:
     """Return the overlap with the target's box; boxes from cameras off the grid are warped."""
     overlap = box_overlap(boxes.xywh, target_xywh)
     # Nearly all boxes are in a view itself, and need neither shapely nor rounding.
     off_grid = np.flatnonzero(~is_on_grid(boxes.camera))
     if off_grid.size:
-        polygons = warp(boxes.xywh[off_grid], boxes.camera[off_grid], view[off_grid])
+        polygons = warp(boxes.xywh[off_grid], boxes.camera[off_grid], boxes.view[off_grid])
         areas = polygon_overlap(polygons, target_xywh[off_grid])
         for column, warped in zip(overlap, areas, strict=True):
             column[off_grid] = warped
     return overlap
 
 
-def _masked(overlap: Overlap, is_in_view: BoolArray) -> Overlap:
-    """Set the intersection to 0 where the view does not show the target."""
-    return overlap._replace(intersection=np.where(is_in_view, overlap.intersection, 0.0))
+def _among(count: int, rows: IntArray, overlap: Overlap) -> Overlap:
+    """Return the overlaps of so many boxes, of which only those in these rows overlap anything."""
+    intersection, total = np.zeros(count), np.ones(count)
+    intersection[rows], total[rows] = overlap
+    return Overlap(intersection, total)
 
 
 def _has_rival(target: IntArray, solution: Solution) -> BoolArray:
     """Whether another object's box in the same view would be accepted as each target's box."""
     box_xywh = solution.boxes.xywh
     index, other = solution.boxes.pair_with_others(target)
-    is_rival = box_match(box_xywh[other], box_xywh[target[index]])
+    is_rival = box_match(box_xywh.take(other, axis=0), box_xywh.take(target[index], axis=0))
     # bincount has an entry for targets without any other object too; reduceat would not.
     return np.bincount(index, weights=is_rival, minlength=len(target)) > 0

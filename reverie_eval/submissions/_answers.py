@@ -352,7 +352,8 @@ def box_columns(given: GivenBoxes, log: ReadingLog) -> BoxAnswers:
 
     Differences from the official form, and problems that most boxes have, are noted in the log.
     """
-    row, xywh, image_size, camera, stop_angles = given
+    # With each column by itself in memory; otherwise numpy would work in steps of two or four.
+    xywh, image_size, camera, stop_angles = map(np.asfortranarray, given[1:])
     whole = np.array([WIDTH, HEIGHT])
     # Below, `any(axis=1)` would take twenty times as long as the same by `logical_or`.
     # Each side has a scale of its own: models that take squares distort an image of 640 x 480.
@@ -378,7 +379,7 @@ def box_columns(given: GivenBoxes, log: ReadingLog) -> BoxAnswers:
         }
     )
     cut_xywh = np.hstack([cut_begin, cut_end - cut_begin])
-    boxes = BoxAnswers(row, cut_xywh, camera, is_cut, uncut_xywh, stop_angles)
+    boxes = BoxAnswers(given.row, cut_xywh, camera, is_cut, uncut_xywh, stop_angles)
     log.problems.extend(box_scale_problems(boxes))
     return boxes
 

@@ -133,7 +133,7 @@ def box_hints(boxes: BoxAnswers) -> Iterator[str]:
             "most boxes reach beyond the image; predBox is [x, y, width, height], not two "
             "corners, in an image of 640 x 480 unless predImageSize says otherwise"
         )
-    view = snap(boxes.camera)
+    view = boxes.view
     if len(boxes.row) >= ENOUGH_BOXES and (view == view[0]).all():
         yield (
             f"all {len(boxes.row):,} boxes are in view {view[0]}; predView is the view that "
@@ -152,23 +152,29 @@ def _reading_hints(
     if len(boxes.row) < ENOUGH_BOXES:
         return
     # Spread over the file, whose records may be sorted by building.
-    sample = np.unique(np.linspace(0, len(boxes.row) - 1, _SAMPLE).astype(np.int64))
+    count = len(boxes.row)
+    sample = np.linspace(0, count - 1, min(count, _SAMPLE)).astype(np.int64)
     boxes, viewpoint = boxes.take(sample), viewpoint[sample]
-    xywh, view = boxes.uncut_xywh, snap(boxes.camera)
-    as_given = _fits(xywh, annotated.pair_with_all(viewpoint, view), annotated).mean()
+    xywh, view = boxes.uncut_xywh, boxes.view
+    pairs = annotated.pair_with_all(viewpoint, view)
+    as_given = _fits(xywh, pairs, annotated).mean()
     if as_given + _BETTER >= 1:
         return  # no other reading fits so much better
     views = _other_views(view)
     if np.isfinite(boxes.stop_angles).all():
         views["boxes in the view of the last pose"] = snap(boxes.stop_angles)
-    readings = [
-        *((what, other, view) for what, other in _other_boxes(xywh)),
-        *((what, xywh, other) for what, other in views.items()),
+    others = dict(_other_boxes(xywh))
+    # Other boxes are compared with the same annotated ones, so they are paired with them once.
+    index, row = pairs
+    steps = len(view) * np.arange(len(others))[:, None]
+    as_boxes = (index + steps).ravel(), np.tile(row, len(others))
+    as_views = annotated.pair_with_all(np.tile(viewpoint, len(views)), np.hstack([*views.values()]))
+    fits = [
+        _fits(np.vstack([*others.values()]), as_boxes, annotated),
+        _fits(np.tile(xywh, (len(views), 1)), as_views, annotated),
     ]
-    names, boxes_of, views_of = zip(*readings, strict=True)
-    pairs = annotated.pair_with_all(np.tile(viewpoint, len(names)), np.concatenate(views_of))
-    fits = _fits(np.concatenate(boxes_of), pairs, annotated).reshape(len(names), -1)
-    share, what = max(zip(fits.mean(axis=1).tolist(), names, strict=True), key=itemgetter(0))
+    shares = np.concatenate(fits).reshape(-1, len(view)).mean(axis=1).tolist()
+    share, what = max(zip(shares, [*others, *views], strict=True), key=itemgetter(0))
     if share > max(MOST, as_given + _BETTER):
         yield (
             f"{100 * as_given:.0f} % of the boxes fit an annotated object; read as {what}, "
@@ -185,7 +191,7 @@ def _fits(
     # Corners read as [x, y, width, height], or the other way round, may give sides below 0.
     has_area = np.logical_and(*(xywh[:, 2:] > 0).T)[index]
     index, row = index[has_area], row[has_area]
-    fits = box_match(xywh[index], annotated.xywh[row])
+    fits = box_match(xywh.take(index, axis=0), annotated.xywh.take(row, axis=0))
     return np.bincount(index, weights=fits, minlength=len(xywh)) > 0
 
 

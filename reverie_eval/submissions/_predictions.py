@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -16,6 +17,7 @@ from reverie_eval.arrays import (
     take_rows,
 )
 from reverie_eval.errors import Problem
+from reverie_eval.geometry import snap
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._problems import PoseLocation, RecordLocation
 from reverie_eval.submissions._sources import Source
@@ -93,9 +95,15 @@ class BoxAnswers:
     """Shape (n_boxes, 2): heading and elevation of the last pose, radians; NaN if the file gives
     none. Only hints use it."""
 
+    @cached_property
+    def view(self) -> IntArray:
+        """Shape (n_boxes,): the view that each camera snaps to."""
+        return snap(self.camera)
+
     def take(self, rows: IntArray) -> "BoxAnswers":
         """Return some of the boxes, in the given order."""
-        return BoxAnswers(*(getattr(self, field.name)[rows] for field in fields(self)))
+        # `take` needs a tenth of the time of an index in brackets, for columns of several numbers.
+        return BoxAnswers(*(getattr(self, field.name).take(rows, axis=0) for field in fields(self)))
 
     @classmethod
     def concatenate(cls, parts: "Sequence[BoxAnswers]") -> "BoxAnswers":

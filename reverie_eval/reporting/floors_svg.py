@@ -195,13 +195,14 @@ class Floors:
         """Return the furniture of a level."""
         solids = self._building.solids
         bottom = solids.centre[:, 2] - solids.half[:, 2] - self._floor[level]
-        is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS) & (solids.room >= 0)
+        is_shown: BoolArray = (solids.storey == level) & (bottom < _HANGS)
         is_shown &= (2 * solids.half[:, :2] >= _SMALL).all(axis=1)
         is_unknown = np.array([kind_of(name) in _UNKNOWN for name in solids.names], dtype=bool)
         is_shown &= ~is_unknown | (2 * solids.half[:, :2] <= _BULKY).any(axis=1)
-        for room in np.unique(solids.room[is_shown]).tolist():
-            rows = np.flatnonzero(is_shown & (solids.room == room))
-            is_shown[rows] = self._building.rooms[room].contains(solids.centre[rows, :2])
+        is_within = np.zeros(len(solids.names), dtype=bool)
+        for room in self._building.rooms_on(level):
+            is_within |= room.contains(solids.centre[:, :2])
+        is_shown &= is_within
         return self._without_floating(solids.take(is_shown), level)
 
     def _without_floating(self, solids: Solids, level: int) -> Solids:

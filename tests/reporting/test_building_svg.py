@@ -330,6 +330,13 @@ def test_objects_without_a_room_are_left_out(episode: Episode) -> None:
     assert len(of_class(svg, "route-1")) == len(of_class(BuildingPicture(whole).svg(), "route-1"))
 
 
+def test_furniture_is_drawn_in_whichever_room_it_stands(episode: Episode) -> None:
+    whole = EpisodeMap.of({"": episode})
+    solids = whole.building.solids
+    other = replace(whole.building, solids=replace(solids, room=np.full_like(solids.room, -1)))
+    assert BuildingPicture(replace(whole, building=other)).svg() == picture_of(episode).svg()
+
+
 def test_the_target_is_marked_on_request(episode: Episode) -> None:
     assert not of_class(picture_of(episode).svg(), "pin")
     assert len(of_class(picture_of(episode, episode.target_object).svg(), "pin")) == 2

@@ -165,9 +165,9 @@ class Wall(NamedTuple):
     """A straight wall, as far as it has a room on one side, or as far as it has one on both."""
 
     ends: FloatArray
-    """Shape (2, 2)."""
+    """Shape (2, 2); a room is on the left."""
     is_outer: bool
-    """Whether a room is on one side only."""
+    """Whether none is on the right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,12 +205,12 @@ class Building:
             corners = (outline @ self.solids.axes.T).round(_DECIMALS)
             for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
                 along = int(np.abs(end - start).argmax())
-                low, high = sorted((float(start[along]), float(end[along])))
-                lines.setdefault((along, float(start[1 - along])), []).append((low, high))
+                span = float(start[along]), float(end[along])
+                lines.setdefault((along, float(start[1 - along])), []).append(span)
         for (along, at), spans in lines.items():
-            for low, high, is_outer in _by_sides(spans):
+            for first, last, is_outer in _by_sides(spans):
                 ends = np.full((2, 2), at)
-                ends[:, along] = low, high
+                ends[:, along] = first, last
                 yield Wall(ends @ self.solids.axes, is_outer)
 
     def treads_on(self, storey: int) -> Sequence[Tread]:
@@ -363,13 +363,21 @@ def door_spans(doors: Sequence[Line], start: FloatArray, end: FloatArray) -> Flo
 
 
 def _by_sides(spans: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float, bool]]:
-    """Yield the parts of a line on which spans are, and whether only one is there."""
+    """Yield the parts of a line on which spans are, and whether only one is there.
+
+    Spans lead up or down; so do the parts with one.
+    """
     marks = sorted(set(chain.from_iterable(spans)))
-    count = [sum(low <= mark < high for low, high in spans) for mark in marks]
-    for number, group in groupby(range(len(marks)), key=count.__getitem__):
+    over = [
+        sorted(begin < end for begin, end in spans if min(begin, end) <= mark < max(begin, end))
+        for mark in marks
+    ]
+    for leads_up, group in groupby(range(len(marks)), key=over.__getitem__):
         rows = [*group]
-        if number:
-            yield marks[rows[0]], marks[rows[-1] + 1], number == 1
+        if leads_up:
+            low, high = marks[rows[0]], marks[rows[-1] + 1]
+            first, last = (low, high) if any(leads_up) else (high, low)
+            yield first, last, len(leads_up) == 1
 
 
 def floors_of(height: FloatArray, storey: IntArray) -> FloatArray:

@@ -7,7 +7,7 @@ furniture as solids, stairs and a title. What an episode does on them is drawn b
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import groupby, pairwise
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -19,13 +19,10 @@ from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_marks import draw_mark
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.sheets import Sheets
-from reverie_eval.reporting.walls import HEIGHT as WALL_HEIGHT
-from reverie_eval.reporting.walls import walls_of
+from reverie_eval.reporting.walls import FLATTENED, HIGH, LOW, WallPiece, walls_of
 
 # Degrees: the walls are turned to the left, and the camera looks down.
 _TURN, _TILT = np.deg2rad(-24.0), np.deg2rad(50.0)
-# Heights of furniture are drawn smaller, so that it hides less.
-_FLATTENED = 0.6
 # Metres: what is smaller is left out, what begins higher above the floor, and what is larger though
 # its name does not tell what it is: stairs, beams, fences.
 _SMALL, _HANGS, _BULKY = 0.35, 0.9, 1.2
@@ -43,6 +40,8 @@ _RISE = 0.3
 _BOARD, _FINEST = 0.4, 5.0
 # Metres: the width of the floor beneath a way that leads through no room.
 _WAY = 1.2
+# Decimals of a metre to which the ends of two pieces of a wall are the same.
+_DECIMALS = 3
 # How many heights are tried for a title.
 _HEIGHTS = 9
 # Points along a wall: close enough that a title on it covers one.
@@ -72,16 +71,13 @@ class Floors:
         self._axes = turn @ self._building.solids.axes
         self.levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
         self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
-        is_shown = np.isin(episode_map.storey, self.levels) & self._is_near
-        self._outlines = [
-            outline
-            for room in self._building.rooms
-            if room.storey in self.levels
-            for outline in room.outlines
-        ]
-        self._ground = np.vstack([episode_map.position[is_shown, :2], *self._outlines])
-        """What the levels take up, shape (n, 2): near viewpoints, and corners of rooms."""
-        self._sheets = Sheets.of(self.levels, self._flat(self._ground), below)
+        self._ground = {level: self._ground_of(level) for level in self.levels}
+        """What each level takes up, shape (n, 2): near viewpoints, and corners of rooms."""
+        corners = {
+            level: np.concatenate([self._flat(ground, up) for up in (0.0, HIGH)])
+            for level, ground in self._ground.items()
+        }
+        self._sheets = Sheets.of(corners, below)
         self.scale = self._sheets.scale
         """Units of the page per metre."""
         self.height = self._sheets.height
@@ -92,22 +88,17 @@ class Floors:
         """The floors with their furniture and titles, as SVG on a ground."""
         ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
         levels = (shape for level in self.levels for shape in self._level(level))
-        return f"{ground}{''.join(self._guides())}{''.join(levels)}"
+        return f"{ground}{''.join(levels)}"
 
-    def _guides(self) -> Iterator[str]:
-        """Draw upright lines at the sides of sheets that are above each other."""
-        for level, above in pairwise(reversed(self.levels)):
-            feet, tops = (self._page(self._ground, each) for each in (level, above))
-            if feet[0, 0] == tops[0, 0]:
-                sides = [feet[:, 0].argmin(), feet[:, 0].argmax()]
-                lines = np.stack([feet[sides], tops[sides]], axis=1)
-                yield path("guide", path_data("guide", [*lines]))
+    def _ground_of(self, level: int) -> FloatArray:
+        is_its = (self._map.storey == level) & self._is_near
+        return np.vstack([self._map.position[is_its, :2], *self._outlines_on(level)])
+
+    def _outlines_on(self, level: int) -> Sequence[FloatArray]:
+        """Return the outlines of the rooms of a level, each of shape (n, 2)."""
+        return [its for room in self._building.rooms_on(level) for its in room.outlines]
 
     def _level(self, level: int) -> Iterator[str]:
-        # The outline of the whole building, so that levels are seen to be of one.
-        if self._outlines:
-            outlines = [self._page(each, level) for each in self._outlines]
-            yield path("base", path_data("base", outlines))
         ways = [self._page(each, level) for each in self._ways_outside(level)]
         if ways:
             width = f'stroke-width="{_WAY * self.scale:.1f}"'
@@ -161,7 +152,7 @@ class Floors:
 
     def _title(self, level: int) -> Mark:
         """Place a title at the left: as low as it is beside the sheet, or else at its foot."""
-        down = self._page(self._ground, level)[:, 1]
+        down = self._page(self._ground[level], level)[:, 1]
         heights = np.linspace(down.max() - 2, down.min(), _HEIGHTS)
         left, text = self._sheets.title_left[level], f"level {level + 1}"
         marks = [Mark("right of", np.array([left, y]), text=text) for y in heights]
@@ -171,15 +162,16 @@ class Floors:
     def _along_outlines(self, level: int) -> FloatArray:
         """Return points, shape (n, 2), close together along the feet and the tops of walls."""
         share = np.linspace(0, 1, _ALONG)[:, None, None]
-        lines = [its + share * (np.roll(its, -1, axis=0) - its) for its in self._outlines]
+        lines = [its + share * (np.roll(its, -1, axis=0) - its) for its in self._outlines_on(level)]
         along = np.concatenate([np.zeros((0, 2)), *(each.reshape(-1, 2) for each in lines)])
-        return np.concatenate([self._page(along, level, z) for z in (0.0, WALL_HEIGHT)])
+        return np.concatenate([self._page(along, level, z) for z in (0.0, LOW, HIGH)])
 
     def _walls(self, level: int) -> _Faces:
-        pieces = [*walls_of(self._building, level)]
+        pieces = [*walls_of(self._building, level, self._axes, float(self._floor[level]))]
         corners = np.array([each.corners(self._axes) for each in pieces]).reshape(-1, 8, 3)
         far = corners[..., 1].mean(axis=1)
-        return self._faces(corners, far, [each.material for each in pieces], level)
+        materials = [each.material for each in pieces]
+        return self._faces(corners, far, materials, level, _are_cut(pieces))
 
     def _stairs(self, level: int) -> _Faces:
         steps = [each for each in self._building.treads_on(level) if each.height > 0]
@@ -188,7 +180,7 @@ class Floors:
         around = np.array([_corners(each) for each in steps]).reshape(-1, 4, 2)
         corners[..., :2] = (around @ self._axes.T)[:, [0, 0, 3, 3, 1, 1, 2, 2]]
         top = np.array([each.height for each in steps]) * _RISE
-        corners[:, 1::2, 2] = np.minimum(top, WALL_HEIGHT)[:, None]
+        corners[:, 1::2, 2] = np.minimum(top, LOW)[:, None]
         return self._faces(corners, corners[..., 1].mean(axis=1), ["stair"] * len(steps), level)
 
     def _shown(self, level: int) -> Solids:
@@ -223,17 +215,27 @@ class Floors:
         corners, of_solid = corners[is_drawn], of_solid[is_drawn]
         materials = [parts[row].material for row in np.flatnonzero(is_drawn).tolist()]
         flat = corners[..., :2] @ self._axes.T
-        up = np.maximum(corners[..., 2] - self._floor[level], 0) * _FLATTENED
+        up = np.maximum(corners[..., 2] - self._floor[level], 0) * FLATTENED
         far = (shown.centre[:, :2] @ self._axes[1])[of_solid] - 1e-3 * up.mean(axis=1)
         corners = np.concatenate([flat, up[..., None]], axis=2)
         return self._faces(corners, far, materials, level)
 
     def _faces(
-        self, corners: FloatArray, far: FloatArray, materials: Sequence[str], level: int
+        self,
+        corners: FloatArray,
+        far: FloatArray,
+        materials: Sequence[str],
+        level: int,
+        is_cut: BoolArray | None = None,
     ) -> _Faces:
-        """Return the faces of boxes, corners of shape (n, 8, 3), that are turned to the eye."""
+        """Return the faces of boxes, corners of shape (n, 8, 3), that are turned to the eye.
+
+        ``is_cut``, shape (n, 2), tells whether their first and second sides are cuts.
+        """
         sides, normal = sides_of(corners)
         shade = np.where(normal[..., 2] > 1e-9, "top", np.where(normal[..., 0] > 0, "lit", "dim"))
+        if is_cut is not None:
+            shade[:, :2][is_cut] = "cut"
         box, side = np.nonzero(normal @ _FACING > 1e-9)
         kinds = [
             f"{materials[row]} {its}"
@@ -266,6 +268,14 @@ class Floors:
     def _placed(self, flat: FloatArray, level: int) -> FloatArray:
         """Put projected points where their level is on the page."""
         return np.asarray(self.scale * flat + self._sheets.origin[level])
+
+
+def _are_cut(pieces: Sequence[WallPiece]) -> BoolArray:
+    """Return which ends of pieces are of a wall where no other goes on, shape (n, 2)."""
+    ends = np.array([each.ends for each in pieces]).reshape(-1, 2).round(_DECIMALS)
+    _, point, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    is_wall = np.array([each.material == "wall" for each in pieces], dtype=bool)
+    return np.asarray((count[point].reshape(-1, 2) == 1) & is_wall[:, None])
 
 
 def _is_on(box: FloatArray, points: FloatArray) -> bool:

@@ -55,6 +55,8 @@ _LABEL_LINES = (0, 13, -13, 26, -26)
 _SIDE = 4.0
 # Size of a letter of a label, and the part of it that is above the baseline.
 _LETTER, _ASCENT = np.array([6.8, 13.0]), 10.5
+# How large the letters of rooms' names are beside others.
+_NAME = 11 / 13
 # Half of the size of the largest mark.
 _MARK = 8.0
 # Points of the upper and the lower edge of a name that tell whether it is within the walls.
@@ -446,9 +448,10 @@ def put_name(room: Room, taken: Sequence[FloatArray], size: tuple[float, float])
 
 def text_box(mark: Mark) -> FloatArray:
     """Return the corners, shape (2, 2), of the text of a mark, about as large as it is."""
-    width, height = _LETTER * (len(mark.text), 1)
+    size = _NAME if mark.kind == "name" else 1.0
+    width, height = size * _LETTER * (len(mark.text), 1)
     share = {"left of": 1.0, "right of": 0.0}.get(mark.kind, 0.5)
-    corner = np.array([mark.point[0] - share * width, mark.point[1] - _ASCENT])
+    corner = np.array([mark.point[0] - share * width, mark.point[1] - size * _ASCENT])
     return np.stack([corner, corner + np.array([width, height])])
 
 

@@ -1,7 +1,6 @@
 """Where the levels of a building are on a page: stacked sheets, the lowest at the bottom.
 
-All sheets are as large as the whole building, so that one point of it is at the same place on each
-of them.
+In a column, what is above something is drawn above it, and no level takes up more than it needs.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +11,6 @@ from typing_extensions import Self
 
 from reverie_eval.arrays import FloatArray
 from reverie_eval.reporting.map_layout import WIDTH
-from reverie_eval.reporting.walls import HEIGHT as WALL_HEIGHT
 
 # The greatest height, and the space around and between sheets, in units of the page; where titles
 # begin, left of all sheets; how many sheets are always in one column.
@@ -32,36 +30,43 @@ class Sheets(NamedTuple):
     """Where the title of a level begins."""
 
     @classmethod
-    def of(cls, levels: Sequence[int], corners: FloatArray, below: float) -> Self:
+    def of(cls, corners: Mapping[int, FloatArray], below: float) -> Self:
         """Stack levels, in two columns if there are many and they are larger then.
 
         Parameters
         ----------
-        levels : sequence of int
-            The highest first.
-        corners : float array of shape (n, 2)
-            What the building takes up: projected to the right and down, metres.
+        corners : mapping of int to float array of shape (n, 2)
+            What each level takes up, the highest first: projected to the right and down, metres.
         below : float
             Units of the page that stay free below the sheets.
         """
-        wide, high = np.ptp(corners, axis=0) + np.array([0.0, WALL_HEIGHT])
+        across = np.concatenate([each[:, 0] for each in corners.values()])
+        wide = float(np.ptp(across))
+        high = {level: float(np.ptp(each[:, 1])) for level, each in corners.items()}
 
-        def scale_in(columns: int) -> float:
-            rows = -(-len(levels) // columns)
-            free = _HIGHEST - 2 * _MARGIN - below - _GAP * (rows - 1)
-            return float(min((WIDTH / columns - 2 * _MARGIN) / wide, free / (rows * high)))
+        def scale_of(stacks: Sequence[Sequence[int]]) -> float:
+            free = [_HIGHEST - 2 * _MARGIN - below - _GAP * (len(each) - 1) for each in stacks]
+            rows = [sum(high[level] for level in each) for each in stacks]
+            fitting = (WIDTH / len(stacks) - 2 * _MARGIN) / wide
+            return min(fitting, *(its / row for its, row in zip(free, rows, strict=True)))
 
-        columns = max((1, 2) if len(levels) > _STACKED else (1,), key=scale_in)
-        scale, width = scale_in(columns), WIDTH / columns
-        # The first column has the lowest levels, and the lowest of both stand side by side.
-        stacks = np.array_split(levels, columns)[::-1]
-        n_rows = max(map(len, stacks))
-        height = n_rows * scale * high + (n_rows - 1) * _GAP + 2 * _MARGIN + below
+        numbers = (1, 2) if len(corners) > _STACKED else (1,)
+        stacks = max((_stacks(list(corners), number) for number in numbers), key=scale_of)
+        scale, width = scale_of(stacks), WIDTH / len(stacks)
+        rows = [sum(scale * high[level] + _GAP for level in each) - _GAP for each in stacks]
+        height = max(rows) + 2 * _MARGIN + below
         origin, title_left = {}, {}
         for column, stack in enumerate(stacks):
-            left = width * (column + 0.5) - scale * (corners[:, 0].min() + wide / 2)
-            foot = height - below - _MARGIN - scale * corners[:, 1].max()
-            for row, level in enumerate(reversed(stack.tolist())):
-                origin[level] = np.array([left, foot - row * (scale * high + _GAP)])
+            left = width * (column + 0.5) - scale * (across.min() + wide / 2)
+            foot = height - below - _MARGIN
+            for level in reversed(stack):
+                origin[level] = np.array([left, foot - scale * corners[level][:, 1].max()])
                 title_left[level] = width * column + _TITLE_LEFT
+                foot -= scale * high[level] + _GAP
         return cls(scale, height, origin, title_left)
+
+
+def _stacks(levels: Sequence[int], number: int) -> Sequence[Sequence[int]]:
+    """Return the levels of each column, the highest first; the lowest are in the first column."""
+    stacks: Sequence[Sequence[int]] = [each.tolist() for each in np.array_split(levels, number)]
+    return stacks[::-1]

@@ -109,7 +109,7 @@ def test_windows_are_in_outer_walls(turn: float) -> None:
     """One beside an outer wall; not those beside an inner one, at a door, and amid a room."""
     axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
     building = two_rooms(axes, ["bay window", "window", "windows", "window"])
-    pieces = [*walls_of(building, 0)]
+    pieces = [each for each in walls_of(building, 0, axes, 0.0) if each.material != "wood"]
     (pane,) = [piece for piece in pieces if piece.material == "glass"]
     assert np.sort(pane.ends @ axes.T, axis=0) == pytest.approx(np.array([(0.5, 0), (1.5, 0)]))
     thickness = {round(2 * piece.half, 6) for piece in pieces}
@@ -124,10 +124,56 @@ def test_windows_are_in_outer_walls(turn: float) -> None:
     assert np.ptp(corners, axis=0) == pytest.approx([1.0, 0.1, 0.5])
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_outer_walls_beyond_their_rooms_are_high(turn: float) -> None:
+    """There are a window with a wall above it, and a picture with its frame; none nearer."""
+    axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+    building = two_rooms(axes, ["picture", "window", "picture", "picture"])
+    moved = building.solids.centre.copy()
+    moved[:3, :2] = np.array([(1.0, 0.1), (3.0, 3.8), (1.0, 3.8)]) @ axes
+    building = replace(building, solids=replace(building.solids, centre=moved))
+    pieces = [*walls_of(building, 0, axes, 0.0)]
+    high = [piece for piece in pieces if piece.high == 1.5]
+    assert {piece.material for piece in high} == {"wall"}
+    # Its corners are closed, and it has a door.
+    length = sum(np.hypot(*(piece.ends[1] - piece.ends[0])) for piece in high)
+    assert length == pytest.approx(8 + 0.3 - 0.9)
+    assert all((piece.ends @ axes.T)[:, 1] == pytest.approx([4, 4]) for piece in high)
+    (pane,) = [piece for piece in pieces if piece.material == "glass"]
+    assert (pane.low, pane.high) == (0.3, 1.2)
+    (middle,) = [piece for piece in pieces if piece.material == "white"]
+    assert np.sort((middle.ends @ axes.T)[:, 0]) == pytest.approx([0.56, 1.44])
+    assert (middle.low, middle.high) == pytest.approx((0.36, 0.84))
+
+
+def test_doors_between_walls_stand_open() -> None:
+    """Not outwards; none where there is no wall on both sides, and none of wide ones."""
+    building = two_rooms(np.eye(2), ["rug"] * 4)
+
+    def leaves(*doors: tuple[tuple[float, float], tuple[float, float]]) -> list[list[float]]:
+        lines = [Line(0, np.array(ends)) for ends in doors]
+        pieces = walls_of(replace(building, doors=lines), 0, np.eye(2), 0.0)
+        leaves = [piece.ends for piece in pieces if piece.material == "wood"]
+        return [np.sort(ends, axis=0).round(6).ravel().tolist() for ends in leaves]
+
+    assert leaves(((5.5, 4.0), (6.4, 4.0))) == [[6.4, 3.1, 6.4, 4.0]]
+    assert leaves(((4.0, 1.0), (4.0, 1.9))) == [[3.1, 1.0, 4.0, 1.0]]
+    assert leaves(((4.0, 0.0), (4.0, 0.9))) == []
+    assert leaves(((4.0, 1.0), (4.0, 2.9))) == []
+    assert leaves(((4.0, 1.0), (4.0, 1.9)), ((4.0, 1.9), (4.0, 2.8))) == []
+
+
+def test_walls_are_dark_where_they_end(episode: Episode) -> None:
+    """Not between two pieces of a wall."""
+    (dark, *others) = of_class(picture_of(episode).svg(), "cut")
+    assert {each.get("class") for each in (dark, *others)} == {"wall cut"}
+
+
 def test_doors_that_are_seen_are_in_outer_walls() -> None:
     """A closed one, from the floor; no door to another room, and none where a way leads through."""
-    pieces = [*walls_of(two_rooms(np.eye(2), ["front door", "door", "door", "door"]), 0)]
-    (leaf,) = [piece for piece in pieces if piece.material == "wood"]
+    building = two_rooms(np.eye(2), ["front door", "door", "door", "door"])
+    pieces = [*walls_of(building, 0, np.eye(2), 0.0)]
+    (leaf,) = [piece for piece in pieces if piece.material == "wood" and piece.half == 0.05]
     assert np.sort(leaf.ends, axis=0) == pytest.approx(np.array([(0.5, 0), (1.5, 0)]))
     assert np.ptp(leaf.corners(np.eye(2)), axis=0) == pytest.approx([1.0, 0.1, 0.8])
     spans = [np.sort(each.ends[:, 0]) for each in pieces if not each.ends[:, 1].any()]
@@ -147,7 +193,7 @@ def test_many_levels_are_in_two_columns(
     n_levels: int, size: tuple[float, float], columns: int
 ) -> None:
     corners = np.array([(0, 0), size], dtype=float)
-    sheets = Sheets.of(range(n_levels)[::-1], corners, below=10.0)
+    sheets = Sheets.of(dict.fromkeys(range(n_levels)[::-1], corners), below=10.0)
     assert len({float(left) for left in sheets.title_left.values()}) == columns
     placed = {level: sheets.scale * corners + its for level, its in sheets.origin.items()}
     assert (np.vstack(list(placed.values())) >= 0).all()
@@ -161,6 +207,18 @@ def test_many_levels_are_in_two_columns(
         for level in range(1, n_levels)
         if sheets.title_left[level] == sheets.title_left[level - 1]
     )
+
+
+def test_levels_take_up_what_they_need() -> None:
+    """A small one is as near to the next, and as far from the left as it is in the building."""
+    large, small = np.array([(0.0, 0.0), (10.0, 12.0)]), np.array([(6.0, 5.0), (8.0, 7.0)])
+    sheets = Sheets.of({1: small, 0: large}, below=0.0)
+    assert sheets.origin[0][0] == sheets.origin[1][0]
+    gap = (sheets.scale * large + sheets.origin[0])[0, 1] - (
+        sheets.scale * small + sheets.origin[1]
+    )[1, 1]
+    assert gap == pytest.approx(12)
+    assert sheets.height == pytest.approx(2 * 14 + 14 * sheets.scale + 12)
 
 
 def test_floors_have_joints(episode: Episode) -> None:
@@ -184,7 +242,7 @@ def test_what_is_large_and_unknown_is_left_out(
     large[row] = 0.7
     names = ["rug"] * len(solids.names)
     names[row] = name
-    changed = replace(whole.building, solids=replace(solids, half=large, names=names))
+    changed = replace(whole.building, doors=[], solids=replace(solids, half=large, names=names))
     svg = BuildingPicture(replace(whole, building=changed)).svg()
     assert bool(of_class(svg, "wood")) == is_drawn
 
@@ -201,7 +259,8 @@ def renamed(episode: Episode, name: str, up: float) -> str:
     names = ["lamp"] * len(solids.names)
     names[row] = name
     moved = replace(solids, half=half, centre=centre, names=names)
-    return BuildingPicture(replace(whole, building=replace(whole.building, solids=moved))).svg()
+    building = replace(whole.building, doors=[], solids=moved)
+    return BuildingPicture(replace(whole, building=building)).svg()
 
 
 def foot(svg: str) -> float:
@@ -246,13 +305,6 @@ def test_levels_are_stacked(scores: rv.Scores) -> None:
     assert [each.text for each in titles] == ["level 2", "level 1"]
     single = next(each for each in maps if each.levels(each.visited) == [1])
     assert [each.text for each in of_class(BuildingPicture(single).svg(), "level")] == ["level 1"]
-    # Each shows where the other one is.
-    base = of_class(BuildingPicture(several).svg(), "base")
-    upper, lower = (points(each) for each in base)
-    assert upper - lower == pytest.approx(np.tile(upper[0] - lower[0], (len(upper), 1)), abs=0.11)
-    (guides,) = of_class(BuildingPicture(several).svg(), "guide")
-    assert guides.get("d", "").count("M") == 2
-    assert not of_class(BuildingPicture(single).svg(), "guide")
 
 
 def test_a_title_stands_above_a_room_that_fills_its_corner(episode: Episode) -> None:

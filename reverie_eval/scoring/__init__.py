@@ -16,7 +16,6 @@ from reverie_eval.scoring._evaluation import (
     PreparedSubmission,
     Validation,
     diagnose,
-    evaluate,
     evaluate_protocols,
     validate,
     why_not,
@@ -27,6 +26,7 @@ from reverie_eval.scoring._evaluator import (
     Executor,
     Failure,
     ScoredFiles,
+    evaluate,
     evaluate_many,
     score_files,
 )

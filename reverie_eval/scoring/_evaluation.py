@@ -1,4 +1,4 @@
-"""Evaluation: read a submission, align it with the ground truth, and score it.
+"""Prepared submissions: read, aligned with the ground truth, checked, and scored.
 
 We read every form as its authors meant it. Published evaluators read literally: some take only the
 first viewpoint of a nested hop, one never matches an object id that is written as text, and all
@@ -63,73 +63,6 @@ class Validation:
         return [*notes, *self.hints, *jump_notes(self.jumps)]
 
 
-def evaluate(
-    submission: Submission,
-    *,
-    split: KnownSplit | str,
-    ground_truth: str | PathLike[str] | GroundTruth | None = None,
-    protocol: str = DEFAULT_PROTOCOL,
-    track: Track = "full",
-    subset: Iterable[str] | None = None,
-    task: str | None = None,
-) -> Scores:
-    """Score a submission.
-
-    Parameters
-    ----------
-    submission : path, bytes, open file, or sequence of records
-        The result file (plain, gzip or zip; ``-`` for standard input), its contents, or its records
-        as Python objects: ``{"instr_id", "trajectory", "predObjId"}``, or any other form that
-        public codebases write.
-    split : str
-        ``train``, ``val_seen``, ``val_unseen`` or ``test``.
-    ground_truth : path or GroundTruth, optional
-        A bundle, or a folder of bundles. By default, the path in the environment variable
-        ``REVERIE_EVAL_GROUND_TRUTH``, or else the synthetic demo world that ships with the package.
-    protocol : str
-        A name in ``PROTOCOLS``, or an alias; for another task, one of its protocols.
-    track : "full" or "grounding"
-        In the grounding track the agent answers from the end of the annotated path: trajectories
-        are ignored and may be missing, and RGS is the only score.
-    subset : instr_ids, optional
-        The episodes to score; by default all. Predictions for other episodes of the split are
-        checked and left out. Scores are comparable only with those on the same subset.
-    task : str, optional
-        The benchmark: ``reverie``, ``r2r``, ... By default that of the bundle, or REVERIE.
-
-    Returns
-    -------
-    Scores
-        One value per metric and episode, and their means.
-
-    Raises
-    ------
-    SubmissionError
-        If the submission is invalid; lists every problem and its location.
-    GroundTruthError
-        If there is no valid ground truth with a solution for the split and protocol.
-    ProtocolError
-        If there is no such task, protocol or track.
-    SubsetError
-        If episodes of the subset are unknown or listed twice; lists every problem.
-    OSError
-        If a file cannot be read.
-
-    Examples
-    --------
-    >>> scores = evaluate("demo/good.json", split="val_unseen")
-    >>> round(scores["success"], 2)
-    0.81
-    """
-    truth = find_ground_truth(ground_truth, split, task, subset)
-    truth.require_solution()  # a public bundle is refused before the submission is read
-    chosen = truth.task.protocol(protocol)
-    predictions = read_predictions(
-        submission, truth.task, truth.graph, answers_only=is_grounding(track)
-    )
-    return PreparedSubmission.of(predictions, truth.scored_by(chosen), track).score(chosen)
-
-
 def evaluate_protocols(
     submission: Submission,
     *,
@@ -140,7 +73,7 @@ def evaluate_protocols(
 ) -> Mapping[str, Scores]:
     """Score a submission under every protocol that the ground truth supports, by name.
 
-    Parameters and errors are those of :func:`evaluate`.
+    Parameters and errors are those of :func:`reverie_eval.evaluate`.
     """
     truth = find_ground_truth(ground_truth, split, task)
     truth.require_solution()
@@ -179,8 +112,8 @@ def diagnose(
     first viewpoint of each element of a trajectory. If the elements are hops with several
     viewpoints, they silently lose the others.
 
-    Parameters and errors are those of :func:`evaluate`. For a protocol whose evaluator does not
-    truncate hops, raises ProtocolError.
+    Parameters and errors are those of :func:`reverie_eval.evaluate`. For a protocol whose evaluator
+    does not truncate hops, raises ProtocolError.
     """
     truth = find_ground_truth(ground_truth, split, task)
     truth.require_solution()
@@ -202,9 +135,9 @@ def validate(
     subset: Iterable[str] | None = None,
     task: str | None = None,
 ) -> Validation:
-    """Check a submission as :func:`evaluate` does, but without the solution.
+    """Check a submission as :func:`reverie_eval.evaluate` does, but without the solution.
 
-    A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
+    A public bundle is enough. Parameters and errors are those of ``evaluate``.
     """
     truth = find_ground_truth(ground_truth, split, task, subset)
     default, *_ = truth.task.protocols

@@ -1,4 +1,4 @@
-"""Scoring many submissions: one by one or in batches, as in training, and files in processes."""
+"""Scoring by an evaluator: one file, batches as in training, and many files in processes."""
 
 import math
 import os
@@ -18,7 +18,7 @@ from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.processes import can_start_processes, map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
-from reverie_eval.scoring._evaluation import evaluate, is_grounding, why_not
+from reverie_eval.scoring._evaluation import PreparedSubmission, is_grounding, why_not
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._scored import signature_of
 from reverie_eval.scoring._scores import Scores
@@ -92,13 +92,10 @@ class Evaluator:
     def __call__(self, predictions: Submission) -> Scores:
         """Score a submission; argument and errors are those of :func:`reverie_eval.evaluate`."""
         truth = self.ground_truth
-        return evaluate(
-            predictions,
-            split=truth.split,
-            ground_truth=truth,
-            protocol=self.protocol.name,
-            track=self.track,
+        read = read_predictions(
+            predictions, truth.task, truth.graph, answers_only=is_grounding(self.track)
         )
+        return PreparedSubmission.of(read, truth, self.track).score(self.protocol)
 
     def update(self, records: Records) -> None:
         """Collect predictions of some episodes, until :meth:`compute` scores all of them.
@@ -166,6 +163,75 @@ def _listed(records: Records) -> Iterable[Mapping[str, Any]]:
     if isinstance(records, Mapping):
         return ({"instr_id": key, **record} for key, record in records.items())
     return records
+
+
+def evaluate(
+    submission: Submission,
+    *,
+    split: KnownSplit | str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    protocol: str = DEFAULT_PROTOCOL,
+    track: Track = "full",
+    subset: Iterable[str] | None = None,
+    task: str | None = None,
+) -> Scores:
+    """Score a submission.
+
+    Parameters
+    ----------
+    submission : path, bytes, open file, or sequence of records
+        The result file (plain, gzip or zip; ``-`` for standard input), its contents, or its records
+        as Python objects: ``{"instr_id", "trajectory", "predObjId"}``, or any other form that
+        public codebases write.
+    split : str
+        ``train``, ``val_seen``, ``val_unseen`` or ``test``.
+    ground_truth : path or GroundTruth, optional
+        A bundle, or a folder of bundles. By default, the path in the environment variable
+        ``REVERIE_EVAL_GROUND_TRUTH``, or else the synthetic demo world that ships with the package.
+    protocol : str
+        A name in ``PROTOCOLS``, or an alias; for another task, one of its protocols.
+    track : "full" or "grounding"
+        In the grounding track the agent answers from the end of the annotated path: trajectories
+        are ignored and may be missing, and RGS is the only score.
+    subset : instr_ids, optional
+        The episodes to score; by default all. Predictions for other episodes of the split are
+        checked and left out. Scores are comparable only with those on the same subset.
+    task : str, optional
+        The benchmark: ``reverie``, ``r2r``, ... By default that of the bundle, or REVERIE.
+
+    Returns
+    -------
+    Scores
+        One value per metric and episode, and their means.
+
+    Raises
+    ------
+    SubmissionError
+        If the submission is invalid; lists every problem and its location.
+    GroundTruthError
+        If there is no valid ground truth with a solution for the split and protocol.
+    ProtocolError
+        If there is no such task, protocol or track.
+    SubsetError
+        If episodes of the subset are unknown or listed twice; lists every problem.
+    OSError
+        If a file cannot be read.
+
+    Examples
+    --------
+    >>> scores = evaluate("demo/good.json", split="val_unseen")
+    >>> round(scores["success"], 2)
+    0.81
+    """
+    evaluator = Evaluator(
+        split=split,
+        ground_truth=ground_truth,
+        protocol=protocol,
+        track=track,
+        subset=subset,
+        task=task,
+    )
+    return evaluator(submission)
 
 
 # Files that are sent to an executor together: scoring them takes about half a second. A process of

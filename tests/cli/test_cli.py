@@ -304,7 +304,7 @@ def test_an_interruption(monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("reverie_eval_cli.commands.score.evaluate", interrupt)
+    monkeypatch.setattr("reverie_eval.Evaluator.__call__", interrupt)
     assert run("submit.json", *words("{split}")) == (2, "", "reverie-eval: interrupted\n")
 
 

@@ -21,7 +21,6 @@ from reverie_eval import (
     Scores,
     SubmissionError,
     diagnose,
-    evaluate,
     evaluate_protocols,
 )
 from reverie_eval.files import staged_file
@@ -236,15 +235,7 @@ def _way_of(wanted: Wanted) -> "_Way":
 
 def score_file(wanted: Wanted) -> int:
     """Print the scores of a file."""
-    how = wanted.scoring
-    return _print_scores(
-        wanted,
-        lambda file, truth: [
-            evaluate(
-                file, split=truth.split, ground_truth=truth, protocol=how.protocol, track=how.track
-            )
-        ],
-    )
+    return _print_scores(wanted, lambda file, _: [wanted.evaluator(file)])
 
 
 def score_by_all_protocols(wanted: Wanted) -> int:

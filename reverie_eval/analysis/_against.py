@@ -163,26 +163,9 @@ def against(
     *,
     confidence: float | None = None,
 ) -> Against:
-    """Compare scores with published means, of which nothing but the number of episodes is known.
+    """Compare scores with published means; see :meth:`Scored.against`.
 
-    Parameters
-    ----------
-    scored : Scores or Runs
-    published : mapping of str to float, or str
-        The means by metric, fractions or metres; or the name of a method among
-        :func:`reverie_eval.published_results`.
-    n : int, optional
-        The number of episodes that they are over, a random part of the split; by default all.
-    cluster : "target" or "scan"
-        What dependent episodes share.
-    confidence : float, optional
-        Of the intervals, in (0, 1); by default 0.95.
-
-    Raises
-    ------
-    ProtocolError
-        If there is no such metric or method, a value or ``n`` is out of range, or all episodes are
-        in one cluster.
+    ``cluster`` says what dependent episodes share.
     """
     # Only comparisons and intervals need scipy, which these import.
     from reverie_eval.metrics.engine import IntervalEngine

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 SEED_FIELD = "seed"
 """The field of a pattern in which the runs of a row differ."""
-SPLIT_FIELD = "split"
-"""The field of a pattern that stands for the split."""
+SPLIT_FIELD = "{split}"
+"""What stands for the split in a pattern."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +64,7 @@ class Sweep(Mapping[str, Scored]):
         """Arrange the scores of the files of a pattern in rows; see :func:`sweep`."""
         rows: defaultdict[tuple[str, ...], dict[str, Scores]] = defaultdict(dict)
         names: Sequence[str] = ()
-        for file, fields in find_fields(_of_split(pattern, split)).items():
+        for file, fields in find_fields(pattern.replace(SPLIT_FIELD, split)).items():
             if file in scored:
                 names = [name for name in fields if name != SEED_FIELD]
                 row = rows[tuple(fields[name] for name in names)]
@@ -344,7 +344,7 @@ def sweep(
 
 def sweep_files(pattern: str, split: str) -> Sequence[str]:
     """Return the files of a sweep on a split; errors are those of :func:`sweep`."""
-    of_split = _of_split(pattern, split)
+    of_split = pattern.replace(SPLIT_FIELD, split)
     files = list(find_fields(of_split))
     if not files:
         raise ProtocolError(
@@ -362,7 +362,7 @@ def check_curve(pattern: str, split: str) -> None:
     ProtocolError
         As :meth:`Sweep.plot` does.
     """
-    _steps(pattern, find_fields(_of_split(pattern, split)).values())
+    _steps(pattern, find_fields(pattern.replace(SPLIT_FIELD, split)).values())
 
 
 def _steps(pattern: str, rows: Iterable[Mapping[str, str]]) -> Sequence[float]:
@@ -375,10 +375,6 @@ def _steps(pattern: str, rows: Iterable[Mapping[str, str]]) -> Sequence[float]:
             f"{{checkpoint}}; got {first_few(' '.join(it) or 'none' for it in wrong)}"
         )
     return [float(part) for (part,) in parts]
-
-
-def _of_split(pattern: str, split: str) -> str:
-    return pattern.replace(f"{{{SPLIT_FIELD}}}", split)
 
 
 def _is_number(text: str) -> bool:

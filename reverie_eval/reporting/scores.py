@@ -350,7 +350,7 @@ def sweep_printout(sweep: "Sweep") -> Printout:
 
 def selection_printout(sweep: "Sweep", reported: Scored) -> Printout:
     """Return the rows that were chosen from on one split, and the best of them on another."""
-    from reverie_eval.analysis import Runs  # not imported for files alone
+    from reverie_eval.analysis import SPLIT_FIELD, Runs  # not imported for files alone
 
     def parts() -> Sequence[Part]:
         chosen_from = replace(sweep_table(sweep), findings=[])
@@ -360,7 +360,7 @@ def selection_printout(sweep: "Sweep", reported: Scored) -> Printout:
             else score_table([cast("Scores", reported)])
         )
         findings = [_selected(sweep, reported), *_cautions(sweep, f"report {reported.split} alone")]
-        files = f"files: {sweep.best_pattern.replace('{split}', reported.split)}"
+        files = f"files: {sweep.best_pattern.replace(SPLIT_FIELD, reported.split)}"
         told = replace(table, findings=findings, notes=[*table.notes, files])
         return [
             Part([chosen_from], f"Selection on {sweep.split}"),

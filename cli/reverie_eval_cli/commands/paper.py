@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from reverie_eval import ReverieEvalError, Scores, evaluate_protocols
-from reverie_eval.analysis import Runs
+from reverie_eval.analysis import SPLIT_FIELD, Runs
 from reverie_eval.reporting.tables import Printout
 from reverie_eval.scoring import Scored
 from reverie_eval.submissions import find_fields, find_runs
@@ -32,7 +32,6 @@ from reverie_eval_cli.output import (
 if TYPE_CHECKING:
     from reverie_eval.reporting.episode_figure import Columns
 
-_SPLIT = "{split}"
 # How wide a figure is, if it is not said.
 _COLUMNS = "2"
 
@@ -202,15 +201,15 @@ def _files_of_splits(
     """Return the files of each method by its name, for each split."""
     splits = list(_each_split(scoring))
     if len(splits) > 1:
-        fixed = [word for word in words if _SPLIT not in word]
+        fixed = [word for word in words if SPLIT_FIELD not in word]
         if fixed:
             raise click.UsageError(
-                f"{', '.join(fixed)}: of which split? Write {_SPLIT} where its name stands, as in "
-                f"ours=runs/{_SPLIT}.json"
+                f"{', '.join(fixed)}: of which split? Write {SPLIT_FIELD} where its name stands, "
+                f"as in ours=runs/{SPLIT_FIELD}.json"
             )
     found: dict[str, Mapping[str, Sequence[str]]] = {}
     for split in splits:
-        named = {word: word.replace(_SPLIT, split) for word in words}
+        named = {word: word.replace(SPLIT_FIELD, split) for word in words}
         missing = [it for word, it in named.items() if word != it and not _has_file(it)]
         if len(missing) == len(named):
             raise click.UsageError(f"{split}: no file {', '.join(missing)}")

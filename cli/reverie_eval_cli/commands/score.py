@@ -363,9 +363,10 @@ def select_and_report(wanted: Wanted) -> int:
     from reverie_eval.reporting.scores import selection_printout
 
     pattern, select = _pattern(wanted), str(wanted.select)
-    if f"{{{SPLIT_FIELD}}}" not in pattern:
+    if SPLIT_FIELD not in pattern:
         raise click.UsageError(
-            "--select needs {split} in the pattern, as in 'runs/{checkpoint}_{split}.json'"
+            f"--select needs {SPLIT_FIELD} in the pattern, as in "
+            f"'runs/{{checkpoint}}_{SPLIT_FIELD}.json'"
         )
     if select == wanted.scoring.split:
         raise click.UsageError(f"--select and --report are both {select}; report another split")

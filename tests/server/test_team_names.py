@@ -5,12 +5,13 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from sqlalchemy import select
 
-from reverie_eval.schemas.organising import NewMerge
-from reverie_eval.server.accounts.people import merge_teams
+from reverie_eval.schemas.organising import NewMerge, NewTeam
+from reverie_eval.server.accounts.people import merge_teams, rename_team
+from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.store.tables import Team, name_key
 from tests.support.acting import add_team
 from tests.support.flat_world import Run
-from tests.support.serving import ORGANISER, Serving
+from tests.support.serving import ORGANISER, OWNER, Serving
 from tests.support.visiting import Visitor, said, signed_in
 
 NAME = "Team 01-A"
@@ -83,6 +84,38 @@ def test_a_team_may_change_how_its_own_name_is_written(taken: Serving) -> None:
         merge_teams(transaction, NewMerge(team=NAME, into="Blue"))
     again = taken.ask(ORGANISER, "POST", "/organiser/teams", json={"name": ALIKE["case"]})
     assert again.status_code == 409  # the name of a merged team is not given again
+
+
+def test_a_former_name_with_results_stays_with_its_team(server: Serving, run: Run) -> None:
+    """Receipts and snapshots have it."""
+    assert server.upload(OWNER).status_code == 201
+    with server.acting() as transaction:
+        rename_team(transaction, "Blue", NewTeam(name="Azure"))
+        add_team(transaction, "Sky")
+    told = "'Blue' was the name of 'Azure' until 2026-03-02, and there are results under it"
+    for name in ("Blue", "blue"):
+        refused = server.ask(ORGANISER, "POST", "/organiser/teams", json={"name": name})
+        assert (refused.status_code, told in refused.json()["detail"]) == (409, True)
+    desk = signed_in(server, ORGANISER)
+    assert told in said(desk.send("/desk/people/teams/rename", {"team": "Sky", "name": "Blue"}))
+    command = run("server", "team", "add", str(server.state.settings.folder), "Blue")
+    assert (command.status, told in command.err) == (2, True)
+    with server.acting() as transaction:
+        merge_teams(transaction, NewMerge(team="Azure", into="Sky"))
+    told = "'Blue' was the name of 'Sky' until"
+    with server.acting() as transaction, pytest.raises(ConflictError, match=told):
+        rename_team(transaction, "Red", NewTeam(name="Blue"))
+    with server.acting() as transaction:
+        rename_team(transaction, "Sky", NewTeam(name="Blue"))
+
+
+def test_a_former_name_without_results_is_free(server: Serving) -> None:
+    with server.acting() as transaction:
+        rename_team(transaction, "Blue", NewTeam(name="Azure"))
+    server.clock.turn(seconds=1)
+    assert server.upload(OWNER).status_code == 201
+    with server.acting() as transaction:
+        add_team(transaction, "Blue")
 
 
 def test_of_two_at_once_one_is_refused(server_on: Serving) -> None:

@@ -6,22 +6,37 @@ log also has the ids of all rows that moved.
 
 from collections.abc import Sequence
 
-from sqlalchemy import Update, select, update
+from sqlalchemy import Update, exists, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased, selectinload
 
 from reverie_eval.schemas import organising as schemas
+from reverie_eval.server.audit.log import entries
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.store.paging import Listed, Page, list_page
-from reverie_eval.server.store.tables import Grant, Person, Submission, Team, name_key, read_stored
+from reverie_eval.server.store.tables import (
+    IS_CHANGE,
+    AuditEntry,
+    Grant,
+    Person,
+    Submission,
+    Team,
+    name_key,
+    read_stored,
+)
 
+_RENAMED = "team renamed"
 _MOVED = (Person, Submission, Grant)
 """The tables whose rows belong to a team."""
 
 
 def add_team(transaction: Transaction, new: schemas.NewTeam) -> schemas.TeamReport:
-    """Add a team. Raises ConflictError if a team has that name, or one that looks the same."""
+    """Add a team.
+
+    Raises ConflictError if a team has that name or one that looks the same, or another had results
+    under it before it was renamed.
+    """
     _check_name(transaction.session, new.name)
     team = Team(name=new.name, created_at=transaction.now)
     _write(transaction, team, _name_is_taken(team.name))
@@ -37,13 +52,14 @@ def rename_team(transaction: Transaction, name: str, new: schemas.NewTeam) -> sc
     NotFoundError
         If there is no such team.
     ConflictError
-        If another team has the new name, or one that looks the same.
+        If another team has the new name or one that looks the same, or had results under it before
+        it was renamed.
     """
     team = team_named(transaction.session, name)
     _check_name(transaction.session, new.name, team)
     team.name, team.name_key = new.name, name_key(new.name)
     _write(transaction, team, _name_is_taken(team.name))
-    transaction.record("team renamed", team, name, before=name, after=team.name)
+    transaction.record(_RENAMED, team, name, before=name, after=team.name)
     return team_report(team)
 
 
@@ -255,10 +271,28 @@ def looks_like(name: str, taken: str) -> str:
 
 
 def _check_name(session: Session, name: str, team: Team | None = None) -> None:
-    """Check that no other team has a name that looks the same."""
+    """Check that no other team has a name that looks the same, or had results under it."""
     other = same_name(session, name)
     if other is not None and other is not team and other.name != name:
         raise ConflictError(looks_like(name, other.name))
+    for entry in entries(session, IS_CHANGE, AuditEntry.action == _RENAMED):
+        before = entry.details["before"]
+        if name_key(before) != name_key(name):
+            continue
+        owner = _now(session.get_one(Team, int(entry.row.partition(":")[2])))
+        had_results = exists().where(
+            Submission.team_id == owner.id, Submission.scored_at <= entry.at
+        )
+        if owner is not team and session.scalar(select(had_results)):
+            raise ConflictError(
+                f"{before!r} was the name of {owner.name!r} until {entry.at:%Y-%m-%d}, and there "
+                "are results under it; choose another name"
+            )
+
+
+def _now(team: Team) -> Team:
+    """Return a team, or the one that has what it had since it was merged."""
+    return team if team.merged_into is None else _now(team.merged_into)
 
 
 def _name_is_taken(name: str) -> str:

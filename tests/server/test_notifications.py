@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from email import message_from_bytes, policy
 from email.message import EmailMessage
-from http.server import BaseHTTPRequestHandler, HTTPServer
+from http.server import BaseHTTPRequestHandler, HTTPServer, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -494,6 +494,47 @@ def test_a_webhook_whose_reply_does_not_end_has_got_the_message(telling: Open, h
     deliver_now(server)
     (message,) = messages(server)
     assert (message.error, message.sent_at is not None) == ("", True)
+
+
+@pytest.fixture
+def dripping() -> Iterator[Hook]:
+    """Run an HTTP server whose replies are headers without an end, byte by byte."""
+    kept, is_over = Hook(), threading.Event()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            kept.requests.append((dict(self.headers), body))
+            self.wfile.write(b"HTTP/1.1 200 OK\r\nX-Long: ")
+            with suppress(OSError):  # the other side hangs up
+                while not is_over.wait(0.01):
+                    self.wfile.write(b"x")
+
+        def log_message(self, *_: object) -> None:
+            """Print nothing."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    kept.port = server.server_port
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield kept
+    is_over.set()
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def test_a_webhook_whose_headers_do_not_end_is_told_the_next_message_nevertheless(
+    telling: Open, dripping: Hook, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(delivery, "SECONDS_TO_POST", 1)
+    server = telling(webhook=hook_at(dripping))
+    for _ in range(2):
+        server.upload(OWNER, server.distinct())
+    deliver_now(server)
+    expected = "webhook.url: 127.0.0.1 did not reply within 1 second"
+    assert [each.error for each in messages(server)] == [expected] * 2
+    assert dripping.events() == ["submission"] * 2
 
 
 def test_the_doctor_tells_of_faults(

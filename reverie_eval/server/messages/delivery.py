@@ -3,6 +3,7 @@
 What fails is said with the setting to look at.
 """
 
+import asyncio
 import hashlib
 import hmac
 import smtplib
@@ -27,6 +28,9 @@ from reverie_eval.server.store.tables import Message
 from reverie_eval.text import count_text
 
 SECONDS_TO_SEND = 10
+"""How long each step may take, such as to connect."""
+SECONDS_TO_POST = 30
+"""How long a webhook may take in all; one that sends its reply byte by byte may need forever."""
 
 SIGNATURE = "X-Reverie-Signature"
 """The header with the HMAC-SHA256 of the body, under the webhook's secret."""
@@ -231,13 +235,13 @@ def _post(settings: Settings, webhook: Webhook, messages: Sequence[Message]) -> 
         if webhook.secret:
             digest = hmac.new(webhook.secret.encode(), body, hashlib.sha256).hexdigest()
             headers[SIGNATURE] = f"sha256={digest}"
-        url = str(webhook.url)
         try:
-            # The body is not read: it may be large, or never end.
-            with httpx.stream(
-                "POST", url, content=body, headers=headers, timeout=SECONDS_TO_SEND
-            ) as reply:
-                _check_reply(webhook, reply)
+            asyncio.run(_post_one(webhook, body, headers))
+        except TimeoutError:
+            raise DeliveryError(
+                f"webhook.url: {webhook.url.host} did not reply within "
+                f"{count_text(SECONDS_TO_POST, 'second')}"
+            ) from None
         except httpx.RemoteProtocolError as error:
             raise DeliveryError(
                 f"webhook.url: {webhook.url.host} does not answer as a web server does: {error}"
@@ -246,6 +250,16 @@ def _post(settings: Settings, webhook: Webhook, messages: Sequence[Message]) -> 
             raise DeliveryError(
                 f"webhook.url: {webhook.url.host} cannot be reached: {error}"
             ) from None
+
+
+async def _post_one(webhook: Webhook, body: bytes, headers: Mapping[str, str]) -> None:
+    async with (
+        asyncio.timeout(SECONDS_TO_POST),
+        httpx.AsyncClient(timeout=SECONDS_TO_SEND) as client,
+        # The body of the reply is not read: it may be large, or never end.
+        client.stream("POST", str(webhook.url), content=body, headers=headers) as reply,
+    ):
+        _check_reply(webhook, reply)
 
 
 def _check_reply(webhook: Webhook, reply: httpx.Response) -> None:

@@ -14,7 +14,8 @@ import pytest
 from sqlalchemy import func, select, text
 
 from reverie_eval.schemas.organising import NewMerge
-from reverie_eval.server.accounts.people import merge_teams
+from reverie_eval.server.accounts.people import merge_teams, person_named
+from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.opening import acting
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.folder import DatabaseTakenError
@@ -28,7 +29,7 @@ from tests.support.acting import add_team
 from tests.support.flat_world import Run
 from tests.support.processes import TOKEN, Laptop
 from tests.support.server_data import faults, rows_of
-from tests.support.serving import GOOD, NO_TLS, OWNER, Serving
+from tests.support.serving import GOOD, NO_TLS, OTHER, OWNER, Serving
 from tests.support.waiting import PATIENCE
 
 MANY = {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
@@ -246,6 +247,21 @@ def test_what_the_command_says(used: Path, tmp_path: Path, run: Run) -> None:
     restored = run("server", "restore", str(archive), str(there))
     assert restored.status == 0
     assert f"{there}: restored, 3 submissions, 3 teams, 4 people" in restored.out
+
+
+def test_deleted_people_and_merged_teams_are_not_counted(
+    used: Path, tmp_path: Path, run: Run
+) -> None:
+    archive, there = tmp_path / "b.tar.gz", tmp_path / "there"
+    with acting(load_settings(used), "test") as transaction:
+        add_team(transaction, "Pair")
+        merge_teams(transaction, NewMerge(team="Pair", into="Red"))
+        delete_person(transaction, person_named(transaction.session, OTHER).id)
+    made = run("server", "backup", str(used), "-o", str(archive))
+    assert f"{archive}: 3 submissions, 3 teams, 3 people, " in made.out
+    restored = run("server", "restore", str(archive), str(there))
+    assert f"{there}: restored, 3 submissions, 3 teams, 3 people" in restored.out
+    assert rows_of(there) == rows_of(used)
 
 
 def test_missing_uploads_are_named_and_the_rest_is_kept(

@@ -49,6 +49,8 @@ MANIFEST = "manifest.json"
 UPLOADS = "uploads/"
 FORMAT = 1
 KEY_SETTING = "signing_key"
+_GONE = {"person": "deleted_at", "team": "merged_at"}
+"""The column of a table that says since when a row only keeps what happened."""
 _LEVEL = 6
 """The usual level of gzip. At 9, as of tarfile, submissions take 2.5 times as long for 2 % less."""
 
@@ -67,6 +69,8 @@ class Manifest(BaseModel):
     """The migration of the database."""
     rows: dict[str, int]
     """The number of rows of each table that has any."""
+    gone: dict[str, int] = {}
+    """How many of them are people who were deleted, and teams that were merged, by table."""
     lacking: tuple[str, ...]
     """The SHA-256 of uploads that were missing or damaged."""
     files: dict[str, str]
@@ -147,6 +151,7 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
         made_at=dumped.made_at,
         revision=dumped.revision,
         rows=dumped.counts,
+        gone=dumped.gone,
         lacking=lacking,
         files={KEY_SETTING: key_name, **{key: name for key, (name, _) in bundles.items()}},
         sha256=contents.digests,
@@ -167,6 +172,8 @@ class Dumped(NamedTuple):
     """The SHA-256 of those that rows refer to."""
     counts: Mapping[str, int]
     """By table."""
+    gone: Mapping[str, int]
+    """Those whose people were deleted or whose team was merged, by table."""
 
 
 Bundles: TypeAlias = Mapping[str, tuple[str, bytes]]
@@ -192,6 +199,7 @@ def _dump(settings: Settings, lines: IO[bytes]) -> Dumped:
     made_at, key_id = utc_now(), None
     uploads: set[str] = set()
     counts: Counter[str] = Counter()
+    gone: Counter[str] = Counter()
     url = settings.database_url
     with database_errors(url), closing(Database(url)) as database:
         revision = check_known(database)
@@ -201,12 +209,13 @@ def _dump(settings: Settings, lines: IO[bytes]) -> Dumped:
             )
         for table, columns in dump(database):
             counts[table] += 1
+            gone[table] += table in _GONE and columns[_GONE[table]] is not None
             if table == "submission" and columns["upload_deleted_at"] is None:
                 uploads.add(columns["sha256"])
             elif table == "signing_key" and columns["replaced_at"] is None:
                 key_id = columns["key_id"]
             lines.write(f"{json.dumps([table, columns])}\n".encode())
-    return Dumped(made_at, revision, key_id, uploads, counts)
+    return Dumped(made_at, revision, key_id, uploads, counts, +gone)
 
 
 def _bundles(settings: Settings) -> Bundles:

@@ -3,8 +3,9 @@
 import json
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -22,6 +23,9 @@ from reverie_eval_cli.organising import (
     show_findings,
 )
 from reverie_eval_cli.output import note, with_progress
+
+if TYPE_CHECKING:
+    from reverie_eval.server.operations.backup import Manifest
 
 
 @click.command()
@@ -170,7 +174,7 @@ def backup(*, folder: Folder, output: Path, verify: bool) -> int:
         examine = f"reverie-eval server doctor {shlex.quote(str(folder))}"
         note(f"{output} was not written: the backup does not restore; `{examine}` may say why")
         raise
-    print(f"{output}: {_counts(report.manifest.rows)}, {report.size / 1e6:,.1f} MB")
+    print(f"{output}: {_counts(report.manifest)}, {report.size / 1e6:,.1f} MB")
     if verify:
         print("verified: it was restored, all rows and files are the same, and the server opens")
     print("it contains solutions and the signing key: keep it where nobody else can read it")
@@ -204,7 +208,7 @@ def restore(*, file: Path, folder: Path) -> int:
     from reverie_eval.server.operations.restore import restore_backup
 
     report = restore_backup(file, folder)
-    print(f"{folder}: restored, {_counts(report.manifest.rows)}")
+    print(f"{folder}: restored, {_counts(report.manifest)}")
     for change in report.changed:
         note(f"{change.setting} was {change.before}, outside the folder; it is now {change.after}")
         if change.variable and change.variable not in os.environ:
@@ -212,6 +216,10 @@ def restore(*, file: Path, folder: Path) -> int:
     return show_findings(check_folder(folder))
 
 
-def _counts(rows: Mapping[str, int]) -> str:
+def _counts(manifest: "Manifest") -> str:
     tables = {"submission": "submissions", "team": "teams", "person": "people"}
-    return ", ".join(count_text(rows.get(name, 0), name, plural) for name, plural in tables.items())
+    rows, gone = manifest.rows, manifest.gone
+    return ", ".join(
+        count_text(rows.get(name, 0) - gone.get(name, 0), name, plural)
+        for name, plural in tables.items()
+    )

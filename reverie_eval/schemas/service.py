@@ -237,6 +237,11 @@ class Phase(WireModel):
     """The last second of the phase: ``2027-06-01T23:59:59Z``, or ``2027-06-01``, which includes all
     of 1 June. An upload counts from the moment its last byte arrives."""
 
+    @property
+    def last_moment(self) -> datetime | None:
+        """Its last moment, None if it has no end: a phase may be closed within a second."""
+        return None if self.closes is None else last_moment(self.closes)
+
     @model_validator(mode="after")
     def _opens_before_it_closes(self) -> Self:
         if self.opens and self.closes and self.opens >= self.closes:
@@ -246,7 +251,7 @@ class Phase(WireModel):
     def is_open(self, now: datetime) -> bool:
         """Whether submissions are accepted at this time."""
         has_begun = self.opens is None or self.opens <= now
-        return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
+        return has_begun and (self.last_moment is None or now <= self.last_moment)
 
     def status(self, now: datetime, *, is_paused: bool) -> SplitStatus:
         """Return whether submissions are accepted at this time, and if not, why not."""
@@ -263,6 +268,15 @@ class Phase(WireModel):
         )
 
 
+def last_moment(closes: datetime) -> datetime:
+    """Return the last moment of a whole second, which all belongs to a phase; others are their own.
+
+    >>> last_moment(datetime(2027, 6, 1, 23, 59, 59)).microsecond
+    999999
+    """
+    return closes if closes.microsecond else closes.replace(microsecond=999_999)
+
+
 def first_overlap(phases: Sequence[Phase]) -> tuple[Phase, Phase] | None:
     """Return two phases to which the same submission could belong, the earlier one first.
 
@@ -274,8 +288,7 @@ def first_overlap(phases: Sequence[Phase]) -> tuple[Phase, Phase] | None:
     )
     in_order = sorted(phases, key=lambda each: (each.opens or earliest, each.closes or latest))
     for first, second in pairwise(in_order):
-        opens = (second.opens or earliest).replace(microsecond=0)
-        if opens <= (first.closes or latest):
+        if (second.opens or earliest) <= (first.last_moment or latest):
             return first, second
     return None
 
@@ -324,7 +337,11 @@ class Schedule(WireModel):
 
     def closed_at(self, now: datetime) -> datetime | None:
         """Return the last second of the phase that closed last; None if none has."""
-        over = [phase.closes for phase in self.phases if phase.closes and phase.closes < now]
+        over = [
+            phase.closes
+            for phase in self.phases
+            if phase.closes and last_moment(phase.closes) < now
+        ]
         return max(over, default=None)
 
     def closes_at(self, now: datetime) -> datetime | None:

@@ -310,7 +310,7 @@ def test_the_letter_about_a_closed_split(server: Serving) -> None:
         emailed(server, GOOD)
     assert (refused.value.reply or "").splitlines()[-1] == (
         "val_unseen accepts no submissions now; the last phase closed "
-        "2026-03-02T11:00:00+00:00, and this file arrived 2026-03-02T12:00:00.000+00:00"
+        "2026-03-02T11:00:00+00:00, and this file arrived 2026-03-02T12:00:00.000000+00:00"
     )
 
 

@@ -34,7 +34,7 @@ from tests.support.serving import (
 
 SPLITS = ("test", "val_seen", "val_unseen")
 METHOD = Method(name="Walker")
-SECOND, HOUR = timedelta(seconds=1), timedelta(hours=1)
+MOMENT, SECOND, HOUR = timedelta.resolution, timedelta(seconds=1), timedelta(hours=1)
 ENDED = {"name": "first", "closes": "2026-03-02T11:00:00Z"}
 RUNNING = {"name": "second", "opens": "2026-03-02T11:30:00Z", "closes": "2026-03-02T13:00:00Z"}
 
@@ -102,6 +102,35 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
     assert submit(arrived, OWNER) == "unpublished"
     with pytest.raises(NotOpenError, match="paused"):
         submit(server.clock(), OTHER)
+
+
+@pytest.mark.parametrize("at", [0, 2, 400_000, 999_999], ids="microsecond {}".format)
+def test_what_arrives_when_a_phase_is_closed_is_too_late(at: int) -> None:
+    now = NOON + at * MOMENT
+    (closed,) = close(Timetable(Schedule(phases=(Phase(name="a"),)), ()), now).phases or ()
+    moments = [now - MOMENT, now, now + MOMENT, NOON + SECOND - MOMENT]
+    assert [closed.is_open(each) for each in moments] == [True, False, False, False]
+
+
+def test_an_upload_in_the_second_in_which_its_phase_is_closed(
+    folder: Path, open_server: OpenServer
+) -> None:
+    phases = (Phase(name="a", closes=NOON + HOUR),)
+    server = open_server(adjusted(settings_of(folder), phases=phases, release_scores="phase-end"))
+    server.clock.turn(microseconds=300_000)
+    sent = server.upload(OWNER, submission_for(PRIVATE), PRIVATE).json()["submission"]
+    assert sent["report"]["scores"] == {}
+    server.clock.turn(microseconds=1)
+    with server.acting() as transaction:
+        assert server.state.get(Schedules).change(transaction, PRIVATE, close).shown == 1
+    refused = server.upload(OTHER, submission_for(PRIVATE), PRIVATE)
+    assert "closed 2026-03-02T12:00:00.300000+00:00" in refused.json()["detail"]
+    path = f"/submissions/{sent['id']}"
+    assert server.ask(OWNER, "GET", path).json()["report"]["scores"] != {}
+    with server.acting():  # takes the snapshots that are due
+        pass
+    (snapshot,) = server.client.get(f"/api/v1/splits/{PRIVATE}/snapshots").json()
+    assert snapshot["title"] == "a"
 
 
 @pytest.mark.parametrize(
@@ -348,14 +377,14 @@ def test_the_status_of_a_phase(
     assert phase.status(NOON, is_paused=False) == expected
 
 
-def test_to_close_ends_the_open_phases_with_this_second() -> None:
+def test_to_close_ends_the_open_phases_at_this_moment() -> None:
     schedule = Schedule(phases=PHASES, release_scores="phase-end", paused=True)
     over, running, coming = PHASES
     end = close(Timetable(schedule, ()), NOON + SECOND / 2)
     assert end.model_dump() == {
         "phases": (
             over.model_dump(),
-            {**running.model_dump(), "closes": NOON},
+            {**running.model_dump(), "closes": NOON + SECOND / 2 - MOMENT},
             coming.model_dump(),
         ),
         "release_scores": "phase-end",
@@ -363,9 +392,7 @@ def test_to_close_ends_the_open_phases_with_this_second() -> None:
     }
     new = Phase(name="new", opens=NOON, closes=NOON + HOUR)
     (shortest,) = close(Timetable(Schedule(phases=(new,)), ()), NOON).phases or ()
-    assert shortest.closes == NOON + SECOND, "it has to last a second"
-    without_start = Timetable(Schedule(phases=(Phase(name="a"),)), ())
-    assert [each.closes for each in close(without_start, NOON).phases or ()] == [NOON]
+    assert shortest.closes == NOON + MOMENT, "it has to open before it closes"
     with pytest.raises(ConflictError) as refused:
         close(Timetable(Schedule(phases=(over, coming)), ()), NOON)
     assert str(refused.value) == "no phase is open"

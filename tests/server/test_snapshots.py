@@ -362,7 +362,7 @@ def test_which_phases_leave_one(
 ) -> None:
     if uploads:
         publish(server, OWNER)
-    server.clock.now = END if set_late else CLOSES
+    server.clock.now = END + timedelta(seconds=1) if set_late else CLOSES
     new = NewSchedule(phases=(Phase(name="challenge", closes=CLOSES),), release_scores="at-once")
     with server.acting() as transaction:
         server.state.get(Schedules).set(transaction, PRIVATE, new)
@@ -490,6 +490,7 @@ def rename(server: Serving) -> None:
 
 def reschedule(server: Serving) -> None:
     phases = (Phase(name="challenge", closes=CLOSES), Phase(name="next", opens=END))
+    server.clock.turn(seconds=1)
     with server.acting() as transaction:
         new = NewSchedule(phases=phases, release_scores="at-once")
         server.state.get(Schedules).set(transaction, PRIVATE, new)

@@ -272,7 +272,7 @@ def test_an_accepted_file_is_logged_and_announced(open_server: OpenServer, folde
             False,
             "Soon.",
             "val_unseen accepts no submissions now; the last phase closed "
-            "2026-03-02T11:00:00+00:00, and this file arrived 2026-03-02T12:00:00.000+00:00",
+            "2026-03-02T11:00:00+00:00, and this file arrived 2026-03-02T12:00:00.000000+00:00",
             id="over",
         ),
         pytest.param(

@@ -18,7 +18,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from reverie_eval.reporting.history import Timeline
-from reverie_eval.schemas.service import ReportedMethod, ScoredSubmission, Standing
+from reverie_eval.schemas.service import ReportedMethod, ScoredSubmission, Standing, last_moment
 from reverie_eval.server.audit.log import last_recorded
 from reverie_eval.server.boards.reviews import PublishedReview, is_disqualified
 from reverie_eval.server.boards.schedules import Schedules, Timetable
@@ -146,7 +146,7 @@ class BoardEntries:
 
     def is_old(self, board: Board, number: int, now: datetime) -> bool:
         """Whether a change was recorded, the rules were corrected or scores released since."""
-        is_released = self.held_until is not None and now.replace(microsecond=0) > self.held_until
+        is_released = self.held_until is not None and now > last_moment(self.held_until)
         return self.number < number or self.signature != board.signature or is_released
 
 

@@ -31,6 +31,7 @@ from reverie_eval.schemas.service import (
     ReleaseScores,
     Schedule,
     ScoredSubmission,
+    last_moment,
 )
 from reverie_eval.server.audit.signing import Signer, read_as
 from reverie_eval.server.audit.transactions import Transaction
@@ -40,9 +41,10 @@ from reverie_eval.server.settings import Channel, Split
 from reverie_eval.server.state import Reading, ServerState
 from reverie_eval.server.store.tables import Message, SetSchedule, Submission, read_stored
 
+SCHEDULE_SET = "schedule set"
 RECENT = timedelta(days=1)
 """How long after a phase a server that was off at its end still announces the end."""
-_SECOND = timedelta(seconds=1)
+_MOMENT = timedelta.resolution
 Result = TypeVar("Result", BoardResult, ScoredSubmission)
 _ROWS = "schedules"
 """Where a database session keeps the schedules that it has read."""
@@ -82,7 +84,7 @@ class Timetable:
         until = None
         for schedule, ends in self._periods(scored_at, now):
             until = schedule.held_until(received_at)
-            if until is None or ends.replace(microsecond=0) > until:
+            if until is None or ends > last_moment(until):
                 return None
         return until
 
@@ -182,7 +184,7 @@ class Schedules:
         timetable = self.of_split(transaction.session, split)
         row = self._row(timetable, split, new, transaction.now)
         del transaction.session.info[_ROWS]
-        transaction.record("schedule set", row, split, **new.model_dump(mode="json"))
+        transaction.record(SCHEDULE_SET, row, split, **new.model_dump(mode="json"))
         return timetable.with_one_more(row).report(split)
 
     def change(self, transaction: Transaction, split: str, change: Change) -> Effect:
@@ -328,13 +330,18 @@ def reset(timetable: Timetable, _: datetime) -> NewSchedule:
 
 
 def close(timetable: Timetable, now: datetime) -> NewSchedule:
-    """End the open phases with this second. Raises ConflictError if none is open."""
+    """End the open phases now: what arrives from this moment on is too late.
+
+    Raises ConflictError if none is open.
+    """
     schedule = timetable.latest
     if not schedule.is_open(now):
         raise ConflictError("no phase is open")
-    end = now.replace(microsecond=0)
+    end = now - _MOMENT
+    if not end.microsecond:  # it would stand for the whole second
+        end -= _MOMENT
     phases = [
-        phase.model_copy(update={"closes": max(end, _second_of(phase))})
+        phase.model_copy(update={"closes": max(end, _earliest_end(phase))})
         if phase.is_open(now)
         else phase
         for phase in schedule.phases
@@ -344,9 +351,9 @@ def close(timetable: Timetable, now: datetime) -> NewSchedule:
     )
 
 
-def _second_of(phase: Phase) -> datetime:
+def _earliest_end(phase: Phase) -> datetime:
     """Return the earliest end that a phase may have."""
-    return datetime.min.replace(tzinfo=UTC) if phase.opens is None else phase.opens + _SECOND
+    return datetime.min.replace(tzinfo=UTC) if phase.opens is None else phase.opens + _MOMENT
 
 
 def untold_ends(
@@ -362,7 +369,7 @@ def untold_ends(
         f"the phase {phase.name} of {split} ended at {phase.closes:%Y-%m-%d %H:%M} UTC": split
         for split, schedule in schedules.in_effect(session).items()
         for phase in schedule.phases
-        if phase.closes is not None and phase.closes < now.replace(microsecond=0)
+        if phase.closes is not None and last_moment(phase.closes) < now
         if now - phase.closes < RECENT
     }
     told = select(Message.text).where(Message.event == "phase-end", Message.text.in_(ends))

@@ -25,7 +25,7 @@ from reverie_eval.server.audit.transactions import Transaction, Transactions
 from reverie_eval.server.boards.entries import EntriesCache, count_submissions
 from reverie_eval.server.boards.leaderboard import as_json, leaderboard
 from reverie_eval.server.boards.news import corrections_of
-from reverie_eval.server.boards.schedules import Schedules
+from reverie_eval.server.boards.schedules import SCHEDULE_SET, Schedules
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.scoring.boards import Board, find_board
 from reverie_eval.server.state import ServerState
@@ -42,7 +42,6 @@ from reverie_eval.server.store.tables import (
     read_stored,
 )
 
-_SECOND = timedelta(seconds=1)
 _ENTRIES = select(StoredSnapshot).options(
     load_only(
         StoredSnapshot.split,
@@ -164,9 +163,8 @@ class Snapshots:
     def _ended(self, session: Session, now: datetime) -> Iterator[Closing]:
         for split, schedule in self.schedules.in_effect(session).items():
             for phase in schedule.phases:
-                if phase.closes is not None and phase.closes + _SECOND <= now:
-                    end = phase.closes.replace(microsecond=0) + _SECOND
-                    yield Closing(split, phase.name, end)
+                if phase.last_moment is not None and phase.last_moment < now:
+                    yield Closing(split, phase.name, phase.last_moment + timedelta.resolution)
 
     def _take(
         self,
@@ -231,8 +229,11 @@ def _is_changed(session: Session, closing: Closing) -> bool:
 
     Uploads do not change it, nor does deleting or inspecting the files of submissions.
     """
+    is_later = AuditEntry.at > closing.at
+    # At that moment, the phase itself may have been closed by hand.
+    is_another = (AuditEntry.at == closing.at) & (AuditEntry.action != SCHEDULE_SET)
     changes = select(AuditEntry.id).where(
-        AuditEntry.at >= closing.at,
+        is_later | is_another,
         IS_CHANGE,
         AuditEntry.action.not_in((SAME_FILE, SNAPSHOT_TAKEN, UPLOAD_DELETED, INSPECTED)),
     )

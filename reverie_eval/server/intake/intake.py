@@ -294,7 +294,7 @@ class Intake:
     def _check_open(self, board: Board, schedule: Schedule, now: datetime) -> None:
         if not schedule.is_open(now):
             closed, opens = schedule.closed_at(now), schedule.opens_at(now)
-            arrived = now.isoformat(timespec="milliseconds")
+            arrived = now.isoformat(timespec="microseconds")
             before = (
                 f"; the last phase closed {closed.isoformat()}, and this file arrived {arrived}"
                 if closed

@@ -22,7 +22,7 @@ from reverie_eval.ground_truth import (
     find_ground_truth,
     read_episode_ids,
 )
-from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, find_task, task_names
+from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, KNOWN_SPLITS, find_task, task_names
 from reverie_eval.text import did_you_mean
 from reverie_eval_cli.output import RejectedSubmission
 
@@ -34,7 +34,6 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 Request = TypeVar("Request", bound="WireModel")
 ALL_PROTOCOLS = "all"
 """Instead of a protocol: all of the task."""
-_SPLITS = ("train", "val_seen", "val_unseen", "test")
 _SPLIT_NAMES = "train, val_seen, val_unseen or test."
 _PER_CENT = 100
 _NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?")
@@ -166,7 +165,7 @@ def complete_split(context: click.Context) -> Iterable[str]:
     """Complete to the splits of the ground truth, or to the published ones."""
     # Completion parses what was typed so far; an option behind the cursor is not known yet.
     given = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
-    return bundled_splits(Path(given or DEMO_BUNDLES)) or _SPLITS
+    return bundled_splits(Path(given or DEMO_BUNDLES)) or KNOWN_SPLITS
 
 
 @completing

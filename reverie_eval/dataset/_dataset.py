@@ -34,10 +34,8 @@ from reverie_eval.dataset._reader import (
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.processes import Progress
-from reverie_eval.tasks import DEFAULT_TASK, Annotation, Task, find_task
+from reverie_eval.tasks import DEFAULT_TASK, KNOWN_SPLITS, Annotation, Task, find_task
 
-# The published splits, in the order in which they are shown.
-_SPLITS = ("train", "val_seen", "val_unseen", "test")
 _ALL_BOXES = "BBoxes.json"
 _CONNECTIVITY = "_connectivity.json"
 
@@ -175,7 +173,7 @@ def _splits_in(folder: Path | None, task: Task) -> dict[str, Path]:
         return {}
     found = folder.glob(task.file_name.format(split="*"))
     paths = {_split_of(path, task): path for path in found}
-    published = [split for split in _SPLITS if split in paths]
+    published = [split for split in KNOWN_SPLITS if split in paths]
     return {split: paths[split] for split in [*published, *sorted(paths.keys() - {*published})]}
 
 

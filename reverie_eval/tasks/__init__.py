@@ -39,6 +39,7 @@ from reverie_eval.tasks._registry import (
 from reverie_eval.tasks._task import (
     CHANGED,
     DEFAULT_PROTOCOL,
+    KNOWN_SPLITS,
     TO_REGION,
     AnnotatedPath,
     Annotation,
@@ -67,6 +68,7 @@ __all__ = [
     "IMAGE_SIZE",
     "INSTR_ID",
     "ITEM_MARK",
+    "KNOWN_SPLITS",
     "OBJECT",
     "POINT",
     "PROTOCOLS",

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from msgspec import Meta, Struct
 
@@ -149,6 +149,8 @@ CHANGED = " (changed)"
 """The end of a release's name, for a file of its size with other content."""
 KnownSplit = Literal["train", "val_seen", "val_unseen", "val_unseen_house", "test"]
 """Splits of the tasks of this package, for editors to complete; others have other names."""
+KNOWN_SPLITS: Sequence[str] = get_args(KnownSplit)
+"""These splits, in the order in which papers have them."""
 GoalRule = Literal[
     "visible",
     "visible and near the object",

@@ -69,6 +69,17 @@ print(1024 * (kibibytes("VmHWM") - floor))
 """Read from Linux: the memory of a process after its imports, and its peak."""
 
 
+PARSE_AGAIN = """
+import sys
+from pathlib import Path
+import orjson
+content = Path(sys.argv[1]).read_bytes()
+for _ in range(int(sys.argv[2])):
+    orjson.loads(content)
+"""
+"""Parse a file so many times, in a process that shares nothing with others."""
+
+
 class Figure(NamedTuple):
     """What was measured."""
 
@@ -147,6 +158,7 @@ def measure(folder: Path, work: Path) -> Iterator[Figure]:
             print(f"left out for lack of memory: {copies} times {SPLIT}")
             continue
         large, many = repeated(content, copies), repeated_truth(truth, copies)
+        score(large, many)  # which makes the tables of the ground truth for all later calls
         ours, parser = in_turns(
             partial(score, large, many), partial(orjson.loads, large), max(2, 100 // copies)
         )
@@ -205,10 +217,23 @@ def many_files(submission: Path, truth: rv.GroundTruth, parser: float) -> Iterat
     (one, one_wall), (two, two_wall) = (
         [min(each) for each in zip(*results, strict=True)] for results in zip(*rounds, strict=True)
     )
+    parsers = [parse(submission, 1) / parse(submission, 2) for _ in range(3)]
     yield Figure("1,000 files: files a second and processor", FILES / two, least=90.0)
     yield Figure("a parser alone reads", 1 / parser)
     yield Figure("1,000 files: work of two processes / of one", two / one)
     yield Figure("1,000 files: speed of two processes / of one", one_wall / two_wall, least=1.8)
+    yield Figure("speed of two parsers / of one", statistics.median(parsers))
+
+
+def parse(submission: Path, jobs: int) -> float:
+    """Return for how long so many processes parse a file a thousand times in all."""
+    start = time.perf_counter()
+    command = [sys.executable, "-c", PARSE_AGAIN, str(submission), str(FILES // jobs)]
+    processes = [subprocess.Popen(command) for _ in range(jobs)]
+    for process in processes:
+        if process.wait():
+            raise subprocess.CalledProcessError(process.returncode, command)
+    return time.perf_counter() - start
 
 
 def as_duet(records: list[dict[str, Any]]) -> object:

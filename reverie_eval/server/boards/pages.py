@@ -132,8 +132,8 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Asked) -> Response:
     with visitor.reading() as reading:
         session, server = reading.session, visitor.server
         ranking = server.get(Rankings).detailed(session, board, query.ranked_by(board))
-        part, apart = _part(ranking, query), query.shown(ranking.apart, ranking)
-        charted = query.shown(ranking.rows, ranking)
+        shown, apart = (query.shown(rows, ranking) for rows in (ranking.rows, ranking.apart))
+        part = _part(shown, query)
         is_copy = visitor.request.app.state.is_copy
         return page(
             reading,
@@ -160,12 +160,12 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Asked) -> Response:
             announced=announcements(session, board, NEWS_SHOWN),
             reviewed=[row for row in (*part.rows, *apart[:MOST_APART]) if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
-            has_charts=bool(charted) and len(ranking.metrics) > 1,
-            timeline=timeline_of(ranking, [*charted, *apart], query.metric)
+            has_charts=bool(shown) and len(ranking.metrics) > 1,
+            timeline=timeline_of(ranking, [*shown, *apart], query.metric)
             if query.is_filtered
             else whole_timeline(ranking, query.metric),
             # A page that is opened as a file cannot load its data.
-            chart=chart_of(ranking, charted, query.x, query.y) if is_copy else None,
+            chart=chart_of(ranking, shown, query.x, query.y) if is_copy else None,
             counts=_counts(ranking, apart),
             numbers=_numbers(part.number, part.pages),
             longest_sought=LONGEST_SOUGHT,
@@ -183,7 +183,7 @@ def show_chart(ranking: Ranked, query: Asked) -> Response:
 @of_every_board(router, "/latex")
 def show_latex(ranking: Ranked, request: Request, query: Asked) -> Response:
     """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
-    rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
+    rows = _cited(ranking, query)
     scored = {key for row in rows for key in row.entry.scores}
     metrics = [metric for metric in _columns(ranking.board, query, rows) if metric.key in scored]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
@@ -192,7 +192,7 @@ def show_latex(ranking: Ranked, request: Request, query: Asked) -> Response:
 @of_every_board(router, "/bibtex")
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Asked) -> Response:
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
-    rows = [row for row in _part(ranking, query).rows if row.entry.is_ranked]
+    rows = _cited(ranking, query)
     title, site = server.settings.title, address_of_site(request)
     return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
 
@@ -286,15 +286,20 @@ def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
     }
 
 
-def _part(ranking: Ranking, query: BoardQuery) -> BoardPage:
-    """Return the requested page, or the last one."""
-    shown = query.shown(ranking.rows, ranking)
+def _part(shown: Sequence[Row], query: BoardQuery) -> BoardPage:
+    """Return the requested page of the rows that match, or the last one."""
     if CATALOGUE[query.metric].better == "neither":  # by others, they are already sorted
         shown = sort_by(shown, CATALOGUE[query.metric])
     pages = max(1, ceil(len(shown) / PER_PAGE))
     number = min(query.page, pages)
     first = PER_PAGE * (number - 1)
     return BoardPage(shown[first : first + PER_PAGE], first, len(shown), number, pages)
+
+
+def _cited(ranking: Ranking, query: BoardQuery) -> Sequence[Row]:
+    """Return the rows of the requested page that this server has scored."""
+    part = _part(query.shown(ranking.rows, ranking), query)
+    return [row for row in part.rows if row.entry.is_ranked]
 
 
 @dataclass(frozen=True, slots=True)

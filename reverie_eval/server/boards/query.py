@@ -11,7 +11,7 @@ from reverie_eval.metrics import Metric
 from reverie_eval.reporting.service import METHOD_FLAGS
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import Amount, InputClass, SampleSize
-from reverie_eval.server.boards.entries import Row
+from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import Ranking
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 from reverie_eval.server.scoring.boards import Board
@@ -61,10 +61,20 @@ class Filter(BaseModel):
 
     def shown(self, rows: Sequence[Row], ranking: Ranking) -> Sequence[Row]:
         """Return the rows of a ranking that match."""
-        if not self.is_filtered:
-            return rows
-        declared = self._declared()
-        return [row for row in rows if self._admits(row, ranking, declared)]
+        # Only what is asked for is looked at: there may be 10,000 rows.
+        for name, asked in self._declared().items():
+            rows = [row for row in rows if row.entry.method.get(name) == asked]
+        if self.sample_from is not None:
+            sizes = ((row, row.entry.method.get("sample_size")) for row in rows)
+            rows = [row for row, size in sizes if size is None or size >= self.sample_from]
+        if self.money_until is not None:
+            prices = ((row, row.entry.method.get("money_per_episode")) for row in rows)
+            rows = [row for row, it in prices if it is not None and it <= self.money_until]
+        if self.since is not None or self.until is not None:
+            rows = [row for row in rows if self._admits_date(row.entry.date)]
+        if self.text:
+            rows = [row for row in rows if self._admits_name(row.entry, ranking)]
+        return rows
 
     def _declared(self) -> Mapping[str, bool | str | None]:
         """Return the values that a method has to declare, None for those that it must not."""
@@ -76,32 +86,14 @@ class Filter(BaseModel):
             declared["input_class"] = self.input_class if is_asked else None
         return declared
 
-    def _admits(
-        self, row: Row, ranking: Ranking, declared: Mapping[str, bool | str | None]
-    ) -> bool:
-        method, wanted = row.entry.method, self.text.casefold()
-        return (
-            all(method.get(name) == asked for name, asked in declared.items())
-            and self._admits_cost(method)
-            and self._admits_date(row.entry.date)
-            and (
-                wanted in method["name"].casefold() or wanted in ranking.team(row.entry).casefold()
-            )
-        )
-
-    def _admits_cost(self, method: Mapping[str, Any]) -> bool:
-        size, money = method.get("sample_size"), method.get("money_per_episode")
-        is_large = self.sample_from is None or size is None or size >= self.sample_from
-        return is_large and (
-            self.money_until is None or (money is not None and money <= self.money_until)
-        )
-
     def _admits_date(self, day: str) -> bool:
         """Whether a day, or any day of a month or a year, is in the filter's period."""
-        if not day:
-            return self.since is None and self.until is None
         since, until = (str(each or day)[: len(day)] for each in (self.since, self.until))
-        return since <= day <= until
+        return bool(day) and since <= day <= until
+
+    def _admits_name(self, entry: Entry, ranking: Ranking) -> bool:
+        wanted = self.text.casefold()
+        return wanted in entry.method["name"].casefold() or wanted in ranking.team(entry).casefold()
 
 
 class BoardQuery(Filter):

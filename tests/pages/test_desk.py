@@ -312,7 +312,7 @@ def test_a_pasted_table_is_looked_at_before_it_is_imported(desk: Visitor) -> Non
         assert list_reported(session, Page()).rows == []
     assert hidden(asked).keys() == {*form, "confirmed"}
     words = told(desk, "/desk/reported/import", **form, **YES)
-    assert "Imported. Method" in words
+    assert "Imported: 3 results added. Method" in words
     assert f"{MARKUP} {MARKUP} {OPEN} SR 59.64 2026-01" in words
     again = said(sending(desk, "/desk/reported/import", **form))
     assert f"Add 0 results to {OPEN}? The file has 4 results, of which 4 are on" in again

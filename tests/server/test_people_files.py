@@ -201,6 +201,13 @@ def test_a_file_on_the_command_line(server: Serving, run: Run, tmp_path: Path) -
     assert run("server", "person", "import", folder, str(file)).status == 1
 
 
+def test_the_desk_says_how_many_people_a_file_has_added(server: Serving) -> None:
+    desk = signed_in(server, ORGANISER)
+    for count in (3, 0):
+        sent = desk.send("/desk/people/import", {"text": SOUND, "confirmed": "yes"})
+        assert f"Imported: {count} people added." in said(desk.get(sent.headers["location"]))
+
+
 def test_a_file_at_the_desk(server: Serving) -> None:
     desk = signed_in(server, ORGANISER)
     path, form = "/desk/people/import", {"text": SOUND, "invite": "true"}

@@ -217,7 +217,7 @@ def import_file(desk: Desk, form: Posted) -> Response:
     if new.dry_run:
         return forms.ask(desk, typed, "confirm-people.html", report=report)
     if not report.invitations:
-        return forms.done(PAGE, "imported")
+        return forms.done(PAGE, "imported", len(report.added))
     return show_invitations(desk, report.invitations, PAGE)
 
 

@@ -216,7 +216,7 @@ def import_reported(desk: Desk, form: Posted) -> Response:
     report = desk.perform(reported.import_reported, new, desk.server.settings.tasks)
     if new.dry_run:
         return forms.ask(desk, typed, "confirm-import.html", report=report, split=new.split)
-    return forms.done(REPORTED, "imported")
+    return forms.done(REPORTED, "imported", len(report.added))
 
 
 @pages.get(f"{REPORTED}/{{result_id}}")

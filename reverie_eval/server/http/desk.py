@@ -62,7 +62,9 @@ def shown_by(template: str) -> Callable[[Content], FormPage]:
             desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
         ) -> Response:
             with desk.reading() as reading:
-                shown = {"typed": typed, "done": what, **content(desk, reading, typed)}
+                count = number(desk.request.query_params.get("count", ""))
+                done = {"typed": typed, "done": what, "count": count}
+                shown = {**done, **content(desk, reading, typed)}
                 return page(reading, f"desk/{template}", problem, **shown)
 
         return draw
@@ -173,6 +175,6 @@ def end_of_day(typed: Typed, name: str) -> Typed:
         raise MalformedError(WRONG_FORM, [problem]) from None
 
 
-def done(path: str, what: str) -> Response:
-    """Redirect to the page of a form, with a message about its outcome."""
-    return see_other(f"{path}?done={what}")
+def done(path: str, what: str, count: int = 0) -> Response:
+    """Redirect to the page of a form, with a message about its outcome, which may have a count."""
+    return see_other(f"{path}?done={what}&count={count}" if count else f"{path}?done={what}")

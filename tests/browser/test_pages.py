@@ -29,6 +29,16 @@ EMPTY_PAGE = "about:blank"
 MOVING = "document.getAnimations().map(each => each.constructor.name)"
 SCROLLS = "getComputedStyle(document.documentElement).scrollBehavior"
 """What people see who want stillness."""
+OF_DASHES = """() => [...document.querySelectorAll("table")].flatMap(table => {
+    const rows = [...table.tBodies].flatMap(body => [...body.rows]);
+    const most = Math.max(...rows.map(row => row.cells.length));
+    const texts = rows.filter(row => row.cells.length === most).map(row =>
+        [...row.cells].map(cell => cell.textContent.trim()));
+    const empty = [...Array(most).keys()].filter(column =>
+        texts.length > 1 && texts.every(row => row[column] === "-"));
+    return empty.map(column => `${table.textContent.trim().slice(0, 40)}: ${column}`);
+})"""
+"""Columns of several rows that hold nothing but dashes."""
 
 every_page = pytest.mark.parametrize("example", EXAMPLES, ids=[each.name for each in EXAMPLES])
 
@@ -77,6 +87,7 @@ def test_a_page_serves_everybody(
     page = window.page
     page.goto(example.path(site))
     assert exceeded(cost_of(page)) == []
+    assert page.evaluate(OF_DASHES) == []
     assert page.evaluate(MOVING) == []
     assert page.evaluate(SCROLLS) == "auto"
     assert barriers(page) == {}

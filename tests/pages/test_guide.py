@@ -105,7 +105,7 @@ def test_the_rules_are_those_of_the_settings(open_server: OpenServer, folder: Pa
     changed = changed.model_copy(update={"required_metadata": ("code", "extra_data")})
     text = words(open_server(changed), "/rules")
     assert f"{PRIVATE} private duet 91 3 17 1,234" in text
-    assert f"{PRIVATE} <i>Spring</i> 2027-03-02 12:00 UTC - not open yet" in text
+    assert f"{PRIVATE} <i>Spring</i> 2027-03-02 12:00 UTC not set not open yet" in text
     assert "Required: the name, code, extra data." in text
 
 

@@ -38,7 +38,7 @@ def leaders(server: Serving) -> dict[str, list[list[str]]]:
 
 def test_an_empty_server_shows_what_reference_agents_score(server: Serving) -> None:
     rows = leaders(server)["Val unseen leaderboard"]
-    assert [row[1] for row in rows] == [
+    assert [row[0] for row in rows] == [  # without ranks
         "Shortest agent computed here",
         "FAST-Short on names objects computed here",
         "Random agent computed here",
@@ -51,15 +51,14 @@ def test_an_empty_server_shows_what_reference_agents_score(server: Serving) -> N
     )
     for scores, row in zip((shortest, trained, *others), rows, strict=True):
         shown = [f"{100 * scores[key]:.2f}" for key in ("success", "spl", "rgs", "rgspl")]
-        assert row[2:] == shown
-        assert row[0] == "-"
+        assert row[1:] == shown
 
 
 def test_what_is_reported_and_what_is_computed_here_have_different_labels(
     server: Serving,
 ) -> None:
     report_result(server, "FAST", rgspl=0.9)
-    names = [row[1] for row in leaders(server)["Val unseen leaderboard"]]
+    names = [row[0] for row in leaders(server)["Val unseen leaderboard"]]
     reported = [name for name in names if " reported" in name]
     computed = [name for name in names if name.endswith(" computed here")]
     assert (len(reported), len(computed)) == (1, 4)

@@ -29,6 +29,7 @@ from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.receipts import read
 from reverie_eval.reporting.history import Timeline
 from reverie_eval.reporting.service import known_task
+from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument, ScoredSubmission, SubmissionChange
 from reverie_eval.server.audit.log import history
 from reverie_eval.server.boards.charts import progress_of
@@ -55,6 +56,7 @@ from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import count_rows
 from reverie_eval.server.store.tables import Person, Submission, Token
+from reverie_eval.tasks import Task
 
 router = APIRouter()
 
@@ -222,14 +224,23 @@ def _by_task(submissions: Sequence[ScoredSubmission]) -> Sequence[TaskSubmission
     groups = defaultdict(list)
     for each in submissions:
         groups[known_task(each.report.signature)].append(each)
-    return [
-        TaskSubmissions("", [*CATALOGUE.values()], "", found)
-        if task is None
-        else TaskSubmissions(
-            task.title, task.headline_metrics(CATALOGUE), task.primary_metric(CATALOGUE).key, found
-        )
-        for task, found in groups.items()
-    ]
+    return [_of_task(task, found) for task, found in groups.items()]
+
+
+def _of_task(task: Task | None, submissions: Sequence[ScoredSubmission]) -> TaskSubmissions:
+    """Return the submissions to a task's splits, with columns of what any of them has."""
+    reports = [report for each in submissions for report in _reports(each)]
+    scored = {key for report in reports for key in report.scores}
+    if task is None:
+        columns = [metric for key, metric in CATALOGUE.items() if key in scored]
+        return TaskSubmissions("", columns, "", submissions)
+    primary = task.primary_metric(CATALOGUE).key
+    return TaskSubmissions(task.title, task.headline_metrics(scored), primary, submissions)
+
+
+def _reports(submission: ScoredSubmission) -> Sequence[ScoreReport]:
+    """Return the reports on all leaderboards of the submission's split."""
+    return [submission.report, *(each.report for each in submission.boards.values())]
 
 
 @router.get("/submissions/{submission_id}")

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.support.acting import NOON
-from tests.support.browser import NARROW, OpenPage
+from tests.support.browser import DESKTOP, NARROW, OpenPage
 from tests.support.demo_site import OPEN, OWNER, Site
 
 WALKER, DRAWER = "Walker", "Box drawer"
@@ -142,6 +142,17 @@ def test_a_row_points_at_its_place(site: Site, path: str, open_page: OpenPage) -
     expect(ring).to_be_visible()
     start, pointed = page.locator("svg .start").first, place(ring)
     assert place(start) == pytest.approx(pointed, abs=1.0)
+
+
+def test_the_map_stays_in_sight_beside_the_steps(
+    site: Site, path: str, open_page: OpenPage
+) -> None:
+    page = open_page(site, path, OWNER, DESKTOP)
+    drawn = page.locator("svg.walkable")
+    expect(drawn).to_be_in_viewport(ratio=1)
+    page.locator(".steps tr").last.scroll_into_view_if_needed()
+    assert page.evaluate("scrollY") > 0
+    expect(drawn).to_be_in_viewport(ratio=1)
 
 
 @pytest.mark.parametrize("has_scripts", [True, False])

@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.support.browser import (
+    DESKTOP,
     NARROW,
     PHONE,
     WIDE,
@@ -159,6 +160,14 @@ def test_rows_of_a_leaderboard_have_two_lines_on_a_phone(site: Site, open_page: 
     assert len(heights) == 8
     assert max(heights) < TWO_LINES
     assert board.locator("tbody th .marks").evaluate_all(OVER_NUMBERS) == []
+
+
+def test_the_last_of_three_leaderboards_fills_its_row(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, "/", size=DESKTOP)
+    widths = [each.bounding_box() for each in page.locator(".leaders > section").all()]
+    first, second, third = [box["width"] for box in widths if box]
+    assert first == second
+    assert third > 2 * first
 
 
 def test_a_row_on_a_phone_leaves_out_metrics_that_a_result_has_not(

@@ -22,7 +22,7 @@ from tests.support.browser import (
     new_context,
     show_part,
 )
-from tests.support.demo_site import OPEN, OWNER, PRIVATE, Site
+from tests.support.demo_site import OPEN, ORGANISER, OWNER, PRIVATE, Site
 from tests.support.page_routes import EXAMPLES, Example
 
 EMPTY_PAGE = "about:blank"
@@ -160,6 +160,22 @@ def test_rows_of_a_leaderboard_have_two_lines_on_a_phone(site: Site, open_page: 
     assert len(heights) == 8
     assert max(heights) < TWO_LINES
     assert board.locator("tbody th .marks").evaluate_all(OVER_NUMBERS) == []
+
+
+def test_what_a_board_is_sorted_by_is_in_sight_on_the_narrowest_phone(
+    site: Site, open_page: OpenPage
+) -> None:
+    page = open_page(site, f"/splits/{OPEN}", size=NARROW)
+    value = page.locator("td.first").first.bounding_box()
+    assert value is not None
+    assert value["x"] + value["width"] <= NARROW[0]
+
+
+def test_the_tabs_of_the_desk_take_few_lines_on_a_phone(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, "/desk", ORGANISER, PHONE)
+    tabs = page.get_by_role("navigation", name="Desk").get_by_role("link")
+    assert tabs.count() > 10
+    assert len({place["y"] for each in tabs.all() if (place := each.bounding_box())}) <= 5
 
 
 def test_the_last_of_three_leaderboards_fills_its_row(site: Site, open_page: OpenPage) -> None:

@@ -24,13 +24,14 @@ from reverie_eval.analysis._costs import (
 from reverie_eval.analysis._runs import RunIntervals, Runs, crossed_means, runs_of
 from reverie_eval.arrays import Array, FloatArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError, naming_missing_parts
-from reverie_eval.ground_truth import GroundTruth, find_ground_truth
+from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.logs import COSTS
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     Clustering,
     ClusterIntervals,
+    Evaluator,
     Interval,
     Intervals,
     Scored,
@@ -38,7 +39,6 @@ from reverie_eval.scoring import (
     bounds_of,
     check_same_signature,
     clusters_of,
-    evaluate,
 )
 from reverie_eval.submissions import Submission, check_names, submission_names
 from reverie_eval.tasks import KnownSplit
@@ -463,19 +463,28 @@ def compare(
     if len(set(names)) != len(submissions):
         given = ", ".join(map(str, names))
         raise ProtocolError(f"every submission needs a name of its own; got {given}")
-    if split is None and not all(isinstance(each, Scored) for each in submissions):
-        raise ProtocolError("give the split of the submissions: split=...")
-    truth = find_ground_truth(ground_truth, split, task, subset) if split else None
+    evaluator = (
+        None
+        if split is None
+        else Evaluator(
+            split=split,
+            ground_truth=ground_truth,
+            protocol=protocol,
+            track=track,
+            subset=subset,
+            task=task,
+        )
+    )
     scores: dict[str, Scored] = {}
     errors: dict[str, SubmissionError] = {}
     for name, each in zip(names, submissions, strict=True):
         if isinstance(each, Scored):
             scores[name] = each
             continue
+        if evaluator is None:
+            raise ProtocolError("give the split of the submissions: split=...")
         try:
-            scores[name] = evaluate(
-                each, split=str(split), ground_truth=truth, protocol=protocol, track=track
-            )
+            scores[name] = evaluator(each)
         except SubmissionError as error:
             # Go on, so that all invalid files are reported at once.
             errors[name] = error

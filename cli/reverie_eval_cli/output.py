@@ -250,7 +250,7 @@ def note(text: str) -> None:
     print(f"note: {text}", file=sys.stderr)
 
 
-def with_progress(several: Iterable[T], description: str, total: int | None = None) -> Iterable[T]:
+def with_progress(several: Iterable[T], description: str, total: int) -> Iterable[T]:
     """Show a progress bar on a terminal while they are worked on."""
     if not _is_rich(sys.stderr):
         return several

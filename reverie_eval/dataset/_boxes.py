@@ -140,10 +140,8 @@ class Boxes:
             yield from zip(record.visible_pos, record.bbox2d, strict=False)
 
 
-def read_boxes(
-    reader: Reader, path: Path, graphs: Graphs, scans: Collection[str] | None = None
-) -> Boxes:
-    """Read the ``BBox`` folder, or one file with all boxes, for all scans or the given ones."""
+def read_boxes(reader: Reader, path: Path, graphs: Graphs, scans: Collection[str] | None) -> Boxes:
+    """Read the ``BBox`` folder, or one file with all boxes, for the given scans; None for all."""
     is_folder = path.is_dir()
     misnamed: list[str] = []
     if is_folder:

@@ -259,6 +259,9 @@ FORMS: Mapping[str, Callable[[list[dict[str, Any]]], object]] = {
     "boxes": lambda records: [
         {**it, "predObjId": -1, "predBox": [10, 20, 30, 40], "predView": 12} for it in records
     ],
+    "boxes without views": lambda records: [
+        {**it, "predObjId": -1, "predBox": [10, 20, 30, 40]} for it in records
+    ],
 }
 """Valid forms besides the official one."""
 

@@ -108,10 +108,14 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     # In order around the box, which clipping needs.
     corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
     rays = rays_of(corners.transpose(2, 0, 1)) @ axes(camera) @ VIEW_AXES[view].transpose(0, 2, 1)
+    outlines = np.empty(len(rays), dtype=object)
+    is_in_front = (rays[..., 2] >= _MIN_DEPTH).all(axis=1)
+    outlines[is_in_front] = shapely.polygons(pixels_of(rays[is_in_front]))
     # The homography is applied to corner rays, not pixels, so that those behind the view can be
     # cut away instead of being mirrored into its image.
-    in_front = [clip_at_depth(box_rays, _MIN_DEPTH) for box_rays in rays]
-    outlines = [shapely.Polygon(pixels_of(each) if len(each) else None) for each in in_front]
+    for row in np.flatnonzero(~is_in_front):
+        kept = clip_at_depth(rays[row], _MIN_DEPTH)
+        outlines[row] = shapely.Polygon(pixels_of(kept) if len(kept) else None)
     return np.asarray(shapely.intersection(outlines, shapely.box(0, 0, WIDTH, HEIGHT)))
 
 

@@ -528,6 +528,14 @@ def test_the_file_of_a_form_is_closed(
     assert (reply.status_code, closed) == (status, ["answers.json"])
 
 
+def test_uploads_are_drawn_if_there_are_any(desk: Visitor) -> None:
+    assert "No uploads in the last 24 hours." in said(desk.get("/desk"))
+    sent(desk.server)
+    page = desk.get("/desk")
+    assert 'class="hours"' in page.text
+    assert "No uploads" not in said(page)
+
+
 def test_snapshots_are_paged(desk: Visitor) -> None:
     with desk.server.acting() as transaction:
         for number in range(1, forms.ON_A_PAGE + 2):

@@ -31,6 +31,7 @@ _FIRST, _LAST = 7.0, 97.0
 _WEEK = 7 / 365
 # Names are placed for this width in pixels; narrower pages show those of the best alone.
 _WIDTH, _PHONE, _LETTER = 640.0, 320.0, 6.6
+_TICK = 3 * _LETTER  # of a value at the left, at most 100
 _LONGEST_NAME = 24
 # Pixels.
 _RANK_HEIGHT = 150
@@ -220,14 +221,14 @@ class Timeline:
             name = _short(each.name)
             across, width = self._axis.across(each.years), _LETTER * len(name)
             # On a phone, too, the leader's name is there: at the right, if it must be.
-            to_left = each is not leader or across / 100 * _PHONE > width
+            to_left = each is not leader or across / 100 * _PHONE > width + _TICK
             right = across / 100 * _WIDTH + (-7 if to_left else width)
             left, y = right - width, self._y(each.value) - 6
             overlaps = any(
                 left < its_right and its_left < right and abs(y - its_y) < _LINE
                 for its_left, its_right, its_y in taken
             )
-            if left >= 0 and not overlaps:
+            if left >= _TICK and not overlaps:
                 taken.append((left, right, y))
                 kind = "leader" if each is leader else "was-best"
                 yield text_across(across, y, name, "end" if to_left else "start", kind)

@@ -107,6 +107,7 @@ def test_a_crowd_is_drawn_as_dots_where_its_circles_would_be() -> None:
     ("date", "anchor"),
     [
         pytest.param("2020-02-01", "start", id="no room to the left"),
+        pytest.param("2023-06-01", "start", id="no room beside the values of the axis"),
         pytest.param("2023-09-01", "end", id="to the left"),
     ],
 )

@@ -1,7 +1,6 @@
 """Kinds of objects: what an object looks like, by its name, as a few parts.
 
-The last word of a name tells what the object is; one that is not in the table looks like a small
-turned ornament, because most of these are decorations.
+The last word of a name tells what the object is; one that is not in the table is a plain box.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +39,6 @@ Form = Literal[
     "machine",
     "mirror",
     "oven",
-    "ornament",
     "pendant",
     "picture",
     "pillar",
@@ -148,6 +146,7 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
             ),
             "lamp": Kind("lamp", "light", widest=0.7),
             "chandelier": Kind("chandelier", "light", "ceiling", tallest=1.2, widest=1.2),
+            "wall lamp": Kind("light", "light"),
             "light, ceiling lamp": Kind("light", "light", "ceiling", tallest=0.5, widest=0.6),
             "fan": Kind("fan", "wood", "ceiling", tallest=0.8, widest=1.6),
             "duct, beam, rafter": Kind("block", "wood", "ceiling"),
@@ -171,13 +170,13 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
             "pillow, cushion": Kind("cushion", "cloth", tallest=0.8, widest=0.9),
             "blanket, sheet, comforter": Kind("cushion", "cloth"),
             "cloth": Kind("towel", "cloth", depth=0.2, deepest=0.8),
-            "purse, bag, backpack, handbag": Kind("bag", "cloth", depth=0.8),
+            "purse, bag, backpack, handbag, suitcase, luggage": Kind("bag", "cloth", depth=0.8),
             "shoe": Kind("block", "dark", depth=0.6),
             "book": Kind("books", "cloth"),
             "ottoman, footstool, footrest": Kind("stool", "cloth", "floor", 1.0, 0.8),
             "rug, carpet, mat": Kind("rug", "cloth", "floor", tallest=0.05),
             "can, trashcan, bin, bucket": Kind("basket", "metal", "floor", 1.0, 1.2, 0.6),
-            "basket, hamper, suitcase": Kind("basket", "clay", "floor", 1.0, 1.2),
+            "basket, hamper": Kind("basket", "clay", "floor", 1.0, 1.2),
             "extinguisher": Kind("bottle", "clay", "floor"),
             "faucet, handle, doorhandle, knob, head": Kind("faucet", "metal"),
             "pipe": Kind("block", "metal"),
@@ -186,24 +185,27 @@ _KINDS: Mapping[str, Kind] = MappingProxyType(
             ),
             "rod, bar": Kind("block", "metal", "wall"),
             "bottle, toiletry, soap, canister, bottle of soap": Kind("bottle", "glass"),
-            "vase, pot, flowerpot, urn": Kind("vase", "clay", widest=0.8),
-            "cup, bowl, tray, fruit, food": Kind("bowl", "white"),
+            "vase, pot, flowerpot, urn, jar, pitcher, kettle, teapot, decoration, decor, ornament, "
+            "trinket, knickknack, showpiece": Kind("vase", "clay", widest=0.8),
+            "wall decoration, wall decor, mask": Kind("board", "plain", deepest=0.1),
+            "cup, bowl, tray, fruit, food, pan": Kind("bowl", "white"),
             "plate": Kind("clock", "white", depth=0.2, deepest=0.8),
             "paper, roll": Kind("roll", "white"),
             "box, speaker": Kind("machine", "wood"),
             "pedestal": Kind("pillar", "wood", "floor"),
             "headboard": Kind("door", "wood", "floor", 0.1),
-            "statue, sculpture, bust, figure, figurine, doll": Kind("figure", "plain"),
+            "statue, sculpture, bust, figure, figurine, doll, toy, animal, teddy": Kind(
+                "figure", "plain"
+            ),
             "stair, step, staircase, stairway, doorstep": Kind("stairs", "wood", "floor"),
         }.items()
         for word in words.split(", ")
     }
 )
-BLOCK = Kind("ornament", "clay")
+BLOCK = Kind("machine", "plain")
 """What a name tells nothing about."""
-# A shelf is a single board, and an ornament a bowl, if it is at most this part of its width high;
-# metres of what is too wide for an ornament; for a bowl, half of them are.
-_FLAT, _BULKY = 0.6, 0.9
+# A shelf is a single board, and a vase a bowl, if it is at most this part of its width high.
+_FLAT = 0.6
 
 
 @cache
@@ -213,7 +215,7 @@ def kind_of(name: str) -> Kind:
     Examples
     --------
     >>> kind_of("coffee table").form, kind_of("kitchen cabinets").form, kind_of("trophy").form
-    ('table', 'cabinet', 'ornament')
+    ('table', 'cabinet', 'machine')
     """
     word = name.rpartition(" ")[2]
     known = (_KINDS.get(each) for each in (name, word, word.removesuffix("s")))
@@ -232,9 +234,7 @@ def shaped(kind: Kind, wide: float, high: float) -> Kind:
         return kind._replace(form="pendant")
     if kind.form == "shelves" and high < _FLAT * wide:
         return kind._replace(form="ledge")
-    if kind == BLOCK and wide > (_BULKY if high > _FLAT * wide else _BULKY / 2):
-        return kind._replace(form="machine", material="plain")
-    if kind == BLOCK and high < _FLAT * wide:
+    if kind.form == "vase" and high < _FLAT * wide:
         return kind._replace(form="bowl")
     return kind
 
@@ -457,23 +457,6 @@ def parts_of(kind: Kind) -> Sequence[Part]:
                 for x in (-0.45, 0.45)
                 for y in (-0.45, 0.45)
             ),
-        ],
-        "ornament": [
-            turned(
-                own,
-                1,
-                -1,
-                1,
-                *(
-                    (-1, 0.55),
-                    (-0.92, 0.55),
-                    (-0.85, 0.35),
-                    (-0.6, 0.55),
-                    (-0.2, 0.9),
-                    (0.05, 0.95),
-                ),
-                *((0.3, 0.85), (0.55, 0.5), (0.75, 0.4), (0.9, 0.5), (1, 0.6)),
-            )
         ],
         "picture": [
             whole,

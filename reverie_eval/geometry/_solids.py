@@ -21,6 +21,8 @@ CAMERA_HEIGHT = 1.5
 _STANDS = 0.5
 # Metres of the thinnest and the largest side of an object.
 _LEAST, _MOST = 0.03, 4.0
+# Metres of the width of a chair that is hidden but for a part of its back, at most.
+_CHAIR = 0.5
 # Metres: half the thickness of what hangs on a wall, and half the width of a room at least.
 _THIN, _ROOM = 0.03, 0.45
 # Iterations that fit a solid to a box, by how much each may change a side, and the least depth.
@@ -103,6 +105,7 @@ class Solids:
         stands &= top > floor + _LEAST
         bottom = np.where(stands, floor, bottom)
         half[:, 2] = np.maximum(top - bottom, _LEAST) / 2
+        half[:, :2] = np.minimum(half[:, :2], _widest(names, half))
         up = (bottom + np.maximum(top, bottom + _LEAST)) / 2
         centre = np.column_stack([flat @ axes, up])
         return cls(object_id, names, storey, room, centre, half, back, axes)
@@ -220,6 +223,7 @@ class Solids:
             far = np.maximum(far, _NEAR)
             centre = centre + off[:, :1] * far * axes[:, 0]
             centre[:, 2] += off[:, 1] * far[:, 0] / axes[:, 1, 2]
+        half[:, :2] = np.minimum(half[:, :2], _widest(self.names, half))
         return replace(self, centre=centre, half=half)
 
 
@@ -237,6 +241,12 @@ _TURNS: FloatArray = np.array(
         for c, s in ((0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))
     ]
 )
+
+
+def _widest(names: Sequence[str], half: FloatArray) -> FloatArray:
+    """Return half the greatest width of solids, shape (n, 1): a wide chair is partly hidden."""
+    is_chair = np.array([kind_of(name).form == "chair" for name in names], dtype=bool)
+    return np.where(is_chair[:, None], np.maximum(half[:, 2:], _CHAIR / 2), _MOST)
 
 
 def sides_of(corners: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -290,6 +290,13 @@ def test_nothing_hangs_in_the_air(
         assert fitted.centre[0, 2] - fitted.half[0, 2] == pytest.approx(bottom, abs=0.02)
 
 
+def test_chairs_are_not_wider_than_high() -> None:
+    """The box around the upper part of its back is wide."""
+    chair = solids(["chair"], [(0.0, 1.0, 0.5)])
+    fitted = chair.fitted(CAMERA[0], np.array([NORTH]), np.array([(100, 300, 440, 60)]))
+    assert 2 * fitted.half[0, :2].max() == pytest.approx(max(0.5, 2 * fitted.half[0, 2]))
+
+
 def test_a_picture_is_level_and_shows_what_is_important() -> None:
     """However high or low it is: 60 pixels around its middle, in pixels of the level view."""
     lamp = solids(["lamp"], [(0.0, 1.9, 2.9)])

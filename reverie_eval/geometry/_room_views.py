@@ -48,6 +48,12 @@ _ON = 0.35
 _ABOVE_CARRIER, _OF_CARRIER = 10.0, 0.15
 # What is below an object that hangs on a wall, by its form.
 _FEET: Mapping[Form, str] = MappingProxyType({"sink": "pedestal", "counter": "cabinet"})
+# What those look like that hang on a wall though they mostly stand, by the last word of their
+# names, and what never hangs there.
+_ON_WALLS: Mapping[str, str] = MappingProxyType(
+    {"lamp": "wall lamp", "decoration": "wall decoration"}
+)
+_NEVER_HUNG = ("cushion", "bag", "books", "bottle", "bowl")
 # How many times as far away as an object without a box its wall is at most.
 _FARTHEST_HUNG = 1.6
 # Metres from what hangs highest to the ceiling, and from a camera to the highest ceiling.
@@ -186,9 +192,18 @@ class RoomView:
         to_wall, _ = self._shell.behind(solids.centre[:, :2])
         falls = is_loose & (to_floor <= to_wall)
         moved = solids.moved(self._camera.position, np.where(falls, to_floor, 1.0))
-        moved = self._on_walls(moved, is_loose & ~falls)
-        self._feet = self._feet_of(moved.take(is_loose & ~falls))
-        return moved
+        hangs = is_loose & ~falls
+        moved = self._on_walls(moved, hangs)
+        self._feet = self._feet_of(moved.take(hangs))
+        forms = [kind_of(name).form for name in moved.names]
+        is_left_out = hangs & np.isin(forms, _NEVER_HUNG)
+        self.left_out = {*moved.object_id[is_left_out].tolist()} - {*self._important}
+        """The objects that are not drawn, because nothing carries them."""
+        names = [
+            _ON_WALLS.get(name.rpartition(" ")[2], name) if is_hung else name
+            for name, is_hung in zip(moved.names, hangs.tolist(), strict=True)
+        ]
+        return replace(moved, names=names)
 
     def _feet_of(self, solids: Solids) -> Solids:
         """Return what is below those that hang on a wall but have something below: a sink."""
@@ -272,6 +287,7 @@ class RoomView:
             (rank.get(int(its.object_id[row]), 0), -float(distance[row]), faces)
             for its, distance in zip((*self._groups, self._feet), away, strict=True)
             for row, faces in solid_faces(its, self._camera)
+            if int(its.object_id[row]) not in self.left_out
         ]
         for *_, faces in sorted(found, key=lambda each: each[:2]):
             yield from faces

@@ -361,7 +361,12 @@ def _named_boxes(shown: AnswerView, picture: Picture) -> Iterator[tuple[Role, st
     for outline in _predicted_outline(shown, picture):
         text = ", ".join(filter(None, ["predicted box", shown.iou]))
         yield "answer", text, _bounds(outline)
-    others = [each for each in shown.objects if each not in (shown.predicted, shown.target)]
+    left_out = shown.room_view.left_out if shown.room_view and not shown.photograph else ()
+    others = [
+        each
+        for each in shown.objects
+        if each not in (shown.predicted, shown.target) and each.object_id not in left_out
+    ]
     named: list[tuple[Role, str, VisibleObject | None]] = [
         ("answer", "answer and target: " if shown.is_target else "answer: ", shown.predicted),
         ("target", "target: ", None if shown.is_target else shown.target),

@@ -290,6 +290,26 @@ def test_nothing_hangs_in_the_air(
         assert fitted.centre[0, 2] - fitted.half[0, 2] == pytest.approx(bottom, abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("name", "important", "is_drawn", "name_drawn"),
+    [
+        pytest.param("pillow", [], False, "pillow", id="left out"),
+        pytest.param("pillow", [0], True, "pillow", id="important"),
+        pytest.param("table lamp", [], True, "wall lamp", id="another form"),
+        pytest.param("vase", [], True, "vase", id="as it is"),
+    ],
+)
+def test_what_hangs_on_a_wall_looks_so(
+    name: str, important: Sequence[int], name_drawn: str, *, is_drawn: bool
+) -> None:
+    """What never hangs there is not drawn, unless it has to be."""
+    seen = seen_box(NORTH, 300, 330, 40, 40)
+    view = room_view(NORTH, solids([name], [(0.0, 1.5, 1.0)], size=0.2), seen, important)
+    assert any(face.object_id == 0 for face in view.faces()) == is_drawn
+    assert view.left_out == (set() if is_drawn else {0})
+    assert view.fitted.names == [name_drawn]
+
+
 def test_chairs_are_not_wider_than_high() -> None:
     """The box around the upper part of its back is wide."""
     chair = solids(["chair"], [(0.0, 1.0, 0.5)])

@@ -2,7 +2,7 @@
 
 import gc
 import os
-from signal import SIG_DFL, SIGINT, default_int_handler, getsignal, signal
+from signal import SIG_DFL, SIGINT, SIGTERM, default_int_handler, getsignal, signal
 from typing import NoReturn
 
 
@@ -25,6 +25,10 @@ def run() -> NoReturn:
 
     if handler is default_int_handler:
         signal(SIGINT, handler)
+    # Python would end at once, and leave drafts and other processes behind. A cluster sends this
+    # when the time is over.
+    if getsignal(SIGTERM) is SIG_DFL:
+        signal(SIGTERM, default_int_handler)
     os._exit(main())
 
 

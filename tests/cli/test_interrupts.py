@@ -1,6 +1,7 @@
-"""Ctrl-C, which a terminal sends to the command and to all processes that it has started."""
+"""Ctrl-C and SIGTERM, which a terminal or a cluster sends to all processes of a command."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -24,7 +25,7 @@ def press():
         os.mkdir(os.environ["PRESSED"])  # once
     except FileExistsError:
         return
-    os.killpg(0, signal.SIGINT)
+    os.killpg(0, int(os.environ["SENT"]))
 
 if os.environ["WHEN"] == "importing":
     sys.meta_path.insert(0, Finder())
@@ -33,13 +34,21 @@ elif "--multiprocessing-fork" in sys.orig_argv or "forkserver" in " ".join(sys.o
 """
 
 
-def interrupted(when: str, words: list[str], folder: Path) -> tuple[int, str, str]:
+def interrupted(
+    when: str, words: list[str], folder: Path, sent: signal.Signals = signal.SIGINT
+) -> tuple[int, str, str]:
     """Return the status and both outputs of a command that is interrupted at a certain moment."""
     (folder / "sitecustomize.py").write_text(PRESSED)
     pressed = folder / "pressed"
     process = subprocess.run(
         [sys.executable, "-m", "reverie_eval_cli", *words],
-        env={**os.environ, "PYTHONPATH": str(folder), "PRESSED": str(pressed), "WHEN": when},
+        env={
+            **os.environ,
+            "PYTHONPATH": str(folder),
+            "PRESSED": str(pressed),
+            "WHEN": when,
+            "SENT": str(int(sent)),
+        },
         start_new_session=True,  # the group that is interrupted
         capture_output=True,
         text=True,
@@ -53,6 +62,7 @@ def test_while_the_command_is_imported(tmp_path: Path) -> None:
     assert interrupted("importing", ["--version"], tmp_path) == (-2, "", "")
 
 
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     ("words", "notes"),
     [
@@ -64,10 +74,12 @@ def test_while_the_command_is_imported(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_while_processes_start(words: list[str], notes: str, tmp_path: Path) -> None:
+def test_while_processes_start(
+    words: list[str], notes: str, sent: signal.Signals, tmp_path: Path
+) -> None:
     words = [each.format(tmp_path) for each in words]
     said = f"{notes}reverie-eval: interrupted\n"
-    assert interrupted("starting", words, tmp_path) == (2, "", said)
+    assert interrupted("starting", words, tmp_path, sent) == (2, "", said)
 
 
 def test_while_what_scores_for_a_server_starts(folder: Path, tmp_path: Path) -> None:

@@ -2,9 +2,7 @@
 
 import os
 import re
-import signal
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -230,14 +228,13 @@ def boxes(
     found = find_scans(houses, connectivity, list(scans) or None)
     for each in found.notes():
         note(each)
-    with _terminated_as_by_ctrl_c():
-        built = build_boxes(
-            found.complete,
-            output,
-            BoxSettings(max_distance, occlusion, excluded),
-            jobs=jobs or os.cpu_count() or 1,
-            progress=with_progress,
-        )
+    built = build_boxes(
+        found.complete,
+        output,
+        BoxSettings(max_distance, occlusion, excluded),
+        jobs=jobs or os.cpu_count() or 1,
+        progress=with_progress,
+    )
     counts = [
         count_text(len(found.complete), "scan"),
         count_text(built.viewpoints, "viewpoint"),
@@ -247,14 +244,3 @@ def boxes(
     print(f"{output}: {', '.join(counts)}")
     # Each time: a score on such boxes must not pass for one on the released ones.
     print(_CAVEAT)
-
-
-@contextmanager
-def _terminated_as_by_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM stop the work as Ctrl-C does, so that no draft and no worker is left behind."""
-    # The default action of SIGTERM ends Python at once, without any cleaning up.
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -8,6 +8,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 import click
 
@@ -121,12 +122,14 @@ def _status(words: list[str]) -> int:
     except click.exceptions.Exit as finished:  # after --help and --version
         return finished.exit_code
     except click.ClickException as error:
-        error.show()
+        with suppress(OSError):  # a closed or full standard error leaves the exit status
+            error.show()
         return error.exit_code
     except BrokenPipeError:
         raise
     except (ReverieEvalError, OSError, MemoryError, KeyboardInterrupt) as error:
-        print(f"{PROGRAM}: {_reason(error)}", file=sys.stderr)
+        with suppress(OSError):  # as above
+            print(f"{PROGRAM}: {_reason(error)}", file=sys.stderr)
         # 1 says that the input is wrong, so scripts can tell it from a server that is down.
         return 1 if isinstance(error, RejectedError) else 2
 

@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import count
@@ -247,7 +247,16 @@ def _rich_table(table: Table) -> "RichTable":
 
 def note(text: str) -> None:
     """Print a note to standard error."""
-    print(f"note: {text}", file=sys.stderr)
+    say(f"note: {text}")
+
+
+def say(text: str) -> None:
+    """Print a line to standard error.
+
+    Where that is closed or full, the line is lost, but neither the result nor the exit status.
+    """
+    with suppress(OSError):
+        print(text, file=sys.stderr)
 
 
 def with_progress(several: Iterable[T], description: str, total: int) -> Iterable[T]:

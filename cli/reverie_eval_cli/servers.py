@@ -3,7 +3,6 @@
 import errno
 import itertools
 import os
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from reverie_eval import ReverieEvalError
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.submissions import RECEIPT_ENDING
 from reverie_eval_cli.options import grouped
+from reverie_eval_cli.output import say
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
@@ -105,7 +105,7 @@ def print_banner(client: "Client") -> None:
     from reverie_eval.text import printable
 
     if banner := client.server().banner:
-        print(f"{client.url}: {printable(banner)}", file=sys.stderr)
+        say(f"{client.url}: {printable(banner)}")
 
 
 def check_receipt_path(given: str | None, sha256: str, split: str) -> None:

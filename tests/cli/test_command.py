@@ -54,7 +54,6 @@ def test_reasons_and_status_of_the_installed_command() -> None:
         "--version",
         "server backup --help",
         "completion bash",
-        "vaildate",
     ],
 )
 @pytest.mark.parametrize("variables", [{}, {"PYTHONUNBUFFERED": "1"}], ids=["", "unbuffered"])
@@ -68,10 +67,36 @@ def test_a_closed_pipe_ends_a_command_quietly(
     said = here / "said"
     said.touch()
     with Connection(writable) as nobody:
-        errors: Path | Connection = said if line != "vaildate" else nobody
-        surroundings = Surroundings(here, {**usual, **variables}, nobody, errors)
+        surroundings = Surroundings(here, {**usual, **variables}, nobody, said)
         status = Forked(command, surroundings, *words(line)).wait()
     assert (status, said.read_text()) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("line", "status"),
+    [
+        pytest.param(["vaildate"], 2, id="usage"),
+        pytest.param(["none.json", "--split", SPLIT], 2, id="no file"),
+        pytest.param(["validate", str(BROKEN), "--split", SPLIT], 1, id="rejected"),
+        pytest.param(["run", "stop", "--split", SPLIT, "-o", "run"], 0, id="notes"),
+    ],
+)
+@pytest.mark.parametrize("errors", ["a full disk", "a closed pipe"])
+def test_reasons_that_cannot_be_written_change_no_status(
+    line: Sequence[str], status: int, errors: str, tmp_path: Path
+) -> None:
+    readable, writable = os.pipe()
+    os.close(readable)
+    if errors == "a full disk":
+        if not Path("/dev/full").exists():
+            unavailable("there is no /dev/full")
+        full = os.open("/dev/full", os.O_WRONLY)
+        os.dup2(full, writable)
+        os.close(full)
+    with Connection(writable) as nobody:
+        surroundings = Surroundings(tmp_path, dict(os.environ), tmp_path / "printed", nobody)
+        assert Forked(command, surroundings, *line).wait() == status
+    assert ("ground truth: " in (tmp_path / "printed").read_text()) == (status == 0)
 
 
 @pytest.mark.usefixtures("here")

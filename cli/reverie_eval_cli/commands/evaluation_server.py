@@ -26,7 +26,7 @@ from reverie_eval.tasks import name_on_server
 from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submissions import validation_json
-from reverie_eval_cli.output import note, rejection, show_printout, show_table, transfer_bar
+from reverie_eval_cli.output import note, rejection, say, show_printout, show_table, transfer_bar
 from reverie_eval_cli.servers import (
     ServerOptions,
     check_receipt_path,
@@ -299,7 +299,7 @@ def submit(
 
 
 def _warn(line: str) -> None:
-    print(line, file=sys.stderr)
+    say(line)
 
 
 def _split(client: "Client", name: str) -> "SplitReport":
@@ -486,7 +486,7 @@ def verify(
     try:
         used = _verified(envelope, keys)
     except NotGenuineError as error:
-        print(f"{receipt}: not genuine by the keys of {owner}: {error}", file=sys.stderr)
+        say(f"{receipt}: not genuine by the keys of {owner}: {error}")
         return 1
     reading = read(envelope)
     if submission:
@@ -498,7 +498,7 @@ def verify(
             )
         # Unpacked, as the server hashed it: a file and its gzip are the same submission.
         if hashlib.sha256(read_bytes(submission)).hexdigest() != scored:
-            print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
+            say(f"{submission}: not the file that the receipt is for")
             return 1
     print(f"{receipt}: genuine, signed with the key of {owner} ({used})")
     print(*_lines(reading), sep="\n")

@@ -3,7 +3,6 @@
 The words choose one of eight ways to score, each a function below; ``_way_of`` says which.
 """
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -55,6 +54,7 @@ from reverie_eval_cli.output import (
     naming,
     note,
     open_output,
+    say,
     score_each,
     show_printout,
     with_progress,
@@ -295,7 +295,7 @@ def rank_files(wanted: Wanted) -> int:
             "method, 'runs/seed{seed}/{checkpoint}.json' averages seeds and says how much"
         )
     for file, error in scored.failures.items():
-        print(failure_line(file, error), file=sys.stderr)
+        say(failure_line(file, error))
     return 1 if scored.failures else 0
 
 
@@ -332,7 +332,7 @@ def watch_for_files(wanted: Wanted) -> int:
             try:
                 scores = evaluator(file)
             except (SubmissionError, OSError) as error:
-                print(failure_line(file, error), file=sys.stderr)
+                say(failure_line(file, error))
                 continue
             _print_line(metric_cells(metrics, scores), file)
     return 0
@@ -422,7 +422,7 @@ def _score_rows(wanted: Wanted, pattern: str, scoring: options.ScoringOptions) -
     results = score_files(files, evaluator, jobs=wanted.jobs)
     scored = ScoredFiles.of(with_progress(results, f"Scoring {scoring.split}", len(files)))
     for file, error in scored.failures.items():
-        print(failure_line(file, error), file=sys.stderr)
+        say(failure_line(file, error))
     return Sweep.of(pattern, scored, scoring.split)
 
 

@@ -1,6 +1,5 @@
 """Work on submissions without scoring them: check them, convert them, have an agent write one."""
 
-import sys
 from collections.abc import Sequence
 from itertools import repeat
 from pathlib import Path
@@ -17,6 +16,7 @@ from reverie_eval_cli.output import (
     check_outputs,
     naming,
     rejection,
+    say,
     show,
     write_text,
 )
@@ -120,7 +120,7 @@ def convert_submission(
         conversion = convert(submission, split=split, ground_truth=ground_truth, task=task)
     write_text(submission_text(conversion.records), output)
     for each in conversion.notes:
-        print(f"{source_name(submission)}: {each}", file=sys.stderr)
+        say(f"{source_name(submission)}: {each}")
 
 
 @click.command("subset")
@@ -158,7 +158,7 @@ def draw_episodes(
     chosen = draw_subset(strata, number, seed, truth.split)
     write_text("".join(f"{instr_id}\n" for instr_id in chosen), output)
     # As signatures name it, to be quoted with scores; not part of the list.
-    print(f"subset:{truth.subset(chosen).subset_digest}|n:{number}", file=sys.stderr)
+    say(f"subset:{truth.subset(chosen).subset_digest}|n:{number}")
 
 
 @click.command("demo")

@@ -1,6 +1,5 @@
 """``reverie-eval server key|token``: signing keys, and what lets people in."""
 
-import sys
 from datetime import datetime
 
 import click
@@ -20,6 +19,7 @@ from reverie_eval_cli.organising import (
     print_list,
     server_folder,
 )
+from reverie_eval_cli.output import say
 
 
 @click.group(cls=Group)
@@ -176,4 +176,4 @@ def _create(
     # Alone on standard output, to be assigned: TOKEN=$(reverie-eval server token add ...).
     print(created.token)
     until = f", until {minute(ends)} UTC" if ends else ""
-    print(f"{TOKEN_NAMES[kind]} of {name}{until}; it is not shown again", file=sys.stderr)
+    say(f"{TOKEN_NAMES[kind]} of {name}{until}; it is not shown again")

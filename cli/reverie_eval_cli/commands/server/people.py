@@ -1,6 +1,5 @@
 """``reverie-eval server team|person|request COMMAND``, and ``server grant``: who takes part."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
@@ -32,7 +31,7 @@ from reverie_eval_cli.organising import (
     server_folder,
     without_asking,
 )
-from reverie_eval_cli.output import note
+from reverie_eval_cli.output import note, say
 
 
 @click.group(cls=Group)
@@ -361,7 +360,7 @@ def accept(*, folder: Folder, numbers: Sequence[int]) -> None:
     invitations = [each for one in accepted for each in one.invitations]
     print(invitations_csv(invitations), end="")
     added = count_text(len(invitations), "person", "people")
-    print(f"{added} added to {', '.join(one.team for one in accepted)}", file=sys.stderr)
+    say(f"{added} added to {', '.join(one.team for one in accepted)}")
 
 
 @request.command()

@@ -97,10 +97,7 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
         A folder to replace, or one that does not exist yet.
     """
     target = folder.resolve()
-    with (
-        made_folder(target.parent),
-        TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as hidden,
-    ):
+    with made_folder(target.parent), _hidden_folder(target, target.parent) as hidden:
         staging = Path(hidden, "new")
         staging.mkdir()
         with naming(folder, staging):
@@ -109,6 +106,15 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
         if target.exists():
             target.rename(Path(hidden, "old"))
         staging.rename(target)
+
+
+def _hidden_folder(target: Path, parent: Path) -> TemporaryDirectory[str]:
+    """Make a folder beside or in ``target``, which an error names instead of the hidden one."""
+    try:
+        return TemporaryDirectory(prefix=f".{target.name}-", dir=parent)
+    except OSError as error:
+        error.filename = str(target)
+        raise
 
 
 @contextmanager
@@ -131,10 +137,7 @@ def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterato
     is_new = not target.exists()
     # Renaming is atomic only within one file system, so the hidden folder is on the target's.
     parent = target.parent if is_new else target
-    with (
-        made_folder(parent),
-        TemporaryDirectory(prefix=f".{target.name}-", dir=parent) as hidden,
-    ):
+    with made_folder(parent), _hidden_folder(target, parent) as hidden:
         # One level deeper, because the temporary folder is private to its owner.
         staging = Path(hidden, target.name)
         staging.mkdir(mode)

@@ -4,6 +4,8 @@ import os
 import resource
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -51,6 +53,16 @@ def test_an_interrupted_write_leaves_nothing(tmp_path: Path, *, is_new: bool) ->
 def _begin(staging: Path) -> None:
     (staging / "a").touch()
     raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("make", [staged_folder, replacing_folder])
+def test_an_error_names_the_folder_instead_of_the_hidden_one(
+    make: Callable[[Path], AbstractContextManager[Path]], tmp_path: Path
+) -> None:
+    place = tmp_path / ("a" * 255)  # the hidden one's name is longer
+    with pytest.raises(OSError, match="too long") as caught, make(place):
+        pass
+    assert caught.value.filename == str(place)
 
 
 def test_a_folder_that_cannot_be_made_leaves_none_above_it(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ PROBLEMS = [
         ),
         "missing-episode",
         "file",
-        ["4 of the 3,521", "a, b, c", "0.1 points in all"],
+        ["4 of the 3,521", "a, b, c", "0.1 points lost in all", "--episodes-from"],
     ),
     (
         problems.ids_of_another_task(1, "5_0", REVERIE, [R2R]),

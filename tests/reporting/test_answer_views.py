@@ -319,6 +319,20 @@ def test_a_view_without_photographs_shows_a_room(drawn: rv.Scores) -> None:
     assert shown.index("solids") < shown.index("box target")
 
 
+def test_what_is_left_out_has_no_label(drawn: rv.Scores) -> None:
+    view = replace(AnswerView.at_stop(drawn.episode("1196_0_0")), skybox=None)
+    assert view.room_view
+
+    def labels() -> set[str | None]:
+        texts = ET.fromstring(answer_svg(view)).iter("text")
+        return {each.text for each in texts if each.get("class") == "label other"}
+
+    shown = [each for each in view.objects if each.name in labels()]
+    assert shown
+    view.room_view.left_out = {each.object_id for each in shown}
+    assert not labels()
+
+
 def test_a_photograph_takes_the_place_of_the_room(drawn: rv.Scores) -> None:
     view = AnswerView.at_stop(drawn.episode("1196_0_0"))
     assert (view.skybox is not None, drawn_room(view)) == (True, None)

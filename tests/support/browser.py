@@ -2,6 +2,8 @@
 
 import json
 import shutil
+from asyncio import AbstractEventLoop, get_running_loop
+from asyncio.events import _set_running_loop as set_running_loop
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -132,11 +134,24 @@ def chromium() -> str:
     return chromium_path() or unavailable("there is no Chromium here")
 
 
-@pytest.fixture(scope="module")
-def browser(chromium: str) -> Iterator[Browser]:
-    """Run a browser; its event loop may not stay while other modules have theirs."""
+@pytest.fixture(scope="session")
+def running_browser(chromium: str) -> Iterator[tuple[Browser, AbstractEventLoop]]:
+    """Run a browser, whose event loop is at rest but for the modules that use it."""
     with browsing(chromium) as browser:
-        yield browser
+        loop = get_running_loop()
+        yield browser, loop
+        set_running_loop(loop)
+
+
+@pytest.fixture(scope="module")
+def browser(running_browser: tuple[Browser, AbstractEventLoop]) -> Iterator[Browser]:
+    """Return the browser; its event loop would keep tests of other modules from having theirs."""
+    browser, loop = running_browser
+    set_running_loop(loop)
+    yield browser
+    for context in browser.contexts:
+        context.close()
+    set_running_loop(None)
 
 
 @pytest.fixture(scope="session")

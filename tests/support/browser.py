@@ -32,7 +32,7 @@ from tests.conftest import unavailable
 from tests.support.demo_site import Site, furnish
 from tests.support.serving import OPEN, add_boards, running
 from tests.support.sharing import shared_folder
-from tests.support.waiting import wait_until
+from tests.support.waiting import SELDOM, wait_until
 
 CHROMIUM_NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 """The first is the same browser without windows; it takes half of the processor time."""
@@ -269,7 +269,7 @@ def reload_until_ready(page: Page) -> None:
         page.reload()
         return False
 
-    wait_until(is_ready)
+    wait_until(is_ready, SELDOM)
 
 
 def show_part(page: Page, path: str, part: str) -> None:

@@ -31,7 +31,7 @@ from tests.support.crowded_site import METHODS, TEAMS
 from tests.support.demo_site import BOLD, ENDLESS, ORGANISER, PEOPLE, WALKER, Site
 from tests.support.oracle import Item, Scan, Viewpoint, World
 from tests.support.serving import OPEN, PRIVATE, populate, running
-from tests.support.waiting import PATIENCE, wait_until
+from tests.support.waiting import PATIENCE, SELDOM, wait_until
 from tests.support.worlds import write_world
 
 Record: TypeAlias = Mapping[str, Any]
@@ -69,7 +69,7 @@ def full_site(
     with running(server, **UNLIMITED) as (_, url):
         scan = truths[OPEN].graph.scan_ids[0]
         # Until reference agents have walked, a busy machine may refuse uploads.
-        wait_until(lambda: httpx.get(f"{url}/readyz", timeout=PATIENCE).is_success)
+        wait_until(lambda: httpx.get(f"{url}/readyz", timeout=PATIENCE).is_success, SELDOM)
         site = Site(url, server, tokens, {}, instr_ids[len(instr_ids) // 2], scan)
         ids = {**_send(site, truths[OPEN], authors, OPEN, methods)}
         ids |= _send(site, truths[PRIVATE], authors, PRIVATE, max(3, methods // 9))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from playwright.sync_api import Page, expect
 
 from tests.support.demo_site import OPEN
-from tests.support.waiting import wait_until
+from tests.support.waiting import SELDOM, wait_until
 
 
 class Learnt(NamedTuple):
@@ -70,7 +70,7 @@ def _come_again_for(page: Page, heading: str) -> None:
             reload.click()
         return page.get_by_role("heading", name=heading).count() > 0
 
-    wait_until(is_there)
+    wait_until(is_there, SELDOM)
 
 
 def _play(page: Page) -> None:

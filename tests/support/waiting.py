@@ -7,14 +7,17 @@ from typing import Self
 
 PATIENCE = 300
 """Seconds after which a test takes it that nothing will come any more."""
+SELDOM = 1
+"""A pause in seconds after a look that costs much, as loading a page does: a busy machine would do
+little else, and what is waited for come later."""
 
 
-def wait_until(condition: Callable[[], object]) -> None:
-    """Wait for a condition that nothing but the machine delays."""
+def wait_until(condition: Callable[[], object], pause: float = 0.02) -> None:
+    """Wait for a condition that nothing but the machine delays, and look again after each pause."""
     end = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < end, "it does not come true"
-        time.sleep(0.02)
+        time.sleep(pause)
 
 
 class WatchedLock:

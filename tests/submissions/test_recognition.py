@@ -4,7 +4,6 @@ A file of the split's own is never said to be another task's, and ids that are m
 never said to be NDH's.
 """
 
-import gzip
 import json
 from collections.abc import Callable, Iterator, Mapping
 from itertools import count
@@ -13,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from fixtures.published import reference_submission
 from reverie_eval import GroundTruth, Problem, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.runner import run_agent
@@ -405,17 +405,11 @@ def test_no_task_is_advised_for_answers_that_it_does_not_have() -> None:
 # On REVERIE itself.
 
 
-def shortest_of(split: str, published: Path) -> list[Record]:
-    """Return the reference submission that takes the shortest routes."""
-    file = published / "reference" / "submissions" / f"{split}.shortest.json.gz"
-    return json.loads(gzip.decompress(file.read_bytes()))  # type: ignore[no-any-return]
-
-
 @pytest.mark.dataset
 def test_reveries_ids_without_the_object(published: Path, published_bundles: Path) -> None:
     """1,099 of them are ids of test by chance; 1,328 items are on 315 paths."""
     truth = GroundTruth.load(published_bundles / f"{SPLIT}.npz")
-    records = shortest_of(SPLIT, published)
+    records = reference_submission(published, f"{SPLIT}.shortest")
     for record in records:
         path, _, index = record["instr_id"].split("_")
         record["instr_id"] = f"{path}_{index}"
@@ -432,7 +426,10 @@ def test_reveries_ids_without_the_object(published: Path, published_bundles: Pat
 
 @pytest.mark.dataset
 def test_reveries_splits_in_one_file(published: Path, published_bundles: Path) -> None:
-    seen, unseen = shortest_of("val_seen", published), shortest_of(SPLIT, published)
+    seen, unseen = (
+        reference_submission(published, "val_seen.shortest"),
+        reference_submission(published, f"{SPLIT}.shortest"),
+    )
     truth = GroundTruth.load(published_bundles / f"{SPLIT}.npz")
     with pytest.raises(SubmissionError) as rejected:
         validate([*seen, *unseen], split=SPLIT, ground_truth=truth)

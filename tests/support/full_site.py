@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 
 import httpx
 
-from fixtures.published import unpack_dataset
+from fixtures.published import reference_submission, unpack_dataset
 from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
@@ -35,6 +35,10 @@ from tests.support.waiting import PATIENCE, SELDOM, wait_until
 from tests.support.worlds import write_world
 
 Record: TypeAlias = Mapping[str, Any]
+Walks: TypeAlias = tuple[Record, Record]
+"""The best walk through an episode, and a random one."""
+PUBLISHED_SPLITS = {OPEN: OPEN, PRIVATE: "val_seen"}
+"""Nobody has the solution of test, so val_seen stands in for it."""
 MANY = 54
 """Methods on val_unseen."""
 ROWS = 81
@@ -71,8 +75,9 @@ def full_site(
         # Until reference agents have walked, a busy machine may refuse uploads.
         wait_until(lambda: httpx.get(f"{url}/readyz", timeout=PATIENCE).is_success, SELDOM)
         site = Site(url, server, tokens, {}, instr_ids[len(instr_ids) // 2], scan)
-        ids = {**_send(site, truths[OPEN], authors, OPEN, methods)}
-        ids |= _send(site, truths[PRIVATE], authors, PRIVATE, max(3, methods // 9))
+        walks = {split: walks_of(truth, published) for split, truth in truths.items()}
+        ids = {**_send(site, walks[OPEN], authors, OPEN, methods)}
+        ids |= _send(site, walks[PRIVATE], authors, PRIVATE, max(3, methods // 9))
         _import(site, published)
         snapshot = {"split": OPEN, "title": "The first month"}
         site.ask(ORGANISER, "POST", "/organiser/snapshots", json=snapshot)
@@ -86,8 +91,7 @@ def write_bundles(
     if published is None:
         root, test = made_up_world(dataset, items), OPEN
     else:
-        # Nobody has the solution of test, so val_seen stands in for it.
-        root, test = unpack_dataset(published, dataset), "val_seen"
+        root, test = unpack_dataset(published, dataset), PUBLISHED_SPLITS[PRIVATE]
     answered = json.loads((root / _DATA / f"REVERIE_{test}.json").read_text(encoding="utf-8"))
     if test == OPEN:  # other episodes than those whose solution is open
         answered = [{**each, "id": f"9{each['id']}"} for each in answered[::2]]
@@ -172,11 +176,10 @@ def _way(scan: Scan, start: str, goal: str) -> Sequence[str]:
 
 
 def _send(
-    site: Site, truth: GroundTruth, people: Sequence[str], split: str, methods: int
+    site: Site, walks: Sequence[Walks], people: Sequence[str], split: str, methods: int
 ) -> Mapping[tuple[str, str], str]:
     """Send the files of methods, each better than the one before, over some years."""
     ids = {}
-    walks = walks_of(truth)
     for number in range(methods):
         who, name = people[number % len(people)], _name(number)
         content = json.dumps(submission(walks, number, methods)).encode()
@@ -204,14 +207,19 @@ def _name(number: int) -> str:
     return f"{METHODS[number % len(METHODS)]} {1 + number // len(METHODS)}"
 
 
-def walks_of(truth: GroundTruth) -> Sequence[tuple[Record, Record]]:
+def walks_of(truth: GroundTruth, published: Path | None) -> Sequence[Walks]:
     """Return the best walk and a random one through each episode."""
-    return [*zip(run_agent("shortest", truth), run_agent("random", truth), strict=True)]
+    if published is None:
+        return [*zip(run_agent("shortest", truth), run_agent("random", truth), strict=True)]
+    split = PUBLISHED_SPLITS[truth.split]
+    best, lost = (
+        {each["instr_id"]: each for each in reference_submission(published, f"{split}.{name}")}
+        for name in ("shortest", "walk")
+    )
+    return [(best[instr_id], lost[instr_id]) for instr_id in truth.episodes.instr_ids]
 
 
-def submission(
-    walks: Sequence[tuple[Record, Record]], number: int, methods: int
-) -> Sequence[Record]:
+def submission(walks: Sequence[Walks], number: int, methods: int) -> Sequence[Record]:
     """Walk as a method that solves easy episodes more often than hard ones, and fails in turn."""
     random, skill, difficulty = Random(number), 3.5 * number / methods - 2.5, Random(-1)
     return [_walk(*each, skill - difficulty.gauss(0, 1.6), random) for each in walks]

@@ -216,3 +216,13 @@ def test_a_printed_page_is_light_and_whole(path: str, site: Site, open_page: Ope
     assert page.locator(".scroll").count() > 0
     assert page.evaluate(HIDDEN) == 0
     assert page.evaluate("document.documentElement.scrollWidth") <= A4[0]
+
+
+def test_on_paper_the_marks_of_a_method_follow_its_team(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/splits/{OPEN}", size=A4)
+    page.emulate_media(media="print")
+    name = page.locator(".one-line", has_text="not declared").first
+    team, marks = (name.locator(part).first.bounding_box() for part in (".of", ".badge"))
+    assert team is not None
+    assert marks is not None
+    assert marks["y"] < team["y"] + team["height"]

@@ -138,6 +138,6 @@ def reviewers(leaderboard: Any) -> set[str]:
 
 def test_a_snapshot_says_beforehand_that_it_keeps_the_name(server: Serving, run: Run) -> None:
     page = said(signed_in(server, ORGANISER).get("/desk/snapshots"))
-    assert "signed with the organiser's current name, the organiser: a later change" in page
+    assert "signed “the organiser”, the organiser's current name: changing it later" in page
     told = " ".join(run("server", "snapshot", "--help").out.split())
     assert "reviews in it keep the organiser's name" in told

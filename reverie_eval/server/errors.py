@@ -263,6 +263,22 @@ class DatabaseDownError(RequestError):
         )
 
 
+class StoreDownError(RequestError):
+    """The store of uploads does not answer, or refuses the server."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    code = "store-down"
+    heading = "Uploads unavailable"
+    seconds = 10
+
+    def __init__(self, request_id: str) -> None:
+        self.request_id = request_id
+        super().__init__(
+            f"the server's store of uploads does not answer; try again in {self.seconds} seconds: "
+            "no file is counted twice"
+        )
+
+
 class DamagedError(RequestError):
     """Stored data cannot be read."""
 

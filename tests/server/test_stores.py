@@ -25,6 +25,9 @@ from reverie_eval.server.store.uploads import (
     stored_pieces,
     stored_upload,
 )
+from tests.support.flat_world import Run
+from tests.support.ports import free_port
+from tests.support.serving import OTHER, OWNER, OpenServer, Serving, settings_of
 from tests.support.waiting import PATIENCE, WatchedLock
 
 CONTENT = b'[{"instr_id": "7_1_0"}]'
@@ -299,3 +302,40 @@ def test_a_new_folder_is_written_through_before_another_upload_uses_it(
         pool.submit(folder.put, beside, b"other").add_done_callback(note)
     assert early == [False]
     assert sorted(folder.names()) == sorted([name_of(SHA256), name_of(beside)])
+
+
+# A server with a store that is away.
+
+
+@pytest.fixture
+def without_store(
+    folder: Path, bucket: str, open_server: OpenServer, monkeypatch: pytest.MonkeyPatch
+) -> Serving:
+    """Return a server with two uploads in an S3-compatible store that does not answer any more."""
+    monkeypatch.setenv("REVERIE_EVAL_UPLOADS", f"s3://{bucket}")
+    settings = settings_of(folder).model_copy(update={"uploads": f"s3://{bucket}"})
+    server = open_server(settings)
+    for _ in range(2):
+        assert server.upload(OWNER, server.distinct()).status_code == 201
+    monkeypatch.setenv("AWS_ENDPOINT_URL_S3", f"http://127.0.0.1:{free_port()}")
+    return open_server(settings, server.tokens)
+
+
+def test_a_store_that_does_not_answer_takes_no_upload_and_says_when_to_try_again(
+    without_store: Serving,
+) -> None:
+    refused = without_store.upload(OTHER)
+    assert refused.status_code == 503, refused.text
+    assert refused.json()["code"] == "store-down"
+    assert refused.headers["Retry-After"] == "10"
+    assert "no file is counted twice" in refused.json()["detail"]
+    assert without_store.ask(OTHER, "GET", "/submissions").json() == []
+
+
+def test_a_store_that_does_not_answer_is_one_fault_and_not_one_of_each_upload(
+    without_store: Serving, folder: Path, run: Run
+) -> None:
+    checked = run("server", "doctor", str(folder))
+    assert checked.status == 1
+    assert checked.out.count("fault   0 of 2 uploads intact; then s3://") == 1
+    assert "from a backup" not in checked.out, checked.out

@@ -36,6 +36,7 @@ _PROBLEM = {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}
 _EVERYWHERE: tuple[str, ...] = (
     errors.TooManyError.code,
     errors.DatabaseDownError.code,
+    errors.StoreDownError.code,
     errors.DamagedError.code,
     errors.FaultError.code,
 )

@@ -25,7 +25,7 @@ from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.openapi import MEDIA_TYPE
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import is_full, is_unreachable
-from reverie_eval.server.store.uploads import DamagedUploadError
+from reverie_eval.server.store.uploads import DamagedUploadError, UploadsError
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -125,6 +125,8 @@ def _fault(request: Request, error: Exception) -> errors.RequestError:
         return errors.StorageFullError(exchange.id)
     if damage_in(error) is not None or isinstance(error, DamagedUploadError):
         return errors.DamagedError(exchange.id)
+    if isinstance(error, UploadsError):
+        return errors.StoreDownError(exchange.id)
     return (errors.DatabaseDownError if is_unreachable(error) else errors.FaultError)(exchange.id)
 
 

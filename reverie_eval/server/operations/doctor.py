@@ -130,7 +130,12 @@ def _at_uploads(session: Session, uploads: Uploads, progress: Progress) -> Itera
     streamed = _KEPT.order_by(Submission.sha256).execution_options(yield_per=AT_ONCE)
     sound = 0
     for sha256 in progress(session.scalars(streamed), "uploads", number):
-        trouble = _trouble(uploads, sha256)
+        try:
+            trouble = _trouble(uploads, sha256)
+        except UploadsError as error:  # no use in asking for all the others
+            message = f"{sound:,} of {count_text(number, 'upload')} intact; then {error}"
+            yield Finding("uploads", "fault", message)
+            return
         sound += not trouble
         if trouble:
             chosen = select(Submission.id).where(Submission.sha256 == sha256)
@@ -165,12 +170,15 @@ def _at_lost(state: ServerState) -> Iterator[Finding]:
 
 
 def _trouble(uploads: Uploads, sha256: str) -> str:
-    """Return what is wrong with an upload; empty if nothing is."""
+    """Return what is wrong with an upload; empty if nothing is.
+
+    Raises UploadsError if the store does not answer.
+    """
     try:
         found = hashlib.sha256(uploads.get(sha256)).hexdigest()
     except FileNotFoundError:
         return "is missing"
-    except (OSError, UploadsError) as error:
+    except OSError as error:
         return f"cannot be read ({error})"
     return "" if found == sha256 else "differs from the file that was uploaded"
 

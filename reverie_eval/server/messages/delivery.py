@@ -212,7 +212,10 @@ def _why_not_taken(mail: Mail, error: Exception) -> str:
 
 
 def _untrusted(mail: Mail) -> str:
-    return f"mail.host: the certificate of {mail.host!r} is not trusted for this name"
+    return (
+        f"mail.host: the certificate of {mail.host!r} is not trusted for this name; give the name "
+        "in the certificate, or name the certificate of its issuer in SSL_CERT_FILE"
+    )
 
 
 def _paragraph(settings: Settings, message: Message) -> str:

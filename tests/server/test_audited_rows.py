@@ -21,6 +21,7 @@ from reverie_eval.server.store.tables import (
     ReportedResult,
     Review,
     SetSchedule,
+    SigningKey,
     StoredSnapshot,
     Submission,
     Token,
@@ -105,6 +106,10 @@ def changes(server: Serving, sent: str) -> Iterator[tuple[str, Update]]:
     ):
         other = {**method, name: value}
         yield changed(f"submission:{sent}", Submission, method=other)
+    key = f"signing key {server.state.signer.key_id}"
+    told = f"{key}: it is in use, but has an end, or a reason for one"
+    for ending in ({"valid_until": LATER}, {"revoked_at": LATER}, {"reason": "It leaked."}):
+        yield told, update(SigningKey).values(ending)
 
 
 def test_a_value_that_the_log_does_not_have_is_found(server_on: Serving) -> None:

@@ -126,6 +126,8 @@ def _mismatched_keys(session: Session) -> Iterator[str]:
         following = keys[place + 1].key_id if place + 1 < len(keys) else None
         if key_id_of(key.public_key) != key.key_id:
             yield f"{name}: its public key was changed"
+        if key.replaced_at is None and (key.valid_until or key.revoked_at or key.reason):
+            yield f"{name}: it is in use, but has an end, or a reason for one"
         # That of the first one is before the log, and nothing depends on it.
         if place and key.valid_from != keys[place - 1].replaced_at:
             yield f"{name}: its beginning differs from the log"

@@ -260,10 +260,10 @@ def _is_temporary(response: httpx.Response) -> bool:
 def retry_after_of(response: httpx.Response) -> float | None:
     """Return after how many seconds a server wants to be asked again; None if it does not say.
 
-    The header has seconds, or a date (RFC 9110, section 10.2.3).
+    The header has seconds, or a date (RFC 9110, section 10.2.3). Some servers send a fraction.
     """
     told = response.headers.get("retry-after", "")
-    if told.isdecimal():
+    if told.replace(".", "", 1).isdecimal():
         return float(told)
     try:
         due = parsedate_to_datetime(told).timestamp()

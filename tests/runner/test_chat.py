@@ -102,6 +102,7 @@ def chat(served: Endpoint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
         pytest.param([], [], 2, id="good"),
         pytest.param([failing(429)], [1], 3, id="busy"),
         pytest.param([failing(429, Retry_After="7")], [7], 3, id="busy, and says when to ask"),
+        pytest.param([failing(429, Retry_After="7.5")], [7.5], 3, id="busy for part of a second"),
         pytest.param([failing(429, Retry_After=LONG_AGO)], [0], 3, id="busy until a date"),
         pytest.param([failing(429, Retry_After="soon")], [1], 3, id="busy for no known time"),
         pytest.param([failing(500), failing(503), failing(529)], [1, 2, 4], 5, id="broken"),

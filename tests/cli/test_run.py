@@ -344,6 +344,26 @@ def test_what_an_agent_prints_is_no_result(folder: Path, capfd: pytest.CaptureFi
         assert (out, "loud" in err) == ("", True)
 
 
+CLOSING = """
+import sys
+from reverie_eval.simulator import Stop
+
+def Agent(seen):
+    sys.{stream}.close()
+    return Stop()
+"""
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_an_agent_may_close_what_it_prints_to(
+    stream: str, folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "closing.py").write_text(CLOSING.format(stream=stream))
+    assert main(["run", "closing.py", "--split", SPLIT, "-o", "closed"]) == 0
+    out, err = capfd.readouterr()
+    assert ("ground truth: " in out, " ended; " in err) == (True, True)
+
+
 def test_an_agent_without_objects_is_told(folder: Path, run: Run) -> None:
     Bundle.load(DEMO_BUNDLES / f"{SPLIT}.npz").public().save(Path("public.npz"))
     words = ["run", "word-match", "--split", SPLIT, "--ground-truth", "public.npz", "-o", "x"]

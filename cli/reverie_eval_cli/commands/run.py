@@ -4,10 +4,10 @@ import gc
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TextIO, get_args
 
 import click
 
@@ -226,7 +226,9 @@ def run_agent(
                 note(f"{end.attempt.episode}: {end.attempt.reason}; again in {end.wait:g} s")
 
         try:
-            with redirect_stdout(sys.stderr):  # what an agent prints is not a result
+            # What an agent prints is not a result, and it may close what it prints to.
+            open_errors: Any = _Unclosable(sys.stderr)
+            with redirect_stdout(open_errors), redirect_stderr(open_errors):
                 totals = run(
                     plan,
                     output,
@@ -243,6 +245,19 @@ def run_agent(
     for line in (*_outcome(totals), *_reasons(output)):
         note(line)
     _print_scores(output / SUBMISSION, truth, totals)
+
+
+class _Unclosable:
+    """A stream that stays open."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 def _done_in(folder: Path) -> int:

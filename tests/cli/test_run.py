@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,7 @@ from tests.support.flat_world import Run
 from tests.support.worlds import SPLIT
 
 PAGE = (REPOSITORY / "docs" / "how-to" / "run.md").read_text("utf-8")
-AGENT, BATCH, *_ = re.findall(r"```python\n(.+?)\n```", PAGE, re.DOTALL)
+AGENT, BATCH, COSTS, _ = re.findall(r"```python\n(.+?)\n```", PAGE, re.DOTALL)
 (TABLE,) = re.findall(r"prints\n\n```\n(.+?)\n```", PAGE, re.DOTALL)
 
 
@@ -136,6 +137,17 @@ def test_the_steps_are_read_in_one_line(folder: Path, run: Run) -> None:
     steps = eval(f"pd.{call}", {"pd": pd})
     assert set(steps["action"]) >= {"Go", "Answer"}
     assert steps["notes"].str["new"].max() > 0
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_costs_are_read_as_the_page_says(run: Run) -> None:
+    for name, patience in (("mine", 15), ("other", 3)):
+        options = ["-o", f"runs/{name}", "--option", f"patience={patience}"]
+        assert run("run", "my_agent.py", "--split", SPLIT, *options).status == 0
+    names: dict[str, Any] = {}
+    exec(COSTS, names)
+    assert names["comparison"].costs["other"]["actions"].mean < 0
+    assert all(f"`{cost}`" in PAGE for cost in names["scores"].costs)
 
 
 def test_options_are_of_a_file_and_of_the_command(folder: Path, run: Run) -> None:

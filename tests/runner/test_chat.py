@@ -220,6 +220,18 @@ def test_what_the_model_does_wrong_ends_the_episode_where_it_is(
         ),
         pytest.param([Behaviour("", 302, {"Location": "/"})], "it answered 302", 1, id="redirect"),
         pytest.param(
+            [Behaviour("data: [DONE]", headers={"Content-Type": "text/event-stream"})],
+            "it sent an event stream; expected one JSON object",
+            1,
+            id="a stream",
+        ),
+        pytest.param(
+            [Behaviour(b'{"model": "\xe9"}', headers={"Content-Type": "application/json"})],
+            "it sent JSON that is not in UTF-8",
+            1,
+            id="Latin-1",
+        ),
+        pytest.param(
             [saying(GO), saying(STOP, model="words-2")],
             "the model that replies is 'words-2' now, and was 'words-1'",
             2,

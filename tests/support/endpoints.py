@@ -23,7 +23,7 @@ class Behaviour:
     """What an endpoint does with a request."""
 
     document: Any
-    """The body of the reply, sent as JSON; text is sent as it is."""
+    """The body of the reply, sent as JSON; text and bytes are sent as they are."""
     status: int = 200
     headers: Mapping[str, str] = field(default_factory=dict)
     is_cut: bool = False
@@ -104,8 +104,9 @@ def endpoint(key: str = "") -> Iterator[Endpoint]:
             if does.is_slow:
                 serving.closing.wait()
                 return
-            document = does.document
-            body = (document if isinstance(document, str) else json.dumps(document)).encode()
+            body = does.document
+            if not isinstance(body, bytes):
+                body = (body if isinstance(body, str) else json.dumps(body)).encode()
             self.send_response(does.status)
             for name, value in {**does.headers, "Content-Length": str(len(body))}.items():
                 self.send_header(name, value)

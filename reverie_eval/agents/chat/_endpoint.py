@@ -162,6 +162,8 @@ class Endpoint:
         """Return the error to raise for a reply that is not one of a model."""
         from reverie_eval.client.sending import retry_after_of
 
+        if response.is_success and (form := _wrong_form(response)):
+            return EndpointError(self._about(form))
         code, why = _error_in(document, response.text)
         status = f"{response.status_code} {response.reason_phrase}".rstrip()
         message = self._about(f"it answered {status}: {why}" if why else f"it answered {status}")
@@ -180,6 +182,19 @@ class Endpoint:
     def _about(self, what: str) -> str:
         said = f"{self._url}: {what}"
         return said.replace(self._key, "...") if self._key else said
+
+
+def _wrong_form(response: "httpx.Response") -> str:
+    """Return what is wrong with the form of all replies of a server, if anything is known to be."""
+    kind = response.headers.get("content-type", "")
+    if kind.startswith("text/event-stream"):
+        return "it sent an event stream; expected one JSON object: switch streaming off"
+    if kind.startswith("application/json"):
+        try:
+            response.content.decode()
+        except UnicodeDecodeError:
+            return "it sent JSON that is not in UTF-8; switch its encoding to UTF-8"
+    return ""
 
 
 def _checked(url: str) -> str:

@@ -7,7 +7,7 @@ from playwright.sync_api import FilePayload, Page, expect
 
 from tests.support.browser import OpenPage, copied_site
 from tests.support.demo_site import OPEN, ORGANISER, SAMPLES, Site, sound
-from tests.support.waiting import wait_until
+from tests.support.waiting import SELDOM, wait_until
 
 TEXT_SIZES = """() => [...document.querySelectorAll(".example text")]
     .filter(text => text.checkVisibility())
@@ -49,7 +49,7 @@ def play(page: Page) -> None:
         page.reload()
         return invitation.count() > 0
 
-    wait_until(is_invited)
+    wait_until(is_invited, SELDOM)
     assert min(page.evaluate(TEXT_SIZES)) >= LEAST_SIZE
     invitation.click()
     page.get_by_role("link", name="Begin").click()

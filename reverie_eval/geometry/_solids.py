@@ -223,7 +223,6 @@ class Solids:
             far = np.maximum(far, _NEAR)
             centre = centre + off[:, :1] * far * axes[:, 0]
             centre[:, 2] += off[:, 1] * far[:, 0] / axes[:, 1, 2]
-        half[:, :2] = np.minimum(half[:, :2], _widest(self.names, half))
         return replace(self, centre=centre, half=half)
 
 

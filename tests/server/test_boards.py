@@ -89,7 +89,7 @@ def test_a_board_that_is_not_there(several: Board) -> None:
         (
             R2R,
             STRICT,
-            "r2r-val_unseen has no leaderboard 'strict'; it has no other leaderboards",
+            "r2r-val_unseen has no leaderboard 'strict'; it has only its main one",
         ),
     ):
         with pytest.raises(NotFoundError) as missing:

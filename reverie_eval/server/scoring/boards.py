@@ -457,7 +457,7 @@ def find_board(boards: Mapping[str, Board], split: str, name: str = "") -> Board
         return board
     if name not in board.others:
         others = ", ".join(board.others)
-        known = f"its other leaderboards: {others}" if others else "it has no other leaderboards"
+        known = f"its other leaderboards: {others}" if others else "it has only its main one"
         raise NotFoundError(f"{split} has no leaderboard {name!r}; {known}")
     return board.others[name]
 

@@ -54,6 +54,7 @@ FLAGS = (
 as long as it takes to make its scripts fast."""
 Size = tuple[int, int]
 PHONE, DESKTOP, NARROW, WIDE = (375, 812), (1280, 900), (320, 640), (1920, 1080)
+TABLETS = (768, 1024), (1024, 768)
 UNLIMITED = {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
 _FAULT = 500
 _REFUSED = 400
@@ -354,7 +355,7 @@ def _axe() -> str:
 
 
 def barriers(page: Page) -> Mapping[str, Sequence[str]]:
-    """Return what keeps people out: on a desktop, a phone, and the narrowest screen.
+    """Return what keeps people out: on a desktop, tablets, a phone, and the narrowest screen.
 
     No colour depends on the width (``tests/browser/test_styles.py``): light ones are looked at on
     the desktop, dark ones on the phone.
@@ -363,6 +364,9 @@ def barriers(page: Page) -> Mapping[str, Sequence[str]]:
     page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
     scrolls = page.evaluate("document.documentElement.scrollWidth") > NARROW[0]
     found["too wide"] = ["the page scrolls"] * scrolls + page.evaluate(TOO_WIDE, NARROW[0])
+    for width, height in TABLETS:
+        page.set_viewport_size({"width": width, "height": height})
+        found[f"sideways at {width}"] = page.evaluate(SIDEWAYS)
     for (width, height), scheme in ((DESKTOP, "light"), (PHONE, "dark")):
         page.set_viewport_size({"width": width, "height": height})
         page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]

@@ -199,8 +199,8 @@ MISSING_EPISODE = Template(
 MISSING_EPISODES = Template(
     "missing-episode",
     "{count:,} of the {expected:,} episodes of {split} have no prediction, such as {examples}; "
-    "merge all processes' files, or list a stop at the start for each ({points:.1f} points lost in "
-    "all), or score a sample with --episodes-from",
+    "merge all processes' files, list stops at the start ({points:.1f} points lost in all), "
+    "or score a sample with reverie-eval --episodes-from",
 )
 IDS_OF_ANOTHER_TASK = Template(
     "other-task",

@@ -257,10 +257,7 @@ class DatabaseDownError(RequestError):
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
-        super().__init__(
-            f"the server's database does not answer; try again in {self.seconds} seconds: no file "
-            "is counted twice"
-        )
+        super().__init__(_no_answer("database", self.seconds))
 
 
 class StoreDownError(RequestError):
@@ -273,10 +270,12 @@ class StoreDownError(RequestError):
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
-        super().__init__(
-            f"the server's store of uploads does not answer; try again in {self.seconds} seconds: "
-            "no file is counted twice"
-        )
+        super().__init__(_no_answer("store of uploads", self.seconds))
+
+
+def _no_answer(part: str, seconds: int) -> str:
+    wait = f"try again in {seconds} seconds: no file is counted twice"
+    return f"the server's {part} does not answer; {wait}"
 
 
 class DamagedError(RequestError):

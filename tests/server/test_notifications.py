@@ -5,13 +5,13 @@ import hmac
 import json
 import ssl
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from email import message_from_bytes, policy
 from email.message import EmailMessage
-from http.server import BaseHTTPRequestHandler, HTTPServer, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -108,26 +108,21 @@ def mailbox() -> Iterator[tuple[Mailbox, int]]:
         yield box, port
 
 
-@pytest.fixture
-def hook() -> Iterator[Hook]:
-    """Run an HTTP server."""
+@contextmanager
+def hooked(reply: Callable[[BaseHTTPRequestHandler, Hook], None]) -> Iterator[Hook]:
+    """Run an HTTP server that keeps each request and replies as a function does."""
     kept = Hook()
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
             body = self.rfile.read(int(self.headers["Content-Length"]))
             kept.requests.append((dict(self.headers), body))
-            self.send_response(kept.status)
-            for name, value in kept.headers.items():
-                self.send_header(name, value)
-            self.end_headers()
-            if "Content-Length" in kept.headers:
-                self.rfile.read(1)  # until the other side hangs up
+            reply(self, kept)
 
         def log_message(self, *_: object) -> None:
             """Print nothing."""
 
-    server = HTTPServer(("127.0.0.1", 0), Handler)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     kept.port = server.server_port
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
@@ -135,6 +130,22 @@ def hook() -> Iterator[Hook]:
     server.shutdown()
     thread.join()
     server.server_close()
+
+
+@pytest.fixture
+def hook() -> Iterator[Hook]:
+    """Run an HTTP server."""
+
+    def reply(request: BaseHTTPRequestHandler, kept: Hook) -> None:
+        request.send_response(kept.status)
+        for name, value in kept.headers.items():
+            request.send_header(name, value)
+        request.end_headers()
+        if "Content-Length" in kept.headers:
+            request.rfile.read(1)  # until the other side hangs up
+
+    with hooked(reply) as kept:
+        yield kept
 
 
 def mail_to(port: int, **others: Any) -> Mail:
@@ -503,29 +514,17 @@ def test_a_webhook_whose_reply_does_not_end_has_got_the_message(telling: Open, h
 @pytest.fixture
 def dripping() -> Iterator[Hook]:
     """Run an HTTP server whose replies are headers without an end, byte by byte."""
-    kept, is_over = Hook(), threading.Event()
+    is_over = threading.Event()
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            body = self.rfile.read(int(self.headers["Content-Length"]))
-            kept.requests.append((dict(self.headers), body))
-            self.wfile.write(b"HTTP/1.1 200 OK\r\nX-Long: ")
-            with suppress(OSError):  # the other side hangs up
-                while not is_over.wait(0.01):
-                    self.wfile.write(b"x")
+    def reply(request: BaseHTTPRequestHandler, _: Hook) -> None:
+        request.wfile.write(b"HTTP/1.1 200 OK\r\nX-Long: ")
+        with suppress(OSError):  # the other side hangs up
+            while not is_over.wait(0.01):
+                request.wfile.write(b"x")
 
-        def log_message(self, *_: object) -> None:
-            """Print nothing."""
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    kept.port = server.server_port
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    yield kept
-    is_over.set()
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with hooked(reply) as kept:
+        yield kept
+        is_over.set()
 
 
 def test_a_webhook_whose_headers_do_not_end_is_told_the_next_message_nevertheless(

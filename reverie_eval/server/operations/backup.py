@@ -171,9 +171,9 @@ class Dumped(NamedTuple):
     uploads: Collection[str]
     """The SHA-256 of those that rows refer to."""
     counts: Mapping[str, int]
-    """By table."""
+    """The number of rows, by table."""
     gone: Mapping[str, int]
-    """Those whose people were deleted or whose team was merged, by table."""
+    """The number of rows of deleted people and merged teams, by table."""
 
 
 Bundles: TypeAlias = Mapping[str, tuple[str, bytes]]

@@ -54,7 +54,7 @@ COMMAND = Path(sys.executable).with_name("reverie-eval")
 QUOTAS = {
     f"REVERIE_EVAL_SPLITS__{SPLIT}__QUOTA__{name}": "100000" for name in ("day", "month", "year")
 }
-"""Of the uploads; the teams have none left otherwise."""
+"""How many uploads a team has; with the usual quotas it would soon have none left."""
 OTHER_BOARDS = f"""
 [splits.{SPLIT}.boards.grounding]
 track = "grounding"

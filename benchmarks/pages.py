@@ -51,7 +51,7 @@ SPLIT = "val_unseen"
 ENTRIES = 10_000
 TEAMS = 300
 REQUESTS = 60
-"""Of each kind."""
+"""How many requests of each kind are measured."""
 
 TRIES = 5
 """In the browser."""

@@ -111,11 +111,11 @@ class Load(NamedTuple):
     seconds: float
     latencies: Sequence[float]
     processor_milliseconds: float
-    """Of the server, for all uploads."""
+    """The processor time that the server takes for all uploads."""
     answering_milliseconds: float
     """The part of the server's time that the process takes that answers requests."""
     busy_milliseconds: float
-    """Of all processes of the machine, the sender's too."""
+    """The processor time of all processes of the machine, the sender's included."""
 
     @property
     def throughput(self) -> float:
@@ -142,7 +142,7 @@ class Comparison(NamedTuple):
     """Medians of several rounds of two targets in turn."""
 
     ratio: float
-    """Of their throughputs."""
+    """The second target's throughput divided by the first's."""
     throughputs: Sequence[float]
     costs: Sequence[float]
     answering_costs: Sequence[float]

@@ -12,7 +12,7 @@ from reverie_eval.reporting.answers import AnswerView
 
 SAMPLE = Path(__file__).parents[2] / "fixtures" / "submissions" / "drawn.json"
 EPISODE = "1196_0_0"
-"""Its predicted box has an IoU of 0.25 with the target's."""
+"""The episode whose predicted box has an IoU of 0.25 with the target's."""
 
 
 def picture() -> str:

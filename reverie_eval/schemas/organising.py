@@ -50,7 +50,7 @@ class TeamReport(WireModel):
     """People who submit together and share a quota."""
 
     id: int = Field(examples=[2])
-    """Its number, by which the log names it."""
+    """The team's number, by which the log names it."""
     name: TeamName
     people: list[str] = Field(examples=[["Ada", "Ben"]])
     created_at: datetime
@@ -60,7 +60,7 @@ class NewMerge(WireModel):
     """Two teams that become one."""
 
     team: Name = Field(examples=["Blau"])
-    """Its people, submissions and grants go to the other team; its name cannot be used again."""
+    """The team whose people, submissions and grants move; its name cannot be used again."""
     into: Name = Field(examples=["Blue"])
 
 
@@ -134,7 +134,7 @@ class KeyRevocation(WireModel):
     """A signing key that others may have."""
 
     since: Instant = Field(examples=["2027-06-01T12:00:00Z"])
-    """Its signatures of submissions received later are not valid."""
+    """The key's signatures of submissions received later are not valid."""
     reason: Reason = Field(examples=["a laptop with a backup was stolen"])
     """Published with the key."""
 
@@ -143,7 +143,7 @@ class TokenReport(WireModel):
     """What the server knows about a token, without the token itself."""
 
     hint: str = Field(examples=[EXAMPLE_INVITATION[:11]])
-    """Its first letters."""
+    """The token's first letters."""
     kind: TokenKind = Field(examples=["invite"])
     person: PersonName
     team: TeamName
@@ -199,7 +199,7 @@ class AuditReport(WireModel):
     row: str = Field(examples=["quota_grant:2"])
     """The row that was changed, for programs: `team:3`."""
     subject: str = Field(examples=["Blue"])
-    """Its name at the time."""
+    """The row's name at the time."""
     details: dict[str, Any] = Field(
         examples=[{"split": "test", "extra": 2, "reason": "our disk was full"}]
     )
@@ -406,7 +406,7 @@ class ScheduleReport(WireModel):
 
     split: SplitName
     settings: Schedule
-    """Of the settings file."""
+    """What the settings file says."""
     desk: NewSchedule | None
     """Null if nothing was set."""
     in_effect: Schedule

@@ -166,8 +166,8 @@ class Method(WireModel):
     human: bool | None = None
     """People walked the episodes, not a program."""
     input_class: InputClass | None = Field(None, examples=["views"])
-    """What it was shown of a place: geometry alone, the annotators' objects (perfect perception),
-    views, or something else."""
+    """What the agent was shown of a place: geometry alone, the annotators' objects (perfect
+    perception), views, or something else."""
     sample_size: SampleSize | None = Field(None, examples=[500])
     """Number of episodes that it was run on, if answers to the others were filled in without it."""
     actions_per_episode: Amount | None = Field(None, examples=[12.5])
@@ -239,7 +239,7 @@ class Phase(WireModel):
 
     @property
     def last_moment(self) -> datetime | None:
-        """Its last moment, None if it has no end: a phase may be closed within a second."""
+        """The phase's last moment, None if it has no end: a phase may be closed within a second."""
         return None if self.closes is None else last_moment(self.closes)
 
     @model_validator(mode="after")
@@ -261,7 +261,7 @@ class Phase(WireModel):
 
     @property
     def period(self) -> str:
-        """Its first and its last second, in words; empty if it is always open."""
+        """The phase's first and last second, in words; empty if it is always open."""
         sides = {"from": self.opens, "until": self.closes}
         return " ".join(
             f"{word} {moment:%Y-%m-%dT%H:%M:%SZ}" for word, moment in sides.items() if moment
@@ -420,7 +420,7 @@ class SplitReport(WireModel):
     boards: dict[str, BoardRules] = Field(
         default_factory=dict, examples=[{"grounding": {"protocol": "paper", "track": "grounding"}}]
     )
-    """Its other leaderboards, by name; every submission is scored for these too."""
+    """The split's other leaderboards, by name; every submission is scored for these too."""
     quota: QuotaReport | None
     """Yours; null if you are not signed in."""
 
@@ -502,7 +502,7 @@ class BoardResult(WireModel):
     """Without scores if the file cannot be ranked there; a note then says why."""
     receipt: Envelope
     earlier: list[EarlierResult] = Field(default_factory=list)
-    """Its results before it was scored again, the earliest first; empty while scores are held
+    """Results from before it was scored again, the earliest first; empty while scores are held
     back."""
 
 
@@ -520,10 +520,10 @@ class ScoredSubmission(WireModel):
     receipt: Envelope
     """Signed; it has no scores while these are held back."""
     earlier: list[EarlierResult] = Field(default_factory=list)
-    """Its results before it was scored again, the earliest first; empty while scores are held
+    """Results from before it was scored again, the earliest first; empty while scores are held
     back."""
     boards: dict[str, BoardResult] = Field(default_factory=dict, examples=[{}])
-    """Its results on the other leaderboards of the split, by name."""
+    """Results on the other leaderboards of the split, by name."""
     scores_held_until: datetime | None = None
     """When the scores are released, UTC: the end of the phase. Null if they already are."""
     status: Literal["unpublished", "published", "withdrawn"]

@@ -102,7 +102,7 @@ class ForgedError(RequestError):
 
 
 class NotFoundError(RequestError):
-    """It does not exist, or the caller may not see it."""
+    """What was asked for does not exist, or the caller may not see it."""
 
     status = HTTPStatus.NOT_FOUND
     code = "not-found"

@@ -203,7 +203,7 @@ class BoardRules(_Section):
     protocol: str | None = None
     """The rules of another leaderboard of the same uploads; by default the split's."""
     track: Track | None = None
-    """Its track; by default the split's."""
+    """The leaderboard's track; by default the split's."""
 
 
 class Split(_Section):
@@ -346,7 +346,7 @@ class Mail(Channel):
     host: Name
     """The SMTP server. Without a section ``[mail]``, no mail is sent."""
     port: PositiveInt = 587
-    """Its port."""
+    """The SMTP server's port."""
     security: Literal["starttls", "tls", "none"] = "starttls"
     """``tls``: encrypted from the first byte, usually on port 465. ``none``: for a mail server on
     the same machine."""

@@ -1,4 +1,4 @@
-"""The same year at the desk, in a real browser; commands only for what the desk does not do."""
+"""A year at the desk, in a real browser; commands only for what the desk does not do."""
 
 import csv
 import re

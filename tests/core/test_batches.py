@@ -62,7 +62,7 @@ FORMS_IN_LISTS = {
 def test_batches_are_scored_as_one_submission(
     form: str, size: int, seed: int, repeated: int
 ) -> None:
-    """Of any size, in any order, with some records repeated as samplers do."""
+    """Batches have any size and order, and repeat some records, as samplers do."""
     written = FORMS_IN_LISTS[form]
     evaluator = rv.Evaluator(split=SPLIT)
     shuffled = random.Random(seed).sample(written, len(written))
@@ -216,7 +216,7 @@ def test_two_predictions_in_a_batch(evaluator: rv.Evaluator, records: list[Recor
 
 
 def test_another_point_is_another_prediction() -> None:
-    """Of a task whose agents point at the target."""
+    """In SOON, agents point at the target."""
     item = json.loads((SAMPLES / "soon.json").read_bytes())[0]
     evaluator = rv.Evaluator(split=SPLIT, task="soon")
     evaluator.update([item])

@@ -86,7 +86,7 @@ def test_saving_twice_gives_the_same_bytes(bundle: Bundle, tmp_path: Path) -> No
 
 
 def test_a_bundle_contains_no_date(bundle: Bundle, tmp_path: Path) -> None:
-    """The same content gives the same bytes on any day."""
+    """Equal contents give equal bytes on any day."""
     bundle.save(tmp_path / "bundle.npz")
     with ZipFile(tmp_path / "bundle.npz") as archive:
         assert {member.date_time for member in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}

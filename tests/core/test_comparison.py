@@ -135,7 +135,7 @@ def test_metrics_that_some_submissions_lack_are_left_out() -> None:
 
 
 def test_metrics_of_some_episodes_only_are_left_out() -> None:
-    """Those of points exist where the target is seen, which may be in other episodes."""
+    """A predicted point has an error where the target is seen, which may be in other episodes."""
     soon = str(SAMPLES / "soon.json")
     comparison = compare(soon, soon, split=SPLIT, task="soon", names=["a", "b"])
     partial = {key for key in comparison.scores["b"] if CATALOGUE[key].is_partial}

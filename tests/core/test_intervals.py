@@ -213,7 +213,7 @@ def test_a_file_without_answers_has_an_interval_of_its_rgs(run: Run, tmp_path: P
 
 
 def test_more_successes_never_lower_an_end() -> None:
-    """Of 30 clusters, from none to all succeed: through exact, score and bootstrap intervals."""
+    """From none to all of 30 clusters succeed: through exact, score and bootstrap intervals."""
     rate, cluster = np.array([[0.0], [1.0]]), np.arange(30)
     ends = np.array(
         [

@@ -108,7 +108,7 @@ def test_nothing_of_other_scores_is_stated_where_answers_are_private(demo: Groun
 
 
 def test_a_diagnosis_states_no_third_reading(demo: GroundTruth) -> None:
-    """Of a file at which the evaluator stops, it shows both scores without that note."""
+    """If the evaluator stops at the file, both scores are shown without that note."""
     content = FORMS["E DUET"].bytes()
     for scores in diagnose(content, split=SPLIT, ground_truth=demo, protocol=STRICT):
         assert not any("own evaluator" in note for note in scores.notes)

@@ -59,7 +59,7 @@ def test_the_closest_are_first(
 
 
 def test_a_wrong_box_is_as_close_as_its_overlap(demo: rv.GroundTruth) -> None:
-    """Of boxes that overlap nothing, the shortest route comes first."""
+    """Where no box overlaps the target, the shortest route comes first."""
     scores = rv.evaluate(SAMPLES / "drawn.json", split=SPLIT)
     ious, spl = (scores.episodes[metric].tolist() for metric in ("iou", "spl"))
     episodes, goal = demo.episodes, demo.require_solution().goal

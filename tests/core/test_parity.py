@@ -1,4 +1,4 @@
-"""The same digits as the published evaluators print, on all reference submissions.
+"""On all reference submissions, the digits are those that the published evaluators print.
 
 `official` is the dataset's own script, `duet` and `hamt` are those codebases' functions, `r2r` is
 Room-to-Room's rule, and `fidelity` what DUET's utilities compute with `r2r`'s success. See the
@@ -60,8 +60,8 @@ ROUNDED: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "r2r-style": {"ndtw": "ndtw", "sdtw": "sdtw", "cls": "cls"},
     }
 )
-"""Those that may differ in the last digit: DUET adds up the legs of a route in another order, and
-fidelity goes through an exponential."""
+"""Metrics that may differ in the last digit: DUET adds up the legs of a route in another order,
+and fidelity goes through an exponential."""
 
 DUET_KEYS = {
     "path_length": "lengths",

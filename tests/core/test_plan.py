@@ -99,7 +99,7 @@ def test_what_is_needed_of_few_clusters_has_the_power() -> None:
 
 @pytest.mark.usefixtures("fewer_worlds")
 def test_with_five_clusters_nothing_is_significant() -> None:
-    """Of all 32 swaps, two are as extreme: p is at least 0.0625."""
+    """Two of the 32 swaps are as extreme: p is at least 0.0625."""
     design = Design(np.full(5, 20), 0.5)
     assert (design.power(0.5), design.smallest_effect()) == (0.0, None)
 

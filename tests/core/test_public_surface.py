@@ -185,7 +185,7 @@ def test_the_python_of_readme_runs_where_the_wheel_is_installed(
 def test_examples_in_docstrings_run_where_the_wheel_is_installed(
     wheel: ZipFile, beside_the_demo: Path, tmp_path: Path
 ) -> None:
-    """Those that read files; the suite runs all of them in the repository."""
+    """Examples that read files; the suite runs all examples in the repository."""
     wheel.extractall(tmp_path)
     modules = [path for path in tmp_path.rglob("*.py") if '("demo/' in path.read_text()]
     assert modules

@@ -63,7 +63,7 @@ def test_few_clusters_make_ranks_less_certain() -> None:
 def test_clusters_count_for_half_a_degree_of_freedom(
     errors: float, n_clusters: int, *, is_told: bool
 ) -> None:
-    """Of a difference in standard errors: t is 4.30 with 2 degrees of freedom, 3.18 with 3."""
+    """In standard errors of a difference, t is 4.30 with 2 degrees of freedom, 3.18 with 3."""
     found = rank_intervals(np.array([0, errors * 2**0.5]), np.eye(2), n_clusters)
     assert (found.low.tolist() == [1, 2]) is is_told
 

@@ -73,7 +73,7 @@ def test_some_rooms_are_left_whole() -> None:
 
 
 def test_objects_belong_to_the_nearest_part_of_their_room() -> None:
-    """Of two rooms; the second is a rectangle far away. The main part has most of its objects."""
+    """The second of two rooms is far away, a rectangle. Main parts have most of the objects."""
     cameras, edges = around_a_corner()
     objects = np.array([(1.0, 0.5), (10.5, 6.0), (10.5, 7.0)])
     far = np.array([(30.0, 0.0), (31.0, 1.0)])

@@ -364,7 +364,7 @@ def test_every_output_warns_about_two_runs(run: Run, runs: rv.Runs) -> None:
 
 
 def test_two_runs_have_no_end_beyond_a_bound(run: Run, tmp_path: Path) -> None:
-    """Of the second run, no answer predicts an object: RGS is 65.48 and 0 %."""
+    """No answer of the second run predicts an object: RGS is 65.48 and 0 %."""
     entries = json.loads(SAMPLES.joinpath("good.json").read_text())
     blank = [{**entry, "predObjId": None} for entry in entries]
     (tmp_path / "blank.json").write_text(json.dumps(blank))

@@ -166,7 +166,7 @@ def test_holm_multiplies_by_the_remaining_comparisons_and_never_decreases() -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("clusters", [100, 10], ids=["as targets", "as scans"])
 def test_intervals_contain_the_true_mean_as_often_as_they_claim(clusters: int) -> None:
-    """Of 1,000 worlds; intervals for independent episodes are too narrow."""
+    """In 1,000 worlds; intervals for independent episodes are too narrow."""
     coverage = simulated_coverage(1000, clusters)
     assert 0.93 <= coverage.clustered <= 0.97
     assert coverage.naive < 0.9
@@ -187,7 +187,7 @@ def test_intervals_of_few_informative_clusters_contain_it_as_often(
 
 @pytest.mark.slow
 def test_false_alarms_are_as_rare_as_claimed() -> None:
-    """Of 4,000 pairs of equally good methods; McNemar's test assumes independent episodes."""
+    """Among 4,000 pairs of equally good methods; McNemar's test assumes independent episodes."""
     alarms = simulated_false_alarms(4000, 100)
     assert 0.04 <= alarms.clustered <= 0.06
     assert alarms.naive > 0.1

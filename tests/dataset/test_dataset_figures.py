@@ -41,7 +41,7 @@ def names_in(folder: Path) -> set[str]:
 
 
 def test_figures_beside_the_table(dataset: Path, drawn: Path, run: Run) -> None:
-    """The same numbers give the same files."""
+    """Equal numbers give equal files."""
     assert run("describe", "dataset", "--figures", "a/folder") == (0, TABLE, "")
     assert names_in(Path("a/folder")) == FILES
     for name in FILES:

@@ -27,7 +27,7 @@ from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run
 
 EPISODE = "1196_0_0"
-"""Its walk has four moves on one of two levels."""
+"""The episode whose walk has four moves on one of two levels."""
 
 
 @pytest.fixture(scope="module")

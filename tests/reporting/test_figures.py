@@ -77,7 +77,7 @@ def test_the_funnel(scores: rv.Scores) -> None:
 
 
 def test_a_breakdown(scores: rv.Scores) -> None:
-    """Of three episodes with 6 m to go two stop at the goal, and two answer right."""
+    """Two of three episodes with 6 m to go stop at the goal, and two answer right."""
     axes = scores.plot.breakdown("length")
     names = [label.get_text() for label in axes.get_yticklabels()]
     assert names == ["6 to 8 m  (n = 3)", "10 to 12 m  (n = 2)"]

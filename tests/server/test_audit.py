@@ -34,7 +34,7 @@ from tests.support.acting import AUDIT_LOG, NOON, acting, add_person, add_team
 
 NEXT = Signer(Ed25519PrivateKey.from_private_bytes(b"\1" * 32), "tests")
 LAST = Signer(Ed25519PrivateKey.from_private_bytes(b"\2" * 32), "tests")
-"""Of the signing keys after the first."""
+"""The signing keys after the first."""
 SUBMISSION = "0123456789abcdef"
 NO_ENTRY_BEFORE = "0" * 64
 

@@ -59,7 +59,7 @@ AT_SOME_DOORS: Mapping[str, set[str]] = {
 }
 RECORDING = {"record", "transaction.audit_log.append"}
 RECORDED_BY_THEIR_CALLERS = {"notify", "notify_of_fault", "check_organiser_left"}
-"""They only leave messages, or raise."""
+"""Functions that only leave messages, or raise."""
 
 
 def functions(file: Path) -> Iterable[ast.FunctionDef]:

@@ -42,7 +42,7 @@ class Access(NamedTuple):
 
     statement: str
     name: str
-    """Of the index. Empty if it reads the table from one end to the other."""
+    """The index that it uses; empty if it reads the table from one end to the other."""
     is_search: bool
     """Whether it looks up few submissions in the index; else it reads much of the index."""
     is_index_only: bool

@@ -170,7 +170,7 @@ class Fault(NamedTuple):
     failing: str
     """The job that fails, whose backlog grows."""
     kind: str
-    """Of the backlog."""
+    """What the backlog consists of."""
     error: str
     """How its error begins."""
 

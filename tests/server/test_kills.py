@@ -93,9 +93,9 @@ class Kill(NamedTuple):
     """What is killed, and when."""
 
     part: Part | None = None
-    """Of PostgreSQL; None for the server."""
+    """Which part of PostgreSQL is killed; None for the server."""
     step: str | None = None
-    """Of an upload to a server; None for a random moment."""
+    """At which step of an upload to a server; None for a random moment."""
 
     def __str__(self) -> str:
         return self.part or self.step or "at any moment"
@@ -118,7 +118,7 @@ class Upload:
 
     @cached_property
     def sha256(self) -> str:
-        """What it is stored under."""
+        """The name under which it is stored."""
         return hashlib.sha256(self.content).hexdigest()
 
 
@@ -133,9 +133,9 @@ class Lab:
     random: Random = field(default_factory=lambda: Random(0))
     uploads: list[Upload] = field(default_factory=list)
     statuses: Counter[str] = field(default_factory=Counter)
-    """Of replies; and how many uploads had none."""
+    """How many replies had each status, and how many uploads had no reply."""
     unheard: list[Upload] = field(default_factory=list)
-    """Those that were sent since the database was last read, and not acknowledged."""
+    """Uploads that were sent since the database was last read, and not acknowledged."""
     fates: Counter[str] = field(default_factory=Counter)
     """How many of these were stored, and how many had been before."""
     between: int = 0

@@ -58,7 +58,7 @@ def test_every_example_is_one(description: Description) -> None:
 
 
 REPORTS = ("GET /healthz", "GET /readyz")
-"""They have the same reply whether or not the server is well."""
+"""Routes that have the same reply whether or not the server is well."""
 
 
 def test_every_problem_has_its_status_and_its_media_type(description: Description) -> None:

@@ -24,7 +24,7 @@ class Refused(NamedTuple):
     status: int
     code: str
     places: Sequence[str] | int = ()
-    """Of its problems; or how many there are."""
+    """Where its problems are; or how many there are."""
     content: Mapping[str, Any] = {}
 
 

@@ -1,4 +1,4 @@
-"""The same file from two teams: the organiser hears of it at once, and nobody else ever."""
+"""If two teams upload one file, the organiser hears of it at once, and nobody else ever."""
 
 import logging
 from collections.abc import Sequence

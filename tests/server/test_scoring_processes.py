@@ -413,7 +413,7 @@ def test_processes_end_with_a_server_that_is_killed(folder: Path) -> None:
 
 
 def test_so_do_those_that_users_start(folder: Path) -> None:
-    """Those of other tests are forked from a process of the tests."""
+    """Servers of other tests are forked from a process of the tests."""
     words = (sys.executable, "-m", "reverie_eval_cli", "serve", folder, "--workers=2", "--port=0")
     settings, log = load_settings(folder), folder / "log"
     with (

@@ -64,10 +64,10 @@ phases = [{{ name = "first", closes = 2100-01-01T00:00:00Z }}]
 PEOPLE = {OWNER: "Walkers", MATE: "Walkers", OTHER: "Hidden Team", ORGANISER: "Organisers"}
 PAPER = "https://example.org/paper"
 DESCRIPTION = "api/v1/openapi.json"
-"""Its examples are people and numbers that look private; it is the same on every server."""
+"""A file whose examples are people and numbers that look private; all servers have the same."""
 HELD = {"success": 0.7391, "rgspl": 0.6173, "path_length": 17.29}
 DATE = NOON + timedelta(days=30)
-"""Of every copy."""
+"""When every copy is made."""
 
 
 @dataclass(frozen=True)
@@ -279,7 +279,8 @@ WORDS = {"role", "kind", "action", "row", "outcome", "split", "verdict"}
 """Columns whose values are words of ours."""
 VERDICTS = ("verified", "flagged")
 SHORTEST = 6
-"""Of the texts; digests, names and reasons are longer, and shorter ones are everywhere."""
+"""Characters of a text that is looked for; digests, names and reasons are longer, and shorter
+texts are everywhere."""
 
 
 def texts(value: Any) -> Iterator[str]:

@@ -45,7 +45,7 @@ SLOW = 8
 SLOW_SECONDS, SLOW_SECONDS_IN_SUITE = 40, 2
 """That an upload of theirs takes; more than 60 are not allowed."""
 MOST_MEGABYTES = 600
-"""Of the server process at its peak."""
+"""The memory of the server process at its peak."""
 MOST_AHEAD = 3
 """Files by which the fastest team may be ahead of the slowest."""
 

@@ -25,7 +25,7 @@ OTHERS = [name for name in BUILT_IN if name != DEFAULT_TASK and (DEMO_BUNDLES / 
 OF_OBJECTS = re.compile(r"\bobjects?\b|\bRGS|\bboxe?s?\b|grounding", re.IGNORECASE)
 
 TITLES = re.compile("Dense Spatiotemporal Grounding|Scenario Oriented Object Navigation")
-"""Of papers, with such words."""
+"""Titles of papers that have such words."""
 INPUT_CLASS = re.compile("annotators' objects|geometry objects views other")
 """What an agent may be shown, whatever its task."""
 

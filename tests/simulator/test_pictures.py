@@ -17,7 +17,7 @@ from tests.support.buildings import forget_buildings
 
 SIZE = 32
 COLOURS = ["red", "lime", "blue", "yellow", "cyan", "magenta"]
-"""Of the faces in a strip."""
+"""The colours of the faces in a strip."""
 QUARTER = math.pi / 2
 
 

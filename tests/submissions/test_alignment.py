@@ -62,7 +62,7 @@ OTHER_ANSWERS = world(
     Item("7_1", "house", ["hall", "kitchen"], HAY, instructions=2),
     Item("8_2", "barn", ["stall"], SPOON),
 )
-"""The same episodes in the same buildings, with entirely different answers."""
+"""Equal episodes in equal buildings, with entirely different answers."""
 
 
 def record(instr_id: str, *viewpoint_ids: str, answer: int = -1) -> Record:

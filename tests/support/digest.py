@@ -19,8 +19,8 @@ from reverie_eval.dataset import DatasetFiles, compile_split
 
 WITH_BOXES = Path(__file__).parents[2] / "fixtures" / "submissions" / "drawn.json"
 TRANSCENDENTAL = {"ndtw", "sdtw", "cls", "iou"}
-"""They go through an exponential, or the sine of a camera's heading, which differ in the last bit
-between versions of numpy, and between processors with the same version."""
+"""Metrics that go through an exponential, or the sine of a camera's heading, which differ in the
+last bit between versions of numpy, and between processors with the same version."""
 DECIMALS = 9
 """How many decimals of these metrics are compared; of all other values, every bit is."""
 

@@ -41,7 +41,7 @@ HOPS = [
     ([["door"]], -1),
     ([["door"], ["hall", "door", "hall"], ["door", "bath"]], -1),  # cut to 16 m, back at the start
 ]
-"""The same walks as hops; cut, what a reader of each hop's first viewpoint takes them for."""
+"""These walks as hops; cut, what a reader of each hop's first viewpoint takes them for."""
 
 
 class Outcome(NamedTuple):

@@ -63,7 +63,7 @@ class Sender(NamedTuple):
     path: str
     token: str
     address: str
-    """Of the sender, on this machine."""
+    """The sender's address, on this machine."""
 
 
 @contextmanager

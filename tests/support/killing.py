@@ -74,7 +74,7 @@ class ScoringStep(NamedTuple):
     work: str
     """The name of the function that it is asked to call."""
     when: Literal["before", "within", "after"]
-    """It is killed before it calls the function, before it sends the result, or after that."""
+    """Whether it is killed before it calls the function, before it sends the result, or later."""
 
 
 STEPS_OF_SCORING: Mapping[str, ScoringStep] = MappingProxyType(
@@ -258,7 +258,7 @@ def kill_process(process: int) -> None:
 
 
 Part = Literal["a backend", "the postmaster", "all of PostgreSQL"]
-"""Of PostgreSQL's processes, those that are killed."""
+"""The processes of PostgreSQL that are killed."""
 
 
 def kill_postgresql(running: Any, part: Part) -> None:

@@ -25,9 +25,9 @@ from mutmut.runners.harness import PytestRunner
 from mutmut.workers import isolation
 
 SECONDS_PER_FAULT = 8
-"""Of processor time. A fault that no test has found by then counts as not found."""
+"""Processor time after which a fault that no test has found counts as not found."""
 SECONDS_TO_END = 30
-"""Of processor time. A fault by which a test is still running then has been found."""
+"""Processor time after which a fault by which a test is still running has been found."""
 
 IMPORTED = Path("mutants", "imported.txt")
 DURATIONS = Path("mutants", "mutmut-stats.json")

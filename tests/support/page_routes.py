@@ -142,7 +142,7 @@ NO_PAGES = frozenset(
 FILES = tuple(
     Example(route, ORGANISER if route.startswith("/desk") else None) for route in sorted(NO_PAGES)
 )
-"""The same as somebody downloads it."""
+"""Routes of files, as somebody downloads them."""
 
 
 def page_routes(app: FastAPI) -> Iterator[tuple[str, str]]:

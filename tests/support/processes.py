@@ -37,7 +37,7 @@ class Server:
 
     url: str
     said: str
-    """What it printed before."""
+    """What the server printed before it named its address."""
     log: Path
     process: Forked
 

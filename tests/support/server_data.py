@@ -62,9 +62,9 @@ class UsedServer(NamedTuple):
     """What is made once for all tests of a process; they take copies."""
 
     folder: Path
-    """Of a server that people have used."""
+    """The folder of a server that people have used."""
     archive: Path
-    """Its backup."""
+    """The backup of that server."""
 
 
 @pytest.fixture(scope="session")

@@ -177,7 +177,7 @@ class Serving:
 
 
 _routes: list[BaseRoute] = []
-"""Of the first application in this process."""
+"""The routes of the first application in this process."""
 
 
 def add_rooms_once(app: FastAPI) -> None:
@@ -217,7 +217,8 @@ def sharing() -> Iterator[None]:
 
 
 _descriptions: dict[str, str] = {}
-"""Of applications, as JSON, by all that they depend on but routes, which applications share."""
+"""Descriptions of applications, as JSON, by all that they depend on but routes, which
+applications share."""
 
 
 def describe_once(*, routes: Sequence[BaseRoute], **about: Any) -> Any:
@@ -431,7 +432,7 @@ class Populated:
 
     database: Path
     before: Path
-    """The same database without them."""
+    """The database without these results."""
     tokens: Mapping[str, str]
 
     def replace(self, settings: Settings) -> bool:

@@ -24,7 +24,7 @@ FIRST_OBJECT = 1_999_000_019
 BOX = (601, 433, 37, 29)
 CATEGORY = "zzcategory"
 _DECIMALS = 4
-"""Of a fraction, rounded to two decimals in percent."""
+"""Decimals of a fraction that has two decimals in percent."""
 _FEW = 10
 """Numbers in a row that are no list of episodes."""
 _CLOCK = re.compile(

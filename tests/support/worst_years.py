@@ -67,7 +67,7 @@ class Lab:
     folder: Path
     portal: BlockingPortal
     database: str | None = None
-    """Its URL, unless it is in the folder."""
+    """The database's URL, unless it is in the folder."""
     organiser: str = ""
     """The organiser's token."""
     tokens: dict[str, str] = field(default_factory=dict)
@@ -168,7 +168,7 @@ class WorstYear:
     time: time_machine.Traveller
     random: Random
     files: list[tuple[str, bytes]] = field(default_factory=list)
-    """Those that were sent, with their splits."""
+    """The files that were sent, with their splits."""
     done: Counter[str] = field(default_factory=Counter)
     """How often something was not refused, by kind."""
 

@@ -106,7 +106,7 @@ class Year:
     url: str = ""
     organiser_token: str = ""
     tokens: dict[str, str] = field(default_factory=dict)
-    """Of each team's person."""
+    """The token of each team's person."""
     acknowledged: list[Acknowledged] = field(default_factory=list)
     refused: Counter[int] = field(default_factory=Counter)
     """Uploads that were refused, by status."""

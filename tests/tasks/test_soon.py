@@ -247,7 +247,7 @@ def test_the_point_is_strictly_inside_the_outline(
 
 
 def test_errors_are_means_over_those_that_have_one(tmp_path: Path) -> None:
-    """Of three: one detects, one sees the target and points 0.3 beside it, one does not see it."""
+    """One walk detects, one sees the target and points 0.3 beside it, one does not see it."""
     truth = truth_of(tmp_path, corridor(0.0, 5.0, 9.0), [item(["abc"] * 3, [square("c")])])
     walks = walk("abc", 0.5, 0.6), walk("abc", 0.8), walk("ab")
     official, duet = scored(truth, *walks), scored(truth, *walks, protocol="duet")

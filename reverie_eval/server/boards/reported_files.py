@@ -59,7 +59,7 @@ class FileRow(NamedTuple):
     """A result in a file; only its scores are checked."""
 
     place: int
-    """Its index among the rows of the file."""
+    """The index of the row in the file."""
     where: str
     """The row for people: ``line 5``, ``[3]`` or ``methods.Walker.test``."""
     about: Mapping[str, Any]

@@ -77,7 +77,7 @@ class Neighbours:
     previous: str | None
     next: str | None
     number: int | None
-    """Its own position among them, from 1; None if it does not match."""
+    """The episode's own position among them, from 1; None if it does not match."""
     count: int
 
 

@@ -74,12 +74,12 @@ class Board:
 
     @property
     def label(self) -> str:
-        """Its name for people: the split, or the split and the leaderboard."""
+        """The name for people: the split, or the split and the leaderboard."""
         return f"{self.split}, {self.name}" if self.name else self.split
 
     @property
     def path(self) -> str:
-        """Its part of addresses: ``test`` or ``test/boards/grounding``."""
+        """The part of addresses that names it: ``test`` or ``test/boards/grounding``."""
         split = quote(self.split, safe="")
         return f"{split}/boards/{self.name}" if self.name else split
 
@@ -102,7 +102,7 @@ class Board:
 
     @property
     def title(self) -> str:
-        """Its heading: ``Val unseen leaderboard``, or ``R2R test leaderboard: strict``."""
+        """The heading: ``Val unseen leaderboard``, or ``R2R test leaderboard: strict``."""
         title = self.full_title
         if self.task.name == DEFAULT_TASK:
             title = title.removeprefix(f"{self.task.title} ")
@@ -110,7 +110,7 @@ class Board:
 
     @property
     def full_title(self) -> str:
-        """Its title where the benchmark must be named: ``REVERIE val unseen leaderboard``."""
+        """The title where the benchmark must be named: ``REVERIE val unseen leaderboard``."""
         split = self.truth.split.replace("_", " ")
         of_sample = f", sample {self.sample}" if self.sample else ""
         named = f": {self.name}" if self.name else ""

@@ -198,7 +198,7 @@ class Token(Base):
     kind: Mapped[TokenKind]
     digest: Mapped[str] = mapped_column(String(64), unique=True)
     hint: Mapped[str] = mapped_column(String(16))
-    """Its first characters, to identify it."""
+    """The token's first characters, to identify it."""
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime | None]
     revoked_at: Mapped[datetime | None]
@@ -261,7 +261,7 @@ class Submission(Base):
     rescored_at: Mapped[datetime | None]
     """When it was last scored again, after a correction."""
     earlier: Mapped[list[dict[str, Any]]] = mapped_column(default=list)
-    """Its reports and receipts before that, the earliest first."""
+    """The submission's reports and receipts before that, the earliest first."""
     boards: Mapped[dict[str, Any]] = mapped_column(default=dict)
     """On the split's other leaderboards, by name: report, receipt, and those before."""
     published_at: Mapped[datetime | None]
@@ -272,7 +272,7 @@ class Submission(Base):
     upload_deleted_at: Mapped[datetime | None]
     """When its file was deleted, because it was old and not published."""
     repeat: Mapped[str] = mapped_column(String(32), default="")
-    """Its own id if its team has an earlier submission of the file, else empty.
+    """The submission's own id if its team has an earlier submission of the file, else empty.
 
     Only merging two teams makes repeats; they use no quota. Of the others, the index allows one.
     """
@@ -418,7 +418,7 @@ class SigningKey(Base):
     """In PEM form."""
     valid_from: Mapped[datetime]
     valid_until: Mapped[datetime | None]
-    """Its signatures of submissions that were received later do not count."""
+    """The key's signatures of submissions that were received later do not count."""
     replaced_at: Mapped[datetime | None]
     """None for the key in use."""
     revoked_at: Mapped[datetime | None]

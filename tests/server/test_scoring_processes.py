@@ -28,7 +28,7 @@ from reverie_eval.server.operations import scoring_again
 from reverie_eval.server.scoring import processes as scoring_processes
 from reverie_eval.server.scoring.boards import load_boards
 from reverie_eval.server.scoring.contexts import Context, open_file
-from reverie_eval.server.scoring.processes import Line, ScoringProcesses
+from reverie_eval.server.scoring.processes import Line, ScoringProcesses, _Process
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
@@ -124,6 +124,11 @@ def number(_: Context) -> int:
     return os.getpid()
 
 
+def number_of_parent(_: Context) -> int:
+    """Return which process this one was forked from."""
+    return os.getppid()
+
+
 def burn(_: Context) -> None:
     """Use the processor for ever."""
     while True:
@@ -216,6 +221,35 @@ def test_a_process_that_is_killed_while_it_waits_is_not_missed(
         assert not {first.run(number), second.run(number)} & dead
 
 
+def is_zombie(process: int) -> bool:
+    """Whether a process has ended and nobody has asked how."""
+    return "State:\tZ" in Path(f"/proc/{process}/status").read_text()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells of processes in files")
+def test_it_is_not_missed_even_before_anybody_is_told_of_its_end(
+    processes: ScoringProcesses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with processes.hold() as first, processes.hold() as second:
+        dead = {first.run(number), second.run(number)}
+        fork_server = first.run(number_of_parent)
+    stop = _Process.stop
+
+    def be_told_and_stop(process: _Process) -> None:
+        os.kill(fork_server, signal.SIGCONT)
+        stop(process)
+
+    monkeypatch.setattr(_Process, "stop", be_told_and_stop)
+    os.kill(fork_server, signal.SIGSTOP)
+    try:
+        for process in dead:
+            os.kill(process, signal.SIGKILL)
+        wait_until(lambda: all(map(is_zombie, dead)))
+        assert processes.run(number) not in dead
+    finally:
+        os.kill(fork_server, signal.SIGCONT)
+
+
 def test_a_process_that_is_killed_while_it_works_asks_to_try_again(
     processes: ScoringProcesses,
 ) -> None:
@@ -248,10 +282,12 @@ def test_a_server_without_room_for_processes_asks_to_wait_until_there_is(folder:
 
 @contextmanager
 def no_more_files() -> Iterator[None]:
-    """Let this process open no file, so that it has no connection to a new process."""
+    """Let this process open no file, so that it has no connection to a new process.
+
+    The standard streams are open; what else is closed meanwhile, as garbage may be, leaves no room.
+    """
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with Path(os.devnull).open() as next_one:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (next_one.fileno(), before[1]))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, before[1]))
     try:
         yield
     finally:

@@ -204,7 +204,9 @@ class _Process:
 
         Raises BusyError if the system has no room for it.
         """
-        if self._running is not None and not self._running.process.is_alive():
+        # A process sends nothing unasked, and closes its end when it dies. The fork server, from
+        # which `is_alive` knows, notices later.
+        if self._running is not None and self._running.connection.poll():
             self._replace(self._running)
         if self._running is None:
             self.start()

@@ -17,7 +17,7 @@ from reverie_eval import GroundTruth
 from reverie_eval.agents import AgentSource
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.runner import Limits, RunPlan, run
-from reverie_eval.simulator import Action, Environment, Observation, Turn, run_episode
+from reverie_eval.simulator import Action, Environment, Observation, Turn
 
 STEPS = 200
 EPISODES = 20
@@ -49,7 +49,9 @@ def walk(truth: GroundTruth) -> float:
     environment = Environment(truth)
     began = time.perf_counter()
     for episode in environment.episodes:
-        run_episode(environment, turn, episode, STEPS)
+        seen = environment.reset(episode)
+        for _ in range(STEPS):
+            seen = environment.step(turn(seen))
     return time.perf_counter() - began
 
 

@@ -35,7 +35,6 @@ from reverie_eval.logs import (
     read_steps,
     total_usage,
 )
-from reverie_eval.simulator import MOST_ACTIONS
 from reverie_eval.text import count_text, first_few, short_digest
 
 _LOGS = (EPISODES, STEPS)
@@ -49,7 +48,7 @@ KEPT: frozenset[State] = frozenset({"ended", "cut_off"})
 class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """Where an episode is cut off, if the agent does not end it."""
 
-    steps: int = MOST_ACTIONS
+    steps: int = 200
     """Actions in an episode, at most."""
     seconds: float | None = None
     """Seconds of an episode, looked at between two actions: none that has begun is interrupted."""

@@ -8,7 +8,7 @@ split, and writes the submission.
 from pathlib import Path
 
 from reverie_eval.errors import ActionError
-from reverie_eval.simulator._environment import MOST_ACTIONS, Environment, run_episode
+from reverie_eval.simulator._environment import Environment
 from reverie_eval.simulator._observation import (
     Action,
     Answer,
@@ -31,7 +31,6 @@ FOLDER = Path(__file__).parent / "on_path"
 
 __all__ = [
     "FOLDER",
-    "MOST_ACTIONS",
     "Action",
     "ActionError",
     "Answer",
@@ -48,5 +47,4 @@ __all__ = [
     "Stop",
     "Turn",
     "colours_of_skybox",
-    "run_episode",
 ]

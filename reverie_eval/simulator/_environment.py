@@ -4,7 +4,7 @@ import copy
 import hashlib
 import json
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
@@ -38,9 +38,6 @@ from reverie_eval.simulator.on_path import MatterSim
 from reverie_eval.submissions import NO_POINT, join_items, official_point
 from reverie_eval.tasks import turns_of
 from reverie_eval.text import category_text, count_text
-
-MOST_ACTIONS = 200
-"""Actions after which an agent that does not end an episode is cut off, if nothing else is said."""
 
 # Viewpoint, heading and elevation.
 _Pose: TypeAlias = tuple[int, float, float]
@@ -378,31 +375,6 @@ def _check_box(action: Action, view: int, xywh: Sequence[float]) -> None:
         raise ActionError(
             f"{action!r} is not a box; expected left, top, width and height in one of 36 views"
         )
-
-
-def run_episode(
-    environment: Environment,
-    act: Callable[[Observation], Action],
-    episode: str,
-    most: int = MOST_ACTIONS,
-) -> Observation:
-    """Let an agent walk an episode, and return the last observation.
-
-    Parameters
-    ----------
-    environment : Environment
-    act : callable
-        Chooses the next action.
-    episode : str
-    most : int
-        Actions after which the agent is cut off without an answer.
-    """
-    seen = environment.reset(episode)
-    for _ in range(most):
-        if seen.is_over:
-            return seen
-        seen = environment.step(act(seen))
-    return seen if seen.is_over else environment.step(Stop())
 
 
 # What is asked in the episodes, and what is reachable and visible from viewpoints.

@@ -4,7 +4,7 @@ import copy
 import json
 import math
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import FrozenInstanceError, replace
 from itertools import islice
 from pathlib import Path
@@ -32,7 +32,6 @@ from reverie_eval.simulator import (
     Point,
     Stop,
     Turn,
-    run_episode,
 )
 from tests.simulator.test_recorded_states import viewpoints
 from tests.support.amounts import is_evidence
@@ -525,27 +524,11 @@ def test_neighbours_appear_in_the_views_of_a_sweep_on_the_original(
     assert compared > 100
 
 
-# Agents.
-
-
 def test_what_is_not_a_ground_truth_or_an_episode_is_named(environment: Environment) -> None:
     with pytest.raises(ReverieEvalError, match=r"takes a ground truth, such as .*, not 'x\.npz'"):
         Environment("x.npz")  # type: ignore[arg-type]
     with pytest.raises(ReverieEvalError, match=r"takes an episode's id or a list of them, not 5"):
         environment.reset(5)  # type: ignore[call-overload]
-
-
-def test_an_agent_that_does_not_end_is_cut_off(environment: Environment) -> None:
-    assert run_episode(environment, lambda _: Turn(1.0), "7_5_0", most=3).is_over
-    (record,) = environment.submission()
-    assert record == {"instr_id": "7_5_0", "trajectory": [["hall", 1.0, 0.0]], "predObjId": -1}
-
-
-def test_an_agent_may_end_with_its_last_action(environment: Environment) -> None:
-    actions: Iterator[Action] = iter([Go("north"), Answer(7)])
-    assert run_episode(environment, lambda _: next(actions), "7_5_0", most=2).is_over
-    (record,) = environment.submission()
-    assert record["predObjId"] == 7
 
 
 @pytest.mark.parametrize("name", ["packed_instructions", "packed_languages", "heading"])
